@@ -1,0 +1,58 @@
+# Each target sets itself up: nothing is needed but Python 3.10+, pip and make.
+# `make PYTHON=python3.12 test` chooses the interpreter of a new .venv.
+
+PYTHON  ?= python3
+WORKERS ?= 2
+VENV    := .venv
+RUN     := $(VENV)/bin/python
+PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint bench figures consistency clean
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
+
+demo: $(VENV)/.demo ## compare the paper's policies on eight rooms: table and pictures in results/demo
+	$(RUN) -m agents compare --policies mi-constant mi-mi mi-fisher sweep --episodes 8 --seed 1000000 --out results/demo
+
+test: lint ## lint, then every test but the slow ones
+	$(RUN) -m pytest -n $(WORKERS)
+
+lint: $(VENV)/.dev ## ruff (lint and format) and mypy
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+	$(RUN) -m mypy
+
+bench: $(VENV)/.demo ## measure speed
+	$(RUN) -m benchmarks
+
+figures: $(VENV)/.demo ## redraw the paper's figures from our runs
+	$(RUN) -m agents figures
+
+consistency: $(VENV)/.demo ## does the covariance mean what it says? (slow)
+	$(RUN) -m agents consistency
+
+clean: ## remove what the targets made (not results/)
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Stamps: a set of packages is installed anew when pyproject.toml changes. `demo` needs no torch, so has its own.
+
+$(VENV)/.made:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "Python 3.10 or newer is needed: make PYTHON=python3.12 ...")'
+	@echo "Making $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) 'pip>=23'
+	@touch $@
+
+$(VENV)/.demo: pyproject.toml | $(VENV)/.made
+	@echo "Installing what the comparison needs into $(VENV) (once)"
+	@$(PIP) --editable '.[compare]'
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml | $(VENV)/.made
+	@echo "Installing what the tests need, PyTorch among it, into $(VENV) (once; takes a few minutes)"
+	@$(PIP) --editable '.[agents,compare,dev,plot]'
+	@touch $@

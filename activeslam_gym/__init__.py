@@ -1,0 +1,38 @@
+"""Active SLAM as a Gymnasium environment: where should a camera go, and where should it look, to know the most?"""
+
+from __future__ import annotations
+
+import gymnasium
+
+from activeslam_gym.config import SCENARIOS, Scenario
+from activeslam_gym.envs.active_slam import ActiveSLAMDiscreteEnv, ActiveSLAMEnv
+from activeslam_gym.envs.observation import ObservationLayout
+from activeslam_gym.motion import Gaze, Motion
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "SCENARIOS",
+    "ActiveSLAMDiscreteEnv",
+    "ActiveSLAMEnv",
+    "Gaze",
+    "Motion",
+    "ObservationLayout",
+    "Scenario",
+    "observation_layout",
+]
+
+gymnasium.register("ActiveSLAM-v0", entry_point="activeslam_gym.envs.active_slam:ActiveSLAMEnv")
+gymnasium.register("ActiveSLAMDiscrete-v0", entry_point="activeslam_gym.envs.active_slam:ActiveSLAMDiscreteEnv")
+
+
+def observation_layout(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> ObservationLayout:
+    """Names, slices and the token shape of an environment's flat observation; the same for single and batched.
+
+    Raises:
+        ValueError: ``env`` is no ActiveSLAM environment.
+    """
+    setting = getattr(env.unwrapped, "setting", None)
+    if setting is None:
+        raise ValueError(f"env must be an ActiveSLAM environment, got {env!r}")
+    return setting.layout

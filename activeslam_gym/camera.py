@@ -1,0 +1,113 @@
+"""The wide-angle camera of equation 1: projection, back-projection and their Jacobians.
+
+u_c = f x/z, v_c = f y/z, d = 1 + K_d (u_c^2 + v_c^2), u = u0 - u_c/sqrt(d), v = v0 - v_c/sqrt(d).
+Camera axes are x left, y up, z forward, hence the minus signs; u runs to the right and v downwards.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from activeslam_gym.config import Scenario
+
+
+class CameraModel(NamedTuple):
+    """Intrinsics, in pixels; lengths in metres."""
+
+    focal: float
+    u0: float
+    v0: float
+    distortion: float
+    width: float
+    height: float
+    minimum_depth: float
+    pixel_std: float
+
+
+def camera_of(scenario: Scenario) -> CameraModel:
+    """The camera of a scenario."""
+    return CameraModel(
+        float(scenario.focal_px),
+        float(scenario.principal_x_px),
+        float(scenario.principal_y_px),
+        float(scenario.distortion),
+        float(scenario.image_width),
+        float(scenario.image_height),
+        float(scenario.minimum_depth),
+        float(scenario.pixel_std),
+    )
+
+
+@njit(cache=True)
+def camera_from_world(R_WC: np.ndarray, v_W: np.ndarray) -> np.ndarray:
+    """R_WC^T v_W: the world vector (3,) in camera axes."""
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = R_WC[0, i] * v_W[0] + R_WC[1, i] * v_W[1] + R_WC[2, i] * v_W[2]
+    return out
+
+
+@njit(cache=True)
+def pixel_from_camera_point(camera: CameraModel, p_C: np.ndarray, z: np.ndarray) -> bool:
+    """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
+    if p_C[2] <= 0.0:
+        return False
+    u_c = camera.focal * p_C[0] / p_C[2]
+    v_c = camera.focal * p_C[1] / p_C[2]
+    root = math.sqrt(1.0 + camera.distortion * (u_c * u_c + v_c * v_c))
+    z[0] = camera.u0 - u_c / root
+    z[1] = camera.v0 - v_c / root
+    return True
+
+
+@njit(cache=True)
+def inside_image(camera: CameraModel, z: np.ndarray, margin: float) -> bool:
+    """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
+    return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
+
+
+@njit(cache=True)
+def pixel_jacobian(camera: CameraModel, p_C: np.ndarray, J: np.ndarray) -> None:
+    """Write d z / d p_C (2, 3) [px/m] at ``p_C``, which lies in front of the camera, into ``J``."""
+    f_z = camera.focal / p_C[2]
+    u_c, v_c = f_z * p_C[0], f_z * p_C[1]
+    d = 1.0 + camera.distortion * (u_c * u_c + v_c * v_c)
+    root = math.sqrt(d)
+    bend = camera.distortion / (d * root)
+    u_uc = -1.0 / root + bend * u_c * u_c
+    u_vc = bend * u_c * v_c
+    v_vc = -1.0 / root + bend * v_c * v_c
+    J[0, 0], J[0, 1], J[0, 2] = u_uc * f_z, u_vc * f_z, -(u_uc * u_c + u_vc * v_c) / p_C[2]
+    J[1, 0], J[1, 1], J[1, 2] = u_vc * f_z, v_vc * f_z, -(u_vc * u_c + v_vc * v_c) / p_C[2]
+
+
+@njit(cache=True)
+def ray_from_pixel(camera: CameraModel, z: np.ndarray) -> np.ndarray:
+    """Back-project the pixel ``z`` (2,) to the camera point (x, y, 1) (3,) on its line of sight.
+
+    With u_d = u0 - u and v_d = v0 - v: u_c = u_d / sqrt(1 - K_d (u_d^2 + v_d^2)), the inverse of equation 1. A pixel
+    beyond the image of infinity (K_d r^2 >= 1; outside any sensible image) is taken just inside it.
+    """
+    u_d, v_d = camera.u0 - z[0], camera.v0 - z[1]
+    e = max(1.0 - camera.distortion * (u_d * u_d + v_d * v_d), 1e-6)
+    scale = 1.0 / (camera.focal * math.sqrt(e))
+    return np.array((u_d * scale, v_d * scale, 1.0))
+
+
+@njit(cache=True)
+def ray_jacobian(camera: CameraModel, z: np.ndarray) -> np.ndarray:
+    """d ray_from_pixel / d z, (3, 2) [1/px]; its last row is zero."""
+    u_d, v_d = camera.u0 - z[0], camera.v0 - z[1]
+    e = max(1.0 - camera.distortion * (u_d * u_d + v_d * v_d), 1e-6)
+    scale = 1.0 / (camera.focal * math.sqrt(e))
+    bend = scale * camera.distortion / e
+    J = np.zeros((3, 2))
+    J[0, 0] = -(scale + bend * u_d * u_d)
+    J[0, 1] = -bend * u_d * v_d
+    J[1, 0] = -bend * u_d * v_d
+    J[1, 1] = -(scale + bend * v_d * v_d)
+    return J

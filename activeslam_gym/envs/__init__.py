@@ -1,0 +1,1 @@
+"""The environments: the only place where truth and belief meet."""

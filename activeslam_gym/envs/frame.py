@@ -1,0 +1,161 @@
+"""One frame of truth and belief together, and one step of an environment: the kernels behind every environment."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from activeslam_gym.camera import CameraModel, camera_of
+from activeslam_gym.config import Scenario
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information import Expectation
+from activeslam_gym.motion import (
+    CAMERA_DIM,
+    CAMERA_SIZE,
+    POSITION,
+    QUATERNION,
+    MotionModel,
+    accelerations,
+    clipped_goal,
+    displacement,
+    motion_of,
+    turn_of,
+)
+from activeslam_gym.slam.belief import FRAME, Belief, empty_belief, feature_capacity, reset_belief
+from activeslam_gym.slam.filter import filter_frame
+from activeslam_gym.slam.settings import FilterModel, filter_of
+from activeslam_gym.envs.scoring import Labels, vote
+from activeslam_gym.world.room import draw_points, draw_start, uniform_points
+from activeslam_gym.world.simulator import Detections, Sensor, World, detect, detection_capacity, move, sensor_of
+
+EVENTS = ("births", "conversions", "deletions", "rejected_matches", "wrong_matches", "wall_contacts")
+"""Names of the counters of a step; the first four are the filter's own."""
+WRONG_MATCHES, WALL_CONTACTS = 4, 5
+
+
+class Models(NamedTuple):
+    """The constants of a run."""
+
+    camera: CameraModel
+    motion: MotionModel
+    sensor: Sensor
+    filter: FilterModel
+
+
+class Control(NamedTuple):
+    """The motion under way."""
+
+    goal: np.ndarray
+    """(3,) [m]."""
+    start: np.ndarray
+    """(3,) where the reference towards the goal began [m]."""
+    command: np.ndarray
+    """(2,) index of the motion under way; frames since it began."""
+
+
+class Simulation(NamedTuple):
+    """All arrays of one run."""
+
+    world: World
+    belief: Belief
+    expectation: Expectation
+    labels: Labels
+    detections: Detections
+    match: np.ndarray
+    """(M,) row that each detection of the last frame was matched to; see `slam.association`."""
+    control: Control
+    points: np.ndarray
+    """(F, 3) features of the public belief, oldest first [m]."""
+    covariance: np.ndarray
+    """(12 + 3 F, 12 + 3 F) covariance of the public belief."""
+    events: np.ndarray
+    """(6,) counters of the last step; see EVENTS."""
+
+
+def models_of(scenario: Scenario, motion_period: float) -> Models:
+    """The constants of a scenario."""
+    return Models(camera_of(scenario), motion_of(scenario, motion_period), sensor_of(scenario), filter_of(scenario))
+
+
+def empty_simulation(scenario: Scenario) -> Simulation:
+    """Arrays of the scenario's capacity; `reset_simulation` fills them."""
+    features = feature_capacity(scenario)
+    points = scenario.fiducial_count + scenario.landmark_count
+    rows = detection_capacity(scenario)
+    return Simulation(
+        world=World(np.zeros(CAMERA_SIZE), np.zeros((points, 3)), np.zeros(1, np.uint64)),
+        belief=empty_belief(scenario),
+        expectation=Expectation(
+            np.zeros((scenario.landmark_count, 3)),
+            np.array(scenario.landmark_prior_variance),
+            np.zeros(scenario.landmark_count, np.int64),
+            np.zeros(scenario.landmark_count, np.int64),
+        ),
+        labels=Labels(np.zeros((features, points + 1), np.int64), np.zeros(features, np.int64)),
+        detections=Detections(np.zeros((rows, 2)), np.zeros(rows, np.int64), np.zeros(1, np.int64)),
+        match=np.zeros(rows, np.int64),
+        control=Control(np.zeros(3), np.zeros(3), np.zeros(2, np.int64)),
+        points=np.zeros((features, 3)),
+        covariance=np.zeros((CAMERA_DIM + 3 * features, CAMERA_DIM + 3 * features)),
+        events=np.zeros(len(EVENTS), np.int64),
+    )
+
+
+def reset_simulation(simulation: Simulation, scenario: Scenario, key: int) -> None:
+    """Begin a new run: room, expected landmarks and noise are three streams of ``key`` (a non-negative integer)."""
+    room, expected, noise = np.random.SeedSequence(key).spawn(3)
+    rng = np.random.default_rng(room)
+    world = simulation.world
+    world.camera[:] = draw_start(scenario, rng)
+    world.points[:] = draw_points(scenario, world.camera, rng)
+    world.noise_key[:] = noise.generate_state(1, np.uint64)
+    expectation = simulation.expectation
+    expectation.points[:] = uniform_points(scenario, scenario.landmark_count, np.random.default_rng(expected))
+    expectation.slot[:] = -1
+    expectation.serial[:] = 0
+    reset_belief(simulation.belief, scenario)
+    for array in (*simulation.labels, *simulation.control, *simulation.detections, simulation.events):
+        array[...] = 0
+
+
+@njit(cache=True)
+def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: int) -> None:
+    """Read a motion: its goal from the present estimate, clipped into the room."""
+    R_WC = rotation_matrix(belief.camera[QUATERNION])
+    control.start[:] = belief.camera[POSITION]
+    control.goal[:] = clipped_goal(motion, belief.camera[POSITION] + np.dot(R_WC, displacement(motion, index)))
+    control.command[0] = index
+    control.command[1] = 0
+
+
+@njit(cache=True)
+def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool) -> None:
+    """One frame: control, true motion, detection, prediction, association, update, initialisation.
+
+    ``first_labels``: give the filter the labels of the fiducials, if this is the first frame.
+    """
+    motion, world, belief = models.motion, simulation.world, simulation.belief
+    K = world.points.shape[0] - simulation.expectation.points.shape[0]
+    frame = belief.size[FRAME]
+    elapsed = simulation.control.command[1] * motion.dt
+    turn = turn_of(motion, gaze, frame * motion.dt)
+    u = accelerations(motion, belief.camera, simulation.control.start, simulation.control.goal, elapsed, turn)
+    simulation.events[WALL_CONTACTS] += move(motion, world, u, frame)
+    detect(models.camera, models.sensor, world, frame, simulation.detections)
+    count = simulation.detections.count[0]
+    truth = simulation.detections.labels[:count]
+    given = np.empty(0, np.int64)
+    if first_labels and frame == 0:
+        given = np.where((truth >= 0) & (truth < K), truth, -1)
+    if not motion.command_known:
+        u[:] = 0.0
+    pixels = simulation.detections.pixels[:count]
+    counters = simulation.events
+    match = filter_frame(models.camera, motion, models.filter, belief, world.points[:K], u, pixels, given, counters)
+    simulation.match[:count] = match
+    simulation.events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
+    simulation.control.command[1] += 1
+
+

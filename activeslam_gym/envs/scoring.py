@@ -1,0 +1,129 @@
+"""Score the belief against the truth, by labels that the filter never sees."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from activeslam_gym.information import Expectation
+from activeslam_gym.metrics import camera_error, log2_normal_of_factor
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.belief import FEATURES, FREE, Belief, depth_ratio
+from activeslam_gym.world.simulator import World
+
+
+class Labels(NamedTuple):
+    """Whose detections each feature was made of. F slots, P true points."""
+
+    votes: np.ndarray
+    """(F, P + 1) detections of each true point that were matched to the slot's feature; the last column: clutter."""
+    serial: np.ndarray
+    """(F,) serial number of the feature that the votes are of."""
+
+
+@njit(cache=True)
+def vote(labels: Labels, belief: Belief, fiducial_count: int, match: np.ndarray, truth: np.ndarray) -> int:
+    """Record the matches (M,) of a frame with their true labels ``truth`` (M,); returns how many were wrong.
+
+    Wrong: a fiducial matched to something else, or a feature matched to another point than most of its detections.
+    Call it after the frame, whose births start with no votes.
+    """
+    wrong = 0
+    for slot in range(belief.kind.shape[0]):
+        if belief.kind[slot] != FREE and labels.serial[slot] != belief.serial[slot]:
+            labels.serial[slot] = belief.serial[slot]
+            labels.votes[slot] = 0
+    for i in range(match.shape[0]):
+        if match[i] < 0:
+            continue
+        slot = match[i] - fiducial_count
+        if slot < 0:
+            wrong += truth[i] != match[i]
+        elif belief.kind[slot] != FREE:
+            labels.votes[slot, truth[i]] += 1  # clutter, -1, is the last column
+            wrong += truth[i] != np.argmax(labels.votes[slot])
+    return wrong
+
+
+@njit(cache=True)
+def owner(labels: Labels, slot: int, fiducial_count: int) -> int:
+    """Index of the true landmark that most of the feature's detections were of, or -1."""
+    votes = labels.votes[slot]
+    best = int(np.argmax(votes))
+    is_landmark = fiducial_count <= best < votes.shape[0] - 1
+    return best - fiducial_count if is_landmark and 2 * votes[best] > np.sum(votes) else -1
+
+
+@njit(cache=True)
+def features_of_landmarks(
+    labels: Labels, belief: Belief, fiducial_count: int, landmark_count: int, eligible: np.ndarray
+) -> np.ndarray:
+    """For each true landmark the oldest eligible feature that is mostly its own, as its position k by age, or -1.
+
+    ``eligible`` (n,) bool, by age.
+    """
+    out = np.full(landmark_count, -1)
+    for k in range(belief.size[FEATURES]):
+        if eligible[k]:
+            landmark = owner(labels, belief.order[k], fiducial_count)
+            if landmark >= 0 and out[landmark] < 0:
+                out[landmark] = k
+    return out
+
+
+@njit(cache=True)
+def mapped_features(belief: Belief, ratio: float) -> np.ndarray:
+    """(n,) bool, by age: whether sigma_depth / depth is under ``ratio``."""
+    out = np.empty(belief.size[FEATURES], np.bool_)
+    for k in range(belief.size[FEATURES]):
+        out[k] = depth_ratio(belief, belief.order[k]) < ratio
+    return out
+
+
+@njit(cache=True)
+def landmark_errors(
+    world: World, points: np.ndarray, of_landmark: np.ndarray, fiducial_count: int
+) -> np.ndarray:
+    """(L,) distance [m] of each true landmark's feature from it; NaN where it has none."""
+    out = np.full(of_landmark.shape[0], np.nan)
+    for i in range(of_landmark.shape[0]):
+        if of_landmark[i] >= 0:
+            d = points[of_landmark[i]] - world.points[fiducial_count + i]
+            out[i] = math.sqrt(np.sum(d * d))
+    return out
+
+
+@njit(cache=True)
+def log2_density(
+    world: World,
+    belief: Belief,
+    expectation: Expectation,
+    points: np.ndarray,
+    of_landmark: np.ndarray,
+    U: np.ndarray,
+    fiducial_count: int,
+) -> float:
+    """log2 N(truth | belief) over the camera and all true landmarks [bit]: a proper score.
+
+    ``of_landmark`` (L,): the counting feature, by position k, that stands for each landmark; one without is scored by
+    the room's prior; features that stand for none are marginalised out. ``U`` is a factor of the public covariance
+    that begins with the features of ``of_landmark``, in its order, and the camera.
+    """
+    standing = int(np.sum(of_landmark >= 0))
+    error = np.empty((3 * standing + CAMERA_DIM, 1))
+    rest = 0.0
+    at = 0
+    for i in range(of_landmark.shape[0]):
+        y = world.points[fiducial_count + i]
+        if of_landmark[i] >= 0:
+            error[at : at + 3, 0] = y - points[of_landmark[i]]
+            at += 3
+        else:
+            for axis in range(3):
+                variance = expectation.variance[axis]
+                rest -= 0.5 * (math.log2(2.0 * math.pi * variance) + y[axis] ** 2 / variance * math.log2(math.e))
+    error[at:, 0] = camera_error(world.camera, belief.camera)
+    return rest + log2_normal_of_factor(error, U)

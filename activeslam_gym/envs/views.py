@@ -1,0 +1,102 @@
+"""What an environment shows of itself: the public belief, the truth for referees, and a snapshot for the painter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.motion import Gaze, Motion
+
+
+@dataclass(frozen=True)
+class PublicBelief:
+    """The belief with every feature as a point, oldest first; read-only copies."""
+
+    position: np.ndarray
+    """(3,) [m]."""
+    quaternion: np.ndarray
+    """(4,) q_WC, scalar first."""
+    velocity: np.ndarray
+    """(3,) [m/s], world frame."""
+    angular_velocity: np.ndarray
+    """(3,) [rad/s], world frame."""
+    landmarks: np.ndarray
+    """(n, 3) [m]."""
+    mapped: np.ndarray
+    """(n,) bool: the deviation of the depth over the depth is under the scenario's ratio."""
+    covariance: np.ndarray
+    """(12 + 3 n, 12 + 3 n) of position, rotation (world-frame tangent), velocity, angular velocity, landmarks."""
+    log2_dets: dict[str, float]
+    """log2 |P| of ``camera``, ``map`` and ``total`` at the constant dimension."""
+
+    def log2_det(self, part: str = "total") -> float:
+        """log2 |P| of a part at its constant dimension: 12, 3 N or 12 + 3 N (an unmapped landmark at its prior).
+
+        Raises:
+            ValueError: ``part`` is none of ``camera``, ``map`` and ``total``.
+        """
+        if part not in self.log2_dets:
+            raise ValueError(f"part must be one of {', '.join(self.log2_dets)}, got {part!r}")
+        return self.log2_dets[part]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What really is; for referees, never for policies. Read-only copies."""
+
+    position: np.ndarray
+    """(3,) [m]."""
+    quaternion: np.ndarray
+    """(4,) q_WC, scalar first."""
+    velocity: np.ndarray
+    """(3,) [m/s], world frame."""
+    angular_velocity: np.ndarray
+    """(3,) [rad/s], world frame."""
+    landmarks: np.ndarray
+    """(L, 3) [m]."""
+    fiducials: np.ndarray
+    """(K, 3) [m]."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything that a picture of one moment needs."""
+
+    scenario: Scenario
+    time: float
+    duration: float
+    motion: Motion
+    gaze: Gaze
+    room_size: np.ndarray
+    """(3,) [m]."""
+    true_position: np.ndarray
+    true_quaternion: np.ndarray
+    true_landmarks: np.ndarray
+    fiducials: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    landmarks: np.ndarray
+    mapped: np.ndarray
+    expected_landmarks: np.ndarray
+    """(k, 3) expected and not yet retired [m]."""
+    detections: np.ndarray
+    """(d, 2) [px]."""
+    predicted: np.ndarray
+    """(m, 2) [px]."""
+    predicted_covariance: np.ndarray
+    """(m, 2, 2) [px^2]."""
+    true_trajectory: np.ndarray
+    """(T, 3) [m]; T = 0 where no history is kept."""
+    estimated_trajectory: np.ndarray
+    """(T, 3) [m]."""
+    times: np.ndarray
+    """(T,) [s]."""
+    entropy: np.ndarray
+    """(T,) [bit]."""
+    landmark_times: np.ndarray
+    """(j,) times at which the number of mapped landmarks rose [s]."""
+    image_size: np.ndarray
+    """(2,) width and height [px]."""

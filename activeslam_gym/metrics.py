@@ -1,0 +1,76 @@
+"""Is the belief true? Errors, NEES, the proper log score, and trajectory files."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from activeslam_gym.geometry import rotation_error
+from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_DIM,
+    D_ANGULAR,
+    D_POSITION,
+    D_ROTATION,
+    D_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+
+
+@njit(cache=True)
+def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
+    """Tangent error (12,) of an estimated camera (13,): truth minus estimate, the rotation by Log(R R_hat^T)."""
+    out = np.empty(CAMERA_DIM)
+    out[D_POSITION] = true_camera[POSITION] - camera[POSITION]
+    out[D_ROTATION] = rotation_error(true_camera[QUATERNION], camera[QUATERNION])
+    out[D_VELOCITY] = true_camera[VELOCITY] - camera[VELOCITY]
+    out[D_ANGULAR] = true_camera[ANGULAR_VELOCITY] - camera[ANGULAR_VELOCITY]
+    return out
+
+
+@njit(cache=True)
+def nees(error: np.ndarray, covariance: np.ndarray) -> float:
+    """Normalised estimation error squared e^T P^-1 e; inf where P (n, n) is not positive definite."""
+    U = covariance.copy()
+    if not cholesky_in_place(U):
+        return np.inf
+    e = error.copy().reshape((-1, 1))
+    solve_transposed(U, e)
+    return np.sum(e * e)
+
+
+@njit(cache=True)
+def log2_normal_of_factor(error: np.ndarray, U: np.ndarray) -> float:
+    """log2 N(error; 0, P) [bit] of ``error`` (n, 1), which is overwritten; P = U^T U, of which U may have more rows."""
+    n = error.shape[0]
+    solve_transposed(U[:n, :n], error)
+    square = np.sum(error * error)
+    return -0.5 * (n * math.log2(2.0 * math.pi) + log2_det_of_factor(U, 0, n) + square * math.log2(math.e))
+
+
+def write_tum(path: str | os.PathLike[str], times: np.ndarray, positions: np.ndarray, quaternions: np.ndarray) -> None:
+    """Write a trajectory in TUM format, a line a pose: time x y z qx qy qz qw (scalar *last* in the file).
+
+    ``times`` (T,) [s], ``positions`` (T, 3) [m], ``quaternions`` (T, 4) scalar first. Written atomically.
+
+    Raises:
+        ValueError: the lengths differ.
+    """
+    times, positions, quaternions = np.asarray(times), np.asarray(positions), np.asarray(quaternions)
+    if positions.shape != (len(times), 3) or quaternions.shape != (len(times), 4):
+        raise ValueError(
+            f"positions and quaternions must be ({len(times)}, 3) and ({len(times)}, 4) for {len(times)} times, "
+            f"got {positions.shape} and {quaternions.shape}"
+        )
+    table = np.column_stack([times, positions, quaternions[:, [1, 2, 3, 0]]])
+    target = Path(path)
+    partial = target.with_name(target.name + ".partial")
+    np.savetxt(partial, table, fmt="%.9f")
+    os.replace(partial, target)

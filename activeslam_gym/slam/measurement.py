@@ -1,0 +1,222 @@
+"""What the camera is expected to see: predicted pixels, their Jacobians and innovation covariances.
+
+Rows are numbered alike everywhere in `slam`: row r < K is fiducial r, row K + s is the feature in slot s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from activeslam_gym.camera import (
+    CameraModel,
+    camera_from_world,
+    inside_image,
+    pixel_from_camera_point,
+    pixel_jacobian,
+)
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.motion import QUATERNION
+from activeslam_gym.slam.belief import FEATURES, INVERSE_DEPTH, KIND_DIM, POINT, Belief, bearing
+
+POSE_DIM = 6
+"""A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
+SEARCH_STDS = 3.0
+"""A feature is searched for when its predicted pixel is within so many standard deviations of the image."""
+
+UNSEEN, NEAR, INSIDE = 0, 1, 2
+"""A row is not predicted in view; within reach of the image; well inside it, so that a miss is telling."""
+
+
+class Predictions(NamedTuple):
+    """Predicted measurements, by row (K fiducials, then F slots)."""
+
+    visibility: np.ndarray
+    """(K + F,) UNSEEN, NEAR or INSIDE."""
+    z_hat: np.ndarray
+    """(K + F, 2) [px]."""
+    S: np.ndarray
+    """(K + F, 2, 2) innovation covariance [px^2]."""
+    H_camera: np.ndarray
+    """(K + F, 2, 6) by the camera's position and rotation."""
+    H_feature: np.ndarray
+    """(K + F, 2, 6) by the feature's parameters; zero for fiducials."""
+
+
+@njit(cache=True)
+def empty_predictions(rows: int) -> Predictions:
+    """Room for ``rows`` rows, all UNSEEN."""
+    return Predictions(
+        np.zeros(rows, np.int64),
+        np.zeros((rows, 2)),
+        np.zeros((rows, 2, 2)),
+        np.zeros((rows, 2, POSE_DIM)),
+        np.zeros((rows, 2, 6)),
+    )
+
+
+@njit(cache=True)
+def point_measurement(
+    camera: CameraModel, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
+) -> bool:
+    """Pixel of the world point ``y`` (3,) from ``pose`` (>= 3, position first), with its Jacobians.
+
+    p_C = R^T (y - p); with R = Exp(dtheta) R_hat, dp_C/d dtheta = R^T [y - p]x. Writes ``z`` (2,), ``H_x`` (2, 6) by
+    position and rotation, and ``H_y`` (2, >= 3). False where the point is nearer than the camera's minimum depth.
+    """
+    d = y - pose[:3]
+    p_C = camera_from_world(R_WC, d)
+    if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
+        return False
+    _chain(camera, p_C, R_WC, d, 1.0, H_x, H_y)
+    return True
+
+
+@njit(cache=True)
+def _chain(
+    camera: CameraModel, p_C: np.ndarray, R_WC: np.ndarray, d: np.ndarray, scale: float, H_x: np.ndarray, H_y: np.ndarray
+) -> None:
+    """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
+    J_C = np.empty((2, 3))
+    pixel_jacobian(camera, p_C, J_C)
+    for i in range(2):
+        for j in range(3):
+            value = J_C[i, 0] * R_WC[j, 0] + J_C[i, 1] * R_WC[j, 1] + J_C[i, 2] * R_WC[j, 2]
+            H_y[i, j] = scale * value
+            H_x[i, j] = -scale * value
+        a, b, c = H_y[i, 0] / scale, H_y[i, 1] / scale, H_y[i, 2] / scale
+        H_x[i, 3] = b * d[2] - c * d[1]
+        H_x[i, 4] = c * d[0] - a * d[2]
+        H_x[i, 5] = a * d[1] - b * d[0]
+
+
+@njit(cache=True)
+def inverse_depth_measurement(
+    camera: CameraModel,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    feature: np.ndarray,
+    z: np.ndarray,
+    H_x: np.ndarray,
+    H_y: np.ndarray,
+) -> bool:
+    """Pixel of an inverse-depth feature (anchor, azimuth, elevation, rho) with its Jacobians; see point_measurement.
+
+    Projection does not see scale, so h = R^T d with d = rho (anchor - p) + m stands for the point: it stays finite as
+    rho goes to zero (Montiel, Civera and Davison 2006, equation 7). ``H_y`` is (2, 6).
+    """
+    rho = feature[5]
+    m = bearing(feature[3], feature[4])
+    offset = feature[:3] - pose[:3]
+    d = rho * offset + m[0]
+    p_C = camera_from_world(R_WC, d)
+    if p_C[2] < camera.minimum_depth * rho or not pixel_from_camera_point(camera, p_C, z):
+        return False
+    _chain(camera, p_C, R_WC, d, rho, H_x, H_y)
+    for i in range(2):
+        a, b, c = H_y[i, 0] / rho, H_y[i, 1] / rho, H_y[i, 2] / rho
+        H_y[i, 3] = a * m[1, 0] + b * m[1, 1] + c * m[1, 2]
+        H_y[i, 4] = a * m[2, 0] + b * m[2, 1] + c * m[2, 2]
+        H_y[i, 5] = a * offset[0] + b * offset[1] + c * offset[2]
+    return True
+
+
+@njit(cache=True)
+def measure_row(
+    camera: CameraModel, belief: Belief, R_WC: np.ndarray, fiducials: np.ndarray, row: int, out: Predictions
+) -> bool:
+    """Predict ``row`` at the belief's mean into ``out`` (all but S). False where it cannot be measured (or is a RAY)."""
+    slot = row - fiducials.shape[0]
+    z, H_x, H_y = out.z_hat[row], out.H_camera[row], out.H_feature[row]
+    if slot < 0:
+        seen = point_measurement(camera, belief.camera, R_WC, fiducials[row], z, H_x, H_y)
+        H_y[:] = 0.0
+        return seen
+    if belief.kind[slot] == POINT:
+        return point_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
+    if belief.kind[slot] == INVERSE_DEPTH:
+        return inverse_depth_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
+    return False
+
+
+@njit(cache=True)
+def innovation_covariance(
+    P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
+) -> None:
+    """S (2, 2) = H P H^T + R, with H non-zero on the pose and on ``width`` columns from ``start`` on."""
+    for i in range(2):
+        for j in range(i + 1):
+            S[i, j] = pixel_var if i == j else 0.0
+    size = POSE_DIM + width
+    for a in range(size):
+        row = a if a < POSE_DIM else start + a - POSE_DIM
+        u0, u1 = 0.0, 0.0
+        for b in range(size):
+            if b < POSE_DIM:
+                value = P[row, b]
+                u0 += value * H_x[0, b]
+                u1 += value * H_x[1, b]
+            else:
+                value = P[row, start + b - POSE_DIM]
+                u0 += value * H_y[0, b - POSE_DIM]
+                u1 += value * H_y[1, b - POSE_DIM]
+        h0 = H_x[0, a] if a < POSE_DIM else H_y[0, a - POSE_DIM]
+        h1 = H_x[1, a] if a < POSE_DIM else H_y[1, a - POSE_DIM]
+        S[0, 0] += h0 * u0
+        S[1, 0] += h1 * u0
+        S[1, 1] += h1 * u1
+    S[0, 1] = S[1, 0]
+
+
+@njit(cache=True)
+def predict_measurements(camera: CameraModel, belief: Belief, fiducials: np.ndarray) -> Predictions:
+    """Predict every fiducial and every feature but the rays."""
+    K = fiducials.shape[0]
+    out = empty_predictions(K + belief.kind.shape[0])
+    R_WC = rotation_matrix(belief.camera[QUATERNION])
+    for i in range(K + belief.size[FEATURES]):
+        row = i if i < K else K + belief.order[i - K]
+        if not measure_row(camera, belief, R_WC, fiducials, row, out):
+            continue
+        slot = row - K
+        start, width = (0, 0) if slot < 0 else (belief.start[slot], KIND_DIM[belief.kind[slot]])
+        if not inside_image(camera, out.z_hat[row], camera.width):
+            continue
+        innovation_covariance(
+            belief.covariance,
+            start,
+            width,
+            out.H_camera[row],
+            out.H_feature[row],
+            camera.pixel_std**2,
+            out.S[row],
+        )
+        out.visibility[row] = visibility_of(camera, out.z_hat[row], out.S[row])
+    return out
+
+
+@njit(cache=True)
+def visibility_of(camera: CameraModel, z_hat: np.ndarray, S: np.ndarray) -> int:
+    """Whether a predicted pixel with covariance ``S`` is UNSEEN, NEAR or INSIDE."""
+    reach = SEARCH_STDS * math.sqrt(max(S[0, 0], S[1, 1]))
+    if inside_image(camera, z_hat, -reach):
+        return INSIDE
+    return NEAR if inside_image(camera, z_hat, reach) else UNSEEN
+
+
+@njit(cache=True)
+def squared_distance(z: np.ndarray, z_hat: np.ndarray, S: np.ndarray) -> float:
+    """Mahalanobis (z - z_hat)^T S^-1 (z - z_hat) of a pixel (2,)."""
+    a, b = z[0] - z_hat[0], z[1] - z_hat[1]
+    return (S[1, 1] * a * a - 2.0 * S[0, 1] * a * b + S[0, 0] * b * b) / determinant(S)
+
+
+@njit(cache=True)
+def determinant(S: np.ndarray) -> float:
+    """|S| of a 2 x 2 matrix."""
+    return S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+
+

@@ -1,0 +1,57 @@
+"""Constants of the filter, as the compiled kernels take them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from activeslam_gym import config
+from activeslam_gym.config import Scenario
+
+
+class FilterModel(NamedTuple):
+    """Settings of association, initialisation and deletion; see the fields of `Scenario`."""
+
+    gate: float
+    birth_gate: float
+    birth_detections: int
+    mapped_depth_ratio: float
+    maximum_misses: int
+    inverse_depth: bool
+    inverse_depth_mean: float
+    inverse_depth_std: float
+    linearity_threshold: float
+    particle_near: float
+    particle_far: float
+    particle_prune: float
+    particle_baseline: float
+    ray_capacity: int
+    ray_age_frames: int
+    iterations: int
+
+
+def filter_of(scenario: Scenario) -> FilterModel:
+    """The filter constants of a scenario."""
+    return FilterModel(
+        gate=chi_square_2_quantile(scenario.gate_probability),
+        birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
+        birth_detections=scenario.birth_detections,
+        mapped_depth_ratio=float(scenario.mapped_depth_ratio),
+        maximum_misses=scenario.maximum_misses,
+        inverse_depth=scenario.initialisation == config.INVERSE_DEPTH,
+        inverse_depth_mean=float(scenario.inverse_depth_mean),
+        inverse_depth_std=float(scenario.inverse_depth_std),
+        linearity_threshold=float(scenario.linearity_threshold),
+        particle_near=float(scenario.particle_depth[0]),
+        particle_far=float(scenario.particle_depth[1]),
+        particle_prune=float(scenario.particle_prune),
+        particle_baseline=float(scenario.particle_baseline),
+        ray_capacity=scenario.ray_capacity,
+        ray_age_frames=round(scenario.ray_age / scenario.frame_time),
+        iterations=scenario.update_iterations,
+    )
+
+
+def chi_square_2_quantile(probability: float) -> float:
+    """Quantile of the chi-square distribution of 2 dof, -2 ln(1 - p): 9.21 at 99 %."""
+    return -2.0 * math.log(1.0 - probability)

@@ -1,0 +1,1 @@
+"""The truth: rooms, the camera's real motion, and what it detects. Nothing here knows of a belief."""

@@ -1,0 +1,32 @@
+"""`python -m agents <command>`: tyro makes the command lines from the commands' dataclasses."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from importlib import import_module
+
+COMMANDS = ("compare",)
+"""Each is a module of this package with `Args`, a dataclass, and `main(args) -> exit status`."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command that the arguments name; the exit status, 2 for a bad value, 130 for Ctrl-C."""
+    import tyro
+
+    modules = {name: import_module(f"agents.{name}") for name in COMMANDS}
+    commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
+    try:
+        args = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m agents", args=arguments)
+    except ValueError as error:
+        print(f"python -m agents: {error}", file=sys.stderr)
+        return 2
+    module = next(module for module in modules.values() if isinstance(args, module.Args))
+    try:
+        return module.main(args)
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

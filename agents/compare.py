@@ -1,0 +1,276 @@
+"""Compare policies in the same unseen rooms: episodes, table, CSV, JSON and figures."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import sys
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from importlib.util import find_spec
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import activeslam_gym  # noqa: F401  (registers the environment)
+from agents import policies as policy_sources
+from agents import tables
+from agents.evaluate import Episode, run_episode
+from agents.figures import draw_all
+from agents.files import write_csv, write_json, write_text
+from agents.outcome import outcome
+from agents.summary import Summary, summarise
+
+ENVIRONMENT = "ActiveSLAM-v0"
+PACKAGES = ("gymnasium", "numba", "numpy", "scipy")
+"""Their versions are written beside the results."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Run policies in the same unseen rooms; write a table, CSV, JSON and figures."""
+
+    policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
+    """Names of policies, or 'package.module:factory' of your own, called as factory(env)."""
+    policy: tuple[str, ...] = ()
+    """More of them, beside `policies`."""
+    episodes: int = 8
+    """Rooms for each policy."""
+    seed: int = 1_000_000
+    """Episode j is reset(seed=seed + j)."""
+    out: Path = Path("results/compare")
+    """Folder of the results."""
+    scenario: str = "paper"
+    """Name of the scenario."""
+    gaze_period: float | None = None
+    """Seconds between gaze commands; one frame of the scenario if not given."""
+    motion_period: float = 1.0
+    """Seconds between motion commands."""
+    duration: float = 35.0
+    """Seconds of an episode."""
+    lost_position_error: float = 0.5
+    """Metres of true position error at which a belief counts as lost."""
+    reference: str = "mi-fisher"
+    """Paired differences are taken against this policy, and against the best baseline."""
+    target_landmarks: int = 14
+    """The table tells when so many landmarks were mapped."""
+    honesty_times: tuple[float, ...] = (5.0, 15.0, 35.0)
+    """Seconds at which the NEES is told; those within the duration count."""
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Processes."""
+    resume: bool = False
+    """Take the finished episodes that `out` holds for the same settings instead of running them again."""
+    figures: bool = True
+    """Draw the figures (needs matplotlib)."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("episodes", 1), ("seed", 0), ("jobs", 1), ("target_landmarks", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: {getattr(self, name)}; allowed: {least} or more")
+        if not self.names:
+            raise ValueError("policies: none given; allowed: one name or more")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The policies, each once."""
+        return tuple(dict.fromkeys((*self.policies, *self.policy)))
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment."""
+        names = ("scenario", "gaze_period", "motion_period", "duration", "lost_position_error")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True)
+class Task:
+    """One episode to run."""
+
+    policy: str
+    seed: int
+    settings: str
+    """Arguments of the environment, as JSON: what episodes must share to be compared."""
+    whole: bool
+    """Keep every sample (the room that is drawn) instead of one a second."""
+
+    def path(self, folder: Path) -> Path:
+        """Where the finished episode is kept."""
+        return folder / "episodes" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', self.policy)}-{self.seed}.npz"
+
+
+def main(args: Args) -> int:
+    """Run the comparison and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
+    try:
+        check(args)
+    except ValueError as error:
+        print(f"compare: {error}", file=sys.stderr)
+        return 2
+    print(f"{len(args.names)} policies, {args.episodes} rooms each. The first run compiles, which takes a while.")
+    summary = compare(args)
+    if summary is None:
+        print("Interrupted before the first episode was over: nothing to show.")
+        return 130
+    print(f"\n{tables.text(summary)}\n\nWritten to {args.out}/: {', '.join(_written(args.out))}")
+    return 0 if summary.settings["complete"] else 130
+
+
+def compare(args: Args) -> Summary | None:
+    """Run what is missing, write everything into `args.out`, and return the figures; None if no episode was finished.
+
+    Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
+    policy or a bad argument of the environment, before anything is run.
+    """
+    check(args)
+    rehearse(args)
+    tasks = _tasks(args)
+    episodes = _run_until_interrupted(tasks, args)
+    if not episodes:
+        return None
+    settings = _settings(args, complete=len(episodes) == len(tasks))
+    summary = summarise(episodes, args.reference, args.target_landmarks, _honesty_times(args), settings)
+    drawn = args.figures and find_spec("matplotlib") is not None
+    if not settings["complete"]:
+        summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
+    if args.figures and not drawn:
+        summary.notes.append("No figures: matplotlib is not installed (pip install matplotlib).")
+    write_json(args.out / "summary.json", summary.as_dict())
+    write_text(args.out / "summary.md", tables.markdown(summary))
+    if drawn:
+        draw_all(episodes, args.out)
+    return summary
+
+
+def make_environment(settings: dict[str, Any]) -> gym.Env:
+    """The environment of the study."""
+    return gym.make(ENVIRONMENT, **settings)
+
+
+def check(args: Args) -> None:
+    """Raise ValueError for an unknown policy or a bad argument of the environment."""
+    for name in args.names:
+        policy_sources.factory(name)
+    make_environment(args.environment).close()
+
+
+def rehearse(args: Args) -> None:
+    """One step of every policy, so that the kernels are compiled once, before processes start."""
+    env = make_environment(args.environment)
+    for name in args.names:
+        observation, _ = env.reset(seed=args.seed)
+        action, _ = policy_sources.resolve(name, env, args.seed).predict(observation)
+        env.step(action)
+    env.close()
+
+
+def run_task(task: Task) -> Episode:
+    """Run one episode, in whichever process."""
+    env = make_environment(json.loads(task.settings))
+    policy = policy_sources.resolve(task.policy, env, task.seed)
+    episode = run_episode(env, policy, task.seed, task.policy, task.settings)
+    env.close()
+    return episode if task.whole else episode.thinned()
+
+
+def _tasks(args: Args) -> list[Task]:
+    """Room by room, so that an interrupted study has seen the same rooms with every policy."""
+    seeds = range(args.seed, args.seed + args.episodes)
+    settings = json.dumps(args.environment, sort_keys=True)
+    return [Task(name, seed, settings, seed == args.seed) for seed in seeds for name in args.names]
+
+
+def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
+    """The episodes by policy, as they were named, and seed: all, or those that were over at Ctrl-C.
+
+    episodes.csv is written after each room.
+    """
+    episodes: list[Episode] = []
+    rows: list[dict[str, Any]] = []
+    try:
+        with closing(_run_all(tasks, args)) as finished:
+            for episode in finished:
+                episodes.append(episode)
+                rows.append(outcome(episode, args.target_landmarks))
+                if len(rows) % len(args.names) == 0:
+                    write_csv(args.out / "episodes.csv", rows)
+    except KeyboardInterrupt:
+        print("Interrupted; the episodes that are over are kept, and --resume goes on from them.")
+    if rows:
+        rank = {name: i for i, name in enumerate(args.names)}
+        episodes.sort(key=lambda e: (rank[e.policy], e.seed))
+        rows.sort(key=lambda row: (rank[row["policy"]], row["seed"]))
+        write_csv(args.out / "episodes.csv", rows)
+    return episodes
+
+
+def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None]:
+    """Yield the episodes as they finish, those of an earlier run first, and keep each in a file."""
+    from tqdm import tqdm
+
+    kept = {task: episode for task in tasks if args.resume and (episode := _kept(task, args.out))}
+    missing = [task for task in tasks if task not in kept]
+    yield from kept.values()
+    with tqdm(total=len(tasks), initial=len(kept), unit="episode") as progress:
+        for task, episode in _run(missing, min(args.jobs, len(missing))):
+            episode.save(task.path(args.out))
+            progress.update()
+            yield episode
+
+
+def _run(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Episode]]:
+    """Yield tasks with their episodes as they finish, from `jobs` processes or, with one job, from this one."""
+    if jobs <= 1:
+        yield from ((task, run_task(task)) for task in tasks)
+        return
+    executor = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start_worker)
+    try:
+        futures = {executor.submit(run_task, task): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Leave Ctrl-C to the parent, and one thread to each process."""
+    from threadpoolctl import threadpool_limits
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)
+
+
+def _kept(task: Task, folder: Path) -> Episode | None:
+    """The episode of an earlier run with the same settings."""
+    if not task.path(folder).exists():
+        return None
+    episode = Episode.load(task.path(folder))
+    return episode if episode.settings == task.settings else None
+
+
+def _settings(args: Args, complete: bool) -> dict[str, Any]:
+    """What was run, with which versions, as plain values."""
+    return {
+        "policies": list(args.names),
+        "episodes": args.episodes,
+        "seed": args.seed,
+        "target_landmarks": args.target_landmarks,
+        **args.environment,
+        "complete": complete,
+        "versions": {package: version(package) for package in PACKAGES},
+    }
+
+
+def _honesty_times(args: Args) -> list[float]:
+    """Those within the duration, and its end."""
+    return sorted({*(time for time in args.honesty_times if time < args.duration), args.duration})
+
+
+def _written(folder: Path) -> list[str]:
+    """Names of the results in `folder`."""
+    return sorted(path.name for path in folder.iterdir() if path.is_file())

@@ -1,0 +1,219 @@
+"""The study's pictures: the paper's figures 2, 3 and 5 b for any set of policies. Imports matplotlib where it draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from activeslam_gym import Gaze, Motion
+from agents.evaluate import Episode
+from agents.files import written_whole
+from agents.outcome import gaze_counts, motion_counts
+from agents.summary import grouped
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DPI = 130
+PANEL = (4.2, 3.2)
+"""Width and height of a panel, inches."""
+PANELS_A_ROW = 4
+SIGMAS = 2.0
+"""Standard deviations of the bounds and of the ellipses."""
+BAND = (10.0, 90.0)
+"""Percentiles over rooms of the band around a mean."""
+WHISKERS = (1.0, 99.0)
+"""Percentiles over all steps at the whiskers' ends."""
+
+AXES = ("X", "Y", "Z")
+PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
+ESTIMATE, TRUTH, BOUND = "tab:blue", "black", "tab:red"
+
+
+def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
+    """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
+    by_policy = grouped(episodes)
+    figures: dict[str, Callable[[dict[str, list[Episode]]], Figure]] = {
+        "entropies": entropies,
+        "errors": errors,
+        "maps": maps,
+        "actions": actions,
+        "decision_times": decision_times,
+    }
+    return [_save(draw(by_policy), folder / f"{name}.png") for name, draw in figures.items()]
+
+
+def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
+    """Fig. 2 d–f: log₂|P| over time, the first room with a mark at each new landmark, mean and band over the rooms."""
+    figure, panels = _panels(len(by_policy), sharex=True, sharey=True)
+    for axes, (name, runs) in zip(panels, by_policy.items()):
+        first = runs[0]
+        for part, colour in PARTS.items():
+            field = f"log2_det_{part}"
+            times, values = over_rooms(runs, field)
+            axes.fill_between(times, *_band(values), color=colour, alpha=0.15, linewidth=0)
+            axes.plot(times, _mean(values), "--", color=colour, linewidth=0.8)
+            axes.plot(first.times, getattr(first, field), color=colour, linewidth=1.2, label=part)
+        axes.plot(first.landmark_times, first.landmark_log2_det, "k+", markersize=5, label="new landmark")
+        axes.set(title=f"{name} ({len(runs)} rooms)", xlabel="time, s", ylabel="log₂|P|")
+    panels[0].legend(fontsize=7)
+    figure.suptitle(f"Entropy: room {_first_seed(by_policy)} (line), mean (dashed) and {BAND[0]:g}–{BAND[1]:g} % band")
+    return figure
+
+
+def errors(by_policy: dict[str, list[Episode]]) -> Figure:
+    """Fig. 3: errors of position and of the quaternion's vector part in the first room, with 2σ bounds."""
+    figure, grid = _grid(2 * len(AXES), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
+    for column, (name, runs) in enumerate(by_policy.items()):
+        first = runs[0]
+        kinds = (
+            ("{} error, m", first.position_offset, first.position_std),
+            ("q{} error", quaternion_error(first.rotation_offset), first.rotation_std / 2.0),
+        )
+        for kind, (label, offset, std) in enumerate(kinds):
+            for i, axis in enumerate(AXES):
+                axes = grid[kind * len(AXES) + i, column]
+                _with_bounds(axes, first.times, offset[:, i], SIGMAS * std[:, i])
+                axes.set_ylabel(label.format(axis if kind == 0 else axis.lower()) if column == 0 else "")
+        grid[0, column].set_title(name, fontsize=9)
+        grid[-1, column].set_xlabel("time, s")
+    figure.suptitle(f"True − estimated (blue) and {SIGMAS:g}σ bounds (red), room {_first_seed(by_policy)}")
+    return figure
+
+
+def maps(by_policy: dict[str, list[Episode]]) -> Figure:
+    """Fig. 2 a–c: the final map and the trajectories of the first room, seen from above."""
+    figure, panels = _panels(len(by_policy), (4.2, 4.4), sharex=True, sharey=True)
+    for axes, (name, runs) in zip(panels, by_policy.items()):
+        _map(axes, runs[0])
+        axes.set_title(f"{name}: {runs[0].landmarks_mapped[-1]} mapped")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
+    figure.suptitle(f"Map and trajectories, room {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
+    return figure
+
+
+def actions(by_policy: dict[str, list[Episode]]) -> Figure:
+    """Fig. 5 b: how often each command was given, over all rooms."""
+    figure, panels = _panels(2, (6.0, 3.4))
+    _bars(panels[0], Motion, {name: np.sum([motion_counts(r) for r in runs], 0) for name, runs in by_policy.items()})
+    _bars(panels[1], Gaze, {name: np.sum([gaze_counts(r) for r in runs], 0) for name, runs in by_policy.items()})
+    panels[0].set(title="Motion, a command each motion period", ylabel="share of commands")
+    panels[1].set(title="Gaze, a command each gaze period")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), PANELS_A_ROW), fontsize=8)
+    return figure
+
+
+def decision_times(by_policy: dict[str, list[Episode]]) -> Figure:
+    """What a decision costs: the distribution over all steps; the whiskers span `WHISKERS`."""
+    figure, (axes,) = _panels(1, (2.0 + 0.8 * len(by_policy), 3.6))
+    durations = [np.concatenate([run.decision_us for run in runs]) for runs in by_policy.values()]
+    axes.boxplot(durations, whis=WHISKERS, showfliers=False, showmeans=True)
+    axes.set_xticks(np.arange(1, len(by_policy) + 1), list(by_policy), rotation=30, ha="right")
+    axes.set(yscale="log", ylabel="µs per decision (triangle: mean)")
+    return figure
+
+
+def over_rooms(runs: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:
+    """Times (G,) and values (rooms, G) of a sampled field at whole seconds; NaN after a run's end."""
+    thin = [run.thinned() for run in runs]
+    times = max((run.times for run in thin), key=len)
+    values = [np.interp(times, run.times, getattr(run, field), right=np.nan) for run in thin]
+    return times, np.array(values)
+
+
+def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
+    """Vector part (T, 3) of the quaternion of Exp(δθ): sin(‖δθ‖/2) δθ/‖δθ‖, near δθ/2."""
+    angle = np.linalg.norm(rotation_offset, axis=-1, keepdims=True)
+    return 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_offset
+
+
+def ellipse(covariance: np.ndarray, points: int = 40) -> np.ndarray:
+    """Outline (points, 2) of the `SIGMAS`-σ ellipse of a 2 × 2 covariance around the origin."""
+    values, vectors = np.linalg.eigh(covariance)
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    circle = np.stack((np.cos(angle), np.sin(angle)))
+    return SIGMAS * (vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T
+
+
+def _map(axes: Axes, run: Episode) -> None:
+    """X to the right and Z upwards: the room, truth in black, the estimate in blue."""
+    across, along = 0, 2
+    half = run.room_size / 2.0
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half[[across, along]]
+    axes.plot(*corners.T, color="grey", linewidth=0.8)
+    axes.plot(run.true_landmarks[:, across], run.true_landmarks[:, along], "k.", markersize=4, label="landmark")
+    axes.plot(run.fiducials[:, across], run.fiducials[:, along], "s", color="tab:orange", ms=4, label="fiducial")
+    axes.plot(
+        run.estimated_landmarks[:, across], run.estimated_landmarks[:, along], "+", color=ESTIMATE, label="mapped"
+    )
+    for centre, covariance in zip(run.estimated_landmarks, run.landmark_covariance):
+        outline = centre[[across, along]] + ellipse(covariance[np.ix_([across, along], [across, along])])
+        axes.plot(*outline.T, color=ESTIMATE, linewidth=0.6)
+    axes.plot(run.true_position[:, across], run.true_position[:, along], color=TRUTH, lw=1.0, label="true path")
+    axes.plot(
+        run.estimated_position[:, across], run.estimated_position[:, along], color=ESTIMATE, lw=0.8, label="estimated"
+    )
+    margin = 0.1 * half
+    axes.set(xlim=(-half[across] - margin[across], half[across] + margin[across]))
+    axes.set(ylim=(-half[along] - margin[along], half[along] + margin[along]))
+    axes.set(aspect="equal", xlabel="X, m", ylabel="Z, m")
+
+
+def _with_bounds(axes: Axes, times: np.ndarray, offset: np.ndarray, bound: np.ndarray) -> None:
+    """An error over time between its bounds."""
+    axes.plot(times, offset, color=ESTIMATE, linewidth=0.8)
+    axes.plot(times, bound, times, -bound, color=BOUND, linewidth=0.8)
+
+
+def _bars(axes: Axes, choices: Any, counts: dict[str, np.ndarray]) -> None:
+    """Groups of bars: a group per command, a bar per policy, heights as shares."""
+    width = 0.8 / len(counts)
+    for i, (name, count) in enumerate(counts.items()):
+        offset = (i - (len(counts) - 1) / 2.0) * width
+        axes.bar(np.arange(len(choices)) + offset, count / max(count.sum(), 1), width, label=name)
+    axes.set_xticks(np.arange(len(choices)), [choice.name.lower() for choice in choices], fontsize=8)
+
+
+def _mean(values: np.ndarray) -> np.ndarray:
+    """Mean over the rooms that are alive, (rooms, G) -> (G,); the longest run reaches the end of G."""
+    return np.nanmean(values, axis=0)
+
+
+def _band(values: np.ndarray) -> np.ndarray:
+    """Percentiles `BAND` over the rooms that are alive, (rooms, G) -> (2, G)."""
+    return np.nanpercentile(values, BAND, axis=0)
+
+
+def _panels(count: int, size: tuple[float, float] = PANEL, **shared: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels in rows; what a last row lacks stays empty."""
+    columns = min(count, PANELS_A_ROW)
+    figure, grid = _grid(-(-count // columns), columns, size, **shared)
+    for axes in grid.flat[count:]:
+        axes.set_axis_off()
+    return figure, list(grid.flat[:count])
+
+
+def _grid(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Figure, np.ndarray]:
+    """A figure with rows × columns panels; without pyplot, so that no window system is asked for."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(columns * size[0], rows * size[1] + 0.5), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def _first_seed(by_policy: dict[str, list[Episode]]) -> int:
+    """Seed of the room that is drawn."""
+    return next(iter(by_policy.values()))[0].seed
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    """Write the figure as a PNG."""
+    with written_whole(path, "wb") as file:
+        figure.savefig(file, format="png", dpi=DPI)
+    return path

@@ -1,0 +1,166 @@
+"""From episodes to the study's figures: per policy over rooms, and policy against policy in the same rooms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import baselines
+from agents.evaluate import Episode
+from agents.outcome import honesty, outcome
+from agents.statistics import Estimate, Statistic, estimate, paired_rmse
+
+FEW_ROOMS = 20
+"""With fewer rooms the intervals are a hint: the summary says so."""
+
+STATISTICS: dict[str, Statistic] = {
+    "bits": "mean",
+    "log_score_gain": "mean",
+    "landmarks_mapped": "mean",
+    "distinct_landmarks": "mean",
+    "landmark_rmse": "median",
+    "position_error": "median",
+    "orientation_error": "median",
+    "lost": "share",
+    "target_reached": "share",
+    "target_time": "median",
+    "target_log2_det": "mean",
+    "decision_us": "median",
+}
+"""Which figure over rooms stands for which column of episodes.csv: a mean, or a median where a lost run would rule."""
+
+PAIRED: dict[str, Statistic] = {
+    "bits": "mean",
+    "log_score_gain": "mean",
+    "landmark_rmse": "median",
+    "position_error": "median",
+    "orientation_error": "median",
+}
+"""The same for the differences in the same room; `landmark_rmse` over the landmarks that both policies mapped."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The study's figures."""
+
+    settings: dict[str, Any]
+    """What was run."""
+    policies: dict[str, dict[str, Estimate]]
+    """Policy → column → figure over its rooms."""
+    honesty: dict[str, dict[str, dict[str, Estimate]]]
+    """Policy → time [s] → ANEES (mean) and median NEES, per degree of freedom, over the runs alive."""
+    paired: dict[str, dict[str, dict[str, Estimate]]]
+    """Reference → policy → column → figure of the differences policy − reference over the rooms of both."""
+    best_baseline: str | None
+    """The baseline with the most bits, if one was run."""
+    notes: list[str]
+    """What a reader has to know beside the figures."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain dicts, lists and numbers."""
+        return asdict(self)
+
+
+def summarise(
+    episodes: Sequence[Episode],
+    reference: str = "mi-fisher",
+    target_landmarks: int = 14,
+    honesty_times: Sequence[float] = (5.0, 15.0, 35.0),
+    settings: dict[str, Any] | None = None,
+) -> Summary:
+    """Figures of `episodes`, against `reference` (where it was run) and against the best baseline (most bits)."""
+    by_policy = grouped(episodes)
+    policies = {name: _figures(runs, target_landmarks) for name, runs in by_policy.items()}
+    best = best_baseline(policies)
+    references = [name for name in dict.fromkeys((reference, best)) if name in policies and len(policies) > 1]
+    return Summary(
+        settings=settings or {},
+        policies=policies,
+        honesty={name: {f"{t:g}": _honesty(runs, t) for t in honesty_times} for name, runs in by_policy.items()},
+        paired={
+            against: {
+                name: _paired(runs, by_policy[against], target_landmarks)
+                for name, runs in by_policy.items()
+                if name != against
+            }
+            for against in references
+        },
+        best_baseline=best,
+        notes=_notes(by_policy, policies, reference, target_landmarks),
+    )
+
+
+def grouped(episodes: Sequence[Episode]) -> dict[str, list[Episode]]:
+    """Policy → its episodes by seed, in the order in which the policies first appear."""
+    by_policy: dict[str, list[Episode]] = {}
+    for episode in sorted(episodes, key=lambda e: e.seed):
+        by_policy.setdefault(episode.policy, []).append(episode)
+    return {name: by_policy[name] for name in dict.fromkeys(e.policy for e in episodes)}
+
+
+def best_baseline(policies: dict[str, dict[str, Estimate]]) -> str | None:
+    """The baseline with the most bits, or None where none was run."""
+    candidates = [name for name in policies if name in baselines.names()]
+    return max(candidates, key=lambda name: policies[name]["bits"].value, default=None)
+
+
+def _figures(runs: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
+    """Column → figure over the rooms of one policy."""
+    rows = [outcome(run, target_landmarks) for run in runs]
+    return {key: estimate([row[key] for row in rows], statistic) for key, statistic in STATISTICS.items()}
+
+
+def _honesty(runs: Sequence[Episode], time: float) -> dict[str, Estimate]:
+    """ANEES and median NEES at `time` over the runs alive."""
+    rows = [honesty(run, time) for run in runs]
+    figures = {}
+    for key in rows[0]:
+        values = [row[key] for row in rows]
+        figures[key] = estimate(values, "mean")
+        figures[f"{key}_median"] = estimate(values, "median")
+    return figures
+
+
+def _paired(runs: Sequence[Episode], others: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
+    """Figures of the differences in the rooms that both policies saw."""
+    other_of = {other.seed: other for other in others}
+    pairs = [(run, other_of[run.seed]) for run in runs if run.seed in other_of]
+    differences = [_difference(run, other, target_landmarks) for run, other in pairs]
+    return {key: estimate([row[key] for row in differences], statistic) for key, statistic in PAIRED.items()}
+
+
+def _difference(run: Episode, other: Episode, target_landmarks: int) -> dict[str, float]:
+    """Column → run − other, in one room."""
+    row, other_row = outcome(run, target_landmarks), outcome(other, target_landmarks)
+    own, others = paired_rmse(run.landmark_errors, other.landmark_errors)
+    return {key: row[key] - other_row[key] for key in PAIRED} | {"landmark_rmse": own - others}
+
+
+def _notes(
+    by_policy: dict[str, list[Episode]],
+    policies: dict[str, dict[str, Estimate]],
+    reference: str,
+    target_landmarks: int,
+) -> list[str]:
+    """The headline, and what limits it."""
+    rooms = min(len(runs) for runs in by_policy.values())
+    notes = [_headline(by_policy, policies, target_landmarks)]
+    if rooms < FEW_ROOMS:
+        notes.append(f"* From {rooms} room(s): fewer than {FEW_ROOMS} give a hint, no finding.")
+    if reference not in policies:
+        notes.append(f"The reference {reference} was not run: no paired differences against it.")
+    return notes
+
+
+def _headline(
+    by_policy: dict[str, list[Episode]], policies: dict[str, dict[str, Estimate]], target_landmarks: int
+) -> str:
+    """Who learned most by the log score, and its lead in the same rooms."""
+    gains = {name: figures["log_score_gain"] for name, figures in policies.items()}
+    first, *others = sorted(gains, key=lambda name: -gains[name].value)
+    headline = f"Highest mean log score gain (overconfidence cannot win it): {first}, {gains[first].text()} bits"
+    if not others:
+        return f"{headline}."
+    lead = _paired(by_policy[first], by_policy[others[0]], target_landmarks)["log_score_gain"]
+    return f"{headline}; its lead over {others[0]} in the same rooms: {lead.text()} bits."

@@ -1,0 +1,138 @@
+"""The study's figures as tables, for the terminal and in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.statistics import CONFIDENCE, Estimate
+from agents.summary import FEW_ROOMS, Summary
+
+
+@dataclass(frozen=True)
+class Column:
+    """How a figure is shown: its title, the factor to the title's unit, and the digits after the point."""
+
+    key: str
+    title: str
+    scale: float = 1.0
+    digits: int = 1
+
+
+@dataclass(frozen=True)
+class Table:
+    """A title, the header, and rows of text as long as the header."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+
+
+LEARNED = (
+    Column("bits", "bits removed"),
+    Column("log_score_gain", "log score gain, bits"),
+    Column("landmarks_mapped", "mapped"),
+    Column("distinct_landmarks", "distinct"),
+    Column("lost", "lost, %", 100.0),
+)
+ERRORS = (
+    Column("landmark_rmse", "landmark RMSE, cm", 100.0),
+    Column("position_error", "position error, cm", 100.0),
+    Column("orientation_error", "orientation error, °", 180.0 / np.pi, 2),
+)
+HONESTY = (
+    Column("position_nees", "position", digits=2),
+    Column("position_nees_median", "median", digits=2),
+    Column("orientation_nees", "orientation", digits=2),
+    Column("orientation_nees_median", "median", digits=2),
+    Column("landmark_nees", "landmarks", digits=2),
+    Column("landmark_nees_median", "median", digits=2),
+)
+PAIRED = (
+    Column("bits", "bits removed"),
+    Column("log_score_gain", "log score gain, bits"),
+    Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", 100.0),
+    *ERRORS[1:],
+)
+
+
+def tables(summary: Summary) -> list[Table]:
+    """All tables of the study, by what they answer."""
+    figures = summary.policies
+    target = summary.settings.get("target_landmarks", "N")
+    speed = (
+        Column("target_reached", f"reach {target}, %", 100.0),
+        Column("target_time", "at, s"),
+        Column("target_log2_det", "log₂|P| then"),
+        Column("decision_us", "µs per decision"),
+    )
+    star = "*" if min(f["bits"].rooms for f in figures.values()) < FEW_ROOMS else ""
+    result = [
+        _table(f"What was learned{star}", figures, LEARNED),
+        _table(f"Errors at the end{star}", figures, ERRORS),
+        _table(f"{target} landmarks mapped, and the price of a decision{star}", figures, speed),
+    ]
+    for time in next(iter(summary.honesty.values())):
+        at_time = {name: times[time] for name, times in summary.honesty.items()}
+        title = f"ANEES per degree of freedom over the runs alive at {time} s (1 is honest){star}"
+        result.append(_table(title, at_time, HONESTY, with_median=True))
+    for against, differences in summary.paired.items():
+        best = ", the baseline with the most bits," if against == summary.best_baseline else ""
+        result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))
+    return result
+
+
+def text(summary: Summary) -> str:
+    """The tables in aligned plain text, with the notes."""
+    parts = [f"{table.title}\n{_aligned(table)}" for table in tables(summary)]
+    return "\n\n".join([*parts, _legend(), *summary.notes])
+
+
+def markdown(summary: Summary) -> str:
+    """The same in Markdown."""
+    parts = [f"## {table.title.replace('*', chr(92) + '*')}\n\n{_pipes(table)}" for table in tables(summary)]
+    notes = [note.replace("* ", "\\* ", 1) for note in summary.notes]
+    return "\n\n".join(["# Comparison", *parts, _legend(), *notes]) + "\n"
+
+
+def _table(
+    title: str, figures: dict[str, dict[str, Estimate]], columns: Sequence[Column], with_median: bool = False
+) -> Table:
+    """A row per policy, a column per figure; the header says which statistic it is (unless it is a median beside)."""
+    some = next(iter(figures.values()))
+    header = ["policy", *(_title(column, some[column.key], with_median) for column in columns), "rooms"]
+    rows = [
+        [
+            name,
+            *(figure[column.key].text(column.scale, column.digits) for column in columns),
+            str(figure[columns[0].key].rooms),
+        ]
+        for name, figure in figures.items()
+    ]
+    return Table(title, header, rows)
+
+
+def _title(column: Column, figure: Estimate, with_median: bool) -> str:
+    """The column's title with its statistic."""
+    return column.title if with_median or figure.statistic == "share" else f"{column.title} ({figure.statistic})"
+
+
+def _aligned(table: Table) -> str:
+    """Columns of equal width, names to the left and figures to the right."""
+    lines = [table.header, *table.rows]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(table.header))]
+    cells = ([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:]))] for line in lines)
+    return "\n".join("  ".join(line) for line in cells)
+
+
+def _pipes(table: Table) -> str:
+    """A Markdown table."""
+    rule = ["---", *["---:"] * (len(table.header) - 1)]
+    return "\n".join("| " + " | ".join(line) + " |" for line in (table.header, rule, *table.rows))
+
+
+def _legend() -> str:
+    """What the brackets are."""
+    return f"[ ]: {CONFIDENCE:.0%} interval over rooms, bootstrap; of a share, Wilson's."

@@ -1,0 +1,45 @@
+"""Policies that compute, bound to an environment: `baselines.make("mi-fisher", env).predict(observation)`.
+
+They read observations, beliefs and scores, never the truth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from .fixed import Random, Stay, Sweep
+from .greedy import JointGreedy, greedy
+from .lookahead import Lookahead
+from .policy import Environment, Policy, Predictor, best
+
+__all__ = ["Policy", "Predictor", "best", "make", "names"]
+
+_FACTORIES: dict[str, Callable[..., Policy]] = {
+    "random": Random,
+    "stay": Stay,
+    "sweep": Sweep,
+    "mi-constant": greedy,
+    "mi-mi": partial(greedy, gaze_criterion="mutual_information"),
+    "mi-fisher": partial(greedy, gaze_criterion="fisher_trace"),
+    "fisher-fisher": partial(greedy, motion_criterion="fisher_trace", gaze_criterion="fisher_trace"),
+    "variance-reduction": partial(greedy, motion_criterion="variance_reduction", gaze_criterion="variance_reduction"),
+    "joint-mi": JointGreedy,
+    "lookahead-2": partial(Lookahead, horizon=2),
+}
+
+
+def names() -> tuple[str, ...]:
+    """The names that `make` knows."""
+    return tuple(_FACTORIES)
+
+
+def make(name: str, env: Environment, **kwargs: Any) -> Policy:
+    """Return the policy `name` bound to `env`, single or batched; `random` takes `seed`.
+
+    Raises ValueError for an unknown name, and lists the known ones.
+    """
+    if name not in _FACTORIES:
+        raise ValueError(f"name: {name!r} is no baseline; allowed: {', '.join(_FACTORIES)}")
+    return _FACTORIES[name](env, **kwargs)

@@ -1,0 +1,102 @@
+"""Policies that take the best action of one step: the paper's three, and others by the same scores."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from activeslam_gym import Gaze, Motion
+
+from .policy import Actions, Environment, Policy, best
+
+
+class Greedy(Policy):
+    """The best motion of a criterion once a motion period, the best gaze of another once a gaze period.
+
+    `motion_criterion=None` is the scenario's own (the mutual information of the whole state in the paper's simulation,
+    of position and map in its live system); `gaze_criterion=None` turns LEFT all the time.
+    """
+
+    def __init__(
+        self,
+        env: Environment,
+        motion_criterion: str | None = None,
+        gaze_criterion: str | None = None,
+    ) -> None:
+        super().__init__(env)
+        self.motion_criterion: str = motion_criterion or self.env.scenario.motion_criterion
+        self.gaze_criterion = gaze_criterion
+
+    def choose_motion(self) -> Actions:
+        return best(self.per_env(self.env.motion_scores(self.motion_criterion)))
+
+    def choose_gaze(self) -> Actions:
+        if self.gaze_criterion is None:
+            return self.always(Gaze.LEFT)
+        return best(self.per_env(self.env.gaze_scores(self.gaze_criterion)))
+
+
+class AmortisedGreedy(Greedy):
+    """`Greedy`, with one motion evaluated a step and the seven compared when the period is over (the paper, section V).
+
+    The candidates take the last steps of the period, so that their scores are fresh; where it has fewer steps than
+    there are motions, several share a step. Where none was evaluated (an episode's first decision) all are at once.
+    """
+
+    def __init__(
+        self,
+        env: Environment,
+        motion_criterion: str | None = None,
+        gaze_criterion: str | None = None,
+    ) -> None:
+        super().__init__(env, motion_criterion, gaze_criterion)
+        steps = self.env.steps_per_motion
+        slots = min(steps - 1, len(Motion))
+        self._phase_of_candidate = steps - slots + np.arange(len(Motion)) * slots // len(Motion)
+        self._scores = np.full((self.num_envs, len(Motion)), np.nan)
+
+    def decide(self) -> Actions:
+        self._scores[self.per_env(self.env.time) == 0] = np.nan
+        actions = super().decide()
+        self._scores[self.motion_starts()] = np.nan
+        self._evaluate_candidates()
+        return actions
+
+    def choose_motion(self) -> Actions:
+        incomplete = np.isnan(self._scores).any(axis=-1)
+        if (incomplete & self.motion_starts()).any():
+            at_once = self.per_env(self.env.motion_scores(self.motion_criterion))
+            self._scores[incomplete] = at_once[incomplete]
+        return best(self._scores)
+
+    def _evaluate_candidates(self) -> None:
+        """Score the candidates whose turn it is in this step."""
+        phase = self.per_env(self.env.motion_phase)
+        for motion in Motion:
+            turn = phase == self._phase_of_candidate[motion]
+            if turn.any():
+                score = self.per_env(self.env.motion_score(motion, self.motion_criterion))
+                self._scores[turn, motion] = score[turn]
+
+
+class JointGreedy(Policy):
+    """The best pair of motion and gaze, decided together and held for the motion's whole period."""
+
+    def __init__(self, env: Environment) -> None:
+        super().__init__(env)
+        self._gaze = self.always(Gaze.STAY)
+
+    def choose_motion(self) -> Actions:
+        scores = self.per_env(self.env.joint_scores(self.env.scenario.motion_criterion))
+        motion = best(scores.max(axis=-1))
+        gaze = best(scores[np.arange(self.num_envs), motion])
+        self._gaze = np.where(self.motion_starts(), gaze, self._gaze)
+        return motion
+
+    def choose_gaze(self) -> Actions:
+        return self._gaze
+
+
+def greedy(env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None) -> Greedy:
+    """`AmortisedGreedy` in a scenario that spreads its decisions over the period, `Greedy` elsewhere."""
+    cls = AmortisedGreedy if env.unwrapped.scenario.amortised_decision else Greedy  # type: ignore[union-attr]
+    return cls(env, motion_criterion, gaze_criterion)

@@ -1,0 +1,102 @@
+"""What every computing policy shares: `predict`, the held motion, and how scores become an action."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from activeslam_gym import Gaze, Motion
+
+TIE = 1e-9
+"""Scores closer than this to the best are equal to it, in the score's unit."""
+
+Actions = NDArray[np.int64]
+Environment = gym.Env | gym.vector.VectorEnv
+
+
+class Predictor(Protocol):
+    """Whatever has `predict`: our policies, Stable-Baselines3's models and the users' own."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the action for `observation`, and the recurrent state."""
+
+
+def best(scores: ArrayLike) -> Actions:
+    """Index of the best score along the last axis, (..., n) -> (...); ties within `TIE` go to STAY, the last one."""
+    scores = np.asarray(scores)
+    stay_ties = scores[..., -1] >= scores.max(axis=-1) - TIE
+    return np.where(stay_ties, scores.shape[-1] - 1, scores.argmax(axis=-1))
+
+
+class Policy(ABC):
+    """A policy that computes its action from the belief of the environment to which it is bound.
+
+    The environment is a single one or a batch of B of them (`num_envs`); inside, everything has the leading axis B,
+    which is 1 for a single environment. A subclass chooses motions and gazes; this class asks for a motion only where
+    one is about to be read (`motion_phase` is 0) and holds it in between. The held motion is renewed at the first
+    step of every period, hence of every episode: a policy carries nothing from one episode to the next.
+    """
+
+    def __init__(self, env: Environment) -> None:
+        space = getattr(env, "single_action_space", env.action_space)
+        self.env: Any = env.unwrapped
+        self.batched = hasattr(env.unwrapped, "num_envs")
+        self.num_envs: int = getattr(env.unwrapped, "num_envs", 1)
+        self.discrete = isinstance(space, gym.spaces.Discrete)
+        self.motion: Actions = np.full(self.num_envs, Motion.STAY, dtype=np.int64)
+
+    @abstractmethod
+    def choose_motion(self) -> Actions:
+        """Motions (B,) for the period that starts now."""
+
+    @abstractmethod
+    def choose_gaze(self) -> Actions:
+        """Gazes (B,) for the present gaze period."""
+
+    def decide(self) -> Actions:
+        """Actions (B, 2) for the present step: the motion under way, or a new one where its period starts."""
+        starts = self.motion_starts()
+        if starts.any():
+            self.motion = np.where(starts, self.choose_motion(), self.motion)
+        return np.stack((self.motion, self.choose_gaze()), axis=-1)
+
+    def predict(
+        self, observation: ArrayLike, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the action for the environment's present belief, and `state` untouched.
+
+        `observation` gives the shape alone: (D,) -> (2,), (B, D) -> (B, 2); with the discrete action space a scalar
+        or (B,), index 3 motion + gaze. `episode_start` and `deterministic` are there for the callers that pass them.
+        Raises ValueError when the leading axis is not the number of environments.
+        """
+        shape = np.shape(observation)
+        batch = shape[0] if len(shape) > 1 else 1
+        if batch != self.num_envs:
+            raise ValueError(
+                f"observation: of shape {shape}, {batch} environment(s); allowed: the {self.num_envs} "
+                "to which the policy is bound"
+            )
+        actions = self.decide()
+        if self.discrete:
+            actions = actions[:, 0] * len(Gaze) + actions[:, 1]
+        return (actions if len(shape) > 1 else actions[0]), state
+
+    def motion_starts(self) -> NDArray[np.bool_]:
+        """(B,) true where the next step reads its motion."""
+        return self.per_env(self.env.motion_phase) == 0
+
+    def per_env(self, value: ArrayLike) -> NDArray[Any]:
+        """`value` with the leading axis B: a number (or one per environment) -> (B,), scores (n,) -> (B, n)."""
+        value = np.asarray(value)
+        has_axis = self.batched and value.ndim > 0
+        return value if has_axis else np.broadcast_to(value, (self.num_envs, *value.shape))
+
+    def always(self, choice: int) -> Actions:
+        """(B,) the same choice for every environment."""
+        return np.full(self.num_envs, choice, dtype=np.int64)

@@ -1,0 +1,354 @@
+"""The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import baselines
+from activeslam_gym import Motion
+from agents import policies, tables
+from agents.__main__ import main
+from agents.compare import Args, compare
+from agents.evaluate import SAMPLED, Episode, _rotation_offset, run_episode
+from agents.figures import ellipse, over_rooms, quaternion_error
+from agents.files import write_csv, write_json, written_whole
+from agents.outcome import honesty, outcome
+from agents.statistics import estimate, paired_rmse
+from agents.summary import summarise
+
+ROOT = Path(__file__).parents[1]
+DURATION = 3.0
+FIGURES = {"entropies.png", "errors.png", "maps.png", "actions.png", "decision_times.png"}
+
+
+def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: Any) -> Episode:
+    """An episode of 2 s in steps of 0.5 s that removes `bits`, with one landmark of three mapped after 1 s."""
+    times = np.arange(5) * 0.5
+    ramp = times / times[-1]
+    mapped = np.array([0, 0, 1, 1, 1])
+    vectors = np.zeros((5, 3))
+    values: dict[str, Any] = {
+        "policy": policy,
+        "seed": seed,
+        "settings": "{}",
+        "lost": False,
+        "room_size": np.array([6.0, 2.0, 6.0]),
+        "times": times,
+        "entropy": 100.0 - bits * ramp,
+        "log_score": -50.0 + 2.0 * bits * ramp,
+        "landmarks_mapped": mapped,
+        "distinct_landmarks": mapped,
+        "landmark_rmse": np.where(mapped > 0, 0.03, np.inf),
+        "true_quaternion": np.tile([1.0, 0, 0, 0], (5, 1)),
+        "estimated_quaternion": np.tile([1.0, 0, 0, 0], (5, 1)),
+        "actions": np.array([[2, 1]] * 4),
+        "motion_read": np.array([True, False, True, False]),
+        "rewards": np.full(4, bits / 4),
+        "decision_us": np.full(4, 7.0),
+        "landmark_times": times[2:3],
+        "landmark_log2_det": np.array([-20.0]),
+        "true_landmarks": np.zeros((3, 3)),
+        "fiducials": np.ones((6, 3)),
+        "landmark_errors": np.array([0.03, np.nan, np.nan]),
+        "estimated_landmarks": np.full((1, 3), 0.02),
+        "landmark_covariance": np.eye(3)[None] * 1e-4,
+    }
+    values |= {n: vectors for n in SAMPLED if n not in values and n.endswith(("_offset", "_std", "_position"))}
+    values |= {name: np.ones(5) for name in SAMPLED if name not in values}
+    return Episode(**(values | changes))
+
+
+def assert_same(one: Episode, other: Episode, skip: tuple[str, ...] = ()) -> None:
+    for field in fields(Episode):
+        if field.name not in skip:
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
+
+
+# Statistics
+
+
+def test_interval_of_a_mean_covers_it_as_often_as_it_says() -> None:
+    generator = np.random.default_rng(0)
+    covered = [(e := estimate(generator.normal(size=60), "mean")).low < 0.0 < e.high for _ in range(100)]
+    assert 88 <= sum(covered) <= 100
+
+
+@pytest.mark.parametrize("statistic", ["mean", "median"])
+def test_equal_values_have_an_interval_of_no_width(statistic: Any) -> None:
+    figure = estimate([2.0, 2.0, 2.0], statistic)
+    assert (figure.value, figure.low, figure.high, figure.rooms) == (2.0, 2.0, 2.0, 3)
+
+
+def test_rooms_without_a_value_are_left_out() -> None:
+    assert estimate([1.0, np.nan, 3.0], "mean").rooms == 2
+    assert estimate([np.nan], "median").text() == "–"
+    assert estimate([1.5], "mean").text() == "1.5"
+
+
+def test_share_of_none_still_has_an_interval() -> None:
+    figure = estimate(np.zeros(20), "share")
+    assert figure.value == figure.low == 0.0
+    assert 0.1 < figure.high < 0.2
+
+
+def test_paired_rmse_takes_the_landmarks_that_both_mapped() -> None:
+    assert paired_rmse([1.0, 3.0, np.nan], [2.0, np.nan, 5.0]) == (1.0, 2.0)
+    assert np.isnan(paired_rmse([1.0, np.nan], [np.nan, 2.0])).all()
+
+
+# Episodes
+
+
+def test_episode_comes_back_from_its_file(tmp_path: Path) -> None:
+    written = episode("own:mine", lost=True)
+    written.save(tmp_path / "a" / "episode.npz")
+    read = Episode.load(tmp_path / "a" / "episode.npz")
+    assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
+    assert_same(read, written)
+
+
+def test_thinned_keeps_whole_seconds_the_end_and_the_outcome() -> None:
+    whole = episode()
+    cut = replace(whole, lost=True, **{name: getattr(whole, name)[:4] for name in SAMPLED})
+    assert whole.thinned().times.tolist() == [0.0, 1.0, 2.0]
+    assert cut.thinned().times.tolist() == [0.0, 1.0, 1.5]
+    assert outcome(whole.thinned(), 1) == outcome(whole, 1)
+
+
+def test_outcome_of_a_known_episode() -> None:
+    row = outcome(episode(bits=10.0), target_landmarks=1)
+    assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
+    assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
+    assert (row["target_time"], row["target_log2_det"]) == (1.0, -20.0)
+    assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
+    assert np.isnan(outcome(episode(), target_landmarks=2)["target_time"])
+
+
+def test_lost_belief_has_removed_no_bits() -> None:
+    assert outcome(episode(lost=True), 1)["bits"] == 0.0
+
+
+def test_honesty_counts_the_runs_alive() -> None:
+    assert honesty(episode(), 2.0)["position_nees"] == 1.0
+    assert np.isnan(honesty(episode(), 3.0)["position_nees"])
+    assert honesty(episode(lost=True), 1.0)["position_nees"] == 1.0
+    assert np.isnan(honesty(episode(lost=True), 2.0)["position_nees"])
+
+
+def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
+    estimated = Rotation.random(5, random_state=1)
+    offset = np.random.default_rng(2).normal(scale=0.1, size=(5, 3))
+    true = Rotation.from_rotvec(offset) * estimated
+    found = _rotation_offset(*(np.roll(R.as_quat(), 1, axis=-1) for R in (true, estimated)))
+    np.testing.assert_allclose(found, offset, atol=1e-12)
+    np.testing.assert_allclose(quaternion_error(offset), Rotation.from_rotvec(offset).as_quat()[:, :3], atol=1e-12)
+
+
+# Summary and tables
+
+
+def test_paired_difference_is_within_rooms() -> None:
+    runs = [episode("stay", seed, 10.0 * seed) for seed in range(4)]
+    runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(4)]
+    summary = summarise(runs, target_landmarks=1, honesty_times=(1.0,))
+    difference = summary.paired["mi-fisher"]["stay"]["bits"]
+    assert (difference.value, difference.low, difference.high, difference.rooms) == (-1.0, -1.0, -1.0, 4)
+    assert summary.policies["stay"]["bits"].value == 15.0
+    assert summary.best_baseline == "mi-fisher"
+    assert list(summary.paired) == ["mi-fisher"]
+
+
+def test_users_policy_is_compared_with_the_best_baseline() -> None:
+    summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
+    assert summary.best_baseline == "sweep"
+    assert set(summary.paired["sweep"]) == {"own:mine", "stay"}
+    assert "own:mine" in summary.notes[0]
+    assert any("mi-fisher was not run" in note for note in summary.notes)
+
+
+def test_few_rooms_are_marked() -> None:
+    few = summarise([episode(seed=seed) for seed in range(3)])
+    many = summarise([episode(seed=seed) for seed in range(20)])
+    assert "What was learned*" in tables.text(few) and "* From 3 room(s)" in tables.text(few)
+    assert "*" not in tables.text(many)
+
+
+def test_tables_are_aligned_and_complete() -> None:
+    summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)], settings={"target_landmarks": 14})
+    for table in tables.tables(summary):
+        assert {len(row) for row in table.rows} == {len(table.header)}
+    lines = tables.text(summary).splitlines()
+    assert len({len(line) for line in lines[1:4]}) == 1
+    assert "| stay | 10.0 | 20.0 |" in tables.markdown(summary)
+
+
+def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:
+    whole = episode()
+    cut = replace(whole, **{name: getattr(whole, name)[:3] for name in SAMPLED})
+    times, values = over_rooms([cut, whole], "entropy")
+    assert times.tolist() == [0.0, 1.0, 2.0]
+    np.testing.assert_array_equal(np.isnan(values), [[False, False, True], [False, False, False]])
+
+
+def test_ellipse_lies_at_two_sigmas() -> None:
+    covariance = np.array([[4.0, 1.0], [1.0, 2.0]])
+    outline = ellipse(covariance)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", outline @ np.linalg.inv(covariance), outline), 4.0)
+
+
+# Files
+
+
+def test_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    write_csv(path, [{"a": 1, "b": np.nan}])
+    with pytest.raises(KeyboardInterrupt), written_whole(path) as file:
+        file.write("half")
+        raise KeyboardInterrupt
+    assert path.read_text().splitlines() == ["a,b", "1,"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_json_has_null_for_what_is_not_finite(tmp_path: Path) -> None:
+    write_json(tmp_path / "x.json", {"a": [1.0, np.nan], "b": {"c": -np.inf}})
+    assert json.loads((tmp_path / "x.json").read_text()) == {"a": [1.0, None], "b": {"c": None}}
+
+
+# Policies by name
+
+
+def test_own_policy_is_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_policies.py").write_text(
+        "import baselines\ndef still(env):\n    return baselines.make('stay', env)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    env = gym.make("ActiveSLAM-v0")
+    observation, _ = env.reset(seed=0)
+    action, _ = policies.resolve("my_policies:still", env).predict(observation)
+    assert action[0] == Motion.STAY
+
+
+@pytest.mark.parametrize("name", ["nobody", "no.such.module:make", "json:no_such_function", ":"])
+def test_unknown_policy_is_named(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name}.*allowed"):
+        policies.factory(name)
+
+
+# The environment
+
+
+@pytest.fixture(scope="module")
+def run() -> Episode:
+    env = gym.make("ActiveSLAM-v0", duration=DURATION)
+    return run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
+
+
+def test_record_of_an_episode(run: Episode) -> None:
+    samples, steps = len(run.times), len(run.actions)
+    assert samples == steps + 1 == round(DURATION / 0.05) + 1
+    assert run.times[-1] == pytest.approx(DURATION)
+    assert all(len(getattr(run, name)) == samples for name in SAMPLED)
+    assert run.motion_read.sum() == DURATION
+    assert run.rewards.sum() == pytest.approx(run.entropy[0] - run.entropy[-1], abs=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(run.position_offset, axis=1), run.position_error, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
+    assert len(run.landmark_times) == run.landmarks_mapped.max()
+    assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
+
+
+def test_same_seed_gives_the_same_record(run: Episode) -> None:
+    env = gym.make("ActiveSLAM-v0", duration=DURATION)
+    again = run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
+    assert_same(again, run, skip=("decision_us",))
+
+
+def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    args = Args(policies=("stay", "mi-fisher"), episodes=2, duration=DURATION, out=tmp_path, jobs=1, target_landmarks=1)
+    summary = compare(args)
+    assert summary is not None and summary.settings["complete"]
+    assert {path.name for path in tmp_path.glob("*.png")} == FIGURES
+    rows = list(csv.DictReader((tmp_path / "episodes.csv").open()))
+    assert [(row["policy"], int(row["seed"]) - args.seed) for row in rows] == [
+        ("stay", 0),
+        ("stay", 1),
+        ("mi-fisher", 0),
+        ("mi-fisher", 1),
+    ]
+    bits = np.mean([float(row["bits"]) for row in rows if row["policy"] == "stay"])
+    written = json.loads((tmp_path / "summary.json").read_text())
+    assert written["policies"]["stay"]["bits"]["value"] == pytest.approx(bits)
+    assert (tmp_path / "summary.md").read_text().startswith("# Comparison")
+
+    monkeypatch.setattr("agents.compare.run_task", lambda task: pytest.fail("an episode was run again"))
+    assert compare(replace(args, resume=True)) == summary
+
+
+def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(task: Any) -> Episode:
+        if task.seed > 0:
+            raise KeyboardInterrupt
+        return episode(task.policy, task.seed)
+
+    monkeypatch.setattr("agents.compare.run_task", interrupted)
+    summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1, figures=False))
+    assert summary is not None
+    assert summary.notes[-1] == "Interrupted: 2 of 10 episodes."
+    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3
+
+
+def test_missing_matplotlib_costs_the_figures_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("agents.compare.find_spec", lambda name: None)
+    monkeypatch.setattr("agents.compare.run_task", lambda task: episode(task.policy, task.seed))
+    command = ["compare", "--policies", "stay", "--policy", "sweep", "--episodes", "2", "--jobs", "1"]
+    assert main([*command, "--out", str(tmp_path)]) == 0
+    assert "matplotlib is not installed" in capsys.readouterr().out
+    assert not list(tmp_path.glob("*.png"))
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--policies", "nobody"], "nobody"),
+        (["--scenario", "nowhere"], "nowhere"),
+        (["--duration", "-1"], "duration"),
+    ],
+)
+def test_bad_argument_is_named(flags: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["compare", *flags]) == 2
+    assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", [{"episodes": 0}, {"jobs": 0}, {"seed": -1}, {"policies": ()}])
+def test_bad_number_is_named(change: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=next(iter(change))):
+        Args(**change)
+
+
+def test_command_line_in_processes_without_torch(tmp_path: Path) -> None:
+    (tmp_path / "torch.py").write_text("raise ImportError('torch was imported')\n")
+    paths = [str(tmp_path), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    command = [sys.executable, "-m", "agents", "compare", "--policies", "stay", "random", "--episodes", "2"]
+    done = subprocess.run(
+        [*command, "--jobs", "2", "--duration", "1", "--no-figures", "--out", str(tmp_path / "out")],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "What was learned" in done.stdout
+    assert len(list((tmp_path / "out" / "episodes").glob("*.npz"))) == 4

@@ -1,0 +1,82 @@
+"""The project around the code: what an import costs, what is installed, and that the README tells the truth."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).resolve().parents[1]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+README_SNIPPETS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+
+
+def run_elsewhere(code: str, cwd: Path) -> str:
+    """What ``code`` prints in a fresh interpreter that does not stand in the clone."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("module", "too_slow"),
+    [
+        ("activeslam_gym", ["torch", "matplotlib", "stable_baselines3", "scipy.stats"]),
+        ("baselines", ["torch", "matplotlib", "stable_baselines3", "scipy.stats"]),
+        ("agents.compare", ["torch", "stable_baselines3"]),  # compare works without them
+        ("agents.__main__", ["torch", "stable_baselines3"]),
+    ],
+)
+def test_import_is_light(module: str, too_slow: list[str], tmp_path: Path) -> None:
+    code = f"import json, sys, {module}; print(json.dumps([name for name in {too_slow} if name in sys.modules]))"
+    assert json.loads(run_elsewhere(code, tmp_path)) == []
+
+
+def test_editable_install_exposes_the_upper_floors(tmp_path: Path) -> None:
+    code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
+    assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
+
+
+def test_wheel_holds_the_environment_alone() -> None:
+    setuptools = pytest.importorskip("setuptools")
+    include = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
+    packages = setuptools.find_packages(str(ROOT), include=include)
+    assert {package.split(".")[0] for package in packages} == {"activeslam_gym"}
+    folders = {path.parent.relative_to(ROOT) for path in (ROOT / "activeslam_gym").rglob("*.py")}
+    assert {".".join(folder.parts) for folder in folders} == set(packages), "a package without an __init__.py"
+    assert (ROOT / "activeslam_gym" / "py.typed").is_file()
+
+
+def test_version_is_said_alike_everywhere() -> None:
+    import activeslam_gym
+
+    version = PYPROJECT["project"]["version"]
+    assert activeslam_gym.__version__ == version
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(rf"^## .*\b{re.escape(version)}\b", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+
+
+def test_readme_has_a_snippet() -> None:
+    assert README_SNIPPETS
+
+
+@pytest.mark.parametrize("snippet", README_SNIPPETS)
+def test_readme_snippet_runs(snippet: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(snippet, "<README.md>", "exec", dont_inherit=True), {"__name__": "readme"})
+
+
+def test_readme_links_to_files_that_exist() -> None:
+    text = re.sub(r"<!--.*?-->", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    links = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
+    assert links
+    assert not [link for link in links if not (ROOT / link).exists()]

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import gymnasium
 
+from activeslam_gym import compilation
 from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMDiscreteEnv, ActiveSLAMEnv
 from activeslam_gym.envs.observation import ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
 __version__ = "0.1.0"
+
+compilation.discard_stale_kernels()  # before any kernel is called, which is when Numba looks for its cache
 
 __all__ = [
     "SCENARIOS",

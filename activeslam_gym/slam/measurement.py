@@ -136,7 +136,7 @@ def measure_row(
         H_y[:] = 0.0
         return seen
     if belief.kind[slot] == POINT:
-        return point_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
+        return point_measurement(camera, belief.camera, R_WC, belief.feature[slot, :3], z, H_x, H_y)
     if belief.kind[slot] == INVERSE_DEPTH:
         return inverse_depth_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
     return False

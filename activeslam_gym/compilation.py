@@ -1,0 +1,36 @@
+"""The compiled kernels' cache: discard what an edit has made stale.
+
+Numba checks the source of the function that it loads, not of the functions that it was compiled with; after an edit or a
+``git pull`` a kernel in an untouched file would still hold the old code of its callees.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from pathlib import Path
+
+_PACKAGE = Path(__file__).parent
+_STAMP = _PACKAGE / "__pycache__" / "kernels.stamp"
+
+
+def discard_stale_kernels() -> None:
+    """Delete the package's cached kernels if any of its sources has changed since they were stamped.
+
+    A package directory that cannot be written has no cache of its own, and nothing is done.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(_PACKAGE.rglob("*.py")):
+        status = source.stat()
+        digest.update(f"{source.relative_to(_PACKAGE)} {status.st_mtime_ns} {status.st_size}\n".encode())
+    stamp = digest.hexdigest()
+    with contextlib.suppress(OSError):
+        if _STAMP.is_file() and _STAMP.read_text() == stamp:
+            return
+        _STAMP.parent.mkdir(exist_ok=True)
+        for pattern in ("*.nbi", "*.nbc"):
+            for kernel in _PACKAGE.rglob(pattern):
+                kernel.unlink(missing_ok=True)
+        partial = _STAMP.with_suffix(".partial")
+        partial.write_text(stamp)
+        partial.replace(_STAMP)

@@ -19,7 +19,15 @@ from numba import njit
 
 from activeslam_gym.camera import CameraModel, inside_image
 from activeslam_gym.geometry import rotate_left, rotation_matrix
-from activeslam_gym.linalg import cholesky_in_place, log2_det, log2_det_of_factor, solve_transposed, subtract_gram
+from activeslam_gym.linalg import (
+    cholesky_in_place,
+    log2_det,
+    log2_det_3,
+    log2_det_of_factor,
+    solve_transposed,
+    solve_transposed_vector,
+    subtract_gram,
+)
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -71,14 +79,14 @@ def update_expectation(expectation: Expectation, belief: Belief, points: np.ndar
         if slot >= 0 and (belief.kind[slot] == FREE or belief.serial[slot] != expectation.serial[e]):
             expectation.slot[e] = -1
     prior = np.diag(expectation.variance)
-    bound = log2_det(prior)
+    bound = log2_det_3(prior)
     for k in range(belief.size[FEATURES]):
         slot = belief.order[k]
         if belief.kind[slot] == RAY or np.any(expectation.slot == slot):
             continue
         at = CAMERA_DIM + 3 * k
         P_y = covariance[at : at + 3, at : at + 3]
-        if log2_det(P_y) < bound:  # False for NaN
+        if log2_det_3(P_y) < bound:  # False for NaN
             e = _nearest_expected(expectation, points[k], P_y + prior)
             if e < 0:
                 return
@@ -92,11 +100,10 @@ def _nearest_expected(expectation: Expectation, y: np.ndarray, covariance: np.nd
     U = covariance.copy()
     cholesky_in_place(U)
     best, nearest = -1, np.inf
-    d = np.empty((3, 1))
     for e in range(expectation.slot.shape[0]):
         if expectation.slot[e] < 0:
-            d[:, 0] = expectation.points[e] - y
-            solve_transposed(U, d)
+            d = expectation.points[e] - y
+            solve_transposed_vector(U, d)
             square = np.sum(d * d)
             if square < nearest:
                 best, nearest = e, square

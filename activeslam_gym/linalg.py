@@ -10,26 +10,55 @@ import math
 import numpy as np
 from numba import njit
 
+_FUSE = {"contract"}
+"""Let a product and a sum become one fused operation; sums are never reordered."""
 
-@njit(cache=True)
+
+@njit(cache=True, fastmath=_FUSE)
 def cholesky_in_place(A: np.ndarray) -> bool:
-    """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite."""
+    """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
+
+    Right-looking, four pivots at a time, so that the rest is loaded and stored once for four of them. What stands
+    below the diagonal afterwards means nothing.
+    """
     n = A.shape[0]
-    for k in range(n):
-        pivot = A[k, k]
-        if not (pivot > 0.0 and pivot < np.inf):  # catches NaN too
-            return False
-        root = math.sqrt(pivot)
-        A[k, k] = root
-        inverse = 1.0 / root
-        for j in range(k + 1, n):
-            A[k, j] *= inverse
-        for i in range(k + 1, n):
-            factor = A[k, i]
-            if factor != 0.0:
-                for j in range(i, n):
-                    A[i, j] -= factor * A[k, j]
+    for first in range(0, n, 4):
+        last = min(first + 4, n)
+        for k in range(first, last):
+            for p in range(first, k):
+                factor = A[p, k]
+                for j in range(k, n):
+                    A[k, j] -= factor * A[p, j]
+            pivot = A[k, k]
+            if not (pivot > 0.0 and pivot < np.inf):  # catches NaN too
+                return False
+            inverse = 1.0 / math.sqrt(pivot)
+            for j in range(k, n):
+                A[k, j] *= inverse
+        if last < n:
+            _eliminate_four(A, first)
     return True
+
+
+@njit(cache=True, fastmath=_FUSE)
+def _eliminate_four(A: np.ndarray, first: int) -> None:
+    """Subtract the outer products of the finished rows ``first`` … ``first + 3`` from the rest, two rows at a time."""
+    n = A.shape[0]
+    u0, u1, u2, u3 = A[first], A[first + 1], A[first + 2], A[first + 3]
+    start = first + 4
+    if (n - start) % 2 == 1:  # an odd row first
+        row, f0, f1, f2, f3 = A[start], u0[start], u1[start], u2[start], u3[start]
+        for j in range(start, n):
+            row[j] = row[j] - f0 * u0[j] - f1 * u1[j] - f2 * u2[j] - f3 * u3[j]
+        start += 1
+    for i in range(start, n, 2):
+        upper, lower = A[i], A[i + 1]
+        f0, f1, f2, f3 = u0[i], u1[i], u2[i], u3[i]
+        g0, g1, g2, g3 = u0[i + 1], u1[i + 1], u2[i + 1], u3[i + 1]
+        for j in range(i, n):
+            x0, x1, x2, x3 = u0[j], u1[j], u2[j], u3[j]
+            upper[j] = upper[j] - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3
+            lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
 
 
 @njit(cache=True)
@@ -41,19 +70,30 @@ def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     return 2.0 * total
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=_FUSE)
 def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     """Overwrite ``B`` (n, m) with U^{-T} B."""
     n, m = B.shape
     for i in range(n):
+        row = B[i]
         for k in range(i):
-            factor = U[k, i]
-            if factor != 0.0:
-                for j in range(m):
-                    B[i, j] -= factor * B[k, j]
+            factor, other = U[k, i], B[k]
+            for j in range(m):
+                row[j] -= factor * other[j]
         inverse = 1.0 / U[i, i]
         for j in range(m):
-            B[i, j] *= inverse
+            row[j] *= inverse
+
+
+@njit(cache=True, fastmath=_FUSE)
+def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
+    """Overwrite the vector ``b`` (n,) with U^{-T} b; U may have more rows than b."""
+    n = b.shape[0]
+    for k in range(n):
+        b[k] /= U[k, k]
+        factor = b[k]
+        for j in range(k + 1, n):
+            b[j] -= factor * U[k, j]
 
 
 @njit(cache=True)
@@ -65,14 +105,32 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W with W (m, >= n). Both triangles get the same operations, so P stays symmetric to the bit."""
     m = W.shape[0]
-    for i in range(n):
-        row = P[i]
-        for r in range(m):
-            factor = W[r, i]
-            if factor != 0.0:
-                for j in range(n):
-                    row[j] -= factor * W[r, j]
+    whole = m - m % 4
+    for r in range(0, whole, 4):
+        w0, w1, w2, w3 = W[r], W[r + 1], W[r + 2], W[r + 3]
+        for i in range(n):
+            f0, f1, f2, f3 = w0[i], w1[i], w2[i], w3[i]
+            row = P[i]
+            for j in range(n):
+                row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
+    for r in range(whole, m):
+        w = W[r]
+        for i in range(n):
+            factor, row = w[i], P[i]
+            for j in range(n):
+                row[j] -= factor * w[j]
+
+
+@njit(cache=True)
+def log2_det_3(A: np.ndarray) -> float:
+    """log2 |A| of a symmetric 3 x 3 matrix in closed form, or NaN where the determinant is not positive."""
+    det = (
+        A[0, 0] * (A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1])
+        - A[0, 1] * (A[1, 0] * A[2, 2] - A[1, 2] * A[2, 0])
+        + A[0, 2] * (A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0])
+    )
+    return math.log2(det) if det > 0.0 else np.nan

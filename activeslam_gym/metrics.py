@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.geometry import rotation_error
-from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed
+from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -41,16 +41,16 @@ def nees(error: np.ndarray, covariance: np.ndarray) -> float:
     U = covariance.copy()
     if not cholesky_in_place(U):
         return np.inf
-    e = error.copy().reshape((-1, 1))
-    solve_transposed(U, e)
+    e = error.copy()
+    solve_transposed_vector(U, e)
     return np.sum(e * e)
 
 
 @njit(cache=True)
 def log2_normal_of_factor(error: np.ndarray, U: np.ndarray) -> float:
-    """log2 N(error; 0, P) [bit] of ``error`` (n, 1), which is overwritten; P = U^T U, of which U may have more rows."""
+    """log2 N(error; 0, P) [bit] of ``error`` (n,), which is overwritten; P = U^T U, of which U may have more rows."""
     n = error.shape[0]
-    solve_transposed(U[:n, :n], error)
+    solve_transposed_vector(U, error)
     square = np.sum(error * error)
     return -0.5 * (n * math.log2(2.0 * math.pi) + log2_det_of_factor(U, 0, n) + square * math.log2(math.e))
 

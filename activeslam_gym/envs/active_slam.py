@@ -202,7 +202,7 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     @property
     def belief(self) -> PublicBelief:
         """The belief, with every feature as a point; read-only."""
-        return readout.public_belief(self.setting, self._run)
+        return readout.public_belief(self._run)
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.
@@ -257,11 +257,11 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     @property
     def landmark_errors(self) -> np.ndarray:
         """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
-        return readout.landmark_distances(self.setting, self._run)
+        return readout.landmark_distances(self._run)
 
     def nees(self) -> dict[str, float]:
         """NEES per degree of freedom of ``position``, ``orientation`` and ``landmarks`` (mean of the mapped; NaN if none)."""
-        return readout.nees_per_dof(self.setting, self._run)
+        return readout.nees_per_dof(self._run)
 
     def snapshot(self) -> Snapshot:
         """All that a picture of this moment needs."""

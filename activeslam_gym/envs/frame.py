@@ -70,6 +70,8 @@ class Simulation(NamedTuple):
     """(F, 3) features of the public belief, oldest first [m]."""
     covariance: np.ndarray
     """(12 + 3 F, 12 + 3 F) covariance of the public belief."""
+    mapped: np.ndarray
+    """(F,) bool: which features of the public belief are mapped."""
     events: np.ndarray
     """(6,) counters of the last step; see EVENTS."""
 
@@ -93,12 +95,17 @@ def empty_simulation(scenario: Scenario) -> Simulation:
             np.zeros(scenario.landmark_count, np.int64),
             np.zeros(scenario.landmark_count, np.int64),
         ),
-        labels=Labels(np.zeros((features, points + 1), np.int64), np.zeros(features, np.int64)),
+        labels=Labels(
+            votes=np.zeros((features, points + 1), np.int64),
+            serial=np.zeros(features, np.int64),
+            owner=np.zeros(features, np.int64),
+        ),
         detections=Detections(np.zeros((rows, 2)), np.zeros(rows, np.int64), np.zeros(1, np.int64)),
         match=np.zeros(rows, np.int64),
         control=Control(np.zeros(3), np.zeros(3), np.zeros(2, np.int64)),
         points=np.zeros((features, 3)),
         covariance=np.zeros((CAMERA_DIM + 3 * features, CAMERA_DIM + 3 * features)),
+        mapped=np.zeros(features, np.bool_),
         events=np.zeros(len(EVENTS), np.int64),
     )
 

@@ -15,7 +15,7 @@ from activeslam_gym.camera import CameraModel, camera_from_world, inside_image, 
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Expectation
-from activeslam_gym.linalg import log2_det
+from activeslam_gym.linalg import log2_det_3
 from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT, POSITION, QUATERNION, MotionModel
 from activeslam_gym.slam.belief import FEATURES, FREE, Belief, feature_capacity
 
@@ -202,7 +202,7 @@ def _uncertainty(belief: Belief, y: np.ndarray, P_y: np.ndarray, token: np.ndarr
     for i in range(3):
         for j in range(3):
             along += sight[i] * P_y[i, j] * sight[j]
-    log2_deviation = log2_det(P_y) / 6.0
+    log2_deviation = log2_det_3(P_y) / 6.0
     token[4] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
     token[5] = _log_deviation(math.sqrt(max(along, 0.0)) / square)
 

@@ -10,7 +10,7 @@ from numba import njit
 from activeslam_gym.camera import CameraModel
 from activeslam_gym.envs.frame import EVENTS, Simulation
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.envs.scoring import features_of_landmarks, landmark_errors, mapped_features
+from activeslam_gym.envs.scoring import features_of_landmarks, landmark_errors
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import (
     ENTROPY,
@@ -63,7 +63,7 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     return copy
 
 
-def public_belief(setting: Setting, run: Run) -> PublicBelief:
+def public_belief(run: Run) -> PublicBelief:
     """A read-only copy of the public belief."""
     simulation, values = run.simulation, run.step.values
     camera, n = simulation.belief.camera, int(simulation.belief.size[FEATURES])
@@ -74,7 +74,7 @@ def public_belief(setting: Setting, run: Run) -> PublicBelief:
         velocity=_frozen(camera[VELOCITY]),
         angular_velocity=_frozen(camera[ANGULAR_VELOCITY]),
         landmarks=_frozen(simulation.points[:n]),
-        mapped=_frozen(mapped_features(simulation.belief, setting.task.mapped_depth_ratio)),
+        mapped=_frozen(simulation.mapped[:n]),
         covariance=_frozen(simulation.covariance[:size, :size]),
         log2_dets={
             "camera": float(values[LOG2_CAMERA]),
@@ -103,26 +103,25 @@ def _fiducial_count(run: Run) -> int:
 
 
 @njit(cache=True)
-def _mapped_landmarks(simulation: Simulation, ratio: float) -> tuple[np.ndarray, np.ndarray]:
+def _mapped_landmarks(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """(L,) position k of each true landmark's mapped feature, or -1; (L,) its distance [m], or NaN."""
     N = simulation.expectation.points.shape[0]
     K = simulation.world.points.shape[0] - N
-    mapped = mapped_features(simulation.belief, ratio)
-    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, K, N, mapped)
+    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, simulation.mapped)
     return of_landmark, landmark_errors(simulation.world, simulation.points, of_landmark, K)
 
 
-def landmark_distances(setting: Setting, run: Run) -> np.ndarray:
+def landmark_distances(run: Run) -> np.ndarray:
     """(L,) distance of each true landmark from its mapped feature [m]; NaN where it has none."""
-    return _mapped_landmarks(run.simulation, setting.task.mapped_depth_ratio)[1]
+    return _mapped_landmarks(run.simulation)[1]
 
 
-def nees_per_dof(setting: Setting, run: Run) -> dict[str, float]:
+def nees_per_dof(run: Run) -> dict[str, float]:
     """NEES over its degrees of freedom; for landmarks the mean over the mapped ones, NaN if there are none."""
     simulation = run.simulation
     error = camera_error(simulation.world.camera, simulation.belief.camera)
     P = simulation.covariance
-    of_landmark, _ = _mapped_landmarks(simulation, setting.task.mapped_depth_ratio)
+    of_landmark, _ = _mapped_landmarks(simulation)
     K = _fiducial_count(run)
     landmarks = []
     for landmark, k in enumerate(of_landmark.tolist()):
@@ -167,7 +166,7 @@ def _predicted_ellipses(camera: CameraModel, run: Run) -> tuple[np.ndarray, np.n
 
 def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Snapshot:
     """The present moment of a run."""
-    belief, truth = public_belief(setting, run), truth_of(run)
+    belief, truth = public_belief(run), truth_of(run)
     simulation = run.simulation
     predicted, predicted_covariance = _predicted_ellipses(setting.models.camera, run)
     scenario = setting.scenario

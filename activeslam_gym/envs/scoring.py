@@ -22,6 +22,8 @@ class Labels(NamedTuple):
     """(F, P + 1) detections of each true point that were matched to the slot's feature; the last column: clutter."""
     serial: np.ndarray
     """(F,) serial number of the feature that the votes are of."""
+    owner: np.ndarray
+    """(F,) index of the true landmark that most of the feature's detections were of, or -1."""
 
 
 @njit(cache=True)
@@ -36,6 +38,7 @@ def vote(labels: Labels, belief: Belief, fiducial_count: int, match: np.ndarray,
         if belief.kind[slot] != FREE and labels.serial[slot] != belief.serial[slot]:
             labels.serial[slot] = belief.serial[slot]
             labels.votes[slot] = 0
+            labels.owner[slot] = -1
     for i in range(match.shape[0]):
         if match[i] < 0:
             continue
@@ -44,43 +47,38 @@ def vote(labels: Labels, belief: Belief, fiducial_count: int, match: np.ndarray,
             wrong += truth[i] != match[i]
         elif belief.kind[slot] != FREE:
             labels.votes[slot, truth[i]] += 1  # clutter, -1, is the last column
-            wrong += truth[i] != np.argmax(labels.votes[slot])
+            best = int(np.argmax(labels.votes[slot]))
+            labels.owner[slot] = _owned_landmark(labels.votes[slot], best, fiducial_count)
+            wrong += truth[i] != best
     return wrong
 
 
 @njit(cache=True)
-def owner(labels: Labels, slot: int, fiducial_count: int) -> int:
-    """Index of the true landmark that most of the feature's detections were of, or -1."""
-    votes = labels.votes[slot]
-    best = int(np.argmax(votes))
+def _owned_landmark(votes: np.ndarray, best: int, fiducial_count: int) -> int:
+    """The landmark with the most votes, ``best``, if it is one and has more than half of them, or -1."""
     is_landmark = fiducial_count <= best < votes.shape[0] - 1
     return best - fiducial_count if is_landmark and 2 * votes[best] > np.sum(votes) else -1
 
 
 @njit(cache=True)
-def features_of_landmarks(
-    labels: Labels, belief: Belief, fiducial_count: int, landmark_count: int, eligible: np.ndarray
-) -> np.ndarray:
+def features_of_landmarks(labels: Labels, belief: Belief, landmark_count: int, eligible: np.ndarray) -> np.ndarray:
     """For each true landmark the oldest eligible feature that is mostly its own, as its position k by age, or -1.
 
-    ``eligible`` (n,) bool, by age.
+    ``eligible`` (>= n,) bool, by age.
     """
     out = np.full(landmark_count, -1)
     for k in range(belief.size[FEATURES]):
-        if eligible[k]:
-            landmark = owner(labels, belief.order[k], fiducial_count)
-            if landmark >= 0 and out[landmark] < 0:
-                out[landmark] = k
+        landmark = labels.owner[belief.order[k]]
+        if eligible[k] and landmark >= 0 and out[landmark] < 0:
+            out[landmark] = k
     return out
 
 
 @njit(cache=True)
-def mapped_features(belief: Belief, ratio: float) -> np.ndarray:
-    """(n,) bool, by age: whether sigma_depth / depth is under ``ratio``."""
-    out = np.empty(belief.size[FEATURES], np.bool_)
+def find_mapped(belief: Belief, ratio: float, out: np.ndarray) -> None:
+    """Write into ``out`` (>= n,) bool, by age, whether sigma_depth / depth is under ``ratio``."""
     for k in range(belief.size[FEATURES]):
         out[k] = depth_ratio(belief, belief.order[k]) < ratio
-    return out
 
 
 @njit(cache=True)
@@ -113,17 +111,17 @@ def log2_density(
     that begins with the features of ``of_landmark``, in its order, and the camera.
     """
     standing = int(np.sum(of_landmark >= 0))
-    error = np.empty((3 * standing + CAMERA_DIM, 1))
+    error = np.empty(3 * standing + CAMERA_DIM)
     rest = 0.0
     at = 0
     for i in range(of_landmark.shape[0]):
         y = world.points[fiducial_count + i]
         if of_landmark[i] >= 0:
-            error[at : at + 3, 0] = y - points[of_landmark[i]]
+            error[at : at + 3] = y - points[of_landmark[i]]
             at += 3
         else:
             for axis in range(3):
                 variance = expectation.variance[axis]
                 rest -= 0.5 * (math.log2(2.0 * math.pi * variance) + y[axis] ** 2 / variance * math.log2(math.e))
-    error[at:, 0] = camera_error(world.camera, belief.camera)
+    error[at:] = camera_error(world.camera, belief.camera)
     return rest + log2_normal_of_factor(error, U)

@@ -11,7 +11,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.envs.frame import Models, Simulation, advance, begin_motion, empty_simulation, reset_simulation
 from activeslam_gym.envs.observation import GLOBAL_SIZE, TOKEN_SIZE, clip_into, layout_of, observe_globals, observe_tokens
 from activeslam_gym.envs.reward import REWARDS, potentials
-from activeslam_gym.envs.scoring import features_of_landmarks, landmark_errors, log2_density, mapped_features
+from activeslam_gym.envs.scoring import features_of_landmarks, find_mapped, landmark_errors, log2_density
 from activeslam_gym.information import (
     CAMERA,
     MAP,
@@ -26,7 +26,7 @@ from activeslam_gym.information import (
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION
-from activeslam_gym.slam.belief import point_belief
+from activeslam_gym.slam.belief import FEATURES, point_belief
 
 VALUES = (
     "entropy",
@@ -165,10 +165,11 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
     K = world.points.shape[0] - N
     n = point_belief(belief, points, P)
     update_expectation(expectation, belief, points, P)
-    first, second, rest, of_landmark = _ordered_features(simulation, n, N, K)
+    first, second, rest, of_landmark = _ordered_features(simulation, n, N)
     U = gathered(P, first, np.concatenate((second, rest)))
     sound = cholesky_in_place(U)
-    _evaluate_errors(task, run, n, N, K)
+    find_mapped(belief, task.mapped_depth_ratio, simulation.mapped)
+    _evaluate_errors(run, n, N, K)
     step.status[LOST] = not sound or step.values[POSITION_ERROR] > task.lost_position_error
     step.terms[:] = 0.0
     if not sound:
@@ -186,13 +187,13 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
 
 @njit(cache=True)
 def _ordered_features(
-    simulation: Simulation, n: int, N: int, K: int
+    simulation: Simulation, n: int, N: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Features by position k: those that count and stand for a landmark, the others that count, the rest; (L,) k."""
     counting = counting_features(simulation.expectation, simulation.belief)
     eligible = np.zeros(n, np.bool_)
     eligible[counting] = True
-    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, K, N, eligible)
+    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, eligible)
     first = of_landmark[of_landmark >= 0]
     standing = np.zeros(n, np.bool_)
     standing[first] = True
@@ -200,15 +201,15 @@ def _ordered_features(
 
 
 @njit(cache=True)
-def _evaluate_errors(task: Task, run: Run, n: int, N: int, K: int) -> None:
+def _evaluate_errors(run: Run, n: int, N: int, K: int) -> None:
     """Errors against the truth, and counts of what is mapped."""
     simulation, values = run.simulation, run.step.values
     error = camera_error(simulation.world.camera, simulation.belief.camera)
     values[POSITION_ERROR] = np.sqrt(np.sum(error[D_POSITION] ** 2))
     values[ORIENTATION_ERROR] = np.sqrt(np.sum(error[D_ROTATION] ** 2))
     values[NEES] = nees(error[D_POSITION], simulation.covariance[D_POSITION, D_POSITION])
-    mapped = mapped_features(simulation.belief, task.mapped_depth_ratio)
-    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, K, N, mapped)
+    mapped = simulation.mapped[:n]
+    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, mapped)
     distances = landmark_errors(simulation.world, simulation.points, of_landmark, K)
     values[MAPPED] = np.sum(mapped)
     values[DISTINCT] = np.sum(of_landmark >= 0)
@@ -223,7 +224,7 @@ def observe(models: Models, task: Task, run: Run) -> None:
     belief, expectation = simulation.belief, simulation.expectation
     N = expectation.points.shape[0]
     K = simulation.world.points.shape[0] - N
-    mapped = mapped_features(belief, task.mapped_depth_ratio)
+    mapped = simulation.mapped[: belief.size[FEATURES]]
     flat = np.empty(step.observation.shape[0])
     phase = (step.status[STEPS] % task.steps_per_motion) / task.steps_per_motion
     observe_globals(

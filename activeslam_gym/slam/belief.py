@@ -205,12 +205,13 @@ def depth_ratio(belief: Belief, slot: int) -> float:
     at = belief.start[slot]
     if belief.kind[slot] == INVERSE_DEPTH:
         return math.sqrt(max(belief.covariance[at + 5, at + 5], 0.0)) / belief.feature[slot, 5]
-    sight = belief.feature[slot, :3] - belief.camera[POSITION]
-    square = np.sum(sight * sight)
-    variance = 0.0
+    square, variance = 0.0, 0.0
     for i in range(3):
+        sight_i = belief.feature[slot, i] - belief.camera[i]
+        square += sight_i * sight_i
         for j in range(3):
-            variance += sight[i] * belief.covariance[at + i, at + j] * sight[j]
+            sight_j = belief.feature[slot, j] - belief.camera[j]
+            variance += sight_i * belief.covariance[at + i, at + j] * sight_j
     return math.sqrt(max(variance, 0.0)) / max(square, 1e-12)
 
 
@@ -221,53 +222,49 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     Writes ``points`` (>= n, 3) [m] and the leading 12 + 3 n rows and columns of ``covariance``: T P T^T with T the
     identity for the camera and for points, plus, for a ray, the variance of its particles along it.
     """
-    n = belief.size[FEATURES]
-    dim = belief.size[DIM]
-    P = belief.covariance
-    half = np.empty((CAMERA_DIM + 3 * n, dim))
+    n, dim, P = belief.size[FEATURES], belief.size[DIM], belief.covariance
+    size = CAMERA_DIM + 3 * n
+    half = np.empty((size, dim))
     half[:CAMERA_DIM] = P[:CAMERA_DIM, :dim]
     Ts = np.empty((n, 3, FEATURE_SIZE))
     for k in range(n):
         slot = belief.order[k]
         points[k] = point_of(belief, slot, Ts[k])
         _rows_times(Ts[k], P[belief.start[slot] :], KIND_DIM[belief.kind[slot]], half[CAMERA_DIM + 3 * k :], dim)
-    for i in range(CAMERA_DIM + 3 * n):
-        covariance[i, :CAMERA_DIM] = half[i, :CAMERA_DIM]
+    covariance[:size, :CAMERA_DIM] = half[:, :CAMERA_DIM]
     for k in range(n):
         slot = belief.order[k]
         at, width, to = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
         _columns_times(half, at, width, Ts[k], covariance, to)
         if belief.kind[slot] == RAY:
             m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])[0]
-            for i in range(3):
-                for j in range(3):
-                    covariance[to + i, to + j] += belief.depth[slot, 1] * m[i] * m[j]
+            covariance[to : to + 3, to : to + 3] += belief.depth[slot, 1] * np.outer(m, m)
     return n
 
 
 @njit(cache=True)
 def _rows_times(T: np.ndarray, rows: np.ndarray, width: int, out: np.ndarray, n: int) -> None:
-    """out[:3, :n] = T[:, :width] rows[:width, :n], a plain copy for a point."""
-    if width == 3:
-        out[:3, :n] = rows[:3, :n]
-        return
+    """out[:3, :n] = T[:, :width] rows[:width, :n]; the leading three columns of T are the identity."""
     for i in range(3):
+        to, source = out[i], rows[i]
         for j in range(n):
-            out[i, j] = rows[i, j]
+            to[j] = source[j]
         for k in range(3, width):
+            factor, source = T[i, k], rows[k]
             for j in range(n):
-                out[i, j] += T[i, k] * rows[k, j]
+                to[j] += factor * source[j]
 
 
 @njit(cache=True)
 def _columns_times(half: np.ndarray, at: int, width: int, T: np.ndarray, out: np.ndarray, to: int) -> None:
-    """out[:, to:to+3] = half[:, at:at+width] T[:, :width]^T, a plain copy for a point."""
+    """out[:, to:to+3] = half[:, at:at+width] T[:, :width]^T; the leading three columns of T are the identity."""
     for i in range(half.shape[0]):
+        source, target = half[i], out[i]
         for j in range(3):
-            value = half[i, at + j]
+            value = source[at + j]
             for k in range(3, width):
-                value += half[i, at + k] * T[j, k]
-            out[i, to + j] = value
+                value += source[at + k] * T[j, k]
+            target[to + j] = value
 
 
 # Change of the map --------------------------------------------------------------------------------------------------

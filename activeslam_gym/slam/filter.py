@@ -54,7 +54,7 @@ def filter_frame(
     _reweight_rays(model, belief, rays, K, pixels, match)
     _count_misses(belief, predictions, rays, K, match)
     _update_by(camera, model, belief, fiducials, predictions, pixels, match)
-    counters[CONVERSIONS] += mature(model, belief)
+    counters[CONVERSIONS] += mature(model, belief, match[match >= K] - K)
     counters[DELETIONS] += delete_failed(model, belief)
     for i in follow_candidates(camera, model, belief, pixels, match):
         if give_birth(camera, model, belief, pixels[i]):

@@ -174,20 +174,17 @@ def _ray_count(belief: Belief) -> int:
 
 
 @njit(cache=True)
-def mature(model: FilterModel, belief: Belief) -> int:
-    """Turn into points the features that are ready for it; returns how many.
+def mature(model: FilterModel, belief: Belief, slots: np.ndarray) -> int:
+    """Turn into points those of the just measured features ``slots`` (m,) that are ready; returns how many.
 
     A ray is ready at the paper's ratio of depth deviation to depth; inverse depth when its linearity index is small.
     """
     count = 0
-    for k in range(belief.size[FEATURES]):
-        slot = belief.order[k]
+    for slot in slots:
         if belief.kind[slot] == RAY:
             ready = depth_ratio(belief, slot) < model.mapped_depth_ratio
-        elif belief.kind[slot] == INVERSE_DEPTH:
-            ready = linearity_index(belief, slot) < model.linearity_threshold
         else:
-            continue
+            ready = belief.kind[slot] == INVERSE_DEPTH and linearity_index(belief, slot) < model.linearity_threshold
         if ready:
             convert_to_point(belief, slot)
             count += 1

@@ -52,6 +52,12 @@ def camera_from_world(R_WC: np.ndarray, v_W: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
+def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """p_C = R_WC^T (y - p) (3,) of the world point ``y`` (3,); ``pose`` begins with the position p."""
+    return camera_from_world(R_WC, np.array((y[0] - pose[0], y[1] - pose[1], y[2] - pose[2])))
+
+
+@njit(cache=True)
 def pixel_from_camera_point(camera: CameraModel, p_C: np.ndarray, z: np.ndarray) -> bool:
     """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
     if p_C[2] <= 0.0:

@@ -34,7 +34,10 @@ def quaternion_exp(phi: np.ndarray) -> np.ndarray:
 def rotate_left(phi: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Exp(phi) q, normalised: the paper's left-multiplied quaternion transition."""
     out = quaternion_product(quaternion_exp(phi), q)
-    return out / math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
+    norm = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
+    for i in range(4):
+        out[i] /= norm
+    return out
 
 
 @njit(cache=True)
@@ -42,11 +45,11 @@ def rotation_error(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
     """Log(R_true R_hat^T) (3,) [rad], the shorter way round: the tangent error of an orientation estimate."""
     conjugate = np.array((q_hat[0], -q_hat[1], -q_hat[2], -q_hat[3]))
     q = quaternion_product(q_true, conjugate)
-    if q[0] < 0.0:
-        q = -q
     sine = math.sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, q[0]) / sine
-    return scale * q[1:]
+    scale = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, abs(q[0])) / sine
+    if q[0] < 0.0:
+        scale = -scale
+    return np.array((scale * q[1], scale * q[2], scale * q[3]))
 
 
 @njit(cache=True)
@@ -67,27 +70,6 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True)
-def quaternion_from_matrix(R: np.ndarray) -> np.ndarray:
-    """Unit quaternion (4,), scalar first and not negative, of a rotation matrix (3, 3) (Shepperd 1978).
-
-    The largest of the four components is found from the diagonal, the others by division with it.
-    """
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
-    q = np.empty(4)
-    i = int(np.argmax(np.array((trace, R[0, 0], R[1, 1], R[2, 2])))) - 1
-    if i < 0:
-        q[0] = 1.0 + trace
-        q[1], q[2], q[3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    else:
-        j, k = (i + 1) % 3, (i + 2) % 3
-        q[1 + i] = 1.0 + R[i, i] - R[j, j] - R[k, k]
-        q[1 + j], q[1 + k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
-        q[0] = R[k, j] - R[j, k]
-    q /= math.sqrt(np.sum(q * q))
-    return -q if q[0] < 0.0 else q
-
-
-@njit(cache=True)
 def skew(v: np.ndarray) -> np.ndarray:
     """The matrix [v]x (3, 3) with [v]x w = v x w."""
     out = np.zeros((3, 3))
@@ -100,11 +82,11 @@ def skew(v: np.ndarray) -> np.ndarray:
 @njit(cache=True)
 def _so3_series(phi: np.ndarray, identity: float, linear: float, quadratic: float) -> np.ndarray:
     """identity I + linear [phi]x + quadratic [phi]x^2, with [phi]x^2 = phi phi^T - |phi|^2 I."""
-    out = linear * skew(phi)
+    out = skew(phi)
     square = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     for i in range(3):
         for j in range(3):
-            out[i, j] += quadratic * phi[i] * phi[j]
+            out[i, j] = linear * out[i, j] + quadratic * phi[i] * phi[j]
         out[i, i] += identity - quadratic * square
     return out
 

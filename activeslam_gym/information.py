@@ -37,8 +37,7 @@ from activeslam_gym.motion import (
     QUATERNION,
     Gaze,
     MotionModel,
-    clipped_goal,
-    displacement,
+    goal_of,
     open_loop,
     turn_of,
 )
@@ -78,16 +77,16 @@ def update_expectation(expectation: Expectation, belief: Belief, points: np.ndar
         slot = expectation.slot[e]
         if slot >= 0 and (belief.kind[slot] == FREE or belief.serial[slot] != expectation.serial[e]):
             expectation.slot[e] = -1
-    prior = np.diag(expectation.variance)
-    bound = log2_det_3(prior)
+    variance = expectation.variance
+    bound = math.log2(variance[0] * variance[1] * variance[2])
     for k in range(belief.size[FEATURES]):
         slot = belief.order[k]
-        if belief.kind[slot] == RAY or np.any(expectation.slot == slot):
+        if belief.kind[slot] == RAY or counts(expectation, slot):
             continue
         at = CAMERA_DIM + 3 * k
         P_y = covariance[at : at + 3, at : at + 3]
         if log2_det_3(P_y) < bound:  # False for NaN
-            e = _nearest_expected(expectation, points[k], P_y + prior)
+            e = _nearest_expected(expectation, points[k], P_y)
             if e < 0:
                 return
             expectation.slot[e] = slot
@@ -95,31 +94,52 @@ def update_expectation(expectation: Expectation, belief: Belief, points: np.ndar
 
 
 @njit(cache=True)
-def _nearest_expected(expectation: Expectation, y: np.ndarray, covariance: np.ndarray) -> int:
-    """Index of the waiting expected landmark nearest to ``y`` (3,) in the metric of ``covariance``, or -1."""
-    U = covariance.copy()
+def _nearest_expected(expectation: Expectation, y: np.ndarray, P_y: np.ndarray) -> int:
+    """Index of the waiting expected landmark nearest to the feature ``y`` (3,) with covariance ``P_y``, or -1."""
+    U = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            U[i, j] = P_y[i, j] + (expectation.variance[i] if i == j else 0.0)
     cholesky_in_place(U)
     best, nearest = -1, np.inf
+    d = np.empty(3)
     for e in range(expectation.slot.shape[0]):
         if expectation.slot[e] < 0:
-            d = expectation.points[e] - y
+            for i in range(3):
+                d[i] = expectation.points[e, i] - y[i]
             solve_transposed_vector(U, d)
-            square = np.sum(d * d)
+            square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
             if square < nearest:
                 best, nearest = e, square
     return best
 
 
 @njit(cache=True)
-def counting_features(expectation: Expectation, belief: Belief) -> np.ndarray:
-    """Positions k (oldest first) of the features that count, (m,): rows 12 + 3 k … of the public covariance."""
-    out = np.empty(belief.size[FEATURES], np.int64)
-    count = 0
+def counts(expectation: Expectation, slot: int) -> bool:
+    """Whether the slot's feature counts: whether it has retired an expected landmark."""
+    for e in range(expectation.slot.shape[0]):
+        if expectation.slot[e] == slot:
+            return True
+    return False
+
+
+@njit(cache=True)
+def find_counting(expectation: Expectation, belief: Belief) -> np.ndarray:
+    """(n,) bool: which features of the public belief, oldest first, count."""
+    out = np.empty(belief.size[FEATURES], np.bool_)
     for k in range(belief.size[FEATURES]):
-        if np.any(expectation.slot == belief.order[k]):
-            out[count] = k
+        out[k] = counts(expectation, belief.order[k])
+    return out
+
+
+@njit(cache=True)
+def waiting_count(expectation: Expectation) -> int:
+    """How many expected landmarks no feature has retired."""
+    count = 0
+    for slot in expectation.slot:
+        if slot < 0:
             count += 1
-    return out[:count]
+    return count
 
 
 @njit(cache=True)
@@ -167,8 +187,10 @@ def log2_dets(
     if b == 0:
         out[MAP] = log2_det_of_factor(U, 0, a) + rest
     else:
-        both = gathered(covariance, np.concatenate((first, second)), np.empty(0, np.int64))
-        out[MAP] = log2_det(both[: a + b, : a + b]) + rest
+        both = np.empty(first.shape[0] + second.shape[0], np.int64)
+        both[: first.shape[0]] = first
+        both[first.shape[0] :] = second
+        out[MAP] = log2_det(gathered(covariance, both, first[:0])[: a + b, : a + b]) + rest
     return out
 
 
@@ -178,13 +200,20 @@ def entropy_bits(log2_determinant: float, dimension: int) -> float:
 
 
 @njit(cache=True)
-def variance_sums(expectation: Expectation, covariance: np.ndarray, counting: np.ndarray) -> tuple[float, float]:
-    """(trace of the positions of camera and map [m^2], trace of everything), waiting landmarks at their prior."""
-    positions = (expectation.slot.shape[0] - counting.shape[0]) * np.sum(expectation.variance)
-    for k in counting:
-        for i in range(3):
-            at = CAMERA_DIM + 3 * k + i
-            positions += covariance[at, at]
+def variance_sums(
+    expectation: Expectation, covariance: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[float, float]:
+    """(trace of the positions of camera and map [m^2], trace of everything), waiting landmarks at their prior.
+
+    The features ``first`` and ``second``, by position k, count.
+    """
+    variance = expectation.variance
+    waiting = expectation.slot.shape[0] - first.shape[0] - second.shape[0]
+    positions = waiting * (variance[0] + variance[1] + variance[2])
+    for features in (first, second):
+        for k in features:
+            for i in range(3):
+                positions += covariance[CAMERA_DIM + 3 * k + i, CAMERA_DIM + 3 * k + i]
     everything = positions
     for i in range(CAMERA_DIM):
         everything += covariance[i, i]
@@ -248,10 +277,10 @@ def prospect_of(
             keep[count] = k
             count += 1
     keep = keep[:count]
-    waiting = int(np.sum(expectation.slot < 0))
+    waiting = waiting_count(expectation)
     size = CAMERA_DIM + 3 * count
     P = np.zeros((size + 3 * waiting, size + 3 * waiting))
-    P[:size, :size] = gathered(covariance, np.empty(0, np.int64), keep)
+    P[:size, :size] = gathered(covariance, keep[:0], keep)
     out = np.empty((count + waiting, 3))
     for i in range(count):
         out[i] = points[keep[i]]
@@ -509,9 +538,8 @@ def variance_reduction(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
 def pose_after(motion: MotionModel, camera: np.ndarray, index: int, turned: float) -> np.ndarray:
     """The camera (13,) at the clipped goal of a motion, turned about the vertical by ``turned`` [rad], at rest."""
     out = np.zeros(CAMERA_SIZE)
+    out[POSITION] = goal_of(motion, camera, index)
     out[QUATERNION] = rotate_left(np.array((0.0, turned, 0.0)), camera[QUATERNION])
-    goal = camera[POSITION] + np.dot(rotation_matrix(camera[QUATERNION]), displacement(motion, index))
-    out[POSITION] = clipped_goal(motion, goal)
     return out
 
 

@@ -134,3 +134,49 @@ def log2_det_3(A: np.ndarray) -> float:
         + A[0, 2] * (A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0])
     )
     return math.log2(det) if det > 0.0 else np.nan
+
+
+@njit(cache=True)
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """A B for small matrices."""
+    out = np.zeros((A.shape[0], B.shape[1]))
+    for i in range(A.shape[0]):
+        for k in range(A.shape[1]):
+            for j in range(B.shape[1]):
+                out[i, j] += A[i, k] * B[k, j]
+    return out
+
+
+@njit(cache=True)
+def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """F P F^T for a small symmetric ``P``, symmetric to the bit."""
+    FP = product(F, P)
+    n = F.shape[0]
+    out = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(F.shape[1]):
+                value += FP[i, k] * F[j, k]
+            out[i, j] = value
+            out[j, i] = value
+    return out
+
+
+@njit(cache=True)
+def count_true(flags: np.ndarray) -> int:
+    """How many of ``flags`` (n,) are true."""
+    count = 0
+    for flag in flags:
+        if flag:
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def sum_of_squares(v: np.ndarray) -> float:
+    """v^T v of a vector (n,)."""
+    total = 0.0
+    for x in v:
+        total += x * x
+    return total

@@ -10,28 +10,20 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.geometry import rotation_error
-from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector
-from activeslam_gym.motion import (
-    ANGULAR_VELOCITY,
-    CAMERA_DIM,
-    D_ANGULAR,
-    D_POSITION,
-    D_ROTATION,
-    D_VELOCITY,
-    POSITION,
-    QUATERNION,
-    VELOCITY,
-)
+from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector, sum_of_squares
+from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 
 
 @njit(cache=True)
 def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
     """Tangent error (12,) of an estimated camera (13,): truth minus estimate, the rotation by Log(R R_hat^T)."""
     out = np.empty(CAMERA_DIM)
-    out[D_POSITION] = true_camera[POSITION] - camera[POSITION]
-    out[D_ROTATION] = rotation_error(true_camera[QUATERNION], camera[QUATERNION])
-    out[D_VELOCITY] = true_camera[VELOCITY] - camera[VELOCITY]
-    out[D_ANGULAR] = true_camera[ANGULAR_VELOCITY] - camera[ANGULAR_VELOCITY]
+    turn = rotation_error(true_camera[QUATERNION], camera[QUATERNION])
+    for i in range(3):
+        out[i] = true_camera[i] - camera[i]
+        out[3 + i] = turn[i]
+        out[6 + i] = true_camera[7 + i] - camera[7 + i]
+        out[9 + i] = true_camera[10 + i] - camera[10 + i]
     return out
 
 
@@ -43,7 +35,7 @@ def nees(error: np.ndarray, covariance: np.ndarray) -> float:
         return np.inf
     e = error.copy()
     solve_transposed_vector(U, e)
-    return np.sum(e * e)
+    return sum_of_squares(e)
 
 
 @njit(cache=True)
@@ -51,7 +43,7 @@ def log2_normal_of_factor(error: np.ndarray, U: np.ndarray) -> float:
     """log2 N(error; 0, P) [bit] of ``error`` (n,), which is overwritten; P = U^T U, of which U may have more rows."""
     n = error.shape[0]
     solve_transposed_vector(U, error)
-    square = np.sum(error * error)
+    square = sum_of_squares(error)
     return -0.5 * (n * math.log2(2.0 * math.pi) + log2_det_of_factor(U, 0, n) + square * math.log2(math.e))
 
 

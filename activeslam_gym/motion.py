@@ -14,7 +14,8 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import rotate_left, so3_exp, so3_left_jacobian
+from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
+from activeslam_gym.linalg import congruence, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -107,11 +108,15 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     v+ = v + a dt, p+ = p + v+ dt, w+ = w + alpha dt, q+ = Exp(w+ dt) q: the paper's matrix Q with its factor
     corrected to 1/|w|, and the angular velocity in the world frame.
     """
+    p, q, v, w = x[POSITION], x[QUATERNION], x[VELOCITY], x[ANGULAR_VELOCITY]
     out = np.empty(CAMERA_SIZE)
-    out[VELOCITY] = x[VELOCITY] + dt * u[:3]
-    out[POSITION] = x[POSITION] + dt * out[VELOCITY]
-    out[ANGULAR_VELOCITY] = x[ANGULAR_VELOCITY] + dt * u[3:]
-    out[QUATERNION] = rotate_left(dt * out[ANGULAR_VELOCITY], x[QUATERNION])
+    turned = np.empty(3)
+    for i in range(3):
+        out[7 + i] = v[i] + dt * u[i]
+        out[i] = p[i] + dt * out[7 + i]
+        out[10 + i] = w[i] + dt * u[3 + i]
+        turned[i] = dt * out[10 + i]
+    out[QUATERNION] = rotate_left(turned, q)
     return out
 
 
@@ -121,12 +126,16 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
 
     dtheta+ = Exp(w+ dt) dtheta + J_l(w+ dt) dt dw+, which follows from Exp((w + dw) dt) = Exp(J_l dw dt) Exp(w dt).
     """
-    phi = dt * angular_velocity
-    F_x = np.eye(CAMERA_DIM)
-    F_x[D_ROTATION, D_ROTATION] = so3_exp(phi)
-    F_x[D_ROTATION, D_ANGULAR] = dt * so3_left_jacobian(phi)
+    phi = np.array((dt * angular_velocity[0], dt * angular_velocity[1], dt * angular_velocity[2]))
+    turn, spread = so3_exp(phi), so3_left_jacobian(phi)
+    F_x = np.zeros((CAMERA_DIM, CAMERA_DIM))
+    for i in range(CAMERA_DIM):
+        F_x[i, i] = 1.0
     for i in range(3):
         F_x[i, 6 + i] = dt
+        for j in range(3):
+            F_x[3 + i, 3 + j] = turn[i, j]
+            F_x[3 + i, 9 + j] = dt * spread[i, j]
     return F_x
 
 
@@ -138,7 +147,7 @@ def process_covariance(motion: MotionModel, F_x: np.ndarray) -> np.ndarray:
     for i in range(3):
         Q_u[6 + i, 6 + i] = (dt * motion.filter_acceleration_std) ** 2
         Q_u[9 + i, 9 + i] = (dt * motion.filter_angular_acceleration_std) ** 2
-    return F_x @ Q_u @ F_x.T
+    return congruence(F_x, Q_u)
 
 
 @njit(cache=True)
@@ -146,11 +155,11 @@ def open_loop(motion: MotionModel, turn: float, frames: int) -> tuple[np.ndarray
     """(F, Q), each (12, 12), of ``frames`` frames of turning about the vertical at ``turn`` [rad/s] unobserved."""
     F_x = transition_jacobian(np.array((0.0, turn, 0.0)), motion.dt)
     Q_1 = process_covariance(motion, F_x)
-    F = np.eye(CAMERA_DIM)
-    Q = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    for _ in range(frames):
-        F = F_x @ F
-        Q = F_x @ Q @ F_x.T + Q_1
+    F, Q = F_x.copy(), Q_1.copy()
+    for _ in range(frames - 1):
+        F = product(F_x, F)
+        Q = congruence(F_x, Q)
+        Q += Q_1
     return F, Q
 
 
@@ -176,6 +185,16 @@ def clipped_goal(motion: MotionModel, goal: np.ndarray) -> np.ndarray:
         reach = half[i] - motion.goal_margin
         out[i] = min(max(goal[i], -reach), reach)
     return out
+
+
+@njit(cache=True)
+def goal_of(motion: MotionModel, camera: np.ndarray, index: int) -> np.ndarray:
+    """The clipped goal (3,) of a motion that begins at the camera's estimate ``camera`` (>= 7)."""
+    R_WC, d = rotation_matrix(camera[QUATERNION]), displacement(motion, index)
+    goal = np.empty(3)
+    for i in range(3):
+        goal[i] = camera[i] + R_WC[i, 0] * d[0] + R_WC[i, 1] * d[1] + R_WC[i, 2] * d[2]
+    return clipped_goal(motion, goal)
 
 
 @njit(cache=True)

@@ -9,11 +9,12 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from activeslam_gym.batching import row
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs import planning, readout
 from activeslam_gym.envs.actions import motion_and_gaze, split_index
 from activeslam_gym.envs.setting import resolve
-from activeslam_gym.envs.step import LOST, REWARD, STEPS, empty_run, reset_run, step_run
+from activeslam_gym.envs.step import BEGIN, LOST, REWARD, STEPS, empty_runs, play, reset_run
 from activeslam_gym.envs.views import PublicBelief, Snapshot, Truth
 from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, Gaze
 
@@ -84,7 +85,9 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.setting.gaze_period))}
         self.observation_space = spaces.Box(-1.0, 1.0, (self.setting.layout.size,), np.float32)
         self.action_space = self._make_action_space()
-        self._run = empty_run(self.setting.scenario)
+        self._runs = empty_runs(self.setting.scenario, 1)
+        self._run = row(self._runs, 0)
+        self._motions, self._gazes = np.zeros(1, np.int64), np.zeros(1, np.int64)
         self._gaze = Gaze.STAY
         self._running = False
         self._history = readout.History()
@@ -104,7 +107,8 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Begin a new run in a new room. The same seed gives the same run, whatever the actions the same noise."""
         super().reset(seed=seed)
         key = int(self.np_random.integers(2**63))
-        reset_run(self.setting.models, self.setting.task, self.setting.scenario, self._run, key)
+        reset_run(self.setting.scenario, self._run, key)
+        self._play(BEGIN, Gaze.STAY)
         self._running = True
         self._gaze = Gaze.STAY
         self._history = readout.History()
@@ -121,7 +125,7 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._running:
             raise gymnasium.error.ResetNeeded("the run has ended or has not begun: call reset() before step()")
         motion, gaze = self._read_action(action)
-        step_run(self.setting.models, self.setting.task, self._run, motion, gaze)
+        self._play(motion, gaze)
         self._gaze = Gaze(gaze)
         step = self._run.step
         terminated = bool(step.status[LOST])
@@ -130,6 +134,10 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode is not None:
             self._show()
         return step.observation.copy(), float(step.sums[REWARD]), terminated, truncated, readout.info_of(self._run)
+
+    def _play(self, motion: int, gaze: int) -> None:
+        self._motions[0], self._gazes[0] = motion, gaze
+        play(self.setting.models, self.setting.task, self._runs, self._motions, self._gazes, 0, 1)
 
     def render(self) -> np.ndarray | None:
         """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode; nothing in ``human`` mode.

@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from activeslam_gym.camera import CameraModel, camera_of
+from activeslam_gym.camera import CameraModel, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.config import Scenario
+from activeslam_gym.envs.scoring import Labels, vote
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Expectation
 from activeslam_gym.motion import (
@@ -18,15 +19,14 @@ from activeslam_gym.motion import (
     QUATERNION,
     MotionModel,
     accelerations,
-    clipped_goal,
-    displacement,
+    goal_of,
     motion_of,
     turn_of,
 )
+from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import FRAME, Belief, empty_belief, feature_capacity, reset_belief
 from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.slam.settings import FilterModel, filter_of
-from activeslam_gym.envs.scoring import Labels, vote
 from activeslam_gym.world.room import draw_points, draw_start, uniform_points
 from activeslam_gym.world.simulator import Detections, Sensor, World, detect, detection_capacity, move, sensor_of
 
@@ -91,7 +91,7 @@ def empty_simulation(scenario: Scenario) -> Simulation:
         belief=empty_belief(scenario),
         expectation=Expectation(
             np.zeros((scenario.landmark_count, 3)),
-            np.array(scenario.landmark_prior_variance),
+            np.zeros(3),
             np.zeros(scenario.landmark_count, np.int64),
             np.zeros(scenario.landmark_count, np.int64),
         ),
@@ -111,8 +111,8 @@ def empty_simulation(scenario: Scenario) -> Simulation:
 
 
 def reset_simulation(simulation: Simulation, scenario: Scenario, key: int) -> None:
-    """Begin a new run: room, expected landmarks and noise are three streams of ``key`` (a non-negative integer)."""
-    room, expected, noise = np.random.SeedSequence(key).spawn(3)
+    """Begin a new run: room, expected landmarks and noise are separate streams of ``key`` (a non-negative integer)."""
+    room, expected, noise, sight = np.random.SeedSequence(key).spawn(4)
     rng = np.random.default_rng(room)
     world = simulation.world
     world.camera[:] = draw_start(scenario, rng)
@@ -120,19 +120,46 @@ def reset_simulation(simulation: Simulation, scenario: Scenario, key: int) -> No
     world.noise_key[:] = noise.generate_state(1, np.uint64)
     expectation = simulation.expectation
     expectation.points[:] = uniform_points(scenario, scenario.landmark_count, np.random.default_rng(expected))
+    expectation.variance[:] = scenario.landmark_prior_variance
     expectation.slot[:] = -1
     expectation.serial[:] = 0
     reset_belief(simulation.belief, scenario)
+    if scenario.labelled_first_match:
+        face_fiducials(scenario, simulation, np.random.default_rng(sight))
     for array in (*simulation.labels, *simulation.control, *simulation.detections, simulation.events):
         array[...] = 0
+
+
+def face_fiducials(scenario: Scenario, simulation: Simulation, rng: np.random.Generator) -> None:
+    """Turn the mean so that labelled first sights of the fiducials point at them (Wahba's problem).
+
+    A prior of 45 degrees is too wide to linearise at its mean; this gives the first update a place to start from.
+    Nothing is claimed of the covariance, whose isotropic rotation is the same about any mean.
+    """
+    camera, world, belief = camera_of(scenario), simulation.world, simulation.belief
+    R_WC = rotation_matrix(world.camera[QUATERNION])
+    sights, directions = [], []
+    z = np.empty(2)
+    for fiducial in world.points[: scenario.fiducial_count]:
+        if pixel_from_camera_point(camera, camera_point(R_WC, world.camera, fiducial), z):
+            sights.append(ray_from_pixel(camera, z + camera.pixel_std * rng.standard_normal(2)))
+            directions.append(fiducial - belief.camera[POSITION])
+    if len(sights) >= 2:
+        from scipy.spatial.transform import Rotation
+
+        sights = [ray / np.linalg.norm(ray) for ray in sights]
+        directions = [direction / np.linalg.norm(direction) for direction in directions]
+        rotation, _ = Rotation.align_vectors(directions, sights)
+        belief.camera[QUATERNION] = rotation.as_quat(scalar_first=True)
 
 
 @njit(cache=True)
 def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: int) -> None:
     """Read a motion: its goal from the present estimate, clipped into the room."""
-    R_WC = rotation_matrix(belief.camera[QUATERNION])
-    control.start[:] = belief.camera[POSITION]
-    control.goal[:] = clipped_goal(motion, belief.camera[POSITION] + np.dot(R_WC, displacement(motion, index)))
+    goal = goal_of(motion, belief.camera, index)
+    for i in range(3):
+        control.start[i] = belief.camera[i]
+        control.goal[i] = goal[i]
     control.command[0] = index
     control.command[1] = 0
 
@@ -153,15 +180,17 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
     detect(models.camera, models.sensor, world, frame, simulation.detections)
     count = simulation.detections.count[0]
     truth = simulation.detections.labels[:count]
-    given = np.empty(0, np.int64)
-    if first_labels and frame == 0:
-        given = np.where((truth >= 0) & (truth < K), truth, -1)
+    given = np.full(count if first_labels and frame == 0 else 0, NEW)
+    for i in range(given.shape[0]):
+        if 0 <= truth[i] < K:
+            given[i] = truth[i]
     if not motion.command_known:
         u[:] = 0.0
     pixels = simulation.detections.pixels[:count]
     counters = simulation.events
     match = filter_frame(models.camera, motion, models.filter, belief, world.points[:K], u, pixels, given, counters)
-    simulation.match[:count] = match
+    for i in range(count):
+        simulation.match[i] = match[i]
     simulation.events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
     simulation.control.command[1] += 1
 

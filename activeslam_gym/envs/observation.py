@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from activeslam_gym.camera import CameraModel, camera_from_world, inside_image, pixel_from_camera_point
+from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel_from_camera_point
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Expectation
-from activeslam_gym.linalg import log2_det_3
-from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT, POSITION, QUATERNION, MotionModel
+from activeslam_gym.linalg import log2_det_3, sum_of_squares
+from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT, QUATERNION, MotionModel
 from activeslam_gym.slam.belief import FEATURES, FREE, Belief, feature_capacity
 
 GLOBAL_FEATURES = {
@@ -164,10 +164,12 @@ def observe_tokens(
         token = out[K + belief.order[k]]
         at = CAMERA_DIM + 3 * k
         _place(camera, belief, R_WC, points[k], token)
-        _uncertainty(belief, points[k], covariance[at : at + 3, at : at + 3], token)
+        _uncertainty(belief, points[k], covariance[at:, at:], token)
         token[_MAPPED if mapped[k] else _INITIALISING] = 1.0
     slot = 0
-    prior = np.diag(expectation.variance)
+    prior = np.zeros((3, 3))
+    for i in range(3):
+        prior[i, i] = expectation.variance[i]
     for e in range(expectation.slot.shape[0]):
         if expectation.slot[e] < 0:
             while slot < F and belief.kind[slot] != FREE:
@@ -183,8 +185,8 @@ def observe_tokens(
 @njit(cache=True)
 def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,)."""
-    p_C = camera_from_world(R_WC, y - belief.camera[POSITION])
-    distance = max(math.sqrt(np.sum(p_C * p_C)), _LOG_FLOOR)
+    p_C = camera_point(R_WC, belief.camera, y)
+    distance = max(math.sqrt(sum_of_squares(p_C)), _LOG_FLOOR)
     for i in range(3):
         token[i] = p_C[i] / distance
     token[3] = math.log10(distance) / 1.5
@@ -196,12 +198,12 @@ def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray,
 @njit(cache=True)
 def _uncertainty(belief: Belief, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
     """Log deviation of a point: geometric mean, and along the line of sight relative to the distance."""
-    sight = y - belief.camera[POSITION]
-    square = max(np.sum(sight * sight), _LOG_FLOOR**2)
-    along = 0.0
+    square, along = _LOG_FLOOR**2, 0.0
     for i in range(3):
+        sight = y[i] - belief.camera[i]
+        square += sight * sight
         for j in range(3):
-            along += sight[i] * P_y[i, j] * sight[j]
+            along += sight * P_y[i, j] * (y[j] - belief.camera[j])
     log2_deviation = log2_det_3(P_y) / 6.0
     token[4] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
     token[5] = _log_deviation(math.sqrt(max(along, 0.0)) / square)

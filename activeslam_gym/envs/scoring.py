@@ -57,7 +57,7 @@ def vote(labels: Labels, belief: Belief, fiducial_count: int, match: np.ndarray,
 def _owned_landmark(votes: np.ndarray, best: int, fiducial_count: int) -> int:
     """The landmark with the most votes, ``best``, if it is one and has more than half of them, or -1."""
     is_landmark = fiducial_count <= best < votes.shape[0] - 1
-    return best - fiducial_count if is_landmark and 2 * votes[best] > np.sum(votes) else -1
+    return best - fiducial_count if is_landmark and 2 * votes[best] > votes.sum() else -1
 
 
 @njit(cache=True)
@@ -89,8 +89,8 @@ def landmark_errors(
     out = np.full(of_landmark.shape[0], np.nan)
     for i in range(of_landmark.shape[0]):
         if of_landmark[i] >= 0:
-            d = points[of_landmark[i]] - world.points[fiducial_count + i]
-            out[i] = math.sqrt(np.sum(d * d))
+            y, y_hat = world.points[fiducial_count + i], points[of_landmark[i]]
+            out[i] = math.sqrt((y[0] - y_hat[0]) ** 2 + (y[1] - y_hat[1]) ** 2 + (y[2] - y_hat[2]) ** 2)
     return out
 
 
@@ -110,14 +110,17 @@ def log2_density(
     the room's prior; features that stand for none are marginalised out. ``U`` is a factor of the public covariance
     that begins with the features of ``of_landmark``, in its order, and the camera.
     """
-    standing = int(np.sum(of_landmark >= 0))
+    standing = 0
+    for k in of_landmark:
+        standing += k >= 0
     error = np.empty(3 * standing + CAMERA_DIM)
     rest = 0.0
     at = 0
     for i in range(of_landmark.shape[0]):
         y = world.points[fiducial_count + i]
         if of_landmark[i] >= 0:
-            error[at : at + 3] = y - points[of_landmark[i]]
+            for axis in range(3):
+                error[at + axis] = y[axis] - points[of_landmark[i], axis]
             at += 3
         else:
             for axis in range(3):

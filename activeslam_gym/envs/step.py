@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from activeslam_gym.batching import batched, row
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.frame import Models, Simulation, advance, begin_motion, empty_simulation, reset_simulation
-from activeslam_gym.envs.observation import GLOBAL_SIZE, TOKEN_SIZE, clip_into, layout_of, observe_globals, observe_tokens
+from activeslam_gym.envs.observation import (
+    GLOBAL_SIZE,
+    TOKEN_SIZE,
+    clip_into,
+    layout_of,
+    observe_globals,
+    observe_tokens,
+)
 from activeslam_gym.envs.reward import REWARDS, potentials
 from activeslam_gym.envs.scoring import features_of_landmarks, find_mapped, landmark_errors, log2_density
 from activeslam_gym.information import (
     CAMERA,
+    LOG2_2PIE,
     MAP,
     TOTAL,
-    LOG2_2PIE,
-    counting_features,
+    find_counting,
     gathered,
     log2_dets,
     update_expectation,
     variance_sums,
+    waiting_count,
 )
-from activeslam_gym.linalg import cholesky_in_place
+from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
-from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, Motion
 from activeslam_gym.slam.belief import FEATURES, point_belief
 
 VALUES = (
@@ -47,6 +57,8 @@ VALUES = (
 )
 FORFEIT = len(REWARDS)
 """Entry of `Step.terms` behind those of the rewards."""
+ENTROPY_POTENTIAL, DENSITY = REWARDS.index("entropy"), REWARDS.index("log_score")
+STAY = int(Motion.STAY)
 STEPS, LOST = 0, 1
 """Entries of `Step.status`."""
 GAIN, RETURN, DENSITY_0, REWARD = 0, 1, 2, 3
@@ -89,54 +101,73 @@ class Run(NamedTuple):
     step: Step
 
 
-def empty_run(scenario: Scenario) -> Run:
-    """Arrays of the scenario's capacity; `reset_run` fills them."""
-    size = layout_of(scenario).size
+def empty_runs(scenario: Scenario, count: int) -> Run:
+    """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills a row of them."""
     step = Step(
         values=np.zeros(len(VALUES)),
         potential=np.zeros(len(REWARDS)),
         terms=np.zeros(len(REWARDS) + 1),
         sums=np.zeros(4),
         status=np.zeros(2, np.int64),
-        observation=np.zeros(size, np.float32),
+        observation=np.zeros(layout_of(scenario).size, np.float32),
     )
-    return Run(empty_simulation(scenario), step)
+    return batched(Run(empty_simulation(scenario), step), count)
 
 
-def reset_run(models: Models, task: Task, scenario: Scenario, run: Run, key: int) -> None:
-    """Begin a new run from ``key``, a non-negative integer."""
+def reset_run(scenario: Scenario, run: Run, key: int) -> None:
+    """Give a run its room and its prior from ``key``, a non-negative integer. `play` with BEGIN evaluates it."""
     reset_simulation(run.simulation, scenario, key)
     for array in run.step:
         array[...] = 0
-    begin_run(models, task, run)
+
+
+BEGIN, REST = -1, -2
+"""In place of a motion: evaluate a run that has just been reset; leave it alone."""
+
+
+@njit(cache=True, nogil=True)
+def play(
+    models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int
+) -> None:
+    """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
+
+    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
+    """
+    for i in range(start, stop):
+        if motions[i] == REST:
+            continue
+        run = row(runs, i)
+        if motions[i] != BEGIN:
+            _play_frames(models, task, run, motions[i], gazes[i])
+        evaluate(models, task, run)
+        if motions[i] == BEGIN:
+            _begin(models, run)
+        else:
+            _settle(task, run.step)
+        observe(models, task, run)
 
 
 @njit(cache=True)
-def begin_run(models: Models, task: Task, run: Run) -> None:
-    """Evaluate a run that has just been given its prior."""
-    begin_motion(models.motion, run.simulation.belief, run.simulation.control, 6)  # STAY, until a motion is read
+def _begin(models: Models, run: Run) -> None:
+    """The prior is worth nothing yet, and the camera stays until a motion is read."""
+    begin_motion(models.motion, run.simulation.belief, run.simulation.control, STAY)
+    run.step.sums[DENSITY_0] = run.step.potential[DENSITY]
     run.step.values[LOG_SCORE] = 0.0
-    evaluate(models, task, run)
-    run.step.sums[DENSITY_0] = run.step.potential[1]
-    run.step.values[LOG_SCORE] = 0.0
-    run.step.terms[:] = 0.0
-    run.step.sums[GAIN] = 0.0
-    observe(models, task, run)
+    for i in range(run.step.terms.shape[0]):
+        run.step.terms[i] = 0.0
 
 
 @njit(cache=True)
-def step_run(models: Models, task: Task, run: Run, motion: int, gaze: int) -> None:
-    """One gaze period under an action, all of it: frames, values, reward, observation."""
+def _play_frames(models: Models, task: Task, run: Run, motion: int, gaze: int) -> None:
+    """The frames of one gaze period; the motion is read where its period begins."""
     simulation, step = run.simulation, run.step
     if step.status[STEPS] % task.steps_per_motion == 0:
         begin_motion(models.motion, simulation.belief, simulation.control, motion)
-    simulation.events[:] = 0
+    for i in range(simulation.events.shape[0]):
+        simulation.events[i] = 0
     for _ in range(task.frames_per_step):
         advance(models, simulation, gaze, task.labelled_first_match)
     step.status[STEPS] += 1
-    evaluate(models, task, run)
-    _settle(task, step)
-    observe(models, task, run)
 
 
 @njit(cache=True)
@@ -149,7 +180,7 @@ def _settle(task: Task, step: Step) -> None:
         step.terms[FORFEIT] = -max(0.0, step.sums[RETURN])
         step.sums[RETURN] += step.terms[FORFEIT]
     step.sums[REWARD] = reward + step.terms[FORFEIT]
-    step.sums[GAIN] += step.terms[0]
+    step.sums[GAIN] += step.terms[ENTROPY_POTENTIAL]
 
 
 @njit(cache=True)
@@ -165,8 +196,8 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
     K = world.points.shape[0] - N
     n = point_belief(belief, points, P)
     update_expectation(expectation, belief, points, P)
-    first, second, rest, of_landmark = _ordered_features(simulation, n, N)
-    U = gathered(P, first, np.concatenate((second, rest)))
+    first, after, counting, of_landmark = _ordered_features(simulation, n, N)
+    U = gathered(P, first, after)
     sound = cholesky_in_place(U)
     find_mapped(belief, task.mapped_depth_ratio, simulation.mapped)
     _evaluate_errors(run, n, N, K)
@@ -174,30 +205,41 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
     step.terms[:] = 0.0
     if not sound:
         return
-    dets = log2_dets(expectation, P, U, first, second)
+    dets = log2_dets(expectation, P, U, first, after[: counting - first.shape[0]])
     density = log2_density(world, belief, expectation, points, of_landmark, U, K)
-    positions, everything = variance_sums(expectation, P, np.concatenate((first, second)))
+    positions, everything = variance_sums(expectation, P, first, after[: counting - first.shape[0]])
     new = potentials(dets, density, positions, everything, N)
-    step.terms[:FORFEIT] = new - step.potential
-    step.potential[:] = new
+    for i in range(FORFEIT):
+        step.terms[i] = new[i] - step.potential[i]
+        step.potential[i] = new[i]
     step.values[ENTROPY] = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + dets[TOTAL])
     step.values[LOG2_CAMERA], step.values[LOG2_MAP], step.values[LOG2_TOTAL] = dets[CAMERA], dets[MAP], dets[TOTAL]
     step.values[LOG_SCORE] = density - step.sums[DENSITY_0]
 
 
 @njit(cache=True)
-def _ordered_features(
-    simulation: Simulation, n: int, N: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Features by position k: those that count and stand for a landmark, the others that count, the rest; (L,) k."""
-    counting = counting_features(simulation.expectation, simulation.belief)
-    eligible = np.zeros(n, np.bool_)
-    eligible[counting] = True
-    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, eligible)
-    first = of_landmark[of_landmark >= 0]
-    standing = np.zeros(n, np.bool_)
-    standing[first] = True
-    return first, np.where(eligible & ~standing)[0], np.where(~eligible)[0], of_landmark
+def _ordered_features(simulation: Simulation, n: int, N: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+    """The features, by position k, in the order in which the public covariance is factored.
+
+    Returns those that count and stand for a true landmark; the others, those that count first; how many count; and
+    (N,) the k that stands for each true landmark, or -1.
+    """
+    counts = find_counting(simulation.expectation, simulation.belief)
+    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, counts)
+    first, after = np.empty(n, np.int64), np.empty(n, np.int64)
+    a, b = 0, 0
+    stands = np.zeros(n, np.bool_)
+    for k in of_landmark:
+        if k >= 0:
+            first[a] = k
+            stands[k] = True
+            a += 1
+    for wanted in (True, False):
+        for k in range(n):
+            if counts[k] == wanted and not stands[k]:
+                after[b] = k
+                b += 1
+    return first[:a], after[:b], count_true(counts), of_landmark
 
 
 @njit(cache=True)
@@ -205,16 +247,19 @@ def _evaluate_errors(run: Run, n: int, N: int, K: int) -> None:
     """Errors against the truth, and counts of what is mapped."""
     simulation, values = run.simulation, run.step.values
     error = camera_error(simulation.world.camera, simulation.belief.camera)
-    values[POSITION_ERROR] = np.sqrt(np.sum(error[D_POSITION] ** 2))
-    values[ORIENTATION_ERROR] = np.sqrt(np.sum(error[D_ROTATION] ** 2))
+    values[POSITION_ERROR] = math.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
+    values[ORIENTATION_ERROR] = math.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2)
     values[NEES] = nees(error[D_POSITION], simulation.covariance[D_POSITION, D_POSITION])
     mapped = simulation.mapped[:n]
     of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, mapped)
     distances = landmark_errors(simulation.world, simulation.points, of_landmark, K)
-    values[MAPPED] = np.sum(mapped)
-    values[DISTINCT] = np.sum(of_landmark >= 0)
-    squares = distances[of_landmark >= 0] ** 2
-    values[RMSE] = np.sqrt(np.mean(squares)) if squares.shape[0] > 0 else np.inf
+    count, squares = 0, 0.0
+    for distance in distances:
+        if not math.isnan(distance):
+            count += 1
+            squares += distance * distance
+    values[MAPPED], values[DISTINCT] = count_true(mapped), count
+    values[RMSE] = math.sqrt(squares / count) if count > 0 else np.inf
 
 
 @njit(cache=True)
@@ -233,8 +278,8 @@ def observe(models: Models, task: Task, run: Run) -> None:
         step.status[STEPS] / task.steps,
         phase,
         simulation.control.command[0],
-        int(np.sum(mapped)),
-        int(np.sum(expectation.slot >= 0)),
+        count_true(mapped),
+        N - waiting_count(expectation),
         N,
         step.sums[GAIN],
         flat[:GLOBAL_SIZE],

@@ -36,9 +36,10 @@ def associate(
     """
     rows, M = predictions.visibility.shape[0], pixels.shape[0]
     d2, cost = _distances(belief, predictions, rays, fiducial_count, pixels)
-    best_row, best_pixel = np.full(M, -1), np.full(rows, -1)
+    best_row, best_pixel, near = np.full(M, -1), np.full(rows, -1), np.zeros(M, np.bool_)
     for r in range(rows):
         for i in range(M):
+            near[i] |= d2[r, i] < birth_gate
             if d2[r, i] < gate:
                 if best_row[i] < 0 or cost[r, i] < cost[best_row[i], i]:
                     best_row[i] = r
@@ -49,7 +50,7 @@ def associate(
         if best_row[i] >= 0 and best_pixel[best_row[i]] == i:
             out[i] = best_row[i]
         else:
-            out[i] = REJECTED if np.any(d2[:, i] < birth_gate) else NEW
+            out[i] = REJECTED if near[i] else NEW
     return out
 
 
@@ -68,7 +69,6 @@ def _distances(
                 cost[row, i] = d2[row, i] + log_det
     for r in range(rays.slot.shape[0]):
         row = fiducial_count + rays.slot[r]
-        if np.any(rays.visibility[r] != UNSEEN):
-            for i in range(M):
-                d2[row, i], cost[row, i] = ray_distance(belief, rays, r, pixels[i])
+        for i in range(M):
+            d2[row, i], cost[row, i] = ray_distance(belief, rays, r, pixels[i])
     return d2, cost

@@ -29,7 +29,6 @@ from activeslam_gym.motion import (
     D_POSITION,
     D_ROTATION,
     D_VELOCITY,
-    POSITION,
     QUATERNION,
 )
 
@@ -187,7 +186,7 @@ def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
         for j in range(3):
             T[i, j] = 1.0 if i == j else 0.0
     if belief.kind[slot] == POINT:
-        return feature[:3].copy()
+        return np.array((feature[0], feature[1], feature[2]))
     m = bearing(feature[3], feature[4])
     depth = feature_depth(belief, slot)
     y = np.empty(3)
@@ -225,21 +224,35 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     n, dim, P = belief.size[FEATURES], belief.size[DIM], belief.covariance
     size = CAMERA_DIM + 3 * n
     half = np.empty((size, dim))
-    half[:CAMERA_DIM] = P[:CAMERA_DIM, :dim]
+    for i in range(CAMERA_DIM):
+        for j in range(dim):
+            half[i, j] = P[i, j]
     Ts = np.empty((n, 3, FEATURE_SIZE))
     for k in range(n):
         slot = belief.order[k]
-        points[k] = point_of(belief, slot, Ts[k])
+        y = point_of(belief, slot, Ts[k])
+        for i in range(3):
+            points[k, i] = y[i]
         _rows_times(Ts[k], P[belief.start[slot] :], KIND_DIM[belief.kind[slot]], half[CAMERA_DIM + 3 * k :], dim)
-    covariance[:size, :CAMERA_DIM] = half[:, :CAMERA_DIM]
+    for i in range(size):
+        for j in range(CAMERA_DIM):
+            covariance[i, j] = half[i, j]
     for k in range(n):
         slot = belief.order[k]
         at, width, to = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
         _columns_times(half, at, width, Ts[k], covariance, to)
         if belief.kind[slot] == RAY:
-            m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])[0]
-            covariance[to : to + 3, to : to + 3] += belief.depth[slot, 1] * np.outer(m, m)
+            _add_depth_variance(belief, slot, covariance[to:, to:])
     return n
+
+
+@njit(cache=True)
+def _add_depth_variance(belief: Belief, slot: int, block: np.ndarray) -> None:
+    """Add to ``block`` (>= 3, >= 3) the variance of a ray's particles along the ray."""
+    m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])
+    for i in range(3):
+        for j in range(3):
+            block[i, j] += belief.depth[slot, 1] * m[0, i] * m[0, j]
 
 
 @njit(cache=True)
@@ -280,7 +293,7 @@ def room_for(belief: Belief, width: int) -> bool:
 def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
     """Add a feature y = g(camera, rest) and return its slot; the caller has asked `room_for` it.
 
-    ``mean`` (6,); ``J`` (width, 12) is dy/d camera tangent; ``Q`` (width, width) the covariance of what does not come
+    ``mean`` (6,); ``J`` (width, 12) is dy/d camera tangent; ``Q`` (>= width, >= width) the covariance of what does not come
     from the camera: P_yx = J P_cx, P_yy = J P_cc J^T + Q.
     """
     slot = 0
@@ -301,7 +314,8 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
                 value += P[at + i, k] * J[j, k]
             P[at + i, at + j] = value
             P[at + j, at + i] = value
-    belief.feature[slot] = mean
+    for i in range(FEATURE_SIZE):
+        belief.feature[slot, i] = mean[i]
     belief.kind[slot] = kind
     belief.start[slot] = at
     belief.misses[slot] = 0
@@ -340,16 +354,16 @@ def convert_to_point(belief: Belief, slot: int) -> None:
     block = np.empty((3, 3))
     _columns_times(rows, at, width, T, block, 0)
     if belief.kind[slot] == RAY:
-        m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])[0]
-        block += belief.depth[slot, 1] * np.outer(m, m)
+        _add_depth_variance(belief, slot, block)
     for i in range(3):
-        P[at + i, :dim] = rows[i]
-        P[:dim, at + i] = rows[i]
+        for j in range(dim):
+            P[i + at, j] = rows[i, j]
+            P[j, i + at] = rows[i, j]
     for i in range(3):
         for j in range(3):
             P[at + i, at + j] = 0.5 * (block[i, j] + block[j, i])
-    belief.feature[slot, :3] = y
-    belief.feature[slot, 3:] = 0.0
+    for i in range(FEATURE_SIZE):
+        belief.feature[slot, i] = y[i] if i < 3 else 0.0
     belief.kind[slot] = POINT
     _close_gap(belief, at + 3, width - 3)
 
@@ -359,7 +373,8 @@ def _close_gap(belief: Belief, at: int, width: int) -> None:
     """Drop ``width`` covariance rows and columns from ``at`` on."""
     P, dim = belief.covariance, belief.size[DIM] - width
     for i in range(at, dim):
-        P[i, : dim + width] = P[i + width, : dim + width]
+        for j in range(dim + width):
+            P[i, j] = P[i + width, j]
     for i in range(dim):
         for j in range(at, dim):
             P[i, j] = P[i, j + width]
@@ -381,7 +396,9 @@ def shift_mean(belief: Belief, delta: np.ndarray) -> None:
         x[i] += delta[i]
         x[7 + i] += delta[6 + i]
         x[10 + i] += delta[9 + i]
-    x[QUATERNION] = rotate_left(delta[D_ROTATION], x[QUATERNION])
+    q = rotate_left(delta[D_ROTATION], x[QUATERNION])
+    for i in range(4):
+        x[3 + i] = q[i]
     for k in range(belief.size[FEATURES]):
         slot = belief.order[k]
         at = belief.start[slot]

@@ -14,9 +14,10 @@ from numba import njit
 
 from activeslam_gym.camera import CameraModel, inside_image
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.belief import FEATURES, KIND_DIM, RAY, Belief, bearing
 from activeslam_gym.slam.measurement import (
+    INSIDE,
     UNSEEN,
     determinant,
     innovation_covariance,
@@ -46,8 +47,14 @@ def scatter_particles(belief: Belief, slot: int, nearest: float, farthest: float
     for k in range(count):
         belief.particles[slot, k, 0] = nearest + (farthest - nearest) * (k + 0.5) / count
         belief.particles[slot, k, 1] = 1.0 / count
-    belief.weighed_at[slot] = belief.camera[POSITION]
+    _mark_weighed(belief, slot)
     _summarise(belief, slot)
+
+
+@njit(cache=True)
+def _mark_weighed(belief: Belief, slot: int) -> None:
+    for i in range(3):
+        belief.weighed_at[slot, i] = belief.camera[i]
 
 
 @njit(cache=True)
@@ -74,6 +81,8 @@ def predict_rays(camera: CameraModel, belief: Belief) -> Rays:
     rays = Rays(
         np.empty(count, np.int64), np.zeros((count, M), np.int64), np.empty((count, M, 2)), np.empty((count, M, 2, 2))
     )
+    if count == 0:
+        return rays
     R_WC = rotation_matrix(belief.camera[QUATERNION])
     r = 0
     for k in range(belief.size[FEATURES]):
@@ -94,15 +103,18 @@ def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: in
         if belief.particles[slot, k, 1] == 0.0:
             continue
         depth, z_hat, S = belief.particles[slot, k, 0], rays.z_hat[r, k], rays.S[r, k]
-        y = feature[:3] + depth * m[0]
+        y = np.array((feature[0] + depth * m[0, 0], feature[1] + depth * m[0, 1], feature[2] + depth * m[0, 2]))
         if not point_measurement(camera, belief.camera, R_WC, y, z_hat, H_x, H_point):
             continue
         if not inside_image(camera, z_hat, camera.width):
             continue
         for i in range(2):
-            H_ray[i, :3] = H_point[i]
             for j in range(2):
-                H_ray[i, 3 + j] = depth * np.sum(H_point[i] * m[1 + j])
+                H_ray[i, 3 + j] = 0.0
+            for k_axis in range(3):
+                H_ray[i, k_axis] = H_point[i, k_axis]
+                for j in range(2):
+                    H_ray[i, 3 + j] += depth * H_point[i, k_axis] * m[1 + j, k_axis]
         innovation_covariance(belief.covariance, start, width, H_x, H_ray, camera.pixel_std**2, S)
         rays.visibility[r, k] = visibility_of(camera, z_hat, S)
 
@@ -121,14 +133,25 @@ def ray_distance(belief: Belief, rays: Rays, r: int, z: np.ndarray) -> tuple[flo
 
 
 @njit(cache=True)
+def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
+    """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
+    for k in range(rays.visibility.shape[1]):
+        if belief.particles[rays.slot[r], k, 1] > 0.0 and rays.visibility[r, k] != INSIDE:
+            return False
+    return True
+
+
+@njit(cache=True)
 def reweight(belief: Belief, rays: Rays, r: int, z: np.ndarray, baseline: float, prune: float) -> bool:
     """Bayes on the particles by the matched pixel, if the camera has moved ``baseline`` [m] since the last time.
 
     Particles under ``prune`` of the mean weight are dropped. False if no particle explains the pixel.
     """
     slot = rays.slot[r]
-    moved = belief.camera[POSITION] - belief.weighed_at[slot]
-    if np.sum(moved * moved) < baseline * baseline:
+    moved = 0.0
+    for i in range(3):
+        moved += (belief.camera[i] - belief.weighed_at[slot, i]) ** 2
+    if moved < baseline * baseline:
         return True
     particles = belief.particles[slot]
     total = 0.0
@@ -148,7 +171,8 @@ def reweight(belief: Belief, rays: Rays, r: int, z: np.ndarray, baseline: float,
         if particles[k, 1] < floor:
             particles[k, 1] = 0.0
         kept += particles[k, 1]
-    particles[:, 1] /= kept
-    belief.weighed_at[slot] = belief.camera[POSITION]
+    for k in range(particles.shape[0]):
+        particles[k, 1] /= kept
+    _mark_weighed(belief, slot)
     _summarise(belief, slot)
     return True

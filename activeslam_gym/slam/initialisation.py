@@ -18,7 +18,8 @@ from activeslam_gym.camera import (
     ray_jacobian,
 )
 from activeslam_gym.geometry import rotation_matrix, skew
-from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, POSITION, QUATERNION
+from activeslam_gym.linalg import product
+from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import (
     FEATURE_SIZE,
@@ -56,7 +57,9 @@ def follow_candidates(
     detection near it.
     """
     R_WC = rotation_matrix(belief.camera[QUATERNION])
-    taken = match != NEW
+    taken = np.empty(match.shape[0], np.bool_)
+    for i in range(match.shape[0]):
+        taken[i] = match[i] != NEW
     ripe = np.empty(pixels.shape[0], np.int64)
     count = 0
     for c in range(belief.candidate_hits.shape[0]):
@@ -68,7 +71,7 @@ def follow_candidates(
             continue
         taken[i] = True
         belief.candidate_hits[c] += 1
-        belief.candidate_bearing[c] = _direction(camera, R_WC, pixels[i])
+        _aim(camera, belief, R_WC, c, pixels[i])
         if belief.candidate_hits[c] >= model.birth_detections:
             ripe[count] = i
             count += 1
@@ -89,13 +92,25 @@ def _new_candidates(
             return
         if not taken[i]:
             belief.candidate_hits[c] = 1
-            belief.candidate_bearing[c] = _direction(camera, R_WC, pixels[i])
+            _aim(camera, belief, R_WC, c, pixels[i])
+
+
+@njit(cache=True)
+def _aim(camera: CameraModel, belief: Belief, R_WC: np.ndarray, c: int, pixel: np.ndarray) -> None:
+    """Point candidate ``c`` at a pixel."""
+    h = _direction(camera, R_WC, pixel)
+    for i in range(3):
+        belief.candidate_bearing[c, i] = h[i]
 
 
 @njit(cache=True)
 def _direction(camera: CameraModel, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     """World direction (3,) of a pixel, of any length."""
-    return camera_from_world(R_WC.T, ray_from_pixel(camera, pixel))
+    r = ray_from_pixel(camera, pixel)
+    h = np.empty(3)
+    for i in range(3):
+        h[i] = R_WC[i, 0] * r[0] + R_WC[i, 1] * r[1] + R_WC[i, 2] * r[2]
+    return h
 
 
 @njit(cache=True)
@@ -131,7 +146,7 @@ def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: n
     mean[5] = model.inverse_depth_mean
     Q[5, 5] = model.inverse_depth_std**2
     width = KIND_DIM[kind]
-    slot = append_feature(belief, kind, mean, J_x[:width], Q[:width, :width])
+    slot = append_feature(belief, kind, mean, J_x[:width], Q)
     if kind == RAY:
         scatter_particles(belief, slot, model.particle_near, model.particle_far)
     return True
@@ -150,14 +165,19 @@ def _line_of_sight(
     h = _direction(camera, R_WC, pixel)
     J_h = np.empty((2, 3))
     mean = np.zeros(FEATURE_SIZE)
-    mean[:3] = belief.camera[POSITION]
     mean[3], mean[4] = angles_of(h, J_h)
+    J_turn = product(J_h, skew(h))
+    J_z = product(J_h, product(R_WC, ray_jacobian(camera, pixel)))
     J_x = np.zeros((FEATURE_SIZE, CAMERA_DIM))
-    J_x[:3, D_POSITION] = np.eye(3)
-    J_x[3:5, D_ROTATION] = -J_h @ skew(h)
-    J_z = J_h @ R_WC @ ray_jacobian(camera, pixel)
     Q = np.zeros((FEATURE_SIZE, FEATURE_SIZE))
-    Q[3:5, 3:5] = camera.pixel_std**2 * (J_z @ J_z.T)
+    for i in range(3):
+        mean[i] = belief.camera[i]
+        J_x[i, i] = 1.0
+    for i in range(2):
+        for j in range(3):
+            J_x[3 + i, 3 + j] = -J_turn[i, j]
+        for j in range(2):
+            Q[3 + i, 3 + j] = camera.pixel_std**2 * (J_z[i, 0] * J_z[j, 0] + J_z[i, 1] * J_z[j, 1])
     return mean, J_x, Q
 
 
@@ -174,13 +194,18 @@ def _ray_count(belief: Belief) -> int:
 
 
 @njit(cache=True)
-def mature(model: FilterModel, belief: Belief, slots: np.ndarray) -> int:
-    """Turn into points those of the just measured features ``slots`` (m,) that are ready; returns how many.
+def mature(model: FilterModel, belief: Belief, K: int, match: np.ndarray) -> int:
+    """Turn into points those of the features just matched that are ready; returns how many.
+
+    ``match`` (M,) is the match of each detection, in which row ``K`` is slot 0.
 
     A ray is ready at the paper's ratio of depth deviation to depth; inverse depth when its linearity index is small.
     """
     count = 0
-    for slot in slots:
+    for row in match:
+        slot = row - K
+        if slot < 0:
+            continue
         if belief.kind[slot] == RAY:
             ready = depth_ratio(belief, slot) < model.mapped_depth_ratio
         else:
@@ -200,11 +225,14 @@ def linearity_index(belief: Belief, slot: int) -> float:
     """
     feature, at = belief.feature[slot], belief.start[slot] + 5
     rho = feature[5]
-    m = bearing(feature[3], feature[4])[0]
-    sight = feature[:3] + m / rho - belief.camera[POSITION]
-    d = math.sqrt(np.sum(sight * sight))
+    m = bearing(feature[3], feature[4])
+    square, along = 0.0, 0.0
+    for i in range(3):
+        sight = feature[i] + m[0, i] / rho - belief.camera[i]
+        square += sight * sight
+        along += m[0, i] * sight
     sigma_d = math.sqrt(max(belief.covariance[at, at], 0.0)) / (rho * rho)
-    return 4.0 * sigma_d * abs(np.sum(m * sight)) / max(d * d, 1e-12)
+    return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 
 
 @njit(cache=True)

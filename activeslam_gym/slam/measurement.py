@@ -62,12 +62,12 @@ def empty_predictions(rows: int) -> Predictions:
 def point_measurement(
     camera: CameraModel, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
 ) -> bool:
-    """Pixel of the world point ``y`` (3,) from ``pose`` (>= 3, position first), with its Jacobians.
+    """Pixel of the world point ``y`` (>= 3,) from ``pose`` (>= 3, position first), with its Jacobians.
 
     p_C = R^T (y - p); with R = Exp(dtheta) R_hat, dp_C/d dtheta = R^T [y - p]x. Writes ``z`` (2,), ``H_x`` (2, 6) by
     position and rotation, and ``H_y`` (2, >= 3). False where the point is nearer than the camera's minimum depth.
     """
-    d = y - pose[:3]
+    d = np.array((y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
     p_C = camera_from_world(R_WC, d)
     if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
         return False
@@ -110,8 +110,8 @@ def inverse_depth_measurement(
     """
     rho = feature[5]
     m = bearing(feature[3], feature[4])
-    offset = feature[:3] - pose[:3]
-    d = rho * offset + m[0]
+    offset = np.array((feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2]))
+    d = np.array((rho * offset[0] + m[0, 0], rho * offset[1] + m[0, 1], rho * offset[2] + m[0, 2]))
     p_C = camera_from_world(R_WC, d)
     if p_C[2] < camera.minimum_depth * rho or not pixel_from_camera_point(camera, p_C, z):
         return False
@@ -133,10 +133,10 @@ def measure_row(
     z, H_x, H_y = out.z_hat[row], out.H_camera[row], out.H_feature[row]
     if slot < 0:
         seen = point_measurement(camera, belief.camera, R_WC, fiducials[row], z, H_x, H_y)
-        H_y[:] = 0.0
+        H_y[:, :] = 0.0
         return seen
     if belief.kind[slot] == POINT:
-        return point_measurement(camera, belief.camera, R_WC, belief.feature[slot, :3], z, H_x, H_y)
+        return point_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
     if belief.kind[slot] == INVERSE_DEPTH:
         return inverse_depth_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
     return False

@@ -5,8 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, MotionModel
-from activeslam_gym.motion import process_covariance, transition, transition_jacobian
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_DIM,
+    MotionModel,
+    process_covariance,
+    transition,
+    transition_jacobian,
+)
 from activeslam_gym.slam.belief import DIM, FRAME, Belief
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
 from activeslam_gym.camera import CameraModel
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.linalg import cholesky_in_place, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, solve_transposed, solve_transposed_vector, subtract_gram
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.belief import DIM, KIND_DIM, Belief, recentre_rotation, shift_mean
 from activeslam_gym.slam.measurement import POSE_DIM, Predictions, measure_row
@@ -33,31 +35,51 @@ def update(
     delta = np.zeros(dim)
     camera_0, feature_0 = belief.camera.copy(), belief.feature.copy()
     W = np.zeros((m, dim))
+    done = False
     for iteration in range(iterations):
         if iteration > 0:
             _set_mean(belief, camera_0, feature_0, delta)
             if not _remeasure(camera, belief, fiducials, rows, predictions):
                 break
-        step = np.empty((m, 1))
+        step = np.empty(m)
         W_new = np.zeros((m, dim))
         S = stack(belief, fiducials.shape[0], rows, predictions, camera.pixel_std**2, W_new)
         _innovation(belief, fiducials.shape[0], rows, pixels, predictions, delta, step)
         if not cholesky_in_place(S):
             break
         solve_transposed(S, W_new)
-        solve_transposed(S, step)
+        solve_transposed_vector(S, step)
         W = W_new
-        delta = np.zeros(dim)
-        for r in range(m):
-            for j in range(dim):
-                delta[j] += W[r, j] * step[r, 0]
-    if not np.all(np.isfinite(delta)):
-        delta[:] = 0.0
-        W[:] = 0.0
+        gain_times(W, step, delta)
+        done = is_finite(delta)
+        if not done:
+            break
+    if not done:
+        _set_mean(belief, camera_0, feature_0, np.zeros(dim))
+        return False
     _set_mean(belief, camera_0, feature_0, delta)
     subtract_gram(belief.covariance, W, dim)
     recentre_rotation(belief, delta)
-    return bool(np.any(delta != 0.0))
+    return True
+
+
+@njit(cache=True)
+def gain_times(W: np.ndarray, whitened: np.ndarray, out: np.ndarray) -> None:
+    """out (dim,) = W^T ``whitened``: the gain times an innovation, in factored form."""
+    out[:] = 0.0
+    for r in range(W.shape[0]):
+        factor = whitened[r]
+        for j in range(W.shape[1]):
+            out[j] += W[r, j] * factor
+
+
+@njit(cache=True)
+def is_finite(values: np.ndarray) -> bool:
+    """Whether all of ``values`` (n,) are finite."""
+    for value in values:
+        if not math.isfinite(value):
+            return False
+    return True
 
 
 @njit(cache=True)
@@ -72,8 +94,9 @@ def stack(
         for k in range(POSE_DIM + width):
             factor = predictions.H_camera[row, axis, k] if k < POSE_DIM else predictions.H_feature[row, axis, k - POSE_DIM]
             source = P[k] if k < POSE_DIM else P[start + k - POSE_DIM]
+            target = HP[r]
             for j in range(dim):
-                HP[r, j] += factor * source[j]
+                target[j] += factor * source[j]
     S = np.empty((m, m))
     for c in range(m):
         row, axis = rows[c // 2], c % 2
@@ -107,7 +130,7 @@ def _innovation(
     delta: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """out (m, 1) = z - h + H delta."""
+    """out (m,) = z - h + H delta."""
     for i in range(rows.shape[0]):
         start, width = _columns(belief, rows[i] - K)
         for axis in range(2):
@@ -116,7 +139,7 @@ def _innovation(
                 value += predictions.H_camera[rows[i], axis, k] * delta[k]
             for k in range(width):
                 value += predictions.H_feature[rows[i], axis, k] * delta[start + k]
-            out[2 * i + axis, 0] = value
+            out[2 * i + axis] = value
 
 
 @njit(cache=True)

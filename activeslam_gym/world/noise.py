@@ -21,11 +21,12 @@ _S11, _S27, _S30, _S31 = np.uint64(11), np.uint64(27), np.uint64(30), np.uint64(
 @njit(cache=True)
 def uniforms(key: np.ndarray, first: int, count: int) -> np.ndarray:
     """Draws ``first`` … ``first + count - 1`` of the stream ``key`` ((1,) uint64): uniform in (0, 1), (count,)."""
-    bits = key + (np.arange(count).astype(np.uint64) + np.uint64(first + 1)) * _GAMMA
+    bits = np.arange(first + 1, first + count + 1).astype(np.uint64)  # whole arrays: their products wrap in silence
+    bits = bits * _GAMMA + key
     bits = (bits ^ (bits >> _S30)) * _MIX_1
     bits = (bits ^ (bits >> _S27)) * _MIX_2
-    bits = bits ^ (bits >> _S31)
-    return ((bits >> _S11).astype(np.float64) + 0.5) * 2.0**-53
+    bits = (bits ^ (bits >> _S31)) >> _S11
+    return (bits.astype(np.float64) + 0.5) * 2.0**-53
 
 
 @njit(cache=True)

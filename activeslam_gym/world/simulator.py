@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from activeslam_gym.camera import CameraModel, camera_from_world, inside_image, pixel_from_camera_point
+from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel_from_camera_point
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.motion import CAMERA_SIZE, POSITION, QUATERNION, MotionModel, transition
+from activeslam_gym.motion import CAMERA_SIZE, QUATERNION, MotionModel, transition
 from activeslam_gym.world.noise import normals, uniforms
 
 CLUTTER_LABEL = -1
@@ -66,9 +66,10 @@ def move(motion: MotionModel, world: World, u: np.ndarray, frame: int) -> int:
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
     noise = normals(world.noise_key, _draws(world) * frame, 6)
-    disturbed = u.copy()
-    disturbed[:3] += motion.acceleration_std * noise[:3]
-    disturbed[3:] += motion.angular_acceleration_std * noise[3:]
+    disturbed = np.empty(6)
+    for i in range(3):
+        disturbed[i] = u[i] + motion.acceleration_std * noise[i]
+        disturbed[3 + i] = u[3 + i] + motion.angular_acceleration_std * noise[3 + i]
     x = transition(world.camera, disturbed, motion.dt)
     contacts = 0
     half = (motion.half_x, motion.half_y, motion.half_z)
@@ -103,7 +104,7 @@ def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: D
     z = np.empty(2)
     n = 0
     for i in range(points):
-        p_C = camera_from_world(R_WC, world.points[i] - world.camera[POSITION])
+        p_C = camera_point(R_WC, world.camera, world.points[i])
         if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
             continue
         if not inside_image(camera, z, 0.0) or luck[i] < sensor.missed_probability:
@@ -121,7 +122,7 @@ def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: D
         order[n] = spare[3 + 3 * i]
         n += 1
     out.count[0] = n
-    _shuffle(out, order[:n])
+    _shuffle(out, order)
 
 
 @njit(cache=True)
@@ -139,9 +140,12 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
 
 @njit(cache=True)
 def _shuffle(out: Detections, order: np.ndarray) -> None:
-    """Sort the detections by their random ``order``."""
-    permutation = np.argsort(order)
-    pixels = out.pixels[: order.shape[0]][permutation]
-    labels = out.labels[: order.shape[0]][permutation]
-    out.pixels[: order.shape[0]] = pixels
-    out.labels[: order.shape[0]] = labels
+    """Sort the detections by their random ``order``, by insertion: there are few."""
+    for i in range(1, out.count[0]):
+        for j in range(i, 0, -1):
+            if order[j - 1] <= order[j]:
+                break
+            order[j - 1], order[j] = order[j], order[j - 1]
+            out.labels[j - 1], out.labels[j] = out.labels[j], out.labels[j - 1]
+            for axis in range(2):
+                out.pixels[j - 1, axis], out.pixels[j, axis] = out.pixels[j, axis], out.pixels[j - 1, axis]

@@ -113,8 +113,6 @@ class Scenario:
     """Consecutive detections that give birth to a feature."""
     mapped_depth_ratio: float = 0.3
     """A feature is mapped when the standard deviation of its depth over its depth is under this."""
-    update_iterations: int = 1
-    """Linearisations of an update; 1 is the EKF, more the iterated EKF."""
     maximum_misses: int = 10
     """A feature predicted well inside the image and not matched in so many consecutive frames is deleted."""
     particle_count: int = 100
@@ -133,7 +131,7 @@ class Scenario:
     """First inverse depth of a feature [1/m]."""
     inverse_depth_std: float = 0.3
     """Its standard deviation [1/m]."""
-    linearity_threshold: float = 0.1
+    linearity_threshold: float = 0.2
     """Linearity index under which an inverse-depth feature becomes a point (Civera, Davison and Montiel 2008)."""
 
     # The policies' metrics ------------------------------------------------------------------------------------------
@@ -167,7 +165,7 @@ class Scenario:
 _POSITIVE = (
     "landmark_count frame_time image_width image_height focal_px minimum_depth pixel_std step_length turn_rate "
     "controller_frequency rate_loop_time orientation_std velocity_std angular_velocity_std birth_detections "
-    "mapped_depth_ratio update_iterations maximum_misses particle_baseline ray_capacity ray_age inverse_depth_mean inverse_depth_std "
+    "mapped_depth_ratio maximum_misses particle_baseline ray_capacity ray_age inverse_depth_mean inverse_depth_std "
     "linearity_threshold scripted_gaze_period"
 ).split()
 _NOT_NEGATIVE = (
@@ -176,7 +174,7 @@ _NOT_NEGATIVE = (
 ).split()
 _PROBABILITY = "missed_detection_probability gate_probability birth_gate_probability".split()
 _INTEGER = (
-    "landmark_count fiducial_count image_width image_height birth_detections update_iterations maximum_misses particle_count ray_capacity"
+    "landmark_count fiducial_count image_width image_height birth_detections maximum_misses particle_count ray_capacity"
 ).split()
 
 

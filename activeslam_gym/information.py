@@ -41,7 +41,7 @@ from activeslam_gym.motion import (
     open_loop,
     turn_of,
 )
-from activeslam_gym.slam.belief import FEATURES, FREE, RAY, Belief
+from activeslam_gym.slam.belief import FEATURES, FREE, RAY, Belief, point_marginal
 from activeslam_gym.slam.measurement import POSE_DIM, point_measurement
 from activeslam_gym.slam.prediction import propagate
 
@@ -65,28 +65,27 @@ class Expectation(NamedTuple):
 
 
 @njit(cache=True)
-def update_expectation(expectation: Expectation, belief: Belief, points: np.ndarray, covariance: np.ndarray) -> None:
+def update_expectation(expectation: Expectation, belief: Belief) -> None:
     """Retire and bring back expected landmarks, so that exactly the counting features have retired one each.
 
-    A feature counts from the first time that the log-determinant of its own point marginal is under the prior's; it
-    retires the expected landmark nearest to it (Mahalanobis, with the covariances of both); deleting it brings that
-    landmark back. Rays never count. ``points``, ``covariance``: the public belief.
+    A feature counts from the first frame in which the log-determinant of its own point marginal is under the prior's;
+    it retires the expected landmark nearest to it (Mahalanobis, with the covariances of both); deleting it brings that
+    landmark back. Rays never count. To be called after every frame.
     """
-    N = expectation.slot.shape[0]
-    for e in range(N):
+    for e in range(expectation.slot.shape[0]):
         slot = expectation.slot[e]
         if slot >= 0 and (belief.kind[slot] == FREE or belief.serial[slot] != expectation.serial[e]):
             expectation.slot[e] = -1
     variance = expectation.variance
     bound = math.log2(variance[0] * variance[1] * variance[2])
+    P_y = np.empty((3, 3))
     for k in range(belief.size[FEATURES]):
         slot = belief.order[k]
         if belief.kind[slot] == RAY or counts(expectation, slot):
             continue
-        at = CAMERA_DIM + 3 * k
-        P_y = covariance[at : at + 3, at : at + 3]
+        y = point_marginal(belief, slot, P_y)
         if log2_det_3(P_y) < bound:  # False for NaN
-            e = _nearest_expected(expectation, points[k], P_y)
+            e = _nearest_expected(expectation, y, P_y)
             if e < 0:
                 return
             expectation.slot[e] = slot

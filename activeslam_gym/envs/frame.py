@@ -11,7 +11,7 @@ from activeslam_gym.camera import CameraModel, camera_of, camera_point, pixel_fr
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.scoring import Labels, vote
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information import Expectation
+from activeslam_gym.information import Expectation, update_expectation
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -192,6 +192,7 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
     for i in range(count):
         simulation.match[i] = match[i]
     simulation.events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
+    update_expectation(simulation.expectation, belief)
     simulation.control.command[1] += 1
 
 

@@ -29,7 +29,6 @@ from activeslam_gym.information import (
     find_counting,
     gathered,
     log2_dets,
-    update_expectation,
     variance_sums,
     waiting_count,
 )
@@ -195,7 +194,6 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
     N = expectation.points.shape[0]
     K = world.points.shape[0] - N
     n = point_belief(belief, points, P)
-    update_expectation(expectation, belief, points, P)
     first, after, counting, of_landmark = _ordered_features(simulation, n, N)
     U = gathered(P, first, after)
     sound = cholesky_in_place(U)

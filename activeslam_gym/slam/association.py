@@ -1,74 +1,260 @@
-"""Unknown correspondence: mutual best matches inside a chi-square gate.
+"""Unknown correspondence: joint, unambiguous matches inside chi-square gates.
 
-The paper takes the nearest predicted feature inside the ellipse of S. Plain Mahalanobis distance favours whatever is
-uncertain, since a large ellipse is near everything; so "nearest" is by likelihood, d^2 + ln |S|, and a match must be the
-best for its detection and for its feature. The gate itself stays on d^2.
+The paper gives each measurement to the nearest predicted feature inside its ellipse, alone. That is where single runs
+go wrong (fiducials swapped under the prior's wide ellipses, a wrong landmark taken on re-entry after a full turn), and
+one wrong match makes the next ones. So a match must be more than near:
+
+1. "Near" is by likelihood, cost = d^2 + ln |S|: plain Mahalanobis distance favours whatever is uncertain.
+2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the birth gate
+   comes within a margin. The joint Gaussian of the other predicted pixels is then conditioned on it, which sharpens
+   them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and Tardos, "Data
+   association in stochastic mapping using the joint compatibility test", 2001, ask for).
+3. A vaguely predicted row is matched only with support: given it, another row's detection falls into its gate; and only
+   if the pairing beats its rivals by a margin.
+4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.depth_particles import Rays, ray_distance
-from activeslam_gym.slam.measurement import UNSEEN, Predictions, determinant, squared_distance
+from activeslam_gym.slam.settings import FilterModel
 
 NEW, REJECTED = -1, -2
 """A detection outside every birth gate; one that is near a prediction but no match."""
 
 
+class Hypotheses(NamedTuple):
+    """What is still open between m predicted rows and M detections."""
+
+    z: np.ndarray
+    """(2 m,) predicted pixels, given the matches so far [px]."""
+    S: np.ndarray
+    """(2 m, 2 m) their joint innovation covariance, given the matches so far [px^2]."""
+    open: np.ndarray
+    """(m,) bool: rows without a match."""
+    free: np.ndarray
+    """(M,) bool: detections without a match."""
+    d2: np.ndarray
+    """(m, M) squared Mahalanobis distances."""
+    cost: np.ndarray
+    """(m, M) d^2 + ln |S|: -2 ln of the likelihood, less a constant."""
+
+
 @njit(cache=True)
 def associate(
+    model: FilterModel,
     belief: Belief,
-    predictions: Predictions,
+    rows: np.ndarray,
+    z_hat: np.ndarray,
+    S: np.ndarray,
     rays: Rays,
-    fiducial_count: int,
+    K: int,
     pixels: np.ndarray,
-    gate: float,
-    birth_gate: float,
+    waits: np.ndarray,
 ) -> np.ndarray:
-    """Match ``pixels`` (M, 2) to rows; returns (M,) the row of each, or NEW or REJECTED.
+    """Match ``pixels`` (M, 2) to ``rows`` (m,) and to rays; returns (M,) the row of each, or NEW or REJECTED.
 
-    ``gate`` and ``birth_gate`` are chi-square quantiles of 2 dof.
+    ``z_hat`` (2 m,) and ``S`` (2 m, 2 m) are the rows' joint prediction; ``waits`` (K + F,) bool is set for the rows
+    that a detection may be of without being clear enough to match.
     """
-    rows, M = predictions.visibility.shape[0], pixels.shape[0]
-    d2, cost = _distances(belief, predictions, rays, fiducial_count, pixels)
-    best_row, best_pixel, near = np.full(M, -1), np.full(rows, -1), np.zeros(M, np.bool_)
-    for r in range(rows):
-        for i in range(M):
-            near[i] |= d2[r, i] < birth_gate
-            if d2[r, i] < gate:
-                if best_row[i] < 0 or cost[r, i] < cost[best_row[i], i]:
-                    best_row[i] = r
-                if best_pixel[r] < 0 or cost[r, i] < cost[r, best_pixel[r]]:
-                    best_pixel[r] = i
-    out = np.empty(M, np.int64)
+    m, M = rows.shape[0], pixels.shape[0]
+    h = Hypotheses(
+        z_hat.copy(), S.copy(), np.ones(m, np.bool_), np.ones(M, np.bool_), np.empty((m, M)), np.empty((m, M))
+    )
+    out = np.full(M, NEW)
+    _measure_distances(h, pixels)
+    while _any_open(model, h):
+        matched = _match_clear(model, h, pixels, rows, out)
+        if not matched and not _match_supported(model, h, pixels, rows, out):
+            break
     for i in range(M):
-        if best_row[i] >= 0 and best_pixel[best_row[i]] == i:
-            out[i] = best_row[i]
-        else:
-            out[i] = REJECTED if near[i] else NEW
+        for a in range(m):
+            if h.free[i] and h.d2[a, i] < model.birth_gate:
+                out[i] = REJECTED
+                if h.open[a]:
+                    waits[rows[a]] = True
+    _match_rays(model, belief, rays, K, pixels, out)
     return out
 
 
 @njit(cache=True)
-def _distances(
-    belief: Belief, predictions: Predictions, rays: Rays, fiducial_count: int, pixels: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squared Mahalanobis distance and -2 ln likelihood (less ln 4 pi^2), (rows, M); inf where nothing is predicted."""
-    rows, M = predictions.visibility.shape[0], pixels.shape[0]
-    d2, cost = np.full((rows, M), np.inf), np.full((rows, M), np.inf)
-    for row in range(rows):
-        if predictions.visibility[row] != UNSEEN:
-            log_det = math.log(determinant(predictions.S[row]))
-            for i in range(M):
-                d2[row, i] = squared_distance(pixels[i], predictions.z_hat[row], predictions.S[row])
-                cost[row, i] = d2[row, i] + log_det
-    for r in range(rays.slot.shape[0]):
-        row = fiducial_count + rays.slot[r]
+def _measure_distances(h: Hypotheses, pixels: np.ndarray) -> None:
+    """Distances and costs of the open rows."""
+    for a in range(h.open.shape[0]):
+        if h.open[a]:
+            s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
+            det = max(s00 * s11 - s01 * s01, 1e-300)
+            log_det = math.log(det)
+            for i in range(pixels.shape[0]):
+                x, y = pixels[i, 0] - h.z[2 * a], pixels[i, 1] - h.z[2 * a + 1]
+                h.d2[a, i] = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / det
+                h.cost[a, i] = h.d2[a, i] + log_det
+
+
+@njit(cache=True)
+def _any_open(model: FilterModel, h: Hypotheses) -> bool:
+    """Whether an open row and a free detection may still belong together."""
+    for a in range(h.open.shape[0]):
+        if h.open[a]:
+            for i in range(h.free.shape[0]):
+                if h.free[i] and h.d2[a, i] < model.gate:
+                    return True
+    return False
+
+
+@njit(cache=True)
+def _close(h: Hypotheses, a: int, i: int) -> None:
+    h.open[a] = False
+    h.free[i] = False
+
+
+@njit(cache=True)
+def _condition(h: Hypotheses, a: int, pixel: np.ndarray) -> None:
+    """Condition the joint Gaussian of the predicted pixels on row ``a`` being seen at ``pixel`` (2,)."""
+    n = h.z.shape[0]
+    s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
+    det = max(s00 * s11 - s01 * s01, 1e-300)
+    x, y = pixel[0] - h.z[2 * a], pixel[1] - h.z[2 * a + 1]
+    c0, c1 = h.S[2 * a].copy(), h.S[2 * a + 1].copy()
+    for i in range(n):
+        g0, g1 = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det
+        h.z[i] += g0 * x + g1 * y
+        for j in range(n):
+            h.S[i, j] -= g0 * c0[j] + g1 * c1[j]
+
+
+@njit(cache=True)
+def _is_sharp(model: FilterModel, h: Hypotheses, a: int) -> bool:
+    """Whether the longest axis of row ``a``'s ellipse is within the limit."""
+    s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
+    half = 0.5 * (s00 + s11)
+    longest = half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
+    return longest <= model.sharp_std_px**2
+
+
+@njit(cache=True)
+def _match_clear(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np.ndarray, out: np.ndarray) -> bool:
+    """Match every sharp row that has a clear partner, then condition the rest on them; whether there was any."""
+    m = h.open.shape[0]
+    partner = np.full(m, -1)
+    found = False
+    for a in range(m):
+        if h.open[a] and _is_sharp(model, h, a):
+            partner[a] = _clear_partner(model, h, a)
+            found |= partner[a] >= 0
+    for a in range(m):
+        if partner[a] >= 0:
+            out[partner[a]] = rows[a]
+            _close(h, a, partner[a])
+    if found and _any_open(model, h):
+        for a in range(m):
+            if partner[a] >= 0:
+                _condition(h, a, pixels[partner[a]])
+        _measure_distances(h, pixels)
+    return found
+
+
+@njit(cache=True)
+def _clear_partner(model: FilterModel, h: Hypotheses, a: int) -> int:
+    """The free detection that is row ``a``'s best by a margin, and whose best by a margin is row ``a``; or -1."""
+    best = -1
+    for i in range(h.free.shape[0]):
+        if h.free[i] and h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):
+            best = i
+    if best < 0:
+        return -1
+    bound = h.cost[a, best] + model.clear_margin
+    for i in range(h.free.shape[0]):
+        if i != best and h.free[i] and h.d2[a, i] < model.birth_gate and h.cost[a, i] < bound:
+            return -1
+    for r in range(h.open.shape[0]):
+        if r != a and h.open[r] and h.d2[r, best] < model.birth_gate and h.cost[r, best] < bound:
+            return -1
+    return best
+
+
+@njit(cache=True)
+def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np.ndarray, out: np.ndarray) -> bool:
+    """Match the vague row whose pairing explains the most together with what it implies; whether there was one.
+
+    A pairing's worth is its log likelihood ratio against clutter, plus the best of each other row's given it. It needs
+    at least one such support, and a margin over every pairing of the same row or the same detection.
+    """
+    m, M = h.open.shape[0], h.free.shape[0]
+    worth = np.full((m, M), -np.inf)
+    best_a, best_i = -1, -1
+    for a in range(m):
+        if not h.open[a]:
+            continue
+        vague = not _is_sharp(model, h, a)
         for i in range(M):
-            d2[row, i], cost[row, i] = ray_distance(belief, rays, r, pixels[i])
-    return d2, cost
+            if h.free[i] and h.d2[a, i] < model.gate:
+                support = _support(model, h, a, i, pixels)
+                worth[a, i] = 0.5 * (model.clutter_cost - h.cost[a, i]) + support
+                if vague and support > 0.0 and (best_a < 0 or worth[a, i] > worth[best_a, best_i]):
+                    best_a, best_i = a, i
+    if best_a < 0:
+        return False
+    bound = worth[best_a, best_i] - 0.5 * model.support_margin
+    for a in range(m):
+        if a != best_a and worth[a, best_i] > bound:
+            return False
+    for i in range(M):
+        if i != best_i and worth[best_a, i] > bound:
+            return False
+    out[best_i] = rows[best_a]
+    _close(h, best_a, best_i)
+    _condition(h, best_a, pixels[best_i])
+    _measure_distances(h, pixels)
+    return True
+
+
+@njit(cache=True)
+def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarray) -> float:
+    """Sum over the other open rows of their best log likelihood ratio, given that row ``a`` is detection ``i``."""
+    trial = Hypotheses(h.z.copy(), h.S.copy(), h.open.copy(), h.free.copy(), h.d2.copy(), h.cost.copy())
+    _close(trial, a, i)
+    _condition(trial, a, pixels[i])
+    _measure_distances(trial, pixels)
+    total = 0.0
+    for r in range(trial.open.shape[0]):
+        best = 0.0
+        for j in range(trial.free.shape[0]):
+            if trial.open[r] and trial.free[j] and trial.d2[r, j] < model.gate:
+                best = max(best, 0.5 * (model.clutter_cost - trial.cost[r, j]))
+        total += best
+    return total
+
+
+@njit(cache=True)
+def _match_rays(
+    model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray
+) -> None:
+    """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
+
+    What is near a ray without being its match is REJECTED.
+    """
+    R, M = rays.slot.shape[0], pixels.shape[0]
+    cost = np.full((R, M), np.inf)
+    near = np.zeros(M, np.bool_)
+    for r in range(R):
+        for i in range(M):
+            if out[i] == NEW:
+                d2, value = ray_distance(belief, rays, r, pixels[i])
+                near[i] |= d2 < model.birth_gate
+                if d2 < model.gate:
+                    cost[r, i] = value
+    for i in range(M):
+        if not near[i]:
+            continue
+        out[i] = REJECTED
+        r = int(np.argmin(cost[:, i]))
+        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
+            out[i] = K + rays.slot[r]

@@ -39,8 +39,6 @@ KIND_DIM = (0, 5, 6, 3)
 FEATURE_SIZE = 6
 SPARE_FEATURES = 13
 """Features beyond the number of landmarks for which there is room: those being initialised, false and double ones."""
-LONG_FEATURES = 24
-"""Features that may be longer than a point at the same time."""
 CANDIDATE_CAPACITY = 32
 MINIMUM_INVERSE_DEPTH = 0.01
 """Updates keep inverse depths above this [1/m]."""
@@ -90,8 +88,8 @@ def feature_capacity(scenario: Scenario) -> int:
 
 
 def covariance_capacity(scenario: Scenario) -> int:
-    """Covariance rows of a scenario: every slot as a point, and some of them longer."""
-    return CAMERA_DIM + 3 * feature_capacity(scenario) + 3 * min(LONG_FEATURES, feature_capacity(scenario))
+    """Covariance rows of a scenario, in which every slot may hold the longest kind."""
+    return CAMERA_DIM + max(KIND_DIM) * feature_capacity(scenario)
 
 
 def empty_belief(scenario: Scenario) -> Belief:
@@ -193,6 +191,20 @@ def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
     for i in range(3):
         y[i] = feature[i] + depth * m[0, i]
         T[i, 3], T[i, 4], T[i, 5] = depth * m[1, i], depth * m[2, i], -depth * depth * m[0, i]
+    return y
+
+
+@njit(cache=True)
+def point_marginal(belief: Belief, slot: int, P_y: np.ndarray) -> np.ndarray:
+    """The feature as a world point (3,) [m]; its own covariance T P T^T goes into ``P_y`` (3, 3)."""
+    T = np.empty((3, FEATURE_SIZE))
+    y = point_of(belief, slot, T)
+    at, width = belief.start[slot], KIND_DIM[belief.kind[slot]]
+    rows = np.empty((3, width))
+    _rows_times(T, belief.covariance[at:, at:], width, rows, width)
+    _columns_times(rows, 0, width, T, P_y, 0)
+    if belief.kind[slot] == RAY:
+        _add_depth_variance(belief, slot, P_y)
     return y
 
 
@@ -347,18 +359,14 @@ def convert_to_point(belief: Belief, slot: int) -> None:
     """Turn a RAY or INVERSE_DEPTH feature into a POINT through its Jacobian (with a ray's depth variance)."""
     P, dim = belief.covariance, belief.size[DIM]
     at, width = belief.start[slot], KIND_DIM[belief.kind[slot]]
-    T = np.empty((3, FEATURE_SIZE))
-    y = point_of(belief, slot, T)
-    rows = np.empty((3, dim))
+    T, rows, block = np.empty((3, FEATURE_SIZE)), np.empty((3, dim)), np.empty((3, 3))
+    point_of(belief, slot, T)
     _rows_times(T, P[at:], width, rows, dim)
-    block = np.empty((3, 3))
-    _columns_times(rows, at, width, T, block, 0)
-    if belief.kind[slot] == RAY:
-        _add_depth_variance(belief, slot, block)
+    y = point_marginal(belief, slot, block)
     for i in range(3):
         for j in range(dim):
-            P[i + at, j] = rows[i, j]
-            P[j, i + at] = rows[i, j]
+            P[at + i, j] = rows[i, j]
+            P[j, at + i] = rows[i, j]
     for i in range(3):
         for j in range(3):
             P[at + i, at + j] = 0.5 * (block[i, j] + block[j, i])

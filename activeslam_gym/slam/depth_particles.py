@@ -20,7 +20,7 @@ from activeslam_gym.slam.measurement import (
     INSIDE,
     UNSEEN,
     determinant,
-    innovation_covariance,
+    own_innovation,
     point_measurement,
     squared_distance,
     visibility_of,
@@ -115,7 +115,7 @@ def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: in
                 H_ray[i, k_axis] = H_point[i, k_axis]
                 for j in range(2):
                     H_ray[i, 3 + j] += depth * H_point[i, k_axis] * m[1 + j, k_axis]
-        innovation_covariance(belief.covariance, start, width, H_x, H_ray, camera.pixel_std**2, S)
+        own_innovation(belief.covariance, start, width, H_x, H_ray, camera.pixel_std**2, S)
         rays.visibility[r, k] = visibility_of(camera, z_hat, S)
 
 

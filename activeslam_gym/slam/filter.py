@@ -8,13 +8,13 @@ from numba import njit
 from activeslam_gym.camera import CameraModel
 from activeslam_gym.motion import MotionModel
 from activeslam_gym.slam.association import REJECTED, associate
-from activeslam_gym.slam.belief import FEATURES, RAY, Belief
+from activeslam_gym.slam.belief import FEATURES, Belief
 from activeslam_gym.slam.depth_particles import Rays, predict_rays, reweight, surely_in_view
 from activeslam_gym.slam.initialisation import delete_failed, follow_candidates, give_birth, mature
-from activeslam_gym.slam.measurement import INSIDE, Predictions, predict_measurements
+from activeslam_gym.slam.measurement import INSIDE, UNSEEN, Predictions, predict_measurements
 from activeslam_gym.slam.prediction import predict
 from activeslam_gym.slam.settings import FilterModel
-from activeslam_gym.slam.update import update
+from activeslam_gym.slam.update import innovation_covariance, stack, update
 
 BIRTHS, CONVERSIONS, DELETIONS, REJECTIONS = 0, 1, 2, 3
 """Entries of the counters that a frame adds to."""
@@ -32,7 +32,7 @@ def filter_frame(
     given: np.ndarray,
     counters: np.ndarray,
 ) -> np.ndarray:
-    """Advance the belief by one frame; returns the match (M,) of each of ``pixels`` (M, 2): a row, NEW or REJECTED.
+    """Advance the belief by one frame; returns the match (M,) of each of ``pixels`` (M, 2): a row (a birth included), NEW or REJECTED.
 
     ``u`` (6,) is what the filter knows of the accelerations. ``given`` is empty, or the (M,) known matches of a first
     sight of the fiducials.
@@ -41,39 +41,76 @@ def filter_frame(
     predictions = predict_measurements(camera, belief, fiducials)
     rays = predict_rays(camera, belief)
     K = fiducials.shape[0]
+    rows = _rows_in_reach(predictions)
+    HP = stack(belief, K, rows, predictions)
+    S = innovation_covariance(belief, K, rows, predictions, HP, camera.pixel_std**2)
+    waits = np.zeros(predictions.visibility.shape[0], np.bool_)
     match = given
     if given.shape[0] == 0:
-        match = associate(belief, predictions, rays, K, pixels, model.gate, model.birth_gate)
-    _count_misses(belief, predictions, rays, K, match, counters)
+        match = associate(model, belief, rows, _stacked_pixels(rows, predictions), S, rays, K, pixels, waits)
+    _count_misses(belief, predictions, rays, K, match, waits, counters)
     _reweight_rays(model, belief, rays, K, pixels, match)
-    rows, measured = _measurements(belief, K, pixels, match)
-    if rows.shape[0] > 0:
-        update(camera, belief, fiducials, rows, measured, predictions, model.iterations)
+    _update_by(belief, rows, predictions, HP, S, pixels, match)
     counters[CONVERSIONS] += mature(model, belief, K, match)
     counters[DELETIONS] += delete_failed(model, belief)
     for i in follow_candidates(camera, model, belief, pixels, match):
-        if give_birth(camera, model, belief, pixels[i]):
+        slot = give_birth(camera, model, belief, pixels[i])
+        if slot >= 0:
+            match[i] = K + slot
             counters[BIRTHS] += 1
     return match
 
 
 @njit(cache=True)
-def _measurements(
-    belief: Belief, K: int, pixels: np.ndarray, match: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (m,) and pixels (m, 2) of the matches that update: of fiducials, points and inverse-depth features.
-
-    A match with a ray only re-weights its particles.
-    """
-    rows, measured = np.empty(match.shape[0], np.int64), np.empty((match.shape[0], 2))
+def _rows_in_reach(predictions: Predictions) -> np.ndarray:
+    """(m,) rows that may have been detected."""
+    rows = np.empty(predictions.visibility.shape[0], np.int64)
     count = 0
-    for i in range(match.shape[0]):
-        slot = match[i] - K
-        if match[i] >= 0 and (slot < 0 or belief.kind[slot] != RAY):
-            rows[count] = match[i]
-            measured[count, 0], measured[count, 1] = pixels[i, 0], pixels[i, 1]
+    for row in range(rows.shape[0]):
+        if predictions.visibility[row] != UNSEEN:
+            rows[count] = row
             count += 1
-    return rows[:count], measured[:count]
+    return rows[:count]
+
+
+@njit(cache=True)
+def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
+    """(2 m,) predicted pixels of ``rows``."""
+    z = np.empty(2 * rows.shape[0])
+    for i in range(z.shape[0]):
+        z[i] = predictions.z_hat[rows[i // 2], i % 2]
+    return z
+
+
+@njit(cache=True)
+def _update_by(
+    belief: Belief,
+    rows: np.ndarray,
+    predictions: Predictions,
+    HP: np.ndarray,
+    S: np.ndarray,
+    pixels: np.ndarray,
+    match: np.ndarray,
+) -> None:
+    """Update by the matched among ``rows``: their part of H P and of S. (A match with a ray only has particles.)"""
+    kept, innovation = np.empty(2 * rows.shape[0], np.int64), np.empty(2 * rows.shape[0])
+    m = 0
+    for a in range(rows.shape[0]):
+        for i in range(match.shape[0]):
+            if match[i] == rows[a]:
+                for axis in range(2):
+                    kept[m] = 2 * a + axis
+                    innovation[m] = pixels[i, axis] - predictions.z_hat[rows[a], axis]
+                    m += 1
+    if m == 0:
+        return
+    HP_m, S_m = np.empty((m, HP.shape[1])), np.empty((m, m))
+    for r in range(m):
+        for j in range(HP.shape[1]):
+            HP_m[r, j] = HP[kept[r], j]
+        for j in range(m):
+            S_m[r, j] = S[kept[r], kept[j]]
+    update(belief, HP_m, S_m, innovation[:m])
 
 
 @njit(cache=True)
@@ -90,9 +127,15 @@ def _reweight_rays(
 
 @njit(cache=True)
 def _count_misses(
-    belief: Belief, predictions: Predictions, rays: Rays, K: int, match: np.ndarray, counters: np.ndarray
+    belief: Belief,
+    predictions: Predictions,
+    rays: Rays,
+    K: int,
+    match: np.ndarray,
+    waits: np.ndarray,
+    counters: np.ndarray,
 ) -> None:
-    """A match clears a feature's misses; being predicted well inside the image without one adds to them."""
+    """A match clears a feature's misses; being predicted well inside the image without a detection near adds one."""
     matched = np.zeros(predictions.visibility.shape[0], np.bool_)
     for i in range(match.shape[0]):
         if match[i] >= 0:
@@ -102,7 +145,7 @@ def _count_misses(
         slot = belief.order[k]
         if matched[K + slot]:
             belief.misses[slot] = 0
-        elif predictions.visibility[K + slot] == INSIDE:
+        elif predictions.visibility[K + slot] == INSIDE and not waits[K + slot]:
             belief.misses[slot] += 1
     for r in range(rays.slot.shape[0]):
         if not matched[K + rays.slot[r]] and surely_in_view(belief, rays, r):

@@ -133,15 +133,15 @@ def _nearest_pixel(
 
 
 @njit(cache=True)
-def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: np.ndarray) -> bool:
-    """Add the feature seen at ``pixel`` (2,), of the kind that the scenario's initialiser begins with.
+def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: np.ndarray) -> int:
+    """Add the feature seen at ``pixel`` (2,) and return its slot, of the kind that the scenario's initialiser begins with.
 
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
-    independent of the rest. False if there is no room.
+    independent of the rest. -1 if there is no room.
     """
     kind = INVERSE_DEPTH if model.inverse_depth else RAY
     if not room_for(belief, KIND_DIM[kind]) or (kind == RAY and _ray_count(belief) >= model.ray_capacity):
-        return False
+        return -1
     mean, J_x, Q = _line_of_sight(camera, belief, pixel)
     mean[5] = model.inverse_depth_mean
     Q[5, 5] = model.inverse_depth_std**2
@@ -149,7 +149,7 @@ def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: n
     slot = append_feature(belief, kind, mean, J_x[:width], Q)
     if kind == RAY:
         scatter_particles(belief, slot, model.particle_near, model.particle_far)
-    return True
+    return slot
 
 
 @njit(cache=True)

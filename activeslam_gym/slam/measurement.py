@@ -24,8 +24,11 @@ from activeslam_gym.slam.belief import FEATURES, INVERSE_DEPTH, KIND_DIM, POINT,
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
-SEARCH_STDS = 3.0
-"""A feature is searched for when its predicted pixel is within so many standard deviations of the image."""
+SEARCH_STDS = 4.3
+"""A feature is searched for when its predicted pixel is within so many standard deviations of the image: the radius of
+the birth gate, so that no known feature is born again just outside."""
+INSIDE_STDS = 3.0
+"""Its absence is telling when its predicted pixel is so many standard deviations inside."""
 
 UNSEEN, NEAR, INSIDE = 0, 1, 2
 """A row is not predicted in view; within reach of the image; well inside it, so that a miss is telling."""
@@ -143,7 +146,7 @@ def measure_row(
 
 
 @njit(cache=True)
-def innovation_covariance(
+def own_innovation(
     P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
 ) -> None:
     """S (2, 2) = H P H^T + R, with H non-zero on the pose and on ``width`` columns from ``start`` on."""
@@ -185,7 +188,7 @@ def predict_measurements(camera: CameraModel, belief: Belief, fiducials: np.ndar
         start, width = (0, 0) if slot < 0 else (belief.start[slot], KIND_DIM[belief.kind[slot]])
         if not inside_image(camera, out.z_hat[row], camera.width):
             continue
-        innovation_covariance(
+        own_innovation(
             belief.covariance,
             start,
             width,
@@ -201,10 +204,10 @@ def predict_measurements(camera: CameraModel, belief: Belief, fiducials: np.ndar
 @njit(cache=True)
 def visibility_of(camera: CameraModel, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is UNSEEN, NEAR or INSIDE."""
-    reach = SEARCH_STDS * math.sqrt(max(S[0, 0], S[1, 1]))
-    if inside_image(camera, z_hat, -reach):
+    longest = math.sqrt(max(S[0, 0], S[1, 1]))
+    if inside_image(camera, z_hat, -INSIDE_STDS * longest):
         return INSIDE
-    return NEAR if inside_image(camera, z_hat, reach) else UNSEEN
+    return NEAR if inside_image(camera, z_hat, SEARCH_STDS * longest) else UNSEEN
 
 
 @njit(cache=True)

@@ -8,12 +8,23 @@ from typing import NamedTuple
 from activeslam_gym import config
 from activeslam_gym.config import Scenario
 
+_SHARP_STDS = 2.0
+"""A predicted ellipse is sharp when its longest axis is at most so many standard deviations of the image noise."""
+_CLEAR_MARGIN = 8.0
+"""Lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood."""
+_SUPPORT_MARGIN = 12.0
+"""The same for a match of a vague row, whose worth includes what it makes others explain."""
+
 
 class FilterModel(NamedTuple):
     """Settings of association, initialisation and deletion; see the fields of `Scenario`."""
 
     gate: float
     birth_gate: float
+    sharp_std_px: float
+    clear_margin: float
+    support_margin: float
+    clutter_cost: float
     birth_detections: int
     mapped_depth_ratio: float
     maximum_misses: int
@@ -27,7 +38,6 @@ class FilterModel(NamedTuple):
     particle_baseline: float
     ray_capacity: int
     ray_age_frames: int
-    iterations: int
 
 
 def filter_of(scenario: Scenario) -> FilterModel:
@@ -35,6 +45,10 @@ def filter_of(scenario: Scenario) -> FilterModel:
     return FilterModel(
         gate=chi_square_2_quantile(scenario.gate_probability),
         birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
+        sharp_std_px=_SHARP_STDS * scenario.pixel_std,
+        clear_margin=_CLEAR_MARGIN,
+        support_margin=_SUPPORT_MARGIN,
+        clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
         birth_detections=scenario.birth_detections,
         mapped_depth_ratio=float(scenario.mapped_depth_ratio),
         maximum_misses=scenario.maximum_misses,
@@ -48,7 +62,6 @@ def filter_of(scenario: Scenario) -> FilterModel:
         particle_baseline=float(scenario.particle_baseline),
         ray_capacity=scenario.ray_capacity,
         ray_age_frames=round(scenario.ray_age / scenario.frame_time),
-        iterations=scenario.update_iterations,
     )
 
 

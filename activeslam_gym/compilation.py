@@ -1,7 +1,7 @@
 """The compiled kernels' cache: discard what an edit has made stale.
 
-Numba checks the source of the function that it loads, not of the functions that it was compiled with; after an edit or a
-``git pull`` a kernel in an untouched file would still hold the old code of its callees.
+Numba checks the source of the function that it loads, not of those that it was compiled with; after an edit or a
+``git pull``, a kernel in an untouched file would still hold the old code of its callees.
 """
 
 from __future__ import annotations

@@ -296,7 +296,7 @@ def prospect_of(
 class Sight(NamedTuple):
     """The measurements predicted from a pose: v visible things, fiducials first."""
 
-    index: np.ndarray
+    point: np.ndarray
     """(v,) index of the point, or -1 for a fiducial."""
     H_camera: np.ndarray
     """(v, 2, 6)."""
@@ -328,17 +328,17 @@ def sight_from(camera: CameraModel, prospect: Prospect, pose: np.ndarray) -> Sig
 @njit(cache=True)
 def measured_covariance(P: np.ndarray, sight: Sight, columns: int) -> np.ndarray:
     """H P[:, :columns], (2 v, columns): covariance of the predicted pixels with the leading part of the state."""
-    v = sight.index.shape[0]
+    v = sight.point.shape[0]
     out = np.zeros((2 * v, columns))
     for i in range(v):
-        at = CAMERA_DIM + 3 * sight.index[i]
+        at = CAMERA_DIM + 3 * sight.point[i]
         for axis in range(2):
             row = out[2 * i + axis]
             for k in range(POSE_DIM):
                 factor = sight.H_camera[i, axis, k]
                 for j in range(columns):
                     row[j] += factor * P[k, j]
-            if sight.index[i] >= 0:
+            if sight.point[i] >= 0:
                 for k in range(3):
                     factor = sight.H_point[i, axis, k]
                     for j in range(columns):
@@ -358,7 +358,7 @@ def _times_H(HP: np.ndarray, sight: Sight, first_point_column: np.ndarray, pixel
             value = pixel_var if r == c else 0.0
             for k in range(POSE_DIM):
                 value += HP[r, k] * sight.H_camera[i, axis, k]
-            if sight.index[i] >= 0:
+            if sight.point[i] >= 0:
                 for k in range(3):
                     value += HP[r, at + k] * sight.H_point[i, axis, k]
             S[r, c] = value
@@ -369,16 +369,16 @@ def _times_H(HP: np.ndarray, sight: Sight, first_point_column: np.ndarray, pixel
 @njit(cache=True)
 def seen_covariance(P: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
     """(covariance of the camera and the v things in view only, (12 + 3 v)^2; first column of each of them)."""
-    v = sight.index.shape[0]
+    v = sight.point.shape[0]
     rows = np.empty(CAMERA_DIM + 3 * v, np.int64)
     rows[:CAMERA_DIM] = np.arange(CAMERA_DIM)
     first = np.empty(v, np.int64)
     size = CAMERA_DIM
     for i in range(v):
         first[i] = size
-        if sight.index[i] >= 0:
+        if sight.point[i] >= 0:
             for k in range(3):
-                rows[size + k] = CAMERA_DIM + 3 * sight.index[i] + k
+                rows[size + k] = CAMERA_DIM + 3 * sight.point[i] + k
             size += 3
     out = np.empty((size, size))
     for i in range(size):
@@ -391,13 +391,13 @@ def seen_covariance(P: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray
 def innovation_of(P: np.ndarray, sight: Sight, pixel_var: float) -> tuple[np.ndarray, np.ndarray]:
     """(S (2 v, 2 v), covariance of the predicted pixels with the camera's 12 dimensions (2 v, 12))."""
     inner, first = seen_covariance(P, sight)
-    local = Sight(_local_index(sight.index, first), sight.H_camera, sight.H_point)
+    local = Sight(_local_point(sight.point, first), sight.H_camera, sight.H_point)
     HP = measured_covariance(inner, local, inner.shape[0])
     return _times_H(HP, local, first, pixel_var), HP[:, :CAMERA_DIM].copy()
 
 
 @njit(cache=True)
-def _local_index(index: np.ndarray, first: np.ndarray) -> np.ndarray:
+def _local_point(index: np.ndarray, first: np.ndarray) -> np.ndarray:
     out = np.empty_like(index)
     for i in range(index.shape[0]):
         out[i] = (first[i] - CAMERA_DIM) // 3 if index[i] >= 0 else -1
@@ -406,9 +406,9 @@ def _local_index(index: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def score(camera: CameraModel, prospect: Prospect, P: np.ndarray, pose: np.ndarray, criterion: int) -> float:
-    """What ``pose`` would teach when the covariance is ``P``, by the criterion of that number; 0 with nothing in view."""
+    """What ``pose`` would teach with the covariance ``P``, by the criterion of that number; 0 with nothing in view."""
     sight = sight_from(camera, prospect, pose)
-    if sight.index.shape[0] == 0:
+    if sight.point.shape[0] == 0:
         return 0.0
     pixel_var = camera.pixel_std**2
     if criterion == 0:
@@ -482,7 +482,7 @@ def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """
     S, _ = innovation_of(P, sight, pixel_var)
     total = 0.0
-    for i in range(sight.index.shape[0]):
+    for i in range(sight.point.shape[0]):
         a, b, c = _own_innovation(S, i)
         for k in range(POSE_DIM + 3):
             h0 = sight.H_camera[i, 0, k] if k < POSE_DIM else sight.H_point[i, 0, k - POSE_DIM]
@@ -498,7 +498,7 @@ def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> floa
     With A = blockdiag(L_i^-1) H, J = A^T A; A A^T (2 v, 2 v) has the same non-zero eigenvalues.
     """
     S, _ = innovation_of(P, sight, pixel_var)
-    v = sight.index.shape[0]
+    v = sight.point.shape[0]
     A_camera, A_point = np.empty((2 * v, POSE_DIM)), np.empty((2 * v, 3))
     for i in range(v):
         l00 = math.sqrt(S[2 * i, 2 * i])
@@ -637,7 +637,7 @@ def lookahead_scores(
         out[index] = half_log2_ratio(S, pixel_var)
         if horizon > 1:
             P_next = P.copy()
-            if sight.index.shape[0] > 0 and cholesky_in_place(S):
+            if sight.point.shape[0] > 0 and cholesky_in_place(S):
                 W = measured_covariance(P, sight, P.shape[0])
                 solve_transposed(S, W)
                 subtract_gram(P_next, W, P.shape[0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -66,7 +66,7 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         ValueError: a bad argument or action; the message names it, its value and what is allowed.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
 
     def __init__(
         self,
@@ -268,7 +268,7 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return readout.landmark_distances(self._run)
 
     def nees(self) -> dict[str, float]:
-        """NEES per degree of freedom of ``position``, ``orientation`` and ``landmarks`` (mean of the mapped; NaN if none)."""
+        """NEES per dof of ``position``, ``orientation`` and ``landmarks`` (mean over the mapped; NaN if none)."""
         return readout.nees_per_dof(self._run)
 
     def snapshot(self) -> Snapshot:

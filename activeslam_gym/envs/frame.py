@@ -178,7 +178,7 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
     u = accelerations(motion, belief.camera, simulation.control.start, simulation.control.goal, elapsed, turn)
     simulation.events[WALL_CONTACTS] += move(motion, world, u, frame)
     detect(models.camera, models.sensor, world, frame, simulation.detections)
-    count = simulation.detections.count[0]
+    count = simulation.detections.used[0]
     truth = simulation.detections.labels[:count]
     given = np.full(count if first_labels and frame == 0 else 0, NEW)
     for i in range(given.shape[0]):
@@ -194,5 +194,3 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
     simulation.events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
     update_expectation(simulation.expectation, belief)
     simulation.control.command[1] += 1
-
-

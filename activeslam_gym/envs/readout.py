@@ -187,7 +187,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Sna
         landmarks=belief.landmarks,
         mapped=belief.mapped,
         expected_landmarks=simulation.expectation.points[simulation.expectation.slot < 0],
-        detections=simulation.detections.pixels[: int(simulation.detections.count[0])].copy(),
+        detections=simulation.detections.pixels[: int(simulation.detections.used[0])].copy(),
         predicted=predicted,
         predicted_covariance=predicted_covariance,
         true_trajectory=np.reshape(history.true_positions, (-1, 3)),

@@ -43,7 +43,9 @@ def reward_number(reward: str) -> int:
 
 
 @njit(cache=True)
-def potentials(log2_dets: np.ndarray, density: float, positions: float, everything: float, landmarks: int) -> np.ndarray:
+def potentials(
+    log2_dets: np.ndarray, density: float, positions: float, everything: float, landmarks: int
+) -> np.ndarray:
     """The potentials (7,) in the order of `REWARDS`.
 
     ``log2_dets`` (4,) as in `information`; ``density`` log2 N(truth; belief); ``positions`` and ``everything`` the

@@ -82,9 +82,7 @@ def find_mapped(belief: Belief, ratio: float, out: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def landmark_errors(
-    world: World, points: np.ndarray, of_landmark: np.ndarray, fiducial_count: int
-) -> np.ndarray:
+def landmark_errors(world: World, points: np.ndarray, of_landmark: np.ndarray, fiducial_count: int) -> np.ndarray:
     """(L,) distance [m] of each true landmark's feature from it; NaN where it has none."""
     out = np.full(of_landmark.shape[0], np.nan)
     for i in range(of_landmark.shape[0]):

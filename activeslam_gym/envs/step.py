@@ -51,9 +51,19 @@ VALUES = (
     "position_nees",
 )
 """Names of `Step.values`."""
-(ENTROPY, LOG2_CAMERA, LOG2_MAP, LOG2_TOTAL, LOG_SCORE, MAPPED, DISTINCT, POSITION_ERROR, ORIENTATION_ERROR, RMSE, NEES) = (
-    range(len(VALUES))
-)
+(
+    ENTROPY,
+    LOG2_CAMERA,
+    LOG2_MAP,
+    LOG2_TOTAL,
+    LOG_SCORE,
+    MAPPED,
+    DISTINCT,
+    POSITION_ERROR,
+    ORIENTATION_ERROR,
+    RMSE,
+    NEES,
+) = range(len(VALUES))
 FORFEIT = len(REWARDS)
 """Entry of `Step.terms` behind those of the rewards."""
 ENTROPY_POTENTIAL, DENSITY = REWARDS.index("entropy"), REWARDS.index("log_score")
@@ -125,9 +135,7 @@ BEGIN, REST = -1, -2
 
 
 @njit(cache=True, nogil=True)
-def play(
-    models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int
-) -> None:
+def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
     ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
@@ -293,5 +301,3 @@ def observe(models: Models, task: Task, run: Run) -> None:
         flat[GLOBAL_SIZE:].reshape((-1, TOKEN_SIZE)),
     )
     clip_into(flat, step.observation)
-
-

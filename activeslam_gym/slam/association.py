@@ -234,9 +234,7 @@ def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarr
 
 
 @njit(cache=True)
-def _match_rays(
-    model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray
-) -> None:
+def _match_rays(model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray) -> None:
     """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
 
     What is near a ray without being its match is REJECTED.

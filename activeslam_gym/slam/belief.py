@@ -305,8 +305,8 @@ def room_for(belief: Belief, width: int) -> bool:
 def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
     """Add a feature y = g(camera, rest) and return its slot; the caller has asked `room_for` it.
 
-    ``mean`` (6,); ``J`` (width, 12) is dy/d camera tangent; ``Q`` (>= width, >= width) the covariance of what does not come
-    from the camera: P_yx = J P_cx, P_yy = J P_cc J^T + Q.
+    ``mean`` (6,); ``J`` (width, 12) is dy/d camera tangent; ``Q`` (>= width, >= width) the covariance of what does not
+    come from the camera: P_yx = J P_cx, P_yy = J P_cc J^T + Q.
     """
     slot = 0
     while belief.kind[slot] != FREE:
@@ -438,4 +438,3 @@ def recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
             value = theta[i, 3] * J[j, 0] + theta[i, 4] * J[j, 1] + theta[i, 5] * J[j, 2]
             P[3 + i, 3 + j] = value
             P[3 + j, 3 + i] = value
-

@@ -121,7 +121,7 @@ def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: in
 
 @njit(cache=True)
 def ray_distance(belief: Belief, rays: Rays, r: int, z: np.ndarray) -> tuple[float, float]:
-    """(smallest squared Mahalanobis distance of the pixel to a particle, -2 ln of the ray's likelihood without 2 pi)."""
+    """(smallest squared Mahalanobis distance of the pixel to a particle, -2 ln of the ray's likelihood less 2 pi)."""
     nearest, likelihood = np.inf, 0.0
     for k in range(rays.visibility.shape[1]):
         if rays.visibility[r, k] != UNSEEN:

@@ -32,7 +32,9 @@ def filter_frame(
     given: np.ndarray,
     counters: np.ndarray,
 ) -> np.ndarray:
-    """Advance the belief by one frame; returns the match (M,) of each of ``pixels`` (M, 2): a row (a birth included), NEW or REJECTED.
+    """Advance the belief by one frame; returns the match (M,) of each of ``pixels`` (M, 2).
+
+    A match is a row (a birth's included), NEW or REJECTED.
 
     ``u`` (6,) is what the filter knows of the accelerations. ``given`` is empty, or the (M,) known matches of a first
     sight of the fiducials.

@@ -134,7 +134,7 @@ def _nearest_pixel(
 
 @njit(cache=True)
 def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: np.ndarray) -> int:
-    """Add the feature seen at ``pixel`` (2,) and return its slot, of the kind that the scenario's initialiser begins with.
+    """Add the feature seen at ``pixel`` (2,) and return its slot, of the scenario's first kind.
 
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
     independent of the rest. -1 if there is no room.
@@ -153,9 +153,7 @@ def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: n
 
 
 @njit(cache=True)
-def _line_of_sight(
-    camera: CameraModel, belief: Belief, pixel: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _line_of_sight(camera: CameraModel, belief: Belief, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean (6,), Jacobian by the camera's tangent (6, 12) and covariance by the pixel (6, 6) of a new line of sight.
 
     h = R r(z): dh/d dtheta = -[h]x, dh/dz = R dr/dz; the angles follow by d(azimuth, elevation)/dh. Row 5 (inverse

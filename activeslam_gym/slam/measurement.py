@@ -63,7 +63,13 @@ def empty_predictions(rows: int) -> Predictions:
 
 @njit(cache=True)
 def point_measurement(
-    camera: CameraModel, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray
+    camera: CameraModel,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    H_x: np.ndarray,
+    H_y: np.ndarray,
 ) -> bool:
     """Pixel of the world point ``y`` (>= 3,) from ``pose`` (>= 3, position first), with its Jacobians.
 
@@ -80,7 +86,13 @@ def point_measurement(
 
 @njit(cache=True)
 def _chain(
-    camera: CameraModel, p_C: np.ndarray, R_WC: np.ndarray, d: np.ndarray, scale: float, H_x: np.ndarray, H_y: np.ndarray
+    camera: CameraModel,
+    p_C: np.ndarray,
+    R_WC: np.ndarray,
+    d: np.ndarray,
+    scale: float,
+    H_x: np.ndarray,
+    H_y: np.ndarray,
 ) -> None:
     """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
     J_C = np.empty((2, 3))
@@ -131,7 +143,7 @@ def inverse_depth_measurement(
 def measure_row(
     camera: CameraModel, belief: Belief, R_WC: np.ndarray, fiducials: np.ndarray, row: int, out: Predictions
 ) -> bool:
-    """Predict ``row`` at the belief's mean into ``out`` (all but S). False where it cannot be measured (or is a RAY)."""
+    """Predict ``row`` at the belief's mean into ``out`` (all but S). False if it cannot be measured or is a RAY."""
     slot = row - fiducials.shape[0]
     z, H_x, H_y = out.z_hat[row], out.H_camera[row], out.H_feature[row]
     if slot < 0:
@@ -221,5 +233,3 @@ def squared_distance(z: np.ndarray, z_hat: np.ndarray, S: np.ndarray) -> float:
 def determinant(S: np.ndarray) -> float:
     """|S| of a 2 x 2 matrix."""
     return S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
-
-

@@ -47,7 +47,9 @@ def stack(belief: Belief, K: int, rows: np.ndarray, predictions: Predictions) ->
         row, axis, target = rows[r // 2], r % 2, HP[r]
         start, width = columns_of(belief, row - K)
         for k in range(POSE_DIM + width):
-            factor = predictions.H_camera[row, axis, k] if k < POSE_DIM else predictions.H_feature[row, axis, k - POSE_DIM]
+            factor = (
+                predictions.H_camera[row, axis, k] if k < POSE_DIM else predictions.H_feature[row, axis, k - POSE_DIM]
+            )
             source = P[k] if k < POSE_DIM else P[start + k - POSE_DIM]
             for j in range(dim):
                 target[j] += factor * source[j]

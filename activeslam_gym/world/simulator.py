@@ -43,7 +43,7 @@ class Detections(NamedTuple):
     """(M, 2) [px]."""
     labels: np.ndarray
     """(M,) index of the true point, or -1 for a false detection."""
-    count: np.ndarray
+    used: np.ndarray
     """(1,) how many rows are in use."""
 
 
@@ -121,7 +121,7 @@ def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: D
         out.labels[n] = CLUTTER_LABEL
         order[n] = spare[3 + 3 * i]
         n += 1
-    out.count[0] = n
+    out.used[0] = n
     _shuffle(out, order)
 
 
@@ -141,7 +141,7 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
 @njit(cache=True)
 def _shuffle(out: Detections, order: np.ndarray) -> None:
     """Sort the detections by their random ``order``, by insertion: there are few."""
-    for i in range(1, out.count[0]):
+    for i in range(1, out.used[0]):
         for j in range(i, 0, -1):
             if order[j - 1] <= order[j]:
                 break

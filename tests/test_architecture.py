@@ -24,15 +24,17 @@ MAY_IMPORT: dict[str, set[str]] = {
     "config": set(),
     "geometry": set(),
     "linalg": set(),
+    "batching": set(),
+    "compilation": set(),
     "camera": {"config", "geometry"},
-    "motion": {"config", "geometry"},
+    "motion": {"config", "geometry", "linalg"},
     "world": MATHEMATICS,
     "slam": MATHEMATICS,
-    "information": MATHEMATICS | {"slam.belief"},
+    "information": MATHEMATICS | {"slam.belief", "slam.measurement", "slam.prediction"},
     "metrics": MATHEMATICS | {"slam.belief", "information"},
-    "rendering": MATHEMATICS | {"slam.belief", "information", "metrics", "envs.snapshot"},  # draws a snapshot
-    "envs": MATHEMATICS | {"world", "slam", "information", "metrics", "rendering"},
-    "__init__": MATHEMATICS | {"slam.belief", "information", "metrics", "envs"},
+    "rendering": MATHEMATICS | {"slam.belief", "information", "metrics", "envs.views"},  # draws a snapshot
+    "envs": MATHEMATICS | {"batching", "world", "slam", "information", "metrics", "rendering"},
+    "__init__": MATHEMATICS | {"compilation", "slam.belief", "information", "metrics", "envs"},
 }
 """What each module or subpackage of ``activeslam_gym`` may import of ours."""
 

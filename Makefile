@@ -9,7 +9,7 @@ PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint bench figures consistency clean
+.PHONY: help demo test lint clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -24,15 +24,6 @@ lint: $(VENV)/.dev ## ruff (lint and format) and mypy
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
-
-bench: $(VENV)/.demo ## measure speed
-	$(RUN) -m benchmarks
-
-figures: $(VENV)/.demo ## redraw the paper's figures from our runs
-	$(RUN) -m agents figures
-
-consistency: $(VENV)/.demo ## does the covariance mean what it says? (slow)
-	$(RUN) -m agents consistency
 
 clean: ## remove what the targets made (not results/)
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

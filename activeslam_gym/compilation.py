@@ -1,4 +1,8 @@
-"""The compiled kernels' cache: discard what an edit has made stale.
+"""How the kernels are compiled, and their cache: discard what an edit has made stale.
+
+Every compiled function is optimised again inside each of its compiled callers. So the few that only hand a run down
+(``inline="always"`` in `envs.step`, `envs.frame` and `slam.filter`) are written into their caller instead, which saves
+a fifth of the first run's compilation.
 
 Numba checks the source of the function that it loads, not of those that it was compiled with; after an edit or a
 ``git pull``, a kernel in an untouched file would still hold the old code of its callees.

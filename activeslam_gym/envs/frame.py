@@ -164,7 +164,7 @@ def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: i
     control.command[1] = 0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation.
 

@@ -154,7 +154,7 @@ def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.n
         observe(models, task, run)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _begin(models: Models, run: Run) -> None:
     """The prior is worth nothing yet, and the camera stays until a motion is read."""
     begin_motion(models.motion, run.simulation.belief, run.simulation.control, STAY)
@@ -164,7 +164,7 @@ def _begin(models: Models, run: Run) -> None:
         run.step.terms[i] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _play_frames(models: Models, task: Task, run: Run, motion: int, gaze: int) -> None:
     """The frames of one gaze period; the motion is read where its period begins."""
     simulation, step = run.simulation, run.step
@@ -177,7 +177,7 @@ def _play_frames(models: Models, task: Task, run: Run, motion: int, gaze: int) -
     step.status[STEPS] += 1
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _settle(task: Task, step: Step) -> None:
     """The reward of the step: the gain of the chosen potential, and if lost the forfeit of all that was gained."""
     reward = step.terms[task.reward]
@@ -190,7 +190,7 @@ def _settle(task: Task, step: Step) -> None:
     step.sums[GAIN] += step.terms[ENTROPY_POTENTIAL]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def evaluate(models: Models, task: Task, run: Run) -> None:
     """Bring the public belief, the expected landmarks, the values and the potentials up to date.
 
@@ -223,7 +223,7 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
     step.values[LOG_SCORE] = density - step.sums[DENSITY_0]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _ordered_features(simulation: Simulation, n: int, N: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
     """The features, by position k, in the order in which the public covariance is factored.
 
@@ -248,7 +248,7 @@ def _ordered_features(simulation: Simulation, n: int, N: int) -> tuple[np.ndarra
     return first[:a], after[:b], count_true(counts), of_landmark
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _evaluate_errors(run: Run, n: int, N: int, K: int) -> None:
     """Errors against the truth, and counts of what is mapped."""
     simulation, values = run.simulation, run.step.values
@@ -268,7 +268,7 @@ def _evaluate_errors(run: Run, n: int, N: int, K: int) -> None:
     values[RMSE] = math.sqrt(squares / count) if count > 0 else np.inf
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def observe(models: Models, task: Task, run: Run) -> None:
     """Write the observation; it reads the belief and the task's rhythm only."""
     simulation, step = run.simulation, run.step

@@ -20,7 +20,7 @@ BIRTHS, CONVERSIONS, DELETIONS, REJECTIONS = 0, 1, 2, 3
 """Entries of the counters that a frame adds to."""
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def filter_frame(
     camera: CameraModel,
     motion: MotionModel,
@@ -84,7 +84,7 @@ def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
     return z
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _update_by(
     belief: Belief,
     rows: np.ndarray,
@@ -115,7 +115,7 @@ def _update_by(
     update(belief, HP_m, S_m, innovation[:m])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _reweight_rays(
     model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, match: np.ndarray
 ) -> None:
@@ -127,7 +127,7 @@ def _reweight_rays(
                     belief.misses[rays.slot[r]] = model.maximum_misses
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _count_misses(
     belief: Belief,
     predictions: Predictions,

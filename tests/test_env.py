@@ -1,0 +1,376 @@
+"""The contract of ActiveSLAM-v0 as a Gymnasium environment."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import activeslam_gym
+from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.slam.belief import FEATURES
+
+IDS = ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0")
+INFO = {
+    "entropy",
+    "log2_det",
+    "log_score",
+    "landmarks_mapped",
+    "distinct_landmarks",
+    "position_error",
+    "orientation_error",
+    "landmark_rmse",
+    "position_nees",
+    "lost",
+    "reward_terms",
+    "events",
+}
+
+
+def play(env, seed: int | None, steps: int, action_seed: int = 0):
+    """(observations, rewards, infos) of random actions, until the end or ``steps``."""
+    rng = np.random.default_rng(action_seed)
+    observation, info = env.reset(seed=seed)
+    observations, rewards, infos = [observation], [], [info]
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = env.step(rng.integers((7, 3)))
+        observations.append(observation)
+        rewards.append(reward)
+        infos.append(info)
+        if terminated or truncated:
+            break
+    return np.array(observations), np.array(rewards), infos
+
+
+def flat(info: dict) -> list[float]:
+    out = []
+    for value in info.values():
+        out.extend(flat(value) if isinstance(value, dict) else [float(value)])
+    return out
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_checkers_pass_without_a_warning(name: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gym.make(name, duration=2.0).unwrapped, skip_render_check=True)
+        sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
+        sb3.check_env(gym.make(name, duration=2.0), warn=True)
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_spec_survives_json(name: str) -> None:
+    env = gym.make(name, scenario={"landmark_count": 9, "room_size": (4.0, 2.0, 4.0)}, gaze_period=0.25, duration=2.0)
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(json.loads(json.dumps(env.spec.to_json()))))
+    assert again.unwrapped.scenario == env.unwrapped.scenario
+    np.testing.assert_array_equal(env.reset(seed=3)[0], again.reset(seed=3)[0])
+
+
+def test_module_prefix_registers() -> None:
+    code = "import gymnasium as gym; print(gym.make('activeslam_gym:ActiveSLAM-v0').spec.id)"
+    assert "ActiveSLAM-v0" in subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout
+
+
+def test_same_seed_same_run_after_the_first_reset_too() -> None:
+    one, other = (gym.make("ActiveSLAM-v0", gaze_period=0.25) for _ in range(2))
+    for seed in (5, None, None):
+        (a, ra, ia), (b, rb, ib) = play(one, seed, 12), play(other, seed, 12)
+        np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(ra, rb)
+        assert [flat(i) for i in ia] == [flat(i) for i in ib]
+    assert not np.array_equal(play(one, 5, 2)[0], play(one, 6, 2)[0])
+
+
+def test_noise_does_not_depend_on_the_actions() -> None:
+    """Two policies in the same room: whatever both see of a point in a frame has the same noise."""
+    noises = []
+    for motion in (Motion.LEFT, Motion.UP):
+        env = gym.make("ActiveSLAM-v0").unwrapped
+        env.reset(seed=11)
+        for _ in range(30):
+            env.step((motion, Gaze.STAY))
+        simulation = env._run.simulation
+        from activeslam_gym.camera import camera_of, camera_point, pixel_from_camera_point
+        from activeslam_gym.geometry import rotation_matrix
+
+        world, detections = simulation.world, simulation.detections
+        noise = {}
+        for pixel, label in zip(detections.pixels, detections.labels[: detections.used[0]], strict=False):
+            z = np.empty(2)
+            p_C = camera_point(rotation_matrix(world.camera[3:7]), world.camera, world.points[label])
+            assert pixel_from_camera_point(camera_of(env.scenario), p_C, z)
+            noise[int(label)] = pixel - z
+        noises.append(noise)
+    common = noises[0].keys() & noises[1].keys()
+    assert len(common) >= 3
+    for label in common:
+        np.testing.assert_allclose(noises[0][label], noises[1][label], atol=1e-9)
+
+
+def test_async_vector_env_works() -> None:
+    envs = gym.make_vec("ActiveSLAM-v0", num_envs=2, vectorization_mode="async", duration=1.0)
+    try:
+        envs.reset(seed=0)
+        observations, *_ = envs.step(np.zeros((2, 2), np.int64))
+        assert envs.single_observation_space.contains(observations[0])
+    finally:
+        envs.close()
+
+
+# Steps --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reward", REWARDS)
+def test_rewards_sum_to_the_gain_of_their_potential(reward: str) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=10.0, reward=reward)
+    _, rewards, infos = play(env, 2, 40)
+    assert not infos[-1]["lost"]
+    terms = sum(info["reward_terms"][reward] for info in infos)
+    assert rewards.sum() == pytest.approx(terms, abs=1e-9)
+    if reward == "entropy":
+        assert rewards.sum() == pytest.approx(infos[0]["entropy"] - infos[-1]["entropy"], abs=1e-6)
+    if reward == "log_score":
+        assert rewards.sum() == pytest.approx(infos[-1]["log_score"] - infos[0]["log_score"], abs=1e-6)
+
+
+@pytest.mark.parametrize("reward", REWARDS)
+def test_a_lost_run_is_worth_nothing(reward: str) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, reward=reward, lost_position_error=0.06)
+    for seed in range(20):
+        _, rewards, infos = play(env, seed, 140)
+        if infos[-1]["lost"] and len(rewards) > 3:
+            break
+    assert infos[-1]["lost"]
+    assert rewards.sum() <= 1e-9
+    assert infos[-1]["reward_terms"]["forfeit"] <= 0.0
+    assert infos[-1]["position_error"] > 0.06
+
+
+def test_time_limit_truncates_and_the_next_step_needs_a_reset() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=1.0)
+    env.reset(seed=0)
+    ends = [env.step((6, 2))[2:4] for _ in range(4)]
+    assert ends == [(False, False)] * 3 + [(False, True)]
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        env.step((6, 2))
+
+
+def test_motion_is_read_once_a_period_and_gaze_at_once() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
+    layout = activeslam_gym.observation_layout(env)
+    env.reset(seed=0)
+    under_way = layout.global_slices["motion"]
+    first = env.step((Motion.UP, Gaze.LEFT))[0]
+    second = env.step((Motion.DOWN, Gaze.LEFT))[0]
+    assert np.argmax(first[under_way]) == np.argmax(second[under_way]) == Motion.UP
+    turning = [env.step((Motion.DOWN, Gaze.LEFT)) and env.belief.angular_velocity[1] for _ in range(2)][-1]
+    assert turning == pytest.approx(0.2, abs=0.1)
+    assert np.argmax(env.step((Motion.DOWN, Gaze.RIGHT))[0][under_way]) == Motion.DOWN
+    assert env.belief.angular_velocity[1] < 0.1
+
+
+def test_every_motion_reaches_its_goal() -> None:
+    for motion, axis, sign in (("FORWARD", 2, 1), ("BACKWARDS", 2, -1), ("RIGHT", 0, -1), ("LEFT", 0, 1)):
+        env = gym.make("ActiveSLAM-v0", gaze_period=1.0).unwrapped
+        env.reset(seed=0)
+        before = env.belief
+        env.step((Motion[motion], Gaze.STAY))
+        from scipy.spatial.transform import Rotation
+
+        moved = env.belief.position - before.position
+        in_camera = Rotation.from_quat(before.quaternion, scalar_first=True).inv().apply(moved)
+        assert in_camera[axis] == pytest.approx(sign * 0.3, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_public_covariance_stays_symmetric_positive_definite(seed: int) -> None:
+    check_covariances(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4, 20))
+def test_public_covariance_stays_symmetric_positive_definite_on_more_seeds(seed: int) -> None:
+    check_covariances(seed)
+
+
+def check_covariances(seed: int) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, lost_position_error=100.0)
+    rng = np.random.default_rng(seed)
+    env.reset(seed=seed)
+    ended = False
+    while not ended:
+        _, _, terminated, truncated, _ = env.step(rng.integers((7, 3)))
+        ended = terminated or truncated
+        P = env.unwrapped.belief.covariance
+        np.testing.assert_allclose(P, P.T, rtol=1e-9, atol=1e-15)
+        np.linalg.cholesky(P)
+    assert truncated
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_every_scenario_runs(scenario: str) -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, duration=3.0)
+    observations, rewards, infos = play(env, 1, 100)
+    assert len(rewards) >= 1
+    assert np.isfinite(observations).all()
+    assert observations.shape[1:] == env.observation_space.shape
+    for info in infos:
+        assert info.keys() == INFO
+        assert not np.isnan(flat(info)).any()
+
+
+def test_a_labelled_first_match_survives_a_prior_of_45_degrees() -> None:
+    errors = []
+    for seed in range(10):
+        env = gym.make("ActiveSLAM-v0", scenario="paper-literal", gaze_period=0.25)
+        _, info = env.reset(seed=seed)
+        np.testing.assert_allclose(np.diag(env.unwrapped.belief.covariance)[3:6], np.radians(45.0) ** 2)
+        for _ in range(4):
+            _, _, _, _, info = env.step((6, 2))
+        errors.append(info["orientation_error"])
+    assert np.median(errors) < np.radians(3.0)
+
+
+# Observation and information ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", ["paper", "hall", "clutter"])
+def test_layout_covers_the_observation(scenario: str) -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=scenario)
+    layout = activeslam_gym.observation_layout(env)
+    size = env.observation_space.shape[0]
+    ends = [s.stop for s in layout.global_slices.values()]
+    starts = [s.start for s in layout.global_slices.values()]
+    assert starts == [0, *ends[:-1]]
+    assert layout.tokens == slice(ends[-1], size)
+    assert layout.token_shape[0] * layout.token_shape[1] == size - ends[-1]
+    observation, _ = env.reset(seed=0)
+    tokens = observation[layout.tokens].reshape(layout.token_shape)
+    assert tokens[:, layout.token_slices["fiducial"]].sum() == layout.fiducial_count == 6
+    assert tokens[:, layout.token_slices["expected"]].sum() == env.unwrapped.scenario.landmark_count
+
+
+def test_observation_holds_nothing_of_the_truth_but_its_detections() -> None:
+    from activeslam_gym.envs.step import evaluate, observe
+
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
+    env.reset(seed=9)
+    for _ in range(12):
+        before = env.step((2, 1))[0]
+    run, setting = env._run, env.setting
+    run.simulation.world.camera[:3] += 0.1
+    run.simulation.world.points[setting.scenario.fiducial_count :] += 0.3
+    evaluate(setting.models, setting.task, run)
+    observe(setting.models, setting.task, run)
+    np.testing.assert_array_equal(run.step.observation, before)
+
+
+def test_objects_are_fresh_and_views_read_only() -> None:
+    env = gym.make("ActiveSLAM-v0")
+    observation, info = env.reset(seed=0)
+    kept, entropy = observation.copy(), info["entropy"]
+    belief = env.unwrapped.belief
+    env.step((0, 0))
+    np.testing.assert_array_equal(observation, kept)
+    assert info["entropy"] == entropy
+    with pytest.raises(ValueError, match="read-only"):
+        belief.covariance[0, 0] = 1.0
+    with pytest.raises(ValueError, match="part must be one of camera, map, total, got 'room'"):
+        belief.log2_det("room")
+
+
+def test_scores_have_their_shapes_and_ties_are_left_to_policies() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
+    env.reset(seed=0)
+    env.step((2, 1))
+    motion, joint = env.motion_scores(), env.joint_scores()
+    assert motion.shape == (7,)
+    assert env.gaze_scores().shape == (3,)
+    assert joint.shape == (7, 3)
+    np.testing.assert_allclose(joint[:, Gaze.STAY], motion)
+    assert env.motion_score(2) == pytest.approx(motion[2])
+    assert env._run.simulation.belief.size[FEATURES] >= 0
+
+
+def test_rendering_is_an_image() -> None:
+    pytest.importorskip("matplotlib")
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array")
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step((2, 1))
+    image = env.render()
+    assert image.dtype == np.uint8
+    assert image.ndim == 3
+    assert image.std() > 5
+
+
+# Bad input ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        ({"scenario": "attic"}, "scenario must be one of paper.*'attic'"),
+        ({"scenario": {"walls": 3}}, "no field walls"),
+        ({"scenario": {"pixel_std": -1.0}}, r"scenario.pixel_std must be a positive number, got -1.0"),
+        ({"scenario": 3}, "scenario must be a name.*got 3"),
+        ({"gaze_period": 0.07}, r"gaze_period must be a whole multiple of the frame \(0.05 s\), got 0.07"),
+        ({"gaze_period": float("nan")}, "gaze_period must be a positive number of seconds, got nan"),
+        ({"motion_period": 0.33, "gaze_period": 0.1}, "motion_period must be a whole multiple of gaze_period"),
+        ({"duration": -1.0}, "duration must be a positive number of seconds, got -1.0"),
+        ({"reward": "fame"}, "reward must be one of entropy.*'fame'"),
+        ({"lost_position_error": 0.0}, "lost_position_error must be a positive number of metres, got 0.0"),
+        ({"render_mode": "ascii"}, "render_mode must be None, 'human' or 'rgb_array', got 'ascii'"),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        activeslam_gym.ActiveSLAMEnv(**arguments)
+
+
+@pytest.mark.parametrize("action", [(7, 0), (0, 3), (-1, 0), (0,), (0, 0, 0), 3, (np.nan, 0), (0.5, 0), "up", None])
+def test_bad_actions_are_named(action: object) -> None:
+    env = activeslam_gym.ActiveSLAMEnv()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action must be two whole numbers, a motion in 0 … 6 .* got"):
+        env.step(action)
+
+
+@pytest.mark.parametrize("action", [21, -1, 0.5, np.nan, (1, 2), None])
+def test_bad_discrete_actions_are_named(action: object) -> None:
+    env = activeslam_gym.ActiveSLAMDiscreteEnv()
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action must be one whole number in 0 … 20, got"):
+        env.step(action)
+
+
+def test_discrete_index_is_three_times_motion_plus_gaze() -> None:
+    one, other = gym.make(IDS[0]), gym.make(IDS[1])
+    one.reset(seed=0)
+    other.reset(seed=0)
+    for motion, gaze in ((4, 1), (4, 0), (2, 2)):
+        np.testing.assert_array_equal(one.step((motion, gaze))[0], other.step(3 * motion + gaze)[0])
+
+
+def test_it_runs_without_compilation_and_means_the_same() -> None:
+    code = (
+        "import gymnasium as gym, activeslam_gym\n"
+        "env = gym.make('ActiveSLAM-v0', gaze_period=0.25); env.reset(seed=0)\n"
+        "for _ in range(4): *_, info = env.step((2, 1))\n"
+        "print(repr(info['entropy']))"
+    )
+    entropies = []
+    for disabled in ("0", "1"):
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": disabled}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        entropies.append(float(done.stdout))
+    assert entropies[0] == pytest.approx(entropies[1], abs=1e-6)

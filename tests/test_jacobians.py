@@ -1,0 +1,328 @@
+"""Every analytic Jacobian against a numerical one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from activeslam_gym.camera import pixel_jacobian, ray_from_pixel, ray_jacobian
+from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix, so3_left_jacobian
+from activeslam_gym.metrics import camera_error
+from activeslam_gym.motion import motion_of, process_covariance, transition, transition_jacobian
+from activeslam_gym.slam import belief as layout
+from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY
+from activeslam_gym.slam.depth_particles import predict_rays
+from activeslam_gym.slam.initialisation import give_birth
+from activeslam_gym.slam.measurement import inverse_depth_measurement, point_measurement
+from activeslam_gym.slam.settings import filter_of
+
+from .support import (
+    CAMERA,
+    PAPER,
+    joint_covariance,
+    moved,
+    numerical_jacobian,
+    pixel_of,
+    random_belief,
+    random_camera,
+    random_spd,
+    relative_error,
+    rotation_between,
+    rows_of,
+    scenario_for,
+    slots_of,
+    world_points,
+)
+
+MOTION = motion_of(PAPER, 1.0)
+TOLERANCE = 1e-6
+
+
+class Case(NamedTuple):
+    """A function of a tangent vector e of ``size`` dimensions, and what the code says of its derivative at e = 0."""
+
+    f: Callable[[np.ndarray], np.ndarray]
+    analytic: np.ndarray
+    step: float = 1e-3
+
+
+# The camera ---------------------------------------------------------------------------------------------------------
+
+
+def projection(rng: np.random.Generator) -> Case:
+    p_C = np.array([rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(0.8, 3.0)])
+    J = np.empty((2, 3))
+    pixel_jacobian(CAMERA, p_C, J)
+    at_origin = np.array([0.0, 0, 0, 1, 0, 0, 0] + [0] * 6)
+    return Case(lambda e: pixel_of(CAMERA, at_origin, p_C + e), J)
+
+
+def back_projection(rng: np.random.Generator) -> Case:
+    z = rng.uniform([5, 5], [315, 235])
+    return Case(lambda e: ray_from_pixel(CAMERA, z + e), ray_jacobian(CAMERA, z), 0.1)
+
+
+# Motion -------------------------------------------------------------------------------------------------------------
+
+
+def motion(rng: np.random.Generator) -> Case:
+    x, u = random_camera(rng), rng.standard_normal(6)
+    x_new = transition(x, u, MOTION.dt)
+
+    def f(e: np.ndarray) -> np.ndarray:
+        return camera_error(transition(moved(x, e), u, MOTION.dt), x_new)
+
+    return Case(f, transition_jacobian(x_new[10:], MOTION.dt))
+
+
+def motion_of_a_fast_turn(rng: np.random.Generator) -> Case:
+    """A second at once: the angle is no longer small."""
+    x, u = random_camera(rng), 2.0 * rng.standard_normal(6)
+    x_new = transition(x, u, 1.0)
+    return Case(lambda e: camera_error(transition(moved(x, e), u, 1.0), x_new), transition_jacobian(x_new[10:], 1.0))
+
+
+def process_noise(rng: np.random.Generator) -> Case:
+    """Q = G Sigma_u G^T with G by the accelerations: as a whole, through a square root of the numerical one."""
+    x, u = random_camera(rng), rng.standard_normal(6)
+    x_new = transition(x, u, MOTION.dt)
+
+    def f(e: np.ndarray) -> np.ndarray:
+        return camera_error(transition(x, u + e, MOTION.dt), x_new)
+
+    F_x = transition_jacobian(x_new[10:], MOTION.dt)
+    model = MOTION._replace(filter_acceleration_std=0.5, filter_angular_acceleration_std=0.7)
+    G = numerical_jacobian(f, 6, 1e-2)
+    Q = G @ np.diag([0.5**2] * 3 + [0.7**2] * 3) @ G.T
+    assert relative_error(process_covariance(model, F_x), Q) < TOLERANCE
+    return Case(f, MOTION.dt * F_x[:, 6:], 1e-2)
+
+
+def so3_left(rng: np.random.Generator) -> Case:
+    phi = rng.uniform(-1.5, 1.5, 3)
+    return Case(lambda e: rotation_between(quaternion_exp(phi + e), quaternion_exp(phi)), so3_left_jacobian(phi))
+
+
+def recentring(rng: np.random.Generator) -> Case:
+    """dtheta+ of Exp(dtheta) = Exp(dtheta+) Exp(phi) at dtheta = phi + e, read off P+ = J P J^T."""
+    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
+    P, phi = joint_covariance(belief), rng.uniform(-0.5, 0.5, 3)
+    layout.recentre_rotation(belief, np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6))))
+    P_new = joint_covariance(belief)
+
+    def f(e: np.ndarray) -> np.ndarray:
+        return rotation_between(quaternion_exp(phi + e), quaternion_exp(phi))
+
+    J = np.eye(len(P))
+    J[3:6, 3:6] = numerical_jacobian(f, 3, 1e-3)
+    assert relative_error(P_new, J @ P @ J.T) < TOLERANCE
+    return Case(f, P_new[3:6, :3] @ np.linalg.inv(P[3:6, :3]))
+
+
+# Measurements -------------------------------------------------------------------------------------------------------
+
+
+def point_by_camera(rng: np.random.Generator) -> Case:
+    x = random_camera(rng)
+    (y,) = world_points(rng, x, 1)
+    _, H_x, _ = measure_point(x, y)
+    return Case(lambda e: pixel_of(CAMERA, moved(x, e), y), H_x)
+
+
+def point_by_point(rng: np.random.Generator) -> Case:
+    x = random_camera(rng)
+    (y,) = world_points(rng, x, 1)
+    _, _, H_y = measure_point(x, y)
+    return Case(lambda e: pixel_of(CAMERA, x, y + e), H_y)
+
+
+def measure_point(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
+    assert point_measurement(CAMERA, x, rotation_matrix(x[3:7]), y, z, H_x, H_y)
+    np.testing.assert_allclose(z, pixel_of(CAMERA, x, y), atol=1e-12)
+    return z, H_x, H_y
+
+
+def inverse_depth_by_camera(rng: np.random.Generator) -> Case:
+    x, feature = camera_and_inverse_depth(rng)
+    _, H_x, _ = measure_inverse_depth(x, feature)
+    return Case(lambda e: pixel_of(CAMERA, moved(x, e), point_at(feature)), H_x)
+
+
+def inverse_depth_by_feature(rng: np.random.Generator) -> Case:
+    x, feature = camera_and_inverse_depth(rng)
+    _, _, H_y = measure_inverse_depth(x, feature)
+    return Case(lambda e: pixel_of(CAMERA, x, point_at(feature + e)), H_y)
+
+
+def far_inverse_depth_by_feature(rng: np.random.Generator) -> Case:
+    """A point a hundred metres away, where rho is almost zero."""
+    x, feature = camera_and_inverse_depth(rng)
+    feature[5] = 0.01
+    _, _, H_y = measure_inverse_depth(x, feature)
+    return Case(lambda e: measure_inverse_depth(x, feature + e)[0], H_y)
+
+
+def camera_and_inverse_depth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    belief = random_belief(PAPER, [INVERSE_DEPTH], rng)
+    return belief.camera, belief.feature[slots_of(belief)[0]]
+
+
+def measure_inverse_depth(x: np.ndarray, feature: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, 6))
+    assert inverse_depth_measurement(CAMERA, x, rotation_matrix(x[3:7]), feature, z, H_x, H_y)
+    np.testing.assert_allclose(z, pixel_of(CAMERA, x, point_at(feature)), atol=1e-9)
+    return z, H_x, H_y
+
+
+def point_at(feature: np.ndarray) -> np.ndarray:
+    """anchor + m / rho, with the direction written out once more."""
+    azimuth, elevation, rho = feature[3:6]
+    m = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
+    return feature[:3] + np.array(m) / rho
+
+
+# Features -----------------------------------------------------------------------------------------------------------
+
+
+def bearing(rng: np.random.Generator) -> Case:
+    angles = rng.uniform([-3, -1.4], [3, 1.4])
+    return Case(lambda e: layout.bearing(*(angles + e))[0], layout.bearing(*angles)[1:].T)
+
+
+def angles_of(rng: np.random.Generator) -> Case:
+    h, J, unused = rng.standard_normal(3), np.empty((2, 3)), np.empty((2, 3))
+    angles = layout.angles_of(h, J)
+    np.testing.assert_allclose(layout.bearing(*angles)[0], h / np.linalg.norm(h), atol=1e-14)
+    return Case(lambda e: np.array(layout.angles_of(h + e, unused)), J, 1e-4)
+
+
+def conversion_of_a_ray(rng: np.random.Generator) -> Case:
+    return conversion(RAY, rng)
+
+
+def conversion_of_inverse_depth(rng: np.random.Generator) -> Case:
+    return conversion(INVERSE_DEPTH, rng)
+
+
+def conversion(kind: int, rng: np.random.Generator) -> Case:
+    belief = random_belief(scenario_for([kind]), [kind], rng)
+    (slot,) = slots_of(belief)
+    width = KIND_DIM[kind]
+    T, unused, mean = np.empty((3, 6)), np.empty((3, 6)), belief.feature[slot].copy()
+    layout.point_of(belief, slot, T)
+
+    def f(e: np.ndarray) -> np.ndarray:
+        belief.feature[slot, :width] = mean[:width] + e
+        return layout.point_of(belief, slot, unused)
+
+    return Case(f, T[:, :width])
+
+
+def new_feature_by_camera(rng: np.random.Generator) -> Case:
+    """dy/dx of a birth, read off the cross-covariance: P_yx = J P_xx."""
+    x, pixel, P_xx = random_camera(rng), rng.uniform([20, 20], [300, 220]), random_spd(rng, [0.1] * 12)
+    P = joint_covariance(born(x, pixel, P_xx))
+    return Case(lambda e: born_mean(moved(x, e), pixel), P[12:, :12] @ np.linalg.inv(P_xx))
+
+
+def new_feature_by_pixel(rng: np.random.Generator) -> Case:
+    """What a birth adds of its own is sigma^2 J_z J_z^T in the angles, and sigma_rho^2."""
+    x, pixel = random_camera(rng), rng.uniform([20, 20], [300, 220])
+    Q = joint_covariance(born(x, pixel, np.zeros((12, 12))))[12:, 12:]
+
+    def f(e: np.ndarray) -> np.ndarray:
+        return born_mean(x, pixel + e)
+
+    J_z = numerical_jacobian(f, 2, 0.1)
+    np.testing.assert_allclose(Q[5, 5], PAPER.inverse_depth_std**2)
+    Q[5, 5] = 0.0
+    return Case(lambda e: CAMERA.pixel_std**2 * (J_z @ J_z.T) @ e, Q)
+
+
+def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray) -> layout.Belief:
+    belief = layout.empty_belief(PAPER)
+    layout.reset_belief(belief, PAPER)
+    belief.camera[:] = x
+    belief.covariance[:12, :12] = P_xx
+    assert 0 == give_birth(CAMERA, filter_of(PAPER), belief, pixel)
+    return belief
+
+
+def born_mean(x: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    belief = born(x, pixel, np.zeros((12, 12)))
+    return belief.feature[slots_of(belief)[0]].copy()
+
+
+CASES = [
+    projection,
+    back_projection,
+    motion,
+    motion_of_a_fast_turn,
+    process_noise,
+    so3_left,
+    recentring,
+    point_by_camera,
+    point_by_point,
+    inverse_depth_by_camera,
+    inverse_depth_by_feature,
+    far_inverse_depth_by_feature,
+    bearing,
+    angles_of,
+    conversion_of_a_ray,
+    conversion_of_inverse_depth,
+    new_feature_by_camera,
+    new_feature_by_pixel,
+]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("make", CASES, ids=lambda case: case.__name__)
+def test_jacobian_is_the_numerical_one(make: Callable[[np.random.Generator], Case], seed: int) -> None:
+    case = make(np.random.default_rng(seed))
+    numerical = numerical_jacobian(case.f, case.analytic.shape[1], case.step)
+    assert relative_error(case.analytic, numerical) < TOLERANCE
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
+    """S = H P H^T + R of each particle, with H by the camera and the ray at the particle's depth."""
+    belief = random_belief(scenario_for([RAY]), [POINT, RAY], np.random.default_rng(seed))
+    slot = slots_of(belief)[1]
+    rays = predict_rays(CAMERA, belief)
+    P, at = joint_covariance(belief), rows_of(belief, slot)
+    x, ray = belief.camera.copy(), belief.feature[slot, :5].copy()
+    for k in (0, 50, 99):
+        depth = belief.particles[slot, k, 0]
+
+        def pixel(e: np.ndarray, depth: float = depth) -> np.ndarray:
+            feature = np.append(ray + e[6:], 1.0 / depth)
+            return pixel_of(CAMERA, moved(x, e[:6]), point_at(feature))
+
+        H = np.zeros((2, len(P)))
+        H[:, [*range(6), *at]] = numerical_jacobian(pixel, 11, 1e-3)
+        np.testing.assert_allclose(rays.z_hat[0, k], pixel(np.zeros(11)), atol=1e-9)
+        assert relative_error(rays.S[0, k], H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(2)) < TOLERANCE
+
+
+def test_a_wrong_jacobian_would_be_found() -> None:
+    """The test itself: a hundred-thousandth off in one entry, or one forgotten sign, is over the tolerance."""
+    case = motion(np.random.default_rng(0))
+    numerical = numerical_jacobian(case.f, 12, case.step)
+    slightly, sign = case.analytic.copy(), case.analytic.copy()
+    slightly[4, 4] *= 1.0 + 1e-5
+    sign[3, 4] *= -1.0
+    assert relative_error(slightly, numerical) > TOLERANCE
+    assert relative_error(sign, numerical) > TOLERANCE
+
+
+def test_left_perturbation_is_in_the_world_frame() -> None:
+    """R = Exp(dtheta) R_hat: `moved`, on which the numbers above stand, is the package's convention."""
+    x = random_camera(np.random.default_rng(0))
+    dtheta = np.array([0.1, -0.2, 0.3])
+    turned = moved(x, np.array([0, 0, 0, *dtheta]))
+    np.testing.assert_allclose(turned[3:7], rotate_left(dtheta, x[3:7]))
+    np.testing.assert_allclose(camera_error(turned, x)[3:6], dtheta, atol=1e-12)

@@ -7,6 +7,7 @@ import gymnasium
 from activeslam_gym import compilation
 from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMDiscreteEnv, ActiveSLAMEnv
+from activeslam_gym.envs.active_slam_vector import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
 from activeslam_gym.envs.observation import ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
@@ -17,7 +18,9 @@ compilation.discard_stale_kernels()  # before any kernel is called, which is whe
 __all__ = [
     "SCENARIOS",
     "ActiveSLAMDiscreteEnv",
+    "ActiveSLAMDiscreteVectorEnv",
     "ActiveSLAMEnv",
+    "ActiveSLAMVectorEnv",
     "Gaze",
     "Motion",
     "ObservationLayout",
@@ -25,8 +28,12 @@ __all__ = [
     "observation_layout",
 ]
 
-gymnasium.register("ActiveSLAM-v0", entry_point="activeslam_gym.envs.active_slam:ActiveSLAMEnv")
-gymnasium.register("ActiveSLAMDiscrete-v0", entry_point="activeslam_gym.envs.active_slam:ActiveSLAMDiscreteEnv")
+for _id, _name in (("ActiveSLAM-v0", "ActiveSLAM"), ("ActiveSLAMDiscrete-v0", "ActiveSLAMDiscrete")):
+    gymnasium.register(
+        _id,
+        entry_point=f"activeslam_gym.envs.active_slam:{_name}Env",
+        vector_entry_point=f"activeslam_gym.envs.active_slam_vector:{_name}VectorEnv",
+    )
 
 
 def observation_layout(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> ObservationLayout:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -225,11 +226,12 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario(name="hall", room_size=(14.0, 4.0, 14.0), landmark_count=120),
         Scenario(
             name="hand-held",
+            landmark_count=48,  # "fewer than 50"
             frame_time=1.0 / 15.0,
             filter_acceleration_std=4.0,
             filter_angular_acceleration_std=6.0,
             command_known=False,
-            scripted_gaze_amplitude=math.radians(60.0),
+            scripted_gaze_amplitude=math.radians(30.0),
             motion_criterion="mutual_information_position_map",
             amortised_decision=True,
         ),
@@ -270,3 +272,18 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float) -> int:
     if count < 1 or abs(value / unit - count) > 1e-6 * count:
         raise ValueError(f"{name} must be a whole multiple of {unit_name} ({unit:g} s), got {value!r}")
     return count
+
+
+def positive_whole_number(name: str, value: Any) -> int:
+    """``value`` as an int.
+
+    Raises:
+        ValueError: it is no whole number of 1 or more; the message names it.
+    """
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1 or isinstance(value, bool):
+        raise ValueError(f"{name} must be a whole number of 1 or more, got {value!r}")
+    return number

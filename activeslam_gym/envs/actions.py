@@ -5,8 +5,22 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT
+
+_PAIR = f"two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}"
+_INDEX = f"one whole number in 0 … {MOTION_COUNT * GAZE_COUNT - 1}"
+
+
+def action_space() -> spaces.MultiDiscrete:
+    """Of `ActiveSLAM-v0`: a motion and a gaze."""
+    return spaces.MultiDiscrete([MOTION_COUNT, GAZE_COUNT])
+
+
+def discrete_action_space() -> spaces.Discrete:
+    """Of `ActiveSLAMDiscrete-v0`: the index 3 motion + gaze."""
+    return spaces.Discrete(MOTION_COUNT * GAZE_COUNT)
 
 
 def motion_and_gaze(action: Any) -> tuple[int, int]:
@@ -20,10 +34,7 @@ def motion_and_gaze(action: Any) -> tuple[int, int]:
         motion, gaze = array.tolist()
         if 0 <= motion < MOTION_COUNT and 0 <= gaze < GAZE_COUNT and motion == int(motion) and gaze == int(gaze):
             return int(motion), int(gaze)
-    raise ValueError(
-        f"action must be two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}, "
-        f"got {action!r}"
-    )
+    raise ValueError(f"action must be {_PAIR}, got {action!r}")
 
 
 def split_index(action: Any) -> tuple[int, int]:
@@ -37,4 +48,41 @@ def split_index(action: Any) -> tuple[int, int]:
         index = array.item()
         if 0 <= index < MOTION_COUNT * GAZE_COUNT and index == int(index):
             return divmod(int(index), GAZE_COUNT)
-    raise ValueError(f"action must be one whole number in 0 … {MOTION_COUNT * GAZE_COUNT - 1}, got {action!r}")
+    raise ValueError(f"action must be {_INDEX}, got {action!r}")
+
+
+def motions_and_gazes(actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The indices (B,), (B,) of a batch of MultiDiscrete([7, 3]) actions (B, 2).
+
+    Those of environments that are not ``playing`` (B,) are ignored and come out as 0.
+
+    Raises:
+        ValueError: of shape or values outside the action space; the message names the first and what is allowed.
+    """
+    pairs = _whole_numbers(actions, (len(playing), 2), np.array((MOTION_COUNT, GAZE_COUNT)), playing, _PAIR)
+    return pairs[:, 0], pairs[:, 1]
+
+
+def split_indices(actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The indices (B,), (B,) of a batch of Discrete(21) actions (B,); see `motions_and_gazes`."""
+    return np.divmod(
+        _whole_numbers(actions, (len(playing),), np.array(MOTION_COUNT * GAZE_COUNT), playing, _INDEX), GAZE_COUNT
+    )
+
+
+def _whole_numbers(
+    actions: Any, shape: tuple[int, ...], counts: np.ndarray, playing: np.ndarray, allowed: str
+) -> np.ndarray:
+    """``actions`` of ``shape`` as int64, each in 0 … ``counts`` - 1 where its environment is playing, 0 elsewhere."""
+    try:
+        array = np.asarray(actions)
+    except ValueError:  # rows of different lengths
+        array = np.asarray(None)
+    if array.shape != shape or array.dtype.kind not in "iuf":
+        raise ValueError(f"actions must be numbers of shape {shape}, for each environment {allowed}, got {actions!r}")
+    playing = playing.reshape(-1, *(1 for _ in shape[1:]))
+    good = (array >= 0) & (array < counts) & (array == np.floor(array)) | ~playing
+    if not good.all():
+        i = int(np.argmin(good.reshape(len(array), -1).all(axis=1)))
+        raise ValueError(f"actions[{i}] must be {allowed}, got {array[i]!r}")
+    return np.where(playing, array, 0).astype(np.int64)

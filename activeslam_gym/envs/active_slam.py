@@ -9,17 +9,18 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.batching import row
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs import planning, readout
-from activeslam_gym.envs.actions import motion_and_gaze, split_index
-from activeslam_gym.envs.setting import resolve
-from activeslam_gym.envs.step import BEGIN, LOST, REWARD, STEPS, empty_runs, play, reset_run
-from activeslam_gym.envs.views import PublicBelief, Snapshot, Truth
-from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, Gaze
+from activeslam_gym.envs import readout
+from activeslam_gym.envs.actions import action_space, discrete_action_space, motion_and_gaze, split_index
+from activeslam_gym.envs.reads import SingleReads
+from activeslam_gym.envs.setting import observation_space, render_rate, resolve
+from activeslam_gym.envs.step import BEGIN, LOST, REWARD, STEPS, empty_runs, reset_run
+from activeslam_gym.envs.views import Snapshot
+from activeslam_gym.envs.workers import Workers
+from activeslam_gym.motion import Gaze
 
 
-class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     """A camera with six degrees of freedom maps a room by bearing-only EKF SLAM and is told where to go and to look.
 
     ## Description
@@ -80,21 +81,20 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
-        self.setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
+        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
+        super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.setting.gaze_period))}
-        self.observation_space = spaces.Box(-1.0, 1.0, (self.setting.layout.size,), np.float32)
+        self.metadata = {**self.metadata, "render_fps": render_rate(setting)}
+        self.observation_space = observation_space(setting)
         self.action_space = self._make_action_space()
-        self._runs = empty_runs(self.setting.scenario, 1)
-        self._run = row(self._runs, 0)
-        self._motions, self._gazes = np.zeros(1, np.int64), np.zeros(1, np.int64)
+        self._motion_and_gaze = np.zeros((2, 1), np.int64)
         self._gaze = Gaze.STAY
         self._running = False
         self._history = readout.History()
         self._window: Any = None
 
     def _make_action_space(self) -> spaces.Space[Any]:
-        return spaces.MultiDiscrete([MOTION_COUNT, GAZE_COUNT])
+        return action_space()
 
     def _read_action(self, action: Any) -> tuple[int, int]:
         return motion_and_gaze(action)
@@ -108,7 +108,7 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         key = int(self.np_random.integers(2**63))
         reset_run(self.setting.scenario, self._run, key)
-        self._play(BEGIN, Gaze.STAY)
+        self._play_one(BEGIN, Gaze.STAY)
         self._running = True
         self._gaze = Gaze.STAY
         self._history = readout.History()
@@ -125,7 +125,7 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if not self._running:
             raise gymnasium.error.ResetNeeded("the run has ended or has not begun: call reset() before step()")
         motion, gaze = self._read_action(action)
-        self._play(motion, gaze)
+        self._play_one(motion, gaze)
         self._gaze = Gaze(gaze)
         step = self._run.step
         terminated = bool(step.status[LOST])
@@ -135,9 +135,9 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._show()
         return step.observation.copy(), float(step.sums[REWARD]), terminated, truncated, readout.info_of(self._run)
 
-    def _play(self, motion: int, gaze: int) -> None:
-        self._motions[0], self._gazes[0] = motion, gaze
-        play(self.setting.models, self.setting.task, self._runs, self._motions, self._gazes, 0, 1)
+    def _play_one(self, motion: int, gaze: int) -> None:
+        self._motion_and_gaze[:, 0] = motion, gaze
+        self._play(*self._motion_and_gaze)
 
     def render(self) -> np.ndarray | None:
         """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode; nothing in ``human`` mode.
@@ -170,107 +170,6 @@ class ActiveSLAMEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self._window = self._window or rendering.Window()
             self._window.show(self.snapshot())
 
-    # What policies read ---------------------------------------------------------------------------------------------
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario."""
-        return self.setting.scenario
-
-    @property
-    def gaze_period(self) -> float:
-        """Time of a step [s]."""
-        return self.setting.gaze_period
-
-    @property
-    def motion_period(self) -> float:
-        """Time of a translation [s]."""
-        return self.setting.motion_period
-
-    @property
-    def duration(self) -> float:
-        """Time of an episode [s]."""
-        return self.setting.duration
-
-    @property
-    def steps_per_motion(self) -> int:
-        """Steps in a motion period."""
-        return self.setting.task.steps_per_motion
-
-    @property
-    def motion_phase(self) -> int:
-        """Steps since the present motion period began; the next step's motion is read where this is 0."""
-        return int(self._run.step.status[STEPS]) % self.steps_per_motion
-
-    @property
-    def time(self) -> float:
-        """Time since the reset [s]."""
-        return int(self._run.step.status[STEPS]) * self.setting.gaze_period
-
-    @property
-    def belief(self) -> PublicBelief:
-        """The belief, with every feature as a point; read-only."""
-        return readout.public_belief(self._run)
-
-    def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
-        """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.
-
-        The covariance is propagated over the motion period from the present estimate, and one set of measurements is
-        taken there. In bits for mutual information.
-
-        Raises:
-            ValueError: there is no such criterion.
-        """
-        return planning.motion_scores(self.setting, self._run, criterion)
-
-    def gaze_scores(self, criterion: str = "fisher_trace") -> np.ndarray:
-        """(3,) what each turn would teach after one gaze period at the present position.
-
-        Raises:
-            ValueError: there is no such criterion.
-        """
-        return planning.gaze_scores(self.setting, self._run, criterion)
-
-    def joint_scores(self, criterion: str = "mutual_information") -> np.ndarray:
-        """(7, 3) what each motion would teach with each gaze held for its whole period.
-
-        Raises:
-            ValueError: there is no such criterion.
-        """
-        return planning.joint_scores(self.setting, self._run, criterion)
-
-    def motion_score(self, motion: int, criterion: str = "mutual_information") -> float:
-        """What one motion would teach; see `motion_scores`.
-
-        Raises:
-            ValueError: there is no such criterion or motion.
-        """
-        return planning.motion_score(self.setting, self._run, motion, criterion)
-
-    def lookahead_scores(self, horizon: int = 2) -> np.ndarray:
-        """(7,) mutual information [bit] of each motion and the best that may follow it, ``horizon`` motions in all.
-
-        Raises:
-            ValueError: ``horizon`` is not 1, 2, 3 or 4 (there are 7^horizon poses).
-        """
-        return planning.lookahead_scores(self.setting, self._run, horizon)
-
-    # What referees read ---------------------------------------------------------------------------------------------
-
-    @property
-    def truth(self) -> Truth:
-        """What really is; for referees, never for policies."""
-        return readout.truth_of(self._run)
-
-    @property
-    def landmark_errors(self) -> np.ndarray:
-        """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
-        return readout.landmark_distances(self._run)
-
-    def nees(self) -> dict[str, float]:
-        """NEES per dof of ``position``, ``orientation`` and ``landmarks`` (mean over the mapped; NaN if none)."""
-        return readout.nees_per_dof(self._run)
-
     def snapshot(self) -> Snapshot:
         """All that a picture of this moment needs."""
         return readout.snapshot_of(self.setting, self._run, self._gaze, self._history)
@@ -283,7 +182,7 @@ class ActiveSLAMDiscreteEnv(ActiveSLAMEnv):
     """
 
     def _make_action_space(self) -> spaces.Space[Any]:
-        return spaces.Discrete(MOTION_COUNT * GAZE_COUNT)
+        return discrete_action_space()
 
     def _read_action(self, action: Any) -> tuple[int, int]:
         return split_index(action)

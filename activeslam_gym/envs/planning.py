@@ -1,4 +1,4 @@
-"""Scores of candidate actions: the belief of a run, handed to `information`."""
+"""Scores of candidate actions: the beliefs of runs, handed to `information`. B runs."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym import information
+from activeslam_gym.batching import row
 from activeslam_gym.envs.frame import Models, Simulation
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import STEPS, Run
+from activeslam_gym.envs.workers import Workers
 from activeslam_gym.information import Prospect, criterion_number, prospect_of
-from activeslam_gym.motion import MOTION_COUNT, Gaze
+from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, Gaze
 
 _STAY = int(Gaze.STAY)
 _LONGEST_HORIZON = 4
@@ -29,75 +31,126 @@ def prospect(simulation: Simulation) -> Prospect:
     )
 
 
-@njit(cache=True)
-def _motion_scores(models: Models, simulation: Simulation, frames: int, time: float, criterion: int) -> np.ndarray:
-    ahead = prospect(simulation)
-    return information.motion_scores(models.camera, models.motion, ahead, frames, time, criterion, _STAY)
+# Kernels over rows: each run's scores into its row of ``out``. ``frames`` in the period that a score is for,
+# ``step_time`` [s] of a step.
 
 
-@njit(cache=True)
-def _gaze_scores(models: Models, simulation: Simulation, frames: int, time: float, criterion: int) -> np.ndarray:
-    return information.gaze_scores(models.camera, models.motion, prospect(simulation), frames, time, criterion)
+@njit(cache=True, nogil=True)
+def _motion_scores(
+    models: Models, runs: Run, frames: int, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
+) -> None:
+    for i in range(start, stop):
+        run = row(runs, i)
+        time, ahead = run.step.status[STEPS] * step_time, prospect(run.simulation)
+        out[i] = information.motion_scores(models.camera, models.motion, ahead, frames, time, criterion, _STAY)
 
 
-@njit(cache=True)
-def _joint_scores(models: Models, simulation: Simulation, frames: int, time: float, criterion: int) -> np.ndarray:
-    return information.joint_scores(models.camera, models.motion, prospect(simulation), frames, time, criterion)
+@njit(cache=True, nogil=True)
+def _gaze_scores(
+    models: Models, runs: Run, frames: int, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
+) -> None:
+    for i in range(start, stop):
+        run = row(runs, i)
+        time, ahead = run.step.status[STEPS] * step_time, prospect(run.simulation)
+        out[i] = information.gaze_scores(models.camera, models.motion, ahead, frames, time, criterion)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
+def _joint_scores(
+    models: Models, runs: Run, frames: int, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
+) -> None:
+    for i in range(start, stop):
+        run = row(runs, i)
+        time, ahead = run.step.status[STEPS] * step_time, prospect(run.simulation)
+        out[i] = information.joint_scores(models.camera, models.motion, ahead, frames, time, criterion)
+
+
+@njit(cache=True, nogil=True)
 def _motion_score(
-    models: Models, simulation: Simulation, frames: int, time: float, criterion: int, index: int
-) -> float:
-    ahead = prospect(simulation)
-    return information.motion_score(models.camera, models.motion, ahead, frames, time, criterion, _STAY, index)
+    models: Models,
+    runs: Run,
+    frames: int,
+    step_time: float,
+    criterion: int,
+    index: int,
+    out: np.ndarray,
+    start: int,
+    stop: int,
+) -> None:
+    for i in range(start, stop):
+        run = row(runs, i)
+        time, ahead = run.step.status[STEPS] * step_time, prospect(run.simulation)
+        out[i] = information.motion_score(models.camera, models.motion, ahead, frames, time, criterion, _STAY, index)
 
 
-@njit(cache=True)
-def _lookahead_scores(models: Models, simulation: Simulation, frames: int, time: float, horizon: int) -> np.ndarray:
-    return information.lookahead_scores(models.camera, models.motion, prospect(simulation), frames, time, horizon)
+@njit(cache=True, nogil=True)
+def _lookahead_scores(
+    models: Models, runs: Run, frames: int, step_time: float, horizon: int, out: np.ndarray, start: int, stop: int
+) -> None:
+    for i in range(start, stop):
+        run = row(runs, i)
+        time, ahead = run.step.status[STEPS] * step_time, prospect(run.simulation)
+        out[i] = information.lookahead_scores(models.camera, models.motion, ahead, frames, time, horizon)
 
 
-def _frames_and_time(setting: Setting, run: Run) -> tuple[int, float]:
-    task = setting.task
-    return task.frames_per_step * task.steps_per_motion, int(run.step.status[STEPS]) * setting.gaze_period
+# From names to kernels ----------------------------------------------------------------------------------------------
 
 
-def motion_scores(setting: Setting, run: Run, criterion: str) -> np.ndarray:
-    """(7,) see `ActiveSLAMEnv.motion_scores`."""
-    return _motion_scores(setting.models, run.simulation, *_frames_and_time(setting, run), criterion_number(criterion))
+def _motion_period(setting: Setting) -> tuple[int, float]:
+    """Frames of a motion period, and the time of a step [s]."""
+    return setting.task.frames_per_step * setting.task.steps_per_motion, setting.gaze_period
 
 
-def gaze_scores(setting: Setting, run: Run, criterion: str) -> np.ndarray:
-    """(3,) see `ActiveSLAMEnv.gaze_scores`."""
-    _, time = _frames_and_time(setting, run)
-    frames = setting.task.frames_per_step
-    return _gaze_scores(setting.models, run.simulation, frames, time, criterion_number(criterion))
+def _out(runs: Run, *shape: int) -> np.ndarray:
+    return np.empty((len(runs.step.status), *shape))
 
 
-def joint_scores(setting: Setting, run: Run, criterion: str) -> np.ndarray:
-    """(7, 3) see `ActiveSLAMEnv.joint_scores`."""
-    return _joint_scores(setting.models, run.simulation, *_frames_and_time(setting, run), criterion_number(criterion))
+def motion_scores(setting: Setting, workers: Workers, runs: Run, criterion: str) -> np.ndarray:
+    """(B, 7) see `Reads.motion_scores`."""
+    out = _out(runs, MOTION_COUNT)
+    number = criterion_number(criterion)
+    workers.call(_motion_scores, setting.models, runs, *_motion_period(setting), number, out)
+    return out
 
 
-def motion_score(setting: Setting, run: Run, motion: int, criterion: str) -> float:
-    """One of `motion_scores`, alone.
+def gaze_scores(setting: Setting, workers: Workers, runs: Run, criterion: str) -> np.ndarray:
+    """(B, 3) see `Reads.gaze_scores`."""
+    out = _out(runs, GAZE_COUNT)
+    number, frames = criterion_number(criterion), setting.task.frames_per_step
+    workers.call(_gaze_scores, setting.models, runs, frames, setting.gaze_period, number, out)
+    return out
+
+
+def joint_scores(setting: Setting, workers: Workers, runs: Run, criterion: str) -> np.ndarray:
+    """(B, 7, 3) see `Reads.joint_scores`."""
+    out = _out(runs, MOTION_COUNT, GAZE_COUNT)
+    number = criterion_number(criterion)
+    workers.call(_joint_scores, setting.models, runs, *_motion_period(setting), number, out)
+    return out
+
+
+def motion_score(setting: Setting, workers: Workers, runs: Run, motion: int, criterion: str) -> np.ndarray:
+    """(B,) one column of `motion_scores`, alone.
 
     Raises:
         ValueError: ``motion`` is no motion's index, or there is no such criterion.
     """
-    if not 0 <= motion < MOTION_COUNT:
+    if motion not in range(MOTION_COUNT):
         raise ValueError(f"motion must be in 0 … {MOTION_COUNT - 1}, got {motion!r}")
-    frames, time = _frames_and_time(setting, run)
-    return _motion_score(setting.models, run.simulation, frames, time, criterion_number(criterion), int(motion))
+    out = _out(runs)
+    number = criterion_number(criterion)
+    workers.call(_motion_score, setting.models, runs, *_motion_period(setting), number, int(motion), out)
+    return out
 
 
-def lookahead_scores(setting: Setting, run: Run, horizon: int) -> np.ndarray:
-    """(7,) see `ActiveSLAMEnv.lookahead_scores`.
+def lookahead_scores(setting: Setting, workers: Workers, runs: Run, horizon: int) -> np.ndarray:
+    """(B, 7) see `Reads.lookahead_scores`.
 
     Raises:
         ValueError: ``horizon`` is not between 1 and 4.
     """
     if horizon not in range(1, _LONGEST_HORIZON + 1):
         raise ValueError(f"horizon must be a whole number in 1 … {_LONGEST_HORIZON}, got {horizon!r}")
-    return _lookahead_scores(setting.models, run.simulation, *_frames_and_time(setting, run), int(horizon))
+    out = _out(runs, MOTION_COUNT)
+    workers.call(_lookahead_scores, setting.models, runs, *_motion_period(setting), int(horizon), out)
+    return out

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import njit
 
+from activeslam_gym.batching import row
 from activeslam_gym.camera import CameraModel
 from activeslam_gym.envs.frame import EVENTS, Simulation
 from activeslam_gym.envs.reward import REWARDS
@@ -23,7 +25,7 @@ from activeslam_gym.envs.step import (
     VALUES,
     Run,
 )
-from activeslam_gym.envs.views import PublicBelief, Snapshot, Truth
+from activeslam_gym.envs.views import PublicBelief, PublicBeliefs, Snapshot, Truth
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
@@ -46,14 +48,52 @@ _TERMS = (*REWARDS, "forfeit")
 
 def info_of(run: Run) -> dict[str, Any]:
     """The `info` of the last step, of plain Python values."""
-    values = run.step.values.tolist()
+    step = run.step
+    lost = bool(step.status[LOST])
+    return _named(step.values.tolist(), lost, step.terms.tolist(), run.simulation.events.tolist(), int)
+
+
+def infos_of(runs: Run, included: np.ndarray) -> dict[str, Any]:
+    """The `infos` of the last step of a batch, as Gymnasium's vector environments have them.
+
+    An array (B,) for each number of `info_of`, in the same nested dicts, and beside each ``key`` a mask ``_key`` (B,)
+    of the environments that it is of: those ``included`` (B,) bool; the others' numbers are 0.
+    """
+    values, terms, events = (
+        np.where(included, array.T, array.dtype.type(0))
+        for array in (runs.step.values, runs.step.terms, runs.simulation.events)
+    )
+    lost = included & (runs.step.status[:, LOST] == 1)
+    return with_masks(_named(values, lost, terms, events, lambda column: column.astype(np.int64)), included)
+
+
+def with_masks(infos: dict[str, Any], included: np.ndarray) -> dict[str, Any]:
+    """``infos`` with a mask ``_key`` beside each ``key``, in nested dicts too."""
+    masked: dict[str, Any] = {}
+    for key, value in infos.items():
+        masked[key] = with_masks(value, included) if isinstance(value, dict) else value
+        masked[f"_{key}"] = included.copy()
+    return masked
+
+
+def info_at(infos: dict[str, Any], i: int) -> dict[str, Any]:
+    """The `info` of environment ``i`` in the `infos` of a batch: the inverse of `infos_of`."""
+    return {
+        key: info_at(value, i) if isinstance(value, dict) else value[i].item()
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }
+
+
+def _named(values: Any, lost: Any, terms: Any, events: Any, whole: Callable[[Any], Any]) -> dict[str, Any]:
+    """The tree of `info`, of the numbers of one run or of columns (B,) of numbers; ``whole`` makes them integers."""
     info: dict[str, Any] = {name: values[at] for name, at in _PLAIN}
     for name in _COUNTS:
-        info[name] = int(info[name])
+        info[name] = whole(info[name])
     info["log2_det"] = {"camera": values[LOG2_CAMERA], "map": values[LOG2_MAP], "total": values[LOG2_TOTAL]}
-    info["lost"] = bool(run.step.status[LOST])
-    info["reward_terms"] = dict(zip(_TERMS, run.step.terms.tolist(), strict=True))
-    info["events"] = dict(zip(EVENTS, run.simulation.events.tolist(), strict=True))
+    info["lost"] = lost
+    info["reward_terms"] = dict(zip(_TERMS, terms, strict=True))
+    info["events"] = dict(zip(EVENTS, events, strict=True))
     return info
 
 
@@ -84,22 +124,27 @@ def public_belief(run: Run) -> PublicBelief:
     )
 
 
+def public_beliefs(runs: Run) -> PublicBeliefs:
+    """A read-only copy of the public beliefs of a batch."""
+    return PublicBeliefs(public_belief(row(runs, i)) for i in range(len(runs.step.status)))
+
+
 def truth_of(run: Run) -> Truth:
-    """A read-only copy of the truth."""
+    """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
     world = run.simulation.world
     K = _fiducial_count(run)
     return Truth(
-        position=_frozen(world.camera[POSITION]),
-        quaternion=_frozen(world.camera[QUATERNION]),
-        velocity=_frozen(world.camera[VELOCITY]),
-        angular_velocity=_frozen(world.camera[ANGULAR_VELOCITY]),
-        landmarks=_frozen(world.points[K:]),
-        fiducials=_frozen(world.points[:K]),
+        position=_frozen(world.camera[..., POSITION]),
+        quaternion=_frozen(world.camera[..., QUATERNION]),
+        velocity=_frozen(world.camera[..., VELOCITY]),
+        angular_velocity=_frozen(world.camera[..., ANGULAR_VELOCITY]),
+        landmarks=_frozen(world.points[..., K:, :]),
+        fiducials=_frozen(world.points[..., :K, :]),
     )
 
 
 def _fiducial_count(run: Run) -> int:
-    return len(run.simulation.world.points) - len(run.simulation.expectation.points)
+    return run.simulation.world.points.shape[-2] - run.simulation.expectation.points.shape[-2]
 
 
 @njit(cache=True)
@@ -111,9 +156,10 @@ def _mapped_landmarks(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     return of_landmark, landmark_errors(simulation.world, simulation.points, of_landmark, K)
 
 
-def landmark_distances(run: Run) -> np.ndarray:
-    """(L,) distance of each true landmark from its mapped feature [m]; NaN where it has none."""
-    return _mapped_landmarks(run.simulation)[1]
+def landmark_distances(runs: Run) -> np.ndarray:
+    """(B, L) distance of each true landmark from its mapped feature [m]; NaN where it has none."""
+    rows = (row(runs, i) for i in range(len(runs.step.status)))
+    return np.stack([_mapped_landmarks(run.simulation)[1] for run in rows])
 
 
 def nees_per_dof(run: Run) -> dict[str, float]:

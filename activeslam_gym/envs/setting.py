@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from gymnasium import spaces
+
 from activeslam_gym.config import Scenario, scenario_from, whole_multiple
 from activeslam_gym.envs.frame import Models, models_of
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
@@ -70,3 +73,13 @@ def resolve(
         task=task,
         layout=layout_of(resolved),
     )
+
+
+def observation_space(setting: Setting) -> spaces.Box:
+    """Of one environment: float32 (D,) in [-1, 1]."""
+    return spaces.Box(-1.0, 1.0, (setting.layout.size,), np.float32)
+
+
+def render_rate(setting: Setting) -> int:
+    """Frames a second at which a video of one picture a step shows true time."""
+    return max(1, round(1.0 / setting.gaze_period))

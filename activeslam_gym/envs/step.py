@@ -160,6 +160,7 @@ def _begin(models: Models, run: Run) -> None:
     begin_motion(models.motion, run.simulation.belief, run.simulation.control, STAY)
     run.step.sums[DENSITY_0] = run.step.potential[DENSITY]
     run.step.values[LOG_SCORE] = 0.0
+    run.step.status[LOST] = 0  # a run is lost by a step
     for i in range(run.step.terms.shape[0]):
         run.step.terms[i] = 0.0
 

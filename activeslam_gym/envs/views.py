@@ -42,9 +42,57 @@ class PublicBelief:
         return self.log2_dets[part]
 
 
+class PublicBeliefs(tuple[PublicBelief, ...]):
+    """The beliefs of a batch of B: a tuple of them whose fields can be read for all at once.
+
+    What is of one size for all is an array with a leading axis, what grows with the map a tuple of B arrays.
+    """
+
+    __slots__ = ()
+
+    @property
+    def position(self) -> np.ndarray:
+        """(B, 3) [m]."""
+        return np.stack([belief.position for belief in self])
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """(B, 4) q_WC, scalar first."""
+        return np.stack([belief.quaternion for belief in self])
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(B, 3) [m/s], world frame."""
+        return np.stack([belief.velocity for belief in self])
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """(B, 3) [rad/s], world frame."""
+        return np.stack([belief.angular_velocity for belief in self])
+
+    @property
+    def landmarks(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n, 3) [m]."""
+        return tuple(belief.landmarks for belief in self)
+
+    @property
+    def mapped(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n,) bool."""
+        return tuple(belief.mapped for belief in self)
+
+    @property
+    def covariance(self) -> tuple[np.ndarray, ...]:
+        """B arrays (12 + 3 n, 12 + 3 n)."""
+        return tuple(belief.covariance for belief in self)
+
+    def log2_det(self, part: str = "total") -> np.ndarray:
+        """(B,) see `PublicBelief.log2_det`."""
+        return np.array([belief.log2_det(part) for belief in self])
+
+
 @dataclass(frozen=True)
 class Truth:
-    """What really is; for referees, never for policies. Read-only copies."""
+    """What really is; for referees, never for policies. Read-only copies. Of a batch, with a leading axis."""
 
     position: np.ndarray
     """(3,) [m]."""

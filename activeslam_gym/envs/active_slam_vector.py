@@ -1,0 +1,302 @@
+"""``ActiveSLAM-v0`` a batch at a time: ``gymnasium.make_vec("ActiveSLAM-v0", num_envs=64)``."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from activeslam_gym.batching import row
+from activeslam_gym.config import Scenario, positive_whole_number
+from activeslam_gym.envs import readout
+from activeslam_gym.envs.actions import action_space, discrete_action_space, motions_and_gazes, split_indices
+from activeslam_gym.envs.reads import BatchReads
+from activeslam_gym.envs.setting import observation_space, render_rate, resolve
+from activeslam_gym.envs.step import BEGIN, LOST, REST, REWARD, STEPS, empty_runs, reset_run
+from activeslam_gym.envs.views import Snapshot
+from activeslam_gym.envs.workers import Workers
+from activeslam_gym.motion import Gaze
+
+
+class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """`ActiveSLAMEnv` for ``num_envs`` cameras, each in its own room; see there for what one of them is.
+
+    Each environment's trajectory is that of a single environment of its seed to the bit, whatever ``num_envs`` and
+    ``num_threads``, through every autoreset too. Observations, rewards, `infos` (masks ``_key`` beside each ``key``),
+    ``final_obs`` and ``final_info`` are as `gymnasium.vector.SyncVectorEnv` gives them, and fresh at each step. What
+    `ActiveSLAMEnv` lets policies read has here a leading axis.
+
+    ## Arguments
+    Those of `ActiveSLAMEnv`, where ``render_mode`` is None or "rgb_array", and
+    ``num_envs``;
+    ``num_threads``: at most this many run at once (None: as many as cores that the process may use; see `workers`);
+    ``autoreset_mode``: an `AutoresetMode`, its name or its value: NEXT_STEP resets an ended environment in the next
+    step, which ignores its action; SAME_STEP in the step that ends it; DISABLED never;
+    ``max_episode_steps``: truncates, besides ``duration``.
+
+    Raises:
+        ValueError: a bad argument or action; the message names it, its value and what is allowed.
+    """
+
+    metadata: dict[str, Any] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 20,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str | Mapping[str, Any] | Scenario = "paper",
+        gaze_period: float | None = None,
+        motion_period: float = 1.0,
+        duration: float = 35.0,
+        reward: str = "entropy",
+        lost_position_error: float = 0.5,
+        render_mode: str | None = None,
+        num_threads: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+    ) -> None:
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
+        self.num_envs = positive_whole_number("num_envs", num_envs)
+        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
+        workers = Workers(self.num_envs, num_threads)
+        super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
+        self.render_mode = render_mode
+        self.autoreset_mode = _mode(autoreset_mode)
+        self.metadata = {**self.metadata, "render_fps": render_rate(setting), "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = observation_space(setting)
+        self.single_action_space = self._make_action_space()
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        limit = setting.task.steps if max_episode_steps is None else max_episode_steps
+        self._steps = min(setting.task.steps, positive_whole_number("max_episode_steps", limit))
+        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
+        self._seeds = [-1] * self.num_envs
+        self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
+        self._motions, self._gazes = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
+        self._histories = [readout.History() for _ in range(self.num_envs)]
+
+    def _make_action_space(self) -> spaces.Space[Any]:
+        return action_space()
+
+    def _read_actions(self, actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return motions_and_gazes(actions, playing)
+
+    # Gymnasium ------------------------------------------------------------------------------------------------------
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin new runs: in all environments, or where ``options["reset_mask"]``, (B,) bool, is true.
+
+        ``seed``: an int (environment i has ``seed`` + i), one for each environment, or None.
+
+        Raises:
+            ValueError: a seed or the mask is not so.
+        """
+        seeds, chosen = _seeds(seed, self.num_envs), _reset_mask(options, self.num_envs)
+        for i in np.flatnonzero(chosen).tolist():
+            if seeds[i] is not None:
+                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+        self._begin(chosen)
+        return self._runs.step.observation.copy(), readout.infos_of(self._runs, chosen)
+
+    def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One gaze period of every environment.
+
+        ``actions``: (B, 2) of motions and gazes, in the discrete variant (B,).
+
+        Raises:
+            ValueError: an action is outside the action space.
+            gymnasium.error.ResetNeeded: a run has not begun, or in mode DISABLED it has ended.
+        """
+        self._demand_reset()
+        beginning = self._over  # of these NEXT_STEP ignores the action, in the other modes there are none
+        motions, gazes = self._read_actions(actions, ~beginning)
+        self._reset_runs(beginning)
+        self._motions[:] = np.where(beginning, BEGIN, motions)
+        self._gazes[:] = np.where(beginning, Gaze.STAY, gazes)
+        self._play(self._motions, self._gazes)
+        self._record(np.ones(self.num_envs, bool))
+        step = self._runs.step
+        rewards = step.sums[:, REWARD].copy()
+        terminated = (step.status[:, LOST] == 1) & ~beginning
+        truncated = step.status[:, STEPS] >= self._steps
+        self._over = terminated | truncated
+        infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}
+        infos.update(readout.infos_of(self._runs, np.ones(self.num_envs, bool)))
+        return step.observation.copy(), rewards, terminated, truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The present moment of each environment, (H, W, 3) uint8 images, in ``rgb_array`` mode.
+
+        Raises:
+            gymnasium.error.ResetNeeded: there is nothing to draw before the first reset.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() does nothing without a render_mode; make the environment with 'rgb_array'")
+            return None
+        from activeslam_gym import rendering
+
+        return tuple(rendering.draw(self.snapshot(i)) for i in range(self.num_envs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads."""
+        if hasattr(self, "_workers"):  # the constructor may have refused its arguments
+            self._workers.close()
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """The generators of the environments."""
+        return tuple(self._generator(i) for i in range(self.num_envs))
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The seeds of the environments' generators."""
+        for i in range(self.num_envs):
+            self._generator(i)  # which draws a seed if it was never given one
+        return tuple(self._seeds)
+
+    def snapshot(self, i: int) -> Snapshot:
+        """All that a picture of this moment of environment ``i`` needs.
+
+        Raises:
+            gymnasium.error.ResetNeeded: its run has not begun.
+        """
+        if not self._begun[i]:
+            raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
+        gaze = Gaze(int(self._gazes[i]))
+        return readout.snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i])
+
+    # Beginnings and ends --------------------------------------------------------------------------------------------
+
+    def _demand_reset(self) -> None:
+        ready = self._begun & ~self._over if self.autoreset_mode is AutoresetMode.DISABLED else self._begun
+        if not ready.all():
+            idle = np.flatnonzero(~ready).tolist()
+            raise gymnasium.error.ResetNeeded(
+                f"the runs of environments {idle} have ended or have not begun: call reset() before step()"
+            )
+
+    def _begin(self, chosen: np.ndarray) -> None:
+        """Begin the runs that are ``chosen`` (B,), and leave the others alone."""
+        self._reset_runs(chosen)
+        self._motions[:] = np.where(chosen, BEGIN, REST)
+        self._gazes[chosen] = Gaze.STAY
+        self._play(self._motions, self._gazes)
+        self._begun |= chosen
+        self._over = self._over & ~chosen
+        self._record(chosen)
+
+    def _reset_runs(self, chosen: np.ndarray) -> None:
+        """Give new rooms, each by a key of its own generator, where ``chosen`` (B,)."""
+        for i in np.flatnonzero(chosen).tolist():
+            key = int(self._generator(i).integers(2**63))
+            reset_run(self.setting.scenario, row(self._runs, i), key)
+            self._histories[i] = readout.History()
+
+    def _generator(self, i: int) -> np.random.Generator:
+        generator = self._generators[i]
+        if generator is None:
+            generator, self._seeds[i] = seeding.np_random()
+            self._generators[i] = generator
+        return generator
+
+    def _end_same_step(self) -> dict[str, Any]:
+        """Begin anew where a run is over, and return what it ended with: ``final_obs``, ``final_info``."""
+        over = self._over
+        if not over.any():
+            return {}
+        observations = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(over).tolist():
+            observations[i] = self._runs.step.observation[i].copy()
+        ended = {"final_obs": observations, "final_info": readout.infos_of(self._runs, over)}
+        masks = {f"_{key}": over.copy() for key in ended}
+        self._begin(over)
+        return ended | masks
+
+    def _record(self, chosen: np.ndarray) -> None:
+        """Keep the history that pictures show, where ``chosen`` (B,)."""
+        if self.render_mode is None:
+            return
+        times = self.time
+        for i in np.flatnonzero(chosen).tolist():
+            self._histories[i].record(float(times[i]), row(self._runs, i))
+
+
+class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):
+    """``ActiveSLAMDiscrete-v0`` a batch at a time: one integer for an action, index = 3 motion + gaze."""
+
+    def _make_action_space(self) -> spaces.Space[Any]:
+        return discrete_action_space()
+
+    def _read_actions(self, actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return split_indices(actions, playing)
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The mode that is meant: an enum member, its name or its value.
+
+    Raises:
+        ValueError: there is no such mode.
+    """
+    known: dict[Any, AutoresetMode] = {
+        name: member for member in AutoresetMode for name in (member, member.name, member.value)
+    }
+    if not isinstance(mode, (str, AutoresetMode)) or mode not in known:
+        names = ", ".join(f"{member.name} ({member.value!r})" for member in AutoresetMode)
+        raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}")
+    return known[mode]
+
+
+def _seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
+    """A seed for each environment: ``seed`` + i, or those of a sequence; None leaves a generator as it is.
+
+    Raises:
+        ValueError: not as many as environments, or one is no whole number of 0 or more.
+    """
+    if seed is None:
+        return [None] * count
+    given: Sequence[int | None] = _spread(seed, count) if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
+    if len(given) != count:
+        raise ValueError(f"seed must be one number or {count} (num_envs) of them, got {len(given)}: {seed!r}")
+    return [None if one is None else _whole(one) for one in given]
+
+
+def _spread(seed: Any, count: int) -> list[int | None]:
+    first = _whole(seed)
+    return [first + i for i in range(count)]
+
+
+def _whole(seed: Any) -> int:
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise ValueError(f"seed must be a whole number of 0 or more, got {seed!r}")
+    return number
+
+
+def _reset_mask(options: dict[str, Any] | None, count: int) -> np.ndarray:
+    """Which environments to reset, (B,): all, or those of ``options["reset_mask"]``.
+
+    Raises:
+        ValueError: the mask is no bool array of that shape, or chooses none.
+    """
+    if options is None or "reset_mask" not in options:
+        return np.ones(count, bool)
+    mask = options["reset_mask"]
+    if not (isinstance(mask, np.ndarray) and mask.shape == (count,) and mask.dtype == np.bool_ and mask.any()):
+        raise ValueError(f"options['reset_mask'] must be a bool array ({count},) with a true value, got {mask!r}")
+    return mask.copy()

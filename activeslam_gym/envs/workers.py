@@ -1,0 +1,77 @@
+"""Threads that share the rows of a batch.
+
+The kernels release the GIL, so ordinary threads run slices of the rows side by side, each the very kernel that a single
+environment runs. Numba's ``parallel=True`` is not used: it would compile everything twice, its threading layer belongs
+to the whole process, and of the layers at hand one dies in a forked child and the other when two Python threads call it
+at once. Here each environment has its own threads, started at the first use and anew in a forked child.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any
+
+from activeslam_gym.config import positive_whole_number
+
+
+def available_cores() -> int:
+    """How many cores this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+class Workers:
+    """Calls kernels on contiguous slices of ``rows`` rows, one slice a thread; the caller's thread takes the first.
+
+    ``threads``: at most as many as rows; None: as many as cores that the process may use.
+
+    Raises:
+        ValueError: ``threads`` is no positive whole number.
+    """
+
+    def __init__(self, rows: int, threads: int | None = None) -> None:
+        wanted = available_cores() if threads is None else positive_whole_number("num_threads", threads)
+        count = min(wanted, rows)
+        ends = [rows * i // count for i in range(count + 1)]
+        self._slices = list(zip(ends[:-1], ends[1:], strict=True))
+        self._pool: ThreadPoolExecutor | None = None
+        self._process = os.getpid()
+
+    @property
+    def threads(self) -> int:
+        """Threads in use, the caller's included."""
+        return len(self._slices)
+
+    def call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
+        """Call ``kernel(*arguments, start, stop)`` for every slice of rows, and wait for all."""
+        first, *others = self._slices
+        if not others:
+            kernel(*arguments, *first)
+            return
+        pool = self._running_pool()
+        futures = [pool.submit(kernel, *arguments, *part) for part in others]
+        try:
+            kernel(*arguments, *first)
+        finally:
+            wait(futures)
+        for future in futures:
+            future.result()
+
+    def _running_pool(self) -> ThreadPoolExecutor:
+        """The pool; a new one in a forked child, where the parent's threads do not exist."""
+        if self._pool is None or self._process != os.getpid():
+            self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
+            self._process = os.getpid()
+        return self._pool
+
+    def close(self) -> None:
+        """End the threads; a later call starts new ones."""
+        if self._pool is not None and self._process == os.getpid():
+            self._pool.shutdown()
+        self._pool = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies and pickles start their own threads."""
+        return {**self.__dict__, "_pool": None}

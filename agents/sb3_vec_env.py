@@ -1,0 +1,122 @@
+"""The batch environment as Stable-Baselines3 takes it: a `VecEnv`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
+from activeslam_gym.envs.readout import info_at
+
+_MISSING = object()
+
+
+class ActiveSLAMVecEnv(VecEnv):
+    """`ActiveSLAMVectorEnv` in mode SAME_STEP behind SB3's interface.
+
+    An environment's dict of `infos` has its last `info` when its episode ends, with ``terminal_observation`` and
+    ``TimeLimit.truncated``, and is empty before: a dict for each environment and step would cost more than it tells.
+
+    `baselines.make(name, env)` and `observation_layout(env)` take it, also under SB3's wrappers: it is read as the
+    batch environment within (`unwrapped`).
+
+    Args:
+        num_envs: Environments in the batch.
+        bootstrap_at_time_limit: What ``TimeLimit.truncated`` says where an episode ends at its duration and the run is
+            not lost. The return is that of a finite horizon and the observation tells the time, so False is right:
+            nothing follows. True makes SB3 add the value of the last observation.
+        discrete: Take one integer for an action, index = 3 motion + gaze.
+        kwargs: Arguments of `ActiveSLAMVectorEnv`.
+
+    Raises:
+        ValueError: a bad argument; the message names it, its value and what is allowed.
+    """
+
+    def __init__(
+        self, num_envs: int, bootstrap_at_time_limit: bool = False, discrete: bool = False, **kwargs: Any
+    ) -> None:
+        batch = ActiveSLAMDiscreteVectorEnv if discrete else ActiveSLAMVectorEnv
+        self.env = batch(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
+        self.bootstrap_at_time_limit = bootstrap_at_time_limit
+        self._actions: np.ndarray | None = None
+        super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
+
+    @property
+    def unwrapped(self) -> ActiveSLAMVectorEnv:  # type: ignore[override]
+        """The batch environment, whose belief and scores policies read."""
+        return self.env
+
+    def reset(self) -> np.ndarray:
+        """Begin new runs, with the seeds of `seed` if it was called since the last time."""
+        observations, infos = self.env.reset(seed=self._seeds)
+        self.reset_infos = [info_at(infos, i) for i in range(self.num_envs)]
+        self._reset_seeds()
+        self._reset_options()
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions (B, 2), or (B,) if discrete, for `step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """One gaze period; see `ActiveSLAMVectorEnv.step`. What ended has begun anew in what is returned."""
+        observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
+        dones = terminated | truncated
+        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        if dones.any():
+            last_observations, last_infos = infos.pop("final_obs"), infos.pop("final_info")
+            at_time_limit = truncated & ~terminated & self.bootstrap_at_time_limit
+            for i in np.flatnonzero(dones).tolist():
+                told[i] = info_at(last_infos, i)
+                told[i]["terminal_observation"] = last_observations[i]
+                told[i]["TimeLimit.truncated"] = bool(at_time_limit[i])
+                self.reset_infos[i] = info_at(infos, i)
+        return observations, rewards.astype(np.float32), dones, told
+
+    def close(self) -> None:
+        """End the threads."""
+        self.env.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """The present moment of each environment, if ``render_mode`` is "rgb_array"."""
+        return self.env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """What each environment lets read by that name, or what all of them share."""
+        return [self._of(attr_name, i) for i in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set what all environments share.
+
+        Raises:
+            ValueError: ``indices`` are not all of them.
+        """
+        if set(self._get_indices(indices)) != set(range(self.num_envs)):
+            raise ValueError(f"indices must be None: the environments share their attributes, got {indices!r}")
+        setattr(self.env, attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method that reads single environments, for instance ``env_method("motion_scores", indices=[3])``."""
+        return [method(*method_args, **kwargs) for method in self.get_attr(method_name, indices)]
+
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
+    ) -> list[bool]:
+        """None is: there are no single environments to wrap."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _of(self, name: str, i: int) -> Any:
+        """An attribute of environment ``i``, as a single environment has it."""
+        for owner, known_as in ((self.env.run(int(i)), name), (self.env, f"single_{name}")):
+            value = getattr(owner, known_as, _MISSING)
+            if value is not _MISSING:
+                return value
+        return getattr(self.env, name)

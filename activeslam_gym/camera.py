@@ -14,6 +14,9 @@ from numba import njit
 
 from activeslam_gym.config import Scenario
 
+Vector = np.ndarray | tuple[float, float, float]
+"""Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
+
 
 class CameraModel(NamedTuple):
     """Intrinsics, in pixels; lengths in metres."""
@@ -43,22 +46,23 @@ def camera_of(scenario: Scenario) -> CameraModel:
 
 
 @njit(cache=True)
-def camera_from_world(R_WC: np.ndarray, v_W: np.ndarray) -> np.ndarray:
-    """R_WC^T v_W: the world vector (3,) in camera axes."""
-    out = np.empty(3)
-    for i in range(3):
-        out[i] = R_WC[0, i] * v_W[0] + R_WC[1, i] * v_W[1] + R_WC[2, i] * v_W[2]
-    return out
+def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, float]:
+    """R_WC^T v_W: the world vector (3,) in camera axes. A tuple, since this is where a frame spends its time."""
+    return (
+        R_WC[0, 0] * v_W[0] + R_WC[1, 0] * v_W[1] + R_WC[2, 0] * v_W[2],
+        R_WC[0, 1] * v_W[0] + R_WC[1, 1] * v_W[1] + R_WC[2, 1] * v_W[2],
+        R_WC[0, 2] * v_W[0] + R_WC[1, 2] * v_W[1] + R_WC[2, 2] * v_W[2],
+    )
 
 
 @njit(cache=True)
-def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """p_C = R_WC^T (y - p) (3,) of the world point ``y`` (3,); ``pose`` begins with the position p."""
-    return camera_from_world(R_WC, np.array((y[0] - pose[0], y[1] - pose[1], y[2] - pose[2])))
+def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """p_C = R_WC^T (y - p) of the world point ``y`` (3,); ``pose`` begins with the position p."""
+    return camera_from_world(R_WC, (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
 
 
 @njit(cache=True)
-def pixel_from_camera_point(camera: CameraModel, p_C: np.ndarray, z: np.ndarray) -> bool:
+def pixel_from_camera_point(camera: CameraModel, p_C: Vector, z: np.ndarray) -> bool:
     """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
     if p_C[2] <= 0.0:
         return False
@@ -77,7 +81,7 @@ def inside_image(camera: CameraModel, z: np.ndarray, margin: float) -> bool:
 
 
 @njit(cache=True)
-def pixel_jacobian(camera: CameraModel, p_C: np.ndarray, J: np.ndarray) -> None:
+def pixel_jacobian(camera: CameraModel, p_C: Vector, J: np.ndarray) -> None:
     """Write d z / d p_C (2, 3) [px/m] at ``p_C``, which lies in front of the camera, into ``J``."""
     f_z = camera.focal / p_C[2]
     u_c, v_c = f_z * p_C[0], f_z * p_C[1]

@@ -15,7 +15,7 @@ from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Expectation
-from activeslam_gym.linalg import log2_det_3, sum_of_squares
+from activeslam_gym.linalg import log2_det_3
 from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT, QUATERNION, MotionModel
 from activeslam_gym.slam.belief import FEATURES, FREE, Belief, feature_capacity
 
@@ -186,7 +186,7 @@ def observe_tokens(
 def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,)."""
     p_C = camera_point(R_WC, belief.camera, y)
-    distance = max(math.sqrt(sum_of_squares(p_C)), _LOG_FLOOR)
+    distance = max(math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2]), _LOG_FLOOR)
     for i in range(3):
         token[i] = p_C[i] / distance
     token[3] = math.log10(distance) / 1.5

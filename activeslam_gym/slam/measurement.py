@@ -13,6 +13,7 @@ from numba import njit
 
 from activeslam_gym.camera import (
     CameraModel,
+    Vector,
     camera_from_world,
     inside_image,
     pixel_from_camera_point,
@@ -76,7 +77,7 @@ def point_measurement(
     p_C = R^T (y - p); with R = Exp(dtheta) R_hat, dp_C/d dtheta = R^T [y - p]x. Writes ``z`` (2,), ``H_x`` (2, 6) by
     position and rotation, and ``H_y`` (2, >= 3). False where the point is nearer than the camera's minimum depth.
     """
-    d = np.array((y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
+    d = (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2])
     p_C = camera_from_world(R_WC, d)
     if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
         return False
@@ -87,9 +88,9 @@ def point_measurement(
 @njit(cache=True)
 def _chain(
     camera: CameraModel,
-    p_C: np.ndarray,
+    p_C: Vector,
     R_WC: np.ndarray,
-    d: np.ndarray,
+    d: Vector,
     scale: float,
     H_x: np.ndarray,
     H_y: np.ndarray,
@@ -125,8 +126,8 @@ def inverse_depth_measurement(
     """
     rho = feature[5]
     m = bearing(feature[3], feature[4])
-    offset = np.array((feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2]))
-    d = np.array((rho * offset[0] + m[0, 0], rho * offset[1] + m[0, 1], rho * offset[2] + m[0, 2]))
+    offset = (feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2])
+    d = (rho * offset[0] + m[0, 0], rho * offset[1] + m[0, 1], rho * offset[2] + m[0, 2])
     p_C = camera_from_world(R_WC, d)
     if p_C[2] < camera.minimum_depth * rho or not pixel_from_camera_point(camera, p_C, z):
         return False
@@ -139,22 +140,31 @@ def inverse_depth_measurement(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def measure_row(
     camera: CameraModel, belief: Belief, R_WC: np.ndarray, fiducials: np.ndarray, row: int, out: Predictions
 ) -> bool:
     """Predict ``row`` at the belief's mean into ``out`` (all but S). False if it cannot be measured or is a RAY."""
     slot = row - fiducials.shape[0]
+    parameters = fiducials[row] if slot < 0 else belief.feature[slot]
+    is_point = slot < 0 or belief.kind[slot] == POINT
+    if is_point and depth_of(R_WC, belief.camera, parameters) < camera.minimum_depth:
+        return False  # most of a map is behind the camera: tell it apart cheaply
     z, H_x, H_y = out.z_hat[row], out.H_camera[row], out.H_feature[row]
-    if slot < 0:
-        seen = point_measurement(camera, belief.camera, R_WC, fiducials[row], z, H_x, H_y)
-        H_y[:, :] = 0.0
+    if is_point:
+        seen = point_measurement(camera, belief.camera, R_WC, parameters, z, H_x, H_y)
+        if slot < 0:
+            H_y[:, :] = 0.0
         return seen
-    if belief.kind[slot] == POINT:
-        return point_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
     if belief.kind[slot] == INVERSE_DEPTH:
-        return inverse_depth_measurement(camera, belief.camera, R_WC, belief.feature[slot], z, H_x, H_y)
+        return inverse_depth_measurement(camera, belief.camera, R_WC, parameters, z, H_x, H_y)
     return False
+
+
+@njit(cache=True)
+def depth_of(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> float:
+    """Distance of the world point ``y`` (>= 3,) along the optical axis [m]."""
+    return R_WC[0, 2] * (y[0] - pose[0]) + R_WC[1, 2] * (y[1] - pose[1]) + R_WC[2, 2] * (y[2] - pose[2])
 
 
 @njit(cache=True)
@@ -162,28 +172,28 @@ def own_innovation(
     P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
 ) -> None:
     """S (2, 2) = H P H^T + R, with H non-zero on the pose and on ``width`` columns from ``start`` on."""
-    for i in range(2):
-        for j in range(i + 1):
-            S[i, j] = pixel_var if i == j else 0.0
-    size = POSE_DIM + width
-    for a in range(size):
-        row = a if a < POSE_DIM else start + a - POSE_DIM
-        u0, u1 = 0.0, 0.0
-        for b in range(size):
-            if b < POSE_DIM:
-                value = P[row, b]
-                u0 += value * H_x[0, b]
-                u1 += value * H_x[1, b]
-            else:
-                value = P[row, start + b - POSE_DIM]
-                u0 += value * H_y[0, b - POSE_DIM]
-                u1 += value * H_y[1, b - POSE_DIM]
-        h0 = H_x[0, a] if a < POSE_DIM else H_y[0, a - POSE_DIM]
-        h1 = H_x[1, a] if a < POSE_DIM else H_y[1, a - POSE_DIM]
-        S[0, 0] += h0 * u0
-        S[1, 0] += h1 * u0
-        S[1, 1] += h1 * u1
-    S[0, 1] = S[1, 0]
+    s00, s01, s11 = pixel_var, 0.0, pixel_var
+    for a in range(POSE_DIM):
+        h0, h1 = H_x[0, a], H_x[1, a]
+        own0, own1, cross0, cross1 = 0.0, 0.0, 0.0, 0.0
+        for b in range(POSE_DIM):
+            own0 += P[a, b] * H_x[0, b]
+            own1 += P[a, b] * H_x[1, b]
+        for b in range(width):
+            cross0 += P[a, start + b] * H_y[0, b]
+            cross1 += P[a, start + b] * H_y[1, b]
+        s00 += h0 * (own0 + 2.0 * cross0)
+        s01 += h0 * (own1 + cross1) + h1 * cross0
+        s11 += h1 * (own1 + 2.0 * cross1)
+    for a in range(width):
+        own0, own1 = 0.0, 0.0
+        for b in range(width):
+            own0 += P[start + a, start + b] * H_y[0, b]
+            own1 += P[start + a, start + b] * H_y[1, b]
+        s00 += H_y[0, a] * own0
+        s01 += H_y[0, a] * own1
+        s11 += H_y[1, a] * own1
+    S[0, 0], S[0, 1], S[1, 0], S[1, 1] = s00, s01, s01, s11
 
 
 @njit(cache=True)

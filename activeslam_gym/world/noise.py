@@ -35,7 +35,12 @@ def normals(key: np.ndarray, first: int, count: int) -> np.ndarray:
     u = uniforms(key, first, count)
     out = np.empty(count)
     for i in range(0, count, 2):
-        radius = math.sqrt(-2.0 * math.log(u[i]))
-        out[i] = radius * math.cos(2.0 * math.pi * u[i + 1])
-        out[i + 1] = radius * math.sin(2.0 * math.pi * u[i + 1])
+        out[i], out[i + 1] = normal_pair(u[i], u[i + 1])
     return out
+
+
+@njit(cache=True)
+def normal_pair(u: float, v: float) -> tuple[float, float]:
+    """Two standard normal numbers from two uniform ones (Box and Muller)."""
+    radius = math.sqrt(-2.0 * math.log(u))
+    return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)

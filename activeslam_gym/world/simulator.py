@@ -12,7 +12,7 @@ from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_SIZE, QUATERNION, MotionModel, transition
-from activeslam_gym.world.noise import normals, uniforms
+from activeslam_gym.world.noise import normal_pair, normals, uniforms
 
 CLUTTER_LABEL = -1
 
@@ -96,9 +96,7 @@ def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: D
     """Fill ``out`` with the detections of the present true pose: visible points, noise, misses, clutter, shuffled."""
     points = world.points.shape[0]
     first = _draws(world) * frame + 8
-    noise = normals(world.noise_key, first, 2 * points)
-    first += 2 * points
-    luck = uniforms(world.noise_key, first, 2 * points + 4 * sensor.clutter_capacity + 1)
+    luck = uniforms(world.noise_key, first, 4 * points + 4 * sensor.clutter_capacity + 1)
     R_WC = rotation_matrix(world.camera[QUATERNION])
     order = np.empty(out.labels.shape[0])
     z = np.empty(2)
@@ -107,14 +105,15 @@ def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: D
         p_C = camera_point(R_WC, world.camera, world.points[i])
         if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
             continue
-        if not inside_image(camera, z, 0.0) or luck[i] < sensor.missed_probability:
+        if not inside_image(camera, z, 0.0) or luck[2 * points + i] < sensor.missed_probability:
             continue
-        out.pixels[n, 0] = z[0] + camera.pixel_std * noise[2 * i]
-        out.pixels[n, 1] = z[1] + camera.pixel_std * noise[2 * i + 1]
+        noise_u, noise_v = normal_pair(luck[2 * i], luck[2 * i + 1])
+        out.pixels[n, 0] = z[0] + camera.pixel_std * noise_u
+        out.pixels[n, 1] = z[1] + camera.pixel_std * noise_v
         out.labels[n] = i
-        order[n] = luck[points + i]
+        order[n] = luck[3 * points + i]
         n += 1
-    spare = luck[2 * points :]
+    spare = luck[4 * points :]
     for i in range(_poisson(sensor.clutter_rate, spare[0], sensor.clutter_capacity)):
         out.pixels[n, 0] = camera.width * spare[1 + 3 * i]
         out.pixels[n, 1] = camera.height * spare[2 + 3 * i]

@@ -12,7 +12,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import sys
 from pathlib import Path
+
+from numba.core import event
 
 _PACKAGE = Path(__file__).parent
 _STAMP = _PACKAGE / "__pycache__" / "kernels.stamp"
@@ -38,3 +41,29 @@ def discard_stale_kernels() -> None:
         partial = _STAMP.with_suffix(".partial")
         partial.write_text(stamp)
         partial.replace(_STAMP)
+
+
+class _Announcement(event.Listener):
+    """Says once, on the error stream, that kernels are being compiled; what the cache holds is not compiled."""
+
+    def on_start(self, event: event.Event) -> None:
+        """The first compilation of one of our own kernels begins."""
+        dispatcher = event.data.get("dispatcher") if isinstance(event.data, dict) else None
+        module = getattr(getattr(dispatcher, "py_func", None), "__module__", None) or ""
+        if module.split(".")[0] == _PACKAGE.name and self._silent:
+            self._silent = False
+            print(
+                "activeslam_gym: compiling its kernels, which is kept for the next time ...",
+                file=sys.stderr,
+                flush=True,
+            )
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing to say."""
+
+    _silent = True
+
+
+def announce_compilation() -> None:
+    """Tell the user, once a process, why the first step takes long."""
+    event.register("numba:compile", _Announcement())

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
@@ -120,3 +120,20 @@ class ActiveSLAMVecEnv(VecEnv):
             if value is not _MISSING:
                 return value
         return getattr(self.env, name)
+
+
+class ScaledReward(VecEnvWrapper):
+    """Rewards times a constant: no running normalisation, which would clip the forfeit of a lost run."""
+
+    def __init__(self, venv: VecEnv, scale: float) -> None:
+        super().__init__(venv)
+        self.scale = scale
+
+    def reset(self) -> np.ndarray:
+        """As the wrapped environment."""
+        return self.venv.reset()
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """As the wrapped environment, the rewards scaled."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        return observations, self.scale * rewards, dones, infos

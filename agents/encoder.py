@@ -1,0 +1,42 @@
+"""The learned policies' eye: landmarks are a set, so their tokens are encoded alike and pooled."""
+
+from __future__ import annotations
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from torch import nn
+
+from activeslam_gym import ObservationLayout
+
+
+class SetEncoder(BaseFeaturesExtractor):
+    """Global features, and the mean and the maximum of the encoded tokens: blind to the order of the tokens.
+
+    The number of tokens does not enter the weights, so that they serve a room with more landmarks. A token that stands
+    for nothing (its kind is all zero) is left out.
+
+    Args:
+        observation_space: The flat observation's.
+        layout: Where its parts stand.
+        width: Units of each layer.
+    """
+
+    def __init__(self, observation_space: spaces.Box, layout: ObservationLayout, width: int = 64) -> None:
+        super().__init__(observation_space, features_dim=3 * width)
+        self.layout = layout
+        kinds = [layout.token_slices[name] for name in ("fiducial", "expected", "initialising", "mapped")]
+        self.kinds = slice(kinds[0].start, kinds[-1].stop)
+        global_size = layout.tokens.start
+        self.globals = nn.Sequential(nn.Linear(global_size, width), nn.Tanh())
+        self.tokens = nn.Sequential(
+            nn.Linear(layout.token_shape[1], width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
+        )
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        """(B, D) -> (B, 3 width)."""
+        tokens = observations[:, self.layout.tokens].unflatten(1, self.layout.token_shape)
+        present = tokens[:, :, self.kinds].sum(dim=2, keepdim=True).clamp(max=1.0)
+        encoded = self.tokens(tokens) * present  # ReLU: zero is the least, so that the maximum may see the absent
+        mean = encoded.sum(dim=1) / present.sum(dim=1).clamp(min=1.0)
+        return torch.cat([self.globals(observations[:, : self.layout.tokens.start]), mean, encoded.amax(dim=1)], dim=1)

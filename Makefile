@@ -9,13 +9,16 @@ PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint clean
+.PHONY: help demo consistency test lint clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
 demo: $(VENV)/.demo ## compare the paper's policies on eight rooms: table and pictures in results/demo
 	$(RUN) -m agents compare --policies mi-constant mi-mi mi-fisher sweep --episodes 8 --seed 1000000 --out results/demo
+
+consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, both initialisers (minutes): results/consistency
+	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency
 
 test: lint ## lint, then every test but the slow ones
 	$(RUN) -m pytest -n $(WORKERS)

@@ -5,15 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import sys
-from collections.abc import Generator, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from importlib.util import find_spec
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +23,7 @@ from agents.evaluate import Episode, run_episode
 from agents.figures import draw_all
 from agents.files import write_csv, write_json, write_text
 from agents.outcome import outcome
+from agents.parallel import run_all
 from agents.summary import Summary, summarise
 
 ENVIRONMENT = "ActiveSLAM-v0"
@@ -117,7 +115,7 @@ def main(args: Args) -> int:
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")
         return 130
-    print(f"\n{tables.text(summary)}\n\nWritten to {args.out}/: {', '.join(_written(args.out))}")
+    print(f"\n{tables.text(summary)}\n\nWritten to {args.out}/: {', '.join(written(args.out))}")
     return 0 if summary.settings["complete"] else 130
 
 
@@ -134,7 +132,9 @@ def compare(args: Args) -> Summary | None:
     if not episodes:
         return None
     settings = _settings(args, complete=len(episodes) == len(tasks))
-    summary = summarise(episodes, args.reference, args.target_landmarks, _honesty_times(args), settings)
+    summary = summarise(
+        episodes, args.reference, args.target_landmarks, times_within(args.honesty_times, args.duration), settings
+    )
     drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
@@ -211,38 +211,13 @@ def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
 
 def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None]:
     """Yield the episodes as they finish, those of an earlier run first, and keep each in a file."""
-    from tqdm import tqdm
-
     kept = {task: episode for task in tasks if args.resume and (episode := _kept(task, args.out))}
     missing = [task for task in tasks if task not in kept]
     yield from kept.values()
-    with tqdm(total=len(tasks), initial=len(kept), unit="episode") as progress:
-        for task, episode in _run(missing, min(args.jobs, len(missing))):
+    with closing(run_all(run_task, missing, args.jobs, finished=len(kept))) as finished:
+        for task, episode in finished:
             episode.save(task.path(args.out))
-            progress.update()
             yield episode
-
-
-def _run(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[Task, Episode]]:
-    """Yield tasks with their episodes as they finish, from `jobs` processes or, with one job, from this one."""
-    if jobs <= 1:
-        yield from ((task, run_task(task)) for task in tasks)
-        return
-    executor = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start_worker)
-    try:
-        futures = {executor.submit(run_task, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, and one thread to each process."""
-    from threadpoolctl import threadpool_limits
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threadpool_limits(1)
 
 
 def _kept(task: Task, folder: Path) -> Episode | None:
@@ -262,15 +237,20 @@ def _settings(args: Args, complete: bool) -> dict[str, Any]:
         "target_landmarks": args.target_landmarks,
         **args.environment,
         "complete": complete,
-        "versions": {package: version(package) for package in PACKAGES},
+        "versions": versions(),
     }
 
 
-def _honesty_times(args: Args) -> list[float]:
+def versions() -> dict[str, str]:
+    """Of the packages that the results rest on."""
+    return {package: version(package) for package in PACKAGES}
+
+
+def times_within(times: Sequence[float], duration: float) -> list[float]:
     """Those within the duration, and its end."""
-    return sorted({*(time for time in args.honesty_times if time < args.duration), args.duration})
+    return sorted({*(time for time in times if time < duration), duration})
 
 
-def _written(folder: Path) -> list[str]:
+def written(folder: Path) -> list[str]:
     """Names of the results in `folder`."""
     return sorted(path.name for path in folder.iterdir() if path.is_file())

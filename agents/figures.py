@@ -44,7 +44,7 @@ def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
         "actions": actions,
         "decision_times": decision_times,
     }
-    return [_save(draw(by_policy), folder / f"{name}.png") for name, draw in figures.items()]
+    return [save_figure(draw(by_policy), folder / f"{name}.png") for name, draw in figures.items()]
 
 
 def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
@@ -67,7 +67,7 @@ def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
 
 def errors(by_policy: dict[str, list[Episode]]) -> Figure:
     """Fig. 3: errors of position and of the quaternion's vector part in the first room, with 2σ bounds."""
-    figure, grid = _grid(2 * len(AXES), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
+    figure, grid = grid_of_panels(2 * len(AXES), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
     for column, (name, runs) in enumerate(by_policy.items()):
         first = runs[0]
         kinds = (
@@ -193,13 +193,13 @@ def _band(values: np.ndarray) -> np.ndarray:
 def _panels(count: int, size: tuple[float, float] = PANEL, **shared: Any) -> tuple[Figure, list[Axes]]:
     """A figure with `count` panels in rows; what a last row lacks stays empty."""
     columns = min(count, PANELS_A_ROW)
-    figure, grid = _grid(-(-count // columns), columns, size, **shared)
+    figure, grid = grid_of_panels(-(-count // columns), columns, size, **shared)
     for axes in grid.flat[count:]:
         axes.set_axis_off()
     return figure, list(grid.flat[:count])
 
 
-def _grid(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Figure, np.ndarray]:
+def grid_of_panels(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Figure, np.ndarray]:
     """A figure with rows × columns panels; without pyplot, so that no window system is asked for."""
     from matplotlib.figure import Figure
 
@@ -212,7 +212,7 @@ def _first_seed(by_policy: dict[str, list[Episode]]) -> int:
     return next(iter(by_policy.values()))[0].seed
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
     """Write the figure as a PNG."""
     with written_whole(path, "wb") as file:
         figure.savefig(file, format="png", dpi=DPI)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -17,12 +17,10 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 
 from activeslam_gym import ObservationLayout, observation_layout
 from activeslam_gym.config import whole_multiple
+from agents import pretrained
 from agents.encoder import SetEncoder
 from agents.files import write_json, written_whole
 from baselines.policy import Environment
-
-PRETRAINED = Path(__file__).parent / "pretrained"
-"""Where the shipped weights are."""
 
 
 def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
@@ -50,7 +48,7 @@ class LearnedPolicy:
 
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
         self.card = card
-        self._env = env.unwrapped
+        self._env = cast(Any, env.unwrapped)
         self._hold = whole_multiple(
             "decision_period", float(card["decision_period"]), "gaze_period", self._env.gaze_period
         )
@@ -93,13 +91,13 @@ def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], width: i
     return policy
 
 
-def load(name: str, env: Environment, folder: Path = PRETRAINED) -> LearnedPolicy:
+def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
     """The learned policy of that name (a file's stem in ``folder``), bound to ``env``.
 
     Raises:
         ValueError: there is no such policy, or its weights do not fit the environment's observation.
     """
-    known = sorted(path.stem for path in folder.glob("*.npz"))
+    known = pretrained.names(folder)
     if name not in known:
         raise ValueError(
             f"name must be one of {', '.join(known) or 'none, since no weights are shipped'}, got {name!r}"

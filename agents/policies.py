@@ -6,6 +6,7 @@ import importlib
 from collections.abc import Callable
 
 import baselines
+from agents import load, pretrained
 from baselines.policy import Environment, Predictor
 
 Factory = Callable[[Environment, int], Predictor]
@@ -26,7 +27,8 @@ def factory(name: str) -> Factory:
         found = source(name)
         if found is not None:
             return found
-    raise ValueError(f"policy: {name!r} is unknown; allowed: {', '.join(baselines.names())}, 'package.module:factory'")
+    known = ", ".join([*baselines.names(), *pretrained.names()])
+    raise ValueError(f"policy: {name!r} is unknown; allowed: {known}, 'package.module:factory'")
 
 
 def _baseline(name: str) -> Factory | None:
@@ -50,5 +52,12 @@ def _imported(name: str) -> Factory | None:
     return lambda env, seed: make(env)
 
 
-SOURCES: tuple[Callable[[str], Factory | None], ...] = (_imported, _baseline)
+def _learned(name: str) -> Factory | None:
+    """A policy with shipped weights, or None."""
+    if name not in pretrained.names():
+        return None
+    return lambda env, seed: load(name, env)
+
+
+SOURCES: tuple[Callable[[str], Factory | None], ...] = (_imported, _baseline, _learned)
 """Asked in this order; a new kind of policy is one more source."""

@@ -17,7 +17,8 @@ MISSING = "–"
 """Stands for a figure that no room gave."""
 
 Array = NDArray[np.float64]
-Statistic = Literal["mean", "median", "share"]
+Statistic = Literal["mean", "median", "share", "pooled"]
+"""`pooled`: from sums over all rooms."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,28 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
         function: Callable[..., Any] = np.mean if statistic == "mean" else np.median
         value, (low, high) = function(rooms), _bootstrap(rooms, function)
     return Estimate(float(value), low, high, len(rooms), statistic)
+
+
+def estimate_from_sums(rows: ArrayLike, figure: Callable[[Array], Array]) -> Estimate:
+    """`figure` of the sums over all rooms of `rows` (rooms, k), with its percentile bootstrap interval over rooms.
+
+    `figure` takes sums (k, ...) and returns (...): a ratio of sums, a mean, a standard deviation. Rooms keep together
+    what is in them. NaN where the sums give no figure.
+    """
+    rooms: Array = np.asarray(rows, dtype=float)
+    n = len(rooms)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = float(figure(rooms.sum(axis=0)))
+        drawn = np.random.default_rng(0).multinomial(
+            n, np.full(n, 1.0 / n), size=RESAMPLES
+        )  # how often each room is in
+        resampled = figure((drawn @ rooms).T)
+    tail = (1.0 - CONFIDENCE) / 2.0
+    known = resampled[np.isfinite(resampled)]
+    if n < 2 or not np.isfinite(value) or not len(known):
+        return Estimate(value if np.isfinite(value) else np.nan, np.nan, np.nan, n, "pooled")
+    low, high = np.quantile(known, (tail, 1.0 - tail))
+    return Estimate(value, float(low), float(high), n, "pooled")
 
 
 def _bootstrap(values: Array, function: Callable[..., Any]) -> tuple[float, float]:

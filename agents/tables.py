@@ -86,15 +86,15 @@ def tables(summary: Summary) -> list[Table]:
 
 def text(summary: Summary) -> str:
     """The tables in aligned plain text, with the notes."""
-    parts = [f"{table.title}\n{_aligned(table)}" for table in tables(summary)]
-    return "\n\n".join([*parts, _legend(), *summary.notes])
+    parts = [f"{table.title}\n{aligned(table)}" for table in tables(summary)]
+    return "\n\n".join([*parts, legend(), *summary.notes])
 
 
 def markdown(summary: Summary) -> str:
     """The same in Markdown."""
-    parts = [f"## {table.title.replace('*', chr(92) + '*')}\n\n{_pipes(table)}" for table in tables(summary)]
+    parts = [f"## {table.title.replace('*', chr(92) + '*')}\n\n{pipes(table)}" for table in tables(summary)]
     notes = [note.replace("* ", "\\* ", 1) for note in summary.notes]
-    return "\n\n".join(["# Comparison", *parts, _legend(), *notes]) + "\n"
+    return "\n\n".join(["# Comparison", *parts, legend(), *notes]) + "\n"
 
 
 def _table(
@@ -119,7 +119,7 @@ def _title(column: Column, figure: Estimate, with_median: bool) -> str:
     return column.title if with_median or figure.statistic == "share" else f"{column.title} ({figure.statistic})"
 
 
-def _aligned(table: Table) -> str:
+def aligned(table: Table) -> str:
     """Columns of equal width, names to the left and figures to the right."""
     lines = [table.header, *table.rows]
     widths = [max(len(line[i]) for line in lines) for i in range(len(table.header))]
@@ -127,12 +127,12 @@ def _aligned(table: Table) -> str:
     return "\n".join("  ".join(line) for line in cells)
 
 
-def _pipes(table: Table) -> str:
+def pipes(table: Table) -> str:
     """A Markdown table."""
     rule = ["---", *["---:"] * (len(table.header) - 1)]
     return "\n".join("| " + " | ".join(line) + " |" for line in (table.header, rule, *table.rows))
 
 
-def _legend() -> str:
+def legend() -> str:
     """What the brackets are."""
     return f"[ ]: {CONFIDENCE:.0%} interval over rooms, bootstrap; of a share, Wilson's."

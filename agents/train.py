@@ -11,6 +11,8 @@ from typing import Any, Literal
 
 TRAINING_SEEDS = 2**32
 """Training rooms have seeds from here on, so that no room of the study is among them."""
+_LAST_RATE = 0.05
+"""The learning rate's last value, relative to its first."""
 CHECKPOINT = "checkpoint.zip"
 WEIGHTS = "policy.npz"
 
@@ -36,7 +38,7 @@ class Args:
     gamma: float = 0.995
     """Discount per decision."""
     learning_rate: float = 5e-4
-    """First learning rate; it falls linearly to zero."""
+    """First learning rate; it falls linearly to a twentieth."""
     entropy_bonus: float = 0.01
     """Weight of the policy's own entropy."""
     reward_scale: float = 0.05
@@ -83,7 +85,7 @@ def make_learner(args: Args, env: Any) -> Any:
     return learner(
         "MlpPolicy",
         env,
-        learning_rate=lambda left: args.learning_rate * left,
+        learning_rate=lambda left: args.learning_rate * max(left, _LAST_RATE),
         gamma=args.gamma,
         gae_lambda=0.95,
         ent_coef=args.entropy_bonus,

@@ -1,0 +1,227 @@
+"""From watched runs to the figures of the consistency report, each beside the bar that it has to meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.outcome import honesty, outcome
+from agents.statistics import CONFIDENCE, Estimate, estimate, estimate_from_sums
+from agents.witness import WatchedRun
+
+Array = NDArray[np.float64]
+QUANTITIES = {"position": "position_nees", "orientation": "orientation_nees", "landmarks": "landmark_nees"}
+"""What has a NEES, and its name in an episode."""
+DOF = 3
+"""Degrees of freedom of each of them."""
+TURNING = ("mi-constant", "sweep")
+"""Strategies that turn all the time, for which the bars are wider."""
+LOOKING = ("mi-mi", "mi-fisher")
+"""Strategies that choose where to look."""
+BAR_TIMES = (5.0, 15.0, 35.0)
+"""Seconds at which the NEES has a bar."""
+FAR = 3.0
+"""Standard deviations beyond which a depth error is counted."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """What a figure has to lie within."""
+
+    low: float = -np.inf
+    high: float = np.inf
+
+    def text(self, scale: float = 1.0) -> str:
+        """`low–high`, or `≤ high`, each times `scale`."""
+        if np.isinf(self.low):
+            return f"≤ {self.high * scale:g}"
+        return f"{self.low * scale:g} … {self.high * scale:g}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A figure, its bar and whether it is met; None for both where there is no bar, or no figure."""
+
+    figure: Estimate
+    bar: Bar | None = None
+    met: bool | None = None
+
+    def text(self, scale: float = 1.0, digits: int = 2) -> str:
+        """The figure with its interval, its bar and the verdict."""
+        figure = self.figure.text(scale, digits)
+        if self.bar is None or self.met is None:
+            return figure
+        return f"{figure} ({self.bar.text(scale)}: {'met' if self.met else 'NOT MET'})"
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The figures of one strategy with one initialiser."""
+
+    strategy: str
+    initialisation: str
+    runs: int
+    nees: dict[str, dict[str, Finding]]
+    """Time [s] → quantity → average over the runs alive, per degree of freedom."""
+    nees_median: dict[str, dict[str, Estimate]]
+    """The same with the median, which has no bar."""
+    chi2_bounds: dict[str, dict[str, tuple[float, float]]]
+    """Time [s] → quantity → 95 % bounds of the average, if the filter is consistent."""
+    curves: dict[str, dict[str, list[float]]]
+    """Quantity → `time` [s], `mean`, `median`, `low` and `high` of the χ² bounds, `alive`: a sample a second."""
+    depth_mean: Finding
+    """Of the standardised depth errors at conversion, all runs together."""
+    depth_std: Finding
+    depth_far: Estimate
+    """Share of them beyond `FAR` standard deviations."""
+    wrong: Finding
+    """Share of wrong associations among all, all runs together."""
+    duplicates: Estimate
+    """Share of duplicates among the features that stand for a true landmark, all runs together."""
+    lost: Finding
+    log_score_gain: Estimate
+    """Mean over all runs [bit]."""
+    counts: dict[str, int]
+    """What the shares are of."""
+
+    @property
+    def findings(self) -> dict[str, Finding]:
+        """All that may have a bar, by name."""
+        nees = {f"NEES of {q} at {t} s": found for t, row in self.nees.items() for q, found in row.items()}
+        rest = {"depth error, mean": self.depth_mean, "depth error, std": self.depth_std}
+        return nees | rest | {"wrong associations": self.wrong, "lost": self.lost}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain dicts, lists and numbers."""
+        return asdict(self)
+
+
+def nees_bar(strategy: str, time: float) -> Bar | None:
+    """Of the average NEES per degree of freedom, the same for all quantities."""
+    if time not in BAR_TIMES:
+        return None
+    return Bar(0.8, 1.5) if strategy in LOOKING else Bar(high=2.5) if strategy in TURNING else None
+
+
+def lost_bar(strategy: str, scenario: str) -> Bar:
+    """Of the share of lost runs: 1 %, 2 % while turning, 5 % under clutter."""
+    return Bar(high=0.05 if scenario == "clutter" else 0.02 if strategy in TURNING else 0.01)
+
+
+DEPTH_MEAN_BAR, DEPTH_STD_BAR, WRONG_BAR = Bar(-0.3, 0.3), Bar(0.8, 1.3), Bar(high=0.005)
+
+
+def judged(figure: Estimate, bar: Bar | None) -> Finding:
+    """The figure beside its bar; without a value there is no verdict."""
+    if bar is None or np.isnan(figure.value):
+        return Finding(figure, bar)
+    return Finding(figure, bar, bool(bar.low <= figure.value <= bar.high))
+
+
+def chi2_bounds(runs: int) -> tuple[float, float]:
+    """95 % bounds of the NEES per degree of freedom averaged over `runs` independent runs of 3 dof, if consistent.
+
+    The sum over n runs is χ² with 3 n degrees of freedom, so the average per degree of freedom is χ²_3n / (3 n). (Bar-
+    Shalom, Li and Kirubarajan 2001, section 5.4.) For landmarks, a run's mean over its map counts as 3 too, as if its
+    features shared one error: the widest that the bounds can be.
+    """
+    from scipy.stats import chi2
+
+    if runs == 0:
+        return np.nan, np.nan
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = chi2.ppf((tail, 1.0 - tail), DOF * runs) / (DOF * runs)
+    return float(low), float(high)
+
+
+def calibrate(runs: Sequence[WatchedRun], times: Sequence[float], scenario: str) -> Calibration:
+    """The figures of `runs`, all of one strategy with one initialiser, with the bars of the scenario.
+
+    In the scenario `clutter` only the share of lost runs has a bar.
+    """
+    strategy, bars = runs[0].episode.policy, scenario != "clutter"
+    at = {f"{t:g}": {q: _nees(runs, q, t) for q in QUANTITIES} for t in times}
+    bar_at = {f"{t:g}": nees_bar(strategy, t) if bars else None for t in times}
+    return Calibration(
+        strategy=strategy,
+        initialisation=runs[0].initialisation,
+        runs=len(runs),
+        nees={t: {q: judged(estimate(v, "mean"), bar_at[t]) for q, v in row.items()} for t, row in at.items()},
+        nees_median={t: {q: estimate(v, "median") for q, v in row.items()} for t, row in at.items()},
+        chi2_bounds={t: {q: chi2_bounds(_alive(v)) for q, v in row.items()} for t, row in at.items()},
+        curves={quantity: curve(runs, quantity) for quantity in QUANTITIES},
+        lost=judged(estimate([run.episode.lost for run in runs], "share"), lost_bar(strategy, scenario)),
+        log_score_gain=estimate([outcome(run.episode, 1)["log_score_gain"] for run in runs], "mean"),
+        **_from_labels(runs, bars),
+    )
+
+
+def curve(runs: Sequence[WatchedRun], quantity: str) -> dict[str, list[float]]:
+    """NEES over time, a sample a second: average and median over the runs alive, and the bounds of the average."""
+    times = np.arange(1.0, max(run.episode.times[-1] for run in runs) + 0.5)
+    values = [_nees(runs, quantity, time) for time in times]
+    bounds = [chi2_bounds(_alive(v)) for v in values]
+    return {
+        "time": times.tolist(),
+        "mean": [_of_alive(np.mean, v) for v in values],
+        "median": [_of_alive(np.median, v) for v in values],
+        "low": [low for low, _ in bounds],
+        "high": [high for _, high in bounds],
+        "alive": [_alive(v) for v in values],
+    }
+
+
+def _nees(runs: Sequence[WatchedRun], quantity: str, time: float) -> Array:
+    """(runs,) NEES per degree of freedom; NaN where the run is over, or nothing is mapped."""
+    return np.array([honesty(run.episode, time)[QUANTITIES[quantity]] for run in runs])
+
+
+def _alive(values: Array) -> int:
+    return int(np.count_nonzero(~np.isnan(values)))
+
+
+def _of_alive(function: Callable[[Array], Any], values: Array) -> float:
+    return float(function(values[~np.isnan(values)])) if _alive(values) else np.nan
+
+
+def _from_labels(runs: Sequence[WatchedRun], bars: bool) -> dict[str, Any]:
+    """The fields that come from the hidden labels: figures of sums over all runs."""
+    said = [run.testimony for run in runs]
+    errors = np.array([depth_sums(one.depth_errors) for one in said])
+    matches = np.array([(one.wrong_matches, one.matches) for one in said])
+    features = np.array([(one.duplicates, one.features) for one in said])
+    names = ("conversions", "matches", "wrong_matches", "features", "duplicates")
+    return {
+        "depth_mean": judged(estimate_from_sums(errors, _mean), DEPTH_MEAN_BAR if bars else None),
+        "depth_std": judged(estimate_from_sums(errors, _std), DEPTH_STD_BAR if bars else None),
+        "depth_far": estimate_from_sums(errors, _far),
+        "wrong": judged(estimate_from_sums(matches, _ratio), WRONG_BAR if bars else None),
+        "duplicates": estimate_from_sums(features, _ratio),
+        "counts": {name: sum(getattr(one, name) for one in said) for name in names}
+        | {"depth_errors": int(errors[:, 0].sum())},
+    }
+
+
+def depth_sums(errors: Array) -> tuple[float, float, float, float]:
+    """Of one run: number of depth errors, their sum, their squares' sum, number beyond `FAR`."""
+    return len(errors), float(errors.sum()), float((errors**2).sum()), int(np.count_nonzero(np.abs(errors) > FAR))
+
+
+def _mean(sums: Array) -> Array:
+    return sums[1] / sums[0]
+
+
+def _std(sums: Array) -> Array:
+    return np.sqrt(np.maximum(sums[2] / sums[0] - _mean(sums) ** 2, 0.0))
+
+
+def _far(sums: Array) -> Array:
+    return sums[3] / sums[0]
+
+
+def _ratio(sums: Array) -> Array:
+    return sums[0] / sums[1]

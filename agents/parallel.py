@@ -1,0 +1,52 @@
+"""The same function for many tasks, in several processes, with a progress bar."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
+from multiprocessing import get_context
+from typing import TypeVar
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def run_all(
+    function: Callable[[T], R], tasks: Sequence[T], jobs: int, finished: int = 0
+) -> Generator[tuple[T, R], None, None]:
+    """Yield the tasks with their results as they finish, under a progress bar that begins at `finished` earlier ones.
+
+    Close it (or exhaust it) to end the processes; Ctrl-C reaches the parent alone.
+    """
+    from tqdm import tqdm
+
+    total = finished + len(tasks)
+    with tqdm(total=total, initial=finished, unit="episode") as bar, closing(_run(function, tasks, jobs)) as results:
+        for pair in results:
+            bar.update()
+            yield pair
+
+
+def _run(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Generator[tuple[T, R], None, None]:
+    """The same without the bar: from at most `jobs` processes or, with one job, from this one."""
+    jobs = min(jobs, len(tasks))
+    if jobs <= 1:
+        yield from ((task, function(task)) for task in tasks)
+        return
+    executor = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start_worker)
+    try:
+        futures = {executor.submit(function, task): task for task in tasks}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        executor.shutdown(cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Leave Ctrl-C to the parent, and one thread to each process."""
+    from threadpoolctl import threadpool_limits
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)

@@ -1,0 +1,186 @@
+"""The consistency report: its statistics on made-up runs, the witness on a made-up belief, and the command, small."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
+from activeslam_gym.slam.belief import POINT, RAY, convert_to_point
+from agents.__main__ import main
+from agents.calibration import Bar, chi2_bounds, depth_sums, judged, lost_bar, nees_bar
+from agents.consistency import Args
+from agents.evaluate import run_episode
+from agents.statistics import estimate, estimate_from_sums
+from agents.witness import Witness, depth_error, owners_by_age
+from tests.support import random_belief, scenario_for, simulation_of, slots_of
+
+DURATION = 4.0
+
+
+def test_chi2_bounds_hold_the_average_as_often_as_they_say() -> None:
+    runs, trials = 40, 400
+    errors = np.random.default_rng(0).normal(size=(trials, runs, 3))
+    averages = (errors**2).sum(axis=2).mean(axis=1) / 3.0
+    low, high = chi2_bounds(runs)
+    assert low < 1.0 < high
+    assert np.mean((low < averages) & (averages < high)) == pytest.approx(0.95, abs=0.03)
+    assert np.isnan(chi2_bounds(0)).all()
+
+
+def test_figures_of_sums_are_those_of_all_values_together() -> None:
+    rng = np.random.default_rng(1)
+    groups = [rng.normal(0.3, 2.0, size=n) for n in (0, 3, 40, 7, 25)]
+    rows = [depth_sums(group) for group in groups]
+    everything = np.concatenate(groups)
+    mean = estimate_from_sums(rows, lambda sums: sums[1] / sums[0])
+    std = estimate_from_sums(rows, lambda sums: np.sqrt(sums[2] / sums[0] - (sums[1] / sums[0]) ** 2))
+    assert mean.value == pytest.approx(everything.mean())
+    assert std.value == pytest.approx(everything.std())
+    assert mean.low < mean.value < mean.high and mean.statistic == "pooled"
+    assert estimate_from_sums([(0, 0)], lambda sums: sums[0] / sums[1]).text() == "–"
+
+
+def test_interval_from_sums_covers_as_often_as_it_says() -> None:
+    rng = np.random.default_rng(2)
+
+    def covers() -> bool:
+        rows = [(1.0, value) for value in rng.normal(size=60)]
+        found = estimate_from_sums(rows, lambda sums: sums[1] / sums[0])
+        return found.low < 0.0 < found.high
+
+    assert 88 <= sum(covers() for _ in range(100)) <= 100
+
+
+def test_bars_are_those_of_the_issue() -> None:
+    assert nees_bar("mi-mi", 15.0) == nees_bar("mi-fisher", 35.0) == Bar(0.8, 1.5)
+    assert nees_bar("sweep", 5.0) == Bar(high=2.5)
+    assert nees_bar("random", 5.0) is None and nees_bar("mi-mi", 25.0) is None
+    assert [lost_bar(*at).high for at in (("mi-mi", "paper"), ("sweep", "paper"), ("sweep", "clutter"))] == [
+        0.01,
+        0.02,
+        0.05,
+    ]
+
+
+def test_a_verdict_needs_a_bar_and_a_figure() -> None:
+    assert judged(estimate([1.0, 1.2], "mean"), Bar(0.8, 1.5)).met
+    assert judged(estimate([0.5, 0.5], "mean"), Bar(0.8, 1.5)).met is False
+    assert judged(estimate([np.nan], "mean"), Bar(0.8, 1.5)).met is None
+    assert "NOT MET" in judged(estimate([0.5], "mean"), Bar(0.8, 1.5)).text()
+
+
+@pytest.mark.parametrize("kind", [RAY, POINT])
+def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
+    """Truths drawn from the belief give errors of mean 0 and deviation 1."""
+    rng = np.random.default_rng(3)
+    env = gym.make("ActiveSLAM-v0", scenario={"initialisation": DEPTH_PARTICLES})
+    env.reset(seed=0)
+    simulation = simulation_of(env)
+    belief = random_belief(scenario_for([RAY]), [kind], rng, point_std=0.2)
+    anchor = belief.camera[:3] + 0.1
+    slot = slots_of(belief)[0]
+    if kind == RAY:
+        convert_to_point(belief, slot)
+    simulation = simulation._replace(belief=belief)
+    at = belief.start[slot]
+    rows = np.r_[0:3, at : at + 3]
+    draws = rng.multivariate_normal(np.zeros(6), belief.covariance[np.ix_(rows, rows)], size=2000)
+    landmark = len(simulation.world.points) - 1
+    simulation.labels.owner[slot] = len(simulation.expectation.points) - 1
+    errors = []
+    for draw in draws:
+        simulation.world.camera[:3] = belief.camera[:3] + draw[:3]
+        simulation.world.points[landmark] = belief.feature[slot, :3] + draw[3:]
+        errors.append(depth_error(simulation, slot, anchor))
+    assert np.mean(errors) == pytest.approx(0.0, abs=0.07)
+    assert np.std(errors) == pytest.approx(1.0, abs=0.05)
+    simulation.labels.owner[slot] = -1
+    assert np.isnan(depth_error(simulation, slot, anchor))
+
+
+def test_owners_come_by_age() -> None:
+    env = gym.make("ActiveSLAM-v0")
+    env.reset(seed=0)
+    simulation = simulation_of(env)
+    belief = random_belief(scenario_for([POINT]), [POINT] * 3, np.random.default_rng(4))
+    simulation = simulation._replace(belief=belief)
+    simulation.labels.owner[:3] = 7, -1, 7
+    assert owners_by_age(simulation) == [(7, 1), (7, 3)]
+
+
+@pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
+def test_witness_sees_every_conversion(initialisation: str) -> None:
+    env = Witness(gym.make("ActiveSLAM-v0", scenario={"initialisation": initialisation}, duration=DURATION))
+    episode = run_episode(env, baselines.make("mi-mi", env), seed=3)
+    said = env.testimony
+    assert not episode.lost
+    assert 0 < len(said.depth_errors) <= said.conversions == len(env._depth_errors)
+    assert 0 <= said.duplicates <= said.features and said.features >= len(said.depth_errors)
+    assert said.wrong_matches <= said.matches
+    env.reset(seed=3)
+    assert env.testimony.matches == 0
+
+
+def test_witness_wants_steps_of_a_frame() -> None:
+    with pytest.raises(ValueError, match="gaze_period"):
+        Witness(gym.make("ActiveSLAM-v0", gaze_period=0.1))
+
+
+def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["consistency", "--policies", "mi-mi", "sweep", "--episodes", "2", "--duration", f"{DURATION}"]
+    assert main([*command, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "bars met" in printed and "fewer than 20" in printed
+    assert {path.name for path in tmp_path.iterdir()} == {"report.md", "report.json", "runs.csv", "nees.png"}
+    rows = list(csv.DictReader((tmp_path / "runs.csv").open()))
+    assert len(rows) == 8 and {row["seed"] for row in rows} == {"2000000", "2000001"}
+    results = json.loads((tmp_path / "report.json").read_text())["results"]
+    assert [(one["strategy"], one["initialisation"]) for one in results] == [
+        (policy, initialisation) for policy in ("mi-mi", "sweep") for initialisation in (INVERSE_DEPTH, DEPTH_PARTICLES)
+    ]
+    of_mi_mi = [float(row["position_nees_4s"]) for row in rows[:2]]
+    assert results[0]["nees"]["4"]["position"]["figure"]["value"] == pytest.approx(np.mean(of_mi_mi))
+    report = (tmp_path / "report.md").read_text()
+    assert report.startswith("# Consistency") and "| mi-mi, inverse_depth |" in report
+
+
+@pytest.mark.parametrize(
+    ("flags", "named"),
+    [
+        (["--initialisations", "guess"], "guess"),
+        (["--policies", "nobody"], "nobody"),
+        (["--episodes", "0"], "episodes"),
+    ],
+)
+def test_bad_argument_is_named(flags: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["consistency", *flags]) == 2
+    assert named in capsys.readouterr().err
+
+
+def test_bad_number_is_named() -> None:
+    with pytest.raises(ValueError, match="episodes"):
+        Args(episodes=0)
+
+
+def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from agents import consistency
+
+    watch = consistency.watch
+
+    def interrupted(task: consistency.Task) -> consistency.WatchedRun:
+        if task.seed > 0:
+            raise KeyboardInterrupt
+        return watch(task)
+
+    monkeypatch.setattr(consistency, "watch", interrupted)
+    args = Args(("random",), (INVERSE_DEPTH,), 3, seed=0, out=tmp_path, duration=1.0, jobs=1, figures=False)
+    calibrations, complete = consistency.report(args)
+    assert (calibrations[0].runs, complete) == (1, False)
+    assert "Interrupted" in (tmp_path / "report.md").read_text()

@@ -1,0 +1,95 @@
+"""Training and the learned policies: small, but all the way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import activeslam_gym
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+
+from agents.encoder import SetEncoder  # noqa: E402
+from agents.learned import load  # noqa: E402
+from agents.train import CHECKPOINT, Args, check, train  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with weights after one rollout."""
+    out = tmp_path_factory.mktemp("train")
+    pytest.importorskip("tensorboard")
+    train(Args(out=out, total_steps=280, num_envs=2, width=16))
+    return out
+
+
+def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) -> None:
+    assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in trained.iterdir()}
+    before = np.load(trained / "policy.npz")["action_net.weight"].copy()
+    train(Args(out=trained, total_steps=560, num_envs=2, width=16))
+    assert not np.array_equal(np.load(trained / "policy.npz")["action_net.weight"], before)
+
+
+def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
+    for name in "ab":
+        train(Args(out=tmp_path / name, total_steps=280, num_envs=2, width=8, seed=3))
+    a, b = (np.load(tmp_path / name / "policy.npz") for name in "ab")
+    for key in a.files:
+        np.testing.assert_array_equal(a[key], b[key])
+
+
+def test_a_learned_policy_acts_in_single_batch_and_discrete_environments(trained: Path) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    action, _ = load("policy", env, trained).predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)
+    envs = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
+    actions, _ = load("policy", envs, trained).predict(envs.reset(seed=0)[0])
+    np.testing.assert_array_equal(actions[0], action)
+    one = gym.make("ActiveSLAMDiscrete-v0", gaze_period=0.25)
+    index, _ = load("policy", one, trained).predict(one.reset(seed=0)[0])
+    assert index == 3 * action[0] + action[1]
+
+
+def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
+    env = gym.make("ActiveSLAM-v0")
+    policy = load("policy", env, trained)
+    observation, state, actions = env.reset(seed=0)[0], None, []
+    for _ in range(10):
+        action, state = policy.predict(observation, state)
+        actions.append(action)
+        observation = env.step(action)[0]
+    assert all(np.array_equal(a, actions[0]) for a in actions[:5])
+    assert all(np.array_equal(a, actions[5]) for a in actions[5:])
+
+
+def test_the_same_weights_serve_a_room_with_more_landmarks(trained: Path) -> None:
+    env = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
+    action, _ = load("policy", env, trained).predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)
+
+
+def test_what_does_not_fit_is_said(trained: Path) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    with pytest.raises(ValueError, match="name must be one of policy, got 'absent'"):
+        load("absent", env, trained)
+    with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
+        load("policy", gym.make("ActiveSLAM-v0", gaze_period=0.2), trained)
+    with pytest.raises(ValueError, match="total_steps must be positive, got 0"):
+        check(Args(total_steps=0))
+
+
+def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    layout = activeslam_gym.observation_layout(env)
+    encoder = SetEncoder(env.observation_space, layout, 16)
+    observation = env.reset(seed=0)[0]
+    shuffled = observation.copy()
+    tokens = observation[layout.tokens].reshape(layout.token_shape)
+    shuffled[layout.tokens] = tokens[np.random.default_rng(0).permutation(len(tokens))].ravel()
+    with torch.no_grad():
+        one, other = (encoder(torch.as_tensor(o[None])) for o in (observation, shuffled))
+    torch.testing.assert_close(one, other)

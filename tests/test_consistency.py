@@ -156,7 +156,6 @@ def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     [
         (["--initialisations", "guess"], "guess"),
         (["--policies", "nobody"], "nobody"),
-        (["--episodes", "0"], "episodes"),
     ],
 )
 def test_bad_argument_is_named(flags: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:

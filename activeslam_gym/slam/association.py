@@ -104,7 +104,7 @@ def _any_open(model: FilterModel, h: Hypotheses) -> bool:
     for a in range(h.open.shape[0]):
         if h.open[a]:
             for i in range(h.free.shape[0]):
-                if h.free[i] and h.d2[a, i] < model.gate:
+                if h.free[i] and h.d2[a, i] < model.birth_gate:
                     return True
     return False
 
@@ -185,7 +185,9 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
     """Match the vague row whose pairing explains the most together with what it implies; whether there was one.
 
     A pairing's worth is its log likelihood ratio against clutter, plus the best of each other row's given it. It needs
-    at least one such support, and a margin over every pairing of the same row or the same detection.
+    at least one such support, and a margin over every pairing of the same row or the same detection. The wider gate
+    holds here: what many rows share, as an unlucky prior, takes them all out of their own 99 % gates at once, and it is
+    the support that tells.
     """
     m, M = h.open.shape[0], h.free.shape[0]
     worth = np.full((m, M), -np.inf)
@@ -195,7 +197,7 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
             continue
         vague = not _is_sharp(model, h, a)
         for i in range(M):
-            if h.free[i] and h.d2[a, i] < model.gate:
+            if h.free[i] and h.d2[a, i] < model.birth_gate:
                 support = _support(model, h, a, i, pixels)
                 worth[a, i] = 0.5 * (model.clutter_cost - h.cost[a, i]) + support
                 if vague and support > 0.0 and (best_a < 0 or worth[a, i] > worth[best_a, best_i]):

@@ -1,0 +1,64 @@
+"""`python -m benchmarks`: measure, print, and write `bench.md` and `bench.json`."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+from threadpoolctl import threadpool_limits
+
+from .report import Section, write_report
+from .timing import machine
+
+Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "start", "memory", "dgemm"]
+PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "peers", "dgemm", "memory", "start")
+"""Each is a module of this package with `run(quick) -> Section`."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Measure speed and memory beside peers, and hold the figures against the bars."""
+
+    parts: tuple[Part, ...] = PARTS
+    """What to measure."""
+    quick: bool = False
+    """Small sizes and few repeats, to see that it runs; the figures mean little."""
+    out: Path = Path("results/bench")
+    """Folder of `bench.md` and `bench.json`."""
+
+
+def main(args: Args, command: str = "python -m benchmarks") -> int:
+    """Measure the parts; exit status 0, whether the bars are met or not."""
+    sections: list[Section] = []
+    modules = {part: import_module(f"benchmarks.{part}") for part in args.parts}
+    with threadpool_limits(1):  # it reaches only the BLAS libraries that are loaded by now, SciPy's own among them
+        for part, module in modules.items():
+            begin = time.perf_counter()
+            sections.append(module.run(args.quick))
+            print(f"{part}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
+    print(write_report(args.out, command, machine(), sections))
+    return 0
+
+
+def entry(arguments: Sequence[str] | None = None) -> int:
+    """Read the command line and measure."""
+    import tyro
+
+    arguments = sys.argv[1:] if arguments is None else arguments
+    try:
+        return main(
+            tyro.cli(Args, prog="python -m benchmarks", args=arguments),
+            shlex.join(["python", "-m", "benchmarks", *arguments]),
+        )
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(entry())

@@ -1,0 +1,120 @@
+"""The same filtering by others: filterpy's EKF, and our update written plainly in NumPy."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from activeslam_gym.envs.frame import advance, models_of
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.belief import FEATURES
+
+from .filtering import PointFilter
+from .report import Bar, Section
+from .setups import SEEN, copied, mapped_simulation, restore
+from .timing import Timing, dispatch, repeated, restored
+
+LANDMARKS = {93: 27, 129: 39}
+"""n = 12 + 3 landmarks."""
+M = 2 * SEEN
+
+
+def run(quick: bool) -> Section:
+    """Each at both sizes, as a ratio to filterpy's."""
+    section = Section("Peers")
+    repeats, at_least, count = (3, 0.02, 100) if quick else (9, 0.2, 1000)
+    for n, landmarks in LANDMARKS.items():
+        points = PointFilter(landmarks)
+        frame, handing_over = whole_frame(landmarks, count)
+        times: dict[str, Timing] = {
+            "a whole frame of ours, without entropy": frame,
+            "the same, less the handing over of its arrays": _less(frame, handing_over),
+            "predict + update of ours": repeated(partial(points.run, 1), repeats, at_least),
+            "predict + update of ours in plain NumPy": repeated(plain_numpy(n), repeats, at_least),
+        }
+        peer = filterpy_step(n)
+        if peer is not None:
+            times["filterpy EKF predict + update"] = repeated(peer, repeats, at_least)
+        reference = list(times)[-1]
+        for name, timing in times.items():
+            ratio = timing.seconds / times[reference].seconds
+            section.rows.append({"n": n, "what": name, "time [µs]": 1e6 * timing.seconds, "ratio to the last": ratio})
+        if peer is not None and n == 93:
+            ratio = times["a whole frame of ours, without entropy"].seconds / times[reference].seconds
+            section.bars.append(Bar("a whole frame of n = 93 / filterpy's predict + update", ratio, 1 / 3, ""))
+        if peer is None:
+            section.notes.append("filterpy is skipped: it is not installed (`pip install -e '.[bench]'`).")
+    section.notes.append(
+        f"Point features, {SEEN} seen (z of {M}); BLAS has one thread, by threadpoolctl. A whole frame: motion, "
+        "detection, prediction, unknown association, update, births; ours are called from Python, and handing over the "
+        "arrays is part of their time (and of the bar's), unless a row says otherwise."
+    )
+    return section
+
+
+def whole_frame(landmarks: int, count: int) -> tuple[Timing, float]:
+    """`advance` on a map of points, each time from the same state; what its empty call takes [s]."""
+    scenario, simulation = mapped_simulation(landmarks)
+    models, saved = models_of(scenario, 1.0), copied(simulation)
+    timing = restored(lambda: advance(models, simulation, 1, False), lambda: restore(simulation, saved), count)
+    matched = int((simulation.match[: simulation.detections.used[0]] >= 0).sum())
+    if matched != SEEN or simulation.belief.size[FEATURES] != landmarks:
+        raise RuntimeError(f"{matched} of {SEEN} points were matched, {simulation.belief.size[FEATURES]} features")
+    return timing, dispatch((models, simulation, 1, False), None, count)
+
+
+def _less(timing: Timing, seconds: float) -> Timing:
+    return Timing(timing.seconds - seconds, timing.fastest - seconds, timing.slowest - seconds, timing.repeats)
+
+
+def _system(n: int) -> tuple[np.ndarray, ...]:
+    """F (12, 12), Q (12, 12), P (n, n), H (16, n) and R (16, 16) with the zeros of ours."""
+    rng = np.random.default_rng(n)
+    F = np.eye(CAMERA_DIM)
+    F[:6, 6:] = 0.05 * np.eye(6)
+    H = np.zeros((M, n))
+    H[:, :6] = 100.0 * rng.standard_normal((M, 6))
+    for i in range(SEEN):
+        at = CAMERA_DIM + 3 * i
+        H[2 * i : 2 * i + 2, at : at + 3] = 100.0 * rng.standard_normal((2, 3))
+    return F, 1e-6 * np.eye(CAMERA_DIM), 1e-4 * np.eye(n), H, 4.0 * np.eye(M)
+
+
+def plain_numpy(n: int) -> Any:
+    """Our predict + update as one would write it in NumPy: camera block, one Cholesky factor, no inverse."""
+    F, Q, P, H, R = _system(n)
+    x, nu = np.zeros(n), np.zeros(M)
+
+    def step() -> None:
+        P[:CAMERA_DIM, :] = F @ P[:CAMERA_DIM, :]
+        P[:, :CAMERA_DIM] = P[:, :CAMERA_DIM] @ F.T
+        P[:CAMERA_DIM, :CAMERA_DIM] += Q
+        HP = H @ P
+        K_T = cho_solve(cho_factor(HP @ H.T + R), HP)
+        x[:] += nu @ K_T
+        P[:] -= HP.T @ K_T
+        P[:] = 0.5 * (P + P.T)
+
+    return step
+
+
+def filterpy_step(n: int) -> Any:
+    """filterpy's EKF of that size, or None without filterpy."""
+    try:
+        from filterpy.kalman import ExtendedKalmanFilter
+    except ImportError:
+        return None
+    F, Q, P, H, R = _system(n)
+    ekf = ExtendedKalmanFilter(dim_x=n, dim_z=M)
+    ekf.F, ekf.Q = np.eye(n), np.zeros((n, n))
+    ekf.F[:CAMERA_DIM, :CAMERA_DIM], ekf.Q[:CAMERA_DIM, :CAMERA_DIM] = F, Q
+    ekf.P, ekf.R, z = P, R, np.zeros((M, 1))
+
+    def step() -> None:
+        ekf.predict()
+        ekf.update(z, lambda x: H, lambda x: H @ x)
+
+    return step

@@ -1,0 +1,33 @@
+"""What a policy pays for its scores, in the middle of a sweep."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from activeslam_gym.slam.belief import FEATURES
+
+from .report import Bar, Section
+from .setups import simulation_of, swept
+from .timing import repeated
+
+
+def run(quick: bool) -> Section:
+    """Each set of scores, called as a policy calls it."""
+    section = Section("Scores")
+    env, _ = swept(0)
+    inner: Any = env.unwrapped
+    calls = {
+        "7 motion scores": (inner.motion_scores, 0.15),
+        "21 joint scores": (inner.joint_scores, 0.4),
+        "3 gaze scores": (inner.gaze_scores, None),
+        "lookahead, 2 motions": (inner.lookahead_scores, None),
+    }
+    for name, (call, limit) in calls.items():
+        timing = repeated(call, 3 if quick else 9, 0.02 if quick else 0.2)
+        section.rows.append({"scores": name, "time [ms]": 1e3 * timing.seconds, "fastest [ms]": 1e3 * timing.fastest})
+        if limit is not None:
+            section.bars.append(Bar(name, 1e3 * timing.seconds, limit, "ms"))
+    features = simulation_of(env).belief.size[FEATURES]
+    section.notes.append(f"After 20 s of `sweep`, {features} features; called from Python, default criteria.")
+    env.close()
+    return section

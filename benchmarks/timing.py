@@ -1,0 +1,123 @@
+"""Medians of repeated runs, what the clock's calls cost, and the machine that they ran on."""
+
+from __future__ import annotations
+
+import gc
+import importlib.metadata
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from activeslam_gym.envs.workers import available_cores
+
+PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
+
+
+class Timing(NamedTuple):
+    """Seconds of one call, over several repeats."""
+
+    seconds: float
+    """Median [s]."""
+    fastest: float
+    """[s]."""
+    slowest: float
+    """[s]."""
+    repeats: int
+
+
+def summary(seconds: list[float]) -> Timing:
+    """The median of ``seconds`` and their range."""
+    return Timing(statistics.median(seconds), min(seconds), max(seconds), len(seconds))
+
+
+def timed(call: Callable[[], Any]) -> float:
+    """Seconds of one ``call``, without the garbage collector."""
+    gc.disable()
+    try:
+        start = time.perf_counter()
+        call()
+        return time.perf_counter() - start
+    finally:
+        gc.enable()
+
+
+def repeated(call: Callable[[], Any], repeats: int, at_least: float) -> Timing:
+    """Time of one ``call``: the median of ``repeats`` loops of about ``at_least`` [s], after one call."""
+    call()
+    number = max(1, int(at_least / max(timed(call), 1e-9)))
+
+    def loop() -> None:
+        for _ in range(number):
+            call()
+
+    return summary([timed(loop) / number for _ in range(repeats)])
+
+
+def restored(call: Callable[[], Any], restore: Callable[[], Any], count: int) -> Timing:
+    """Time of a ``call`` that changes its arguments: the median of ``count`` calls, each after ``restore``."""
+    restore()
+    call()
+    seconds = []
+    for _ in range(count):
+        restore()
+        seconds.append(timed(call))
+    return summary(seconds)
+
+
+def dispatch(arguments: tuple[Any, ...], result: Any = None, count: int = 500) -> float:
+    """Median seconds to hand a compiled function these ``arguments``, and to hand back such a ``result``.
+
+    Taken from what a call from Python takes, it leaves the kernel itself: named tuples of arrays are slow to hand over.
+    """
+
+    @njit
+    def nothing(arguments: Any) -> int:
+        return 0
+
+    @njit
+    def identity(argument: Any) -> Any:
+        return argument
+
+    def cost(call: Callable[[Any], Any], argument: Any) -> float:
+        return restored(lambda: call(argument), lambda: None, count).seconds
+
+    there = cost(nothing, arguments)
+    return there if result is None else there + max(0.0, cost(identity, result) - cost(nothing, result))
+
+
+def machine() -> dict[str, Any]:
+    """The processor, the cores at hand, the load, and the versions."""
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            versions[name] = "not installed"
+    return {
+        "processor": _processor(),
+        "cores": available_cores(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "packages": versions,
+    }
+
+
+def _processor() -> str:
+    """Name of the processor, as far as the system tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown"
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or "unknown"
+
+
+def slope(sizes: list[int], seconds: list[float]) -> float:
+    """Fitted exponent of growth: of log ``seconds`` on log ``sizes``."""
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])

@@ -1,0 +1,100 @@
+"""A slow path cannot slip in unseen: what is compiled and allocated is counted, nothing is timed.
+
+Numba warns of slow code where it compiles, so a warning is caught where the cache is empty, as on CI.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("tyro")
+
+from benchmarks.__main__ import Args, main  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+MOST_ALLOCATIONS = 320
+"""Arrays that a step of one frame may ask for: 1.5 times the 213 that it did when this was written."""
+
+ENVIRONMENTS = """
+import json, sys, warnings
+import gymnasium, numpy as np
+from numba.core.errors import NumbaWarning
+warnings.simplefilter("error", NumbaWarning)
+from numba.core.runtime import rtsys
+from activeslam_gym.envs.step import play
+
+def counts():
+    return rtsys.get_allocation_stats()
+
+def begun(env, seed):
+    env.action_space.seed(seed)
+    env.reset(seed=seed)
+    for _ in range(30):
+        env.step(env.action_space.sample())
+    return env
+
+for scenario in ("paper", "paper-literal", "clutter", "hall"):
+    for name in ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0"):
+        begun(gymnasium.make(name, scenario=scenario), 0)
+        for count in (1, 3):
+            begun(gymnasium.make_vec(name, num_envs=count, scenario=scenario), 0)
+
+allocated, left = {}, {}
+for count in (1, 4):
+    env = begun(gymnasium.make_vec("ActiveSLAM-v0", num_envs=count, num_threads=1), 5)
+    before = counts()
+    for _ in range(100):
+        env.step(env.action_space.sample())
+    after = counts()
+    allocated[count] = (after.alloc - before.alloc) / (100 * count)
+    left[count] = (after.alloc - before.alloc) - (after.free - before.free)
+print(json.dumps({
+    "signatures": len(play.signatures),
+    "object_mode": [str(s) for s, overload in play.overloads.items() if overload.objectmode],
+    "allocated": allocated,
+    "left": left,
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def counted() -> dict:
+    """What a fresh process has compiled and allocated after stepping environments of all sorts."""
+    environment = {**os.environ, "NUMBA_NRT_STATS": "1"}
+    command = [sys.executable, "-c", ENVIRONMENTS]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_one_compiled_step_serves_every_environment(counted: dict) -> None:
+    assert counted["signatures"] == 1
+
+
+def test_nothing_runs_in_object_mode(counted: dict) -> None:
+    assert counted["object_mode"] == []
+
+
+def test_a_frame_allocates_few_arrays(counted: dict) -> None:
+    assert all(0 < count < MOST_ALLOCATIONS for count in counted["allocated"].values()), counted["allocated"]
+
+
+def test_a_step_leaves_nothing_allocated(counted: dict) -> None:
+    assert set(counted["left"].values()) == {0}
+
+
+def test_benchmarks_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = ("single", "scores", "stages", "growth", "peers", "dgemm", "batch", "memory")
+    assert main(Args(parts=parts, quick=True, out=tmp_path)) == 0
+    report = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
+    assert len(report["sections"]) == len(parts)
+    assert all(section["rows"] for section in report["sections"])
+    assert {"what", "measured", "limit", "unit", "at_least", "met"} == set(report["bars"][0])
+    assert "## Bars" in (tmp_path / "bench.md").read_text(encoding="utf-8")
+    assert "## Bars" in capsys.readouterr().out

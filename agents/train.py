@@ -126,7 +126,7 @@ def train(args: Args) -> Path:
 def card_of(args: Args, steps: int, seconds: float) -> dict[str, Any]:
     """What the weights' card says."""
     packages = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
-    arguments = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(args).items()}
+    arguments = {name: value for name, value in asdict(args).items() if name != "out"}
     return {
         "command": "python -m agents train "
         + " ".join(f"--{name.replace('_', '-')} {value}" for name, value in arguments.items()),

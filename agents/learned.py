@@ -7,20 +7,25 @@ to be; the network is built anew for the environment at hand.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.dqn.policies import DQNPolicy
 
-from activeslam_gym import ObservationLayout, observation_layout
+from activeslam_gym import Gaze, Motion, ObservationLayout, observation_layout
 from activeslam_gym.config import whole_multiple
 from agents import pretrained
 from agents.encoder import SetEncoder
 from agents.files import write_json, written_whole
 from baselines.policy import Environment
+
+Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
+"""Observations (B, D) -> for each part of the action its preferences (B, choices)."""
 
 
 def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
@@ -39,11 +44,16 @@ def save(path: Path, policy: torch.nn.Module, card: dict[str, Any]) -> None:
     write_json(path.with_suffix(".json"), card)
 
 
+def read_card(path: Path) -> dict[str, Any]:
+    """The card of the weights at ``path`` (.npz)."""
+    return json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
+
+
 class LearnedPolicy:
-    """Shipped weights behind the common `predict`, bound to the environment whose time it follows.
+    """Trained weights behind the common `predict`, bound to the environment whose time it follows.
 
     It decides every ``decision_period`` seconds of the environment, as it was trained to, and holds its action in
-    between.
+    between: the network is asked only where a decision is due.
     """
 
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
@@ -52,43 +62,72 @@ class LearnedPolicy:
         self._hold = whole_multiple(
             "decision_period", float(card["decision_period"]), "gaze_period", self._env.gaze_period
         )
-        self._policy = _network(observation_layout(env), weights, int(card["width"]))
+        self._logits = _network(observation_layout(env), weights, card)
+        space = getattr(self._env, "single_action_space", self._env.action_space)
+        self._is_discrete = isinstance(space, spaces.Discrete)
 
     def predict(
         self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """(D,) -> (2,), (B, D) -> (B, 2), or indices on the discrete id; ``state`` holds the last decision."""
-        single = np.ndim(observation) == 1
-        with torch.no_grad():
-            actions, _ = self._policy.predict(np.atleast_2d(observation), deterministic=deterministic)
+        """(D,) -> (2,), (B, D) -> (B, 2), or indices on the discrete id; ``state`` holds the last decisions (B, 2)."""
+        observations = np.atleast_2d(observation)
         step = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int)
-        if state is not None:
-            actions = np.where((step % self._hold == 0)[:, None], actions, state)
-        out = 3 * actions[:, 0] + actions[:, 1] if self._is_discrete() else actions
-        return (out[0] if single else out), actions
+        due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
+        if due.any():
+            state = np.zeros((len(observations), 2), dtype=np.int64) if state is None else state.copy()
+            state[due] = self._decide(observations[due], deterministic)
+        actions = len(Gaze) * state[:, 0] + state[:, 1] if self._is_discrete else state
+        return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
 
-    def _is_discrete(self) -> bool:
-        space = getattr(self._env, "single_action_space", self._env.action_space)
-        return isinstance(space, spaces.Discrete)
+    def _decide(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
+        """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
+        with torch.inference_mode():
+            logits = self._logits(torch.as_tensor(observations))
+            if deterministic or len(logits) == 1:  # values are no probabilities
+                chosen = [part.argmax(dim=1) for part in logits]
+            else:
+                chosen = [torch.multinomial(part.softmax(dim=1), 1)[:, 0] for part in logits]
+            parts = [part.numpy() for part in chosen]
+        return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
 
 
-def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], width: int) -> ActorCriticPolicy:
-    """The network for a layout with these weights.
+def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> Logits:
+    """The network for a layout with these weights, as a function from observations to preferences.
 
     Raises:
         ValueError: the weights do not fit the observation.
     """
     space = spaces.Box(-1.0, 1.0, (layout.size,), np.float32)
-    policy = ActorCriticPolicy(space, spaces.MultiDiscrete([7, 3]), lambda _: 0.0, **policy_arguments(layout, width))
+    arguments = policy_arguments(layout, int(card["width"]))
+    network: BasePolicy
+    if card["algorithm"] == "dqn":
+        network = DQNPolicy(space, spaces.Discrete(len(Motion) * len(Gaze)), lambda _: 0.0, **arguments)
+    else:
+        network = ActorCriticPolicy(space, spaces.MultiDiscrete([len(Motion), len(Gaze)]), lambda _: 0.0, **arguments)
     try:
-        policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
+        network.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
     except RuntimeError as error:
         raise ValueError(
             f"the weights do not fit an observation of {layout.tokens.start} global features and tokens of "
             f"{layout.token_shape[1]}: {error}"
         ) from error
-    policy.set_training_mode(False)
-    return policy
+    network.set_training_mode(False)
+    return _action_values(network) if isinstance(network, DQNPolicy) else _action_logits(network)
+
+
+def _action_logits(network: ActorCriticPolicy) -> Logits:
+    """The actor alone, without the critic and the distributions of `predict`: a third of its time."""
+
+    def logits(observations: torch.Tensor) -> Sequence[torch.Tensor]:
+        latent = network.mlp_extractor.forward_actor(network.extract_features(observations))
+        return network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
+
+    return logits
+
+
+def _action_values(network: DQNPolicy) -> Logits:
+    """The values of the joint actions, as preferences."""
+    return lambda observations: (network.q_net(observations),)
 
 
 def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
@@ -102,6 +141,7 @@ def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> Learn
         raise ValueError(
             f"name must be one of {', '.join(known) or 'none, since no weights are shipped'}, got {name!r}"
         )
-    with np.load(folder / f"{name}.npz", allow_pickle=False) as file:
+    path = folder / f"{name}.npz"
+    with np.load(path, allow_pickle=False) as file:
         weights = {key: file[key] for key in file.files}
-    return LearnedPolicy(env, weights, json.loads((folder / f"{name}.json").read_text(encoding="utf-8")))
+    return LearnedPolicy(env, weights, read_card(path))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from pathlib import Path
 
 import baselines
 from agents import load, pretrained
@@ -19,7 +20,7 @@ def resolve(name: str, env: Environment, seed: int = 0) -> Predictor:
 
 
 def factory(name: str) -> Factory:
-    """Return what makes the policy `name`: a baseline, or the user's own 'package.module:factory'.
+    """Return what makes the policy `name`: a baseline, shipped weights, 'policy.npz' or 'package.module:factory'.
 
     Raises ValueError when no source knows the name, and lists what is allowed.
     """
@@ -28,7 +29,9 @@ def factory(name: str) -> Factory:
         if found is not None:
             return found
     known = ", ".join([*baselines.names(), *pretrained.names()])
-    raise ValueError(f"policy: {name!r} is unknown; allowed: {known}, 'package.module:factory'")
+    raise ValueError(
+        f"policy: {name!r} is unknown; allowed: {known}, a file of weights (policy.npz), 'package.module:factory'"
+    )
 
 
 def _baseline(name: str) -> Factory | None:
@@ -59,5 +62,15 @@ def _learned(name: str) -> Factory | None:
     return lambda env, seed: load(name, env)
 
 
-SOURCES: tuple[Callable[[str], Factory | None], ...] = (_imported, _baseline, _learned)
+def _trained(name: str) -> Factory | None:
+    """The weights in a file that `python -m agents train` wrote; None for a name that is no .npz."""
+    path = Path(name)
+    if path.suffix != ".npz":
+        return None
+    if not (path.is_file() and path.with_suffix(".json").is_file()):
+        raise ValueError(f"policy: {name!r} is no file with its card ({path.stem}.json) beside it")
+    return lambda env, seed: load(path.stem, env, path.parent)
+
+
+SOURCES: tuple[Callable[[str], Factory | None], ...] = (_imported, _trained, _baseline, _learned)
 """Asked in this order; a new kind of policy is one more source."""

@@ -1,175 +1,161 @@
-"""`python -m agents train`: PPO (or A2C) from Stable-Baselines3 on the native batch."""
+"""`python -m agents train`: PPO, A2C or DQN from Stable-Baselines3 on the native batch."""
 
 from __future__ import annotations
 
-import platform
+import json
+import math
+import sys
 import time
-from dataclasses import asdict, dataclass
-from importlib.metadata import version
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
-TRAINING_SEEDS = 2**32
-"""Training rooms have seeds from here on, so that no room of the study is among them."""
-_LAST_RATE = 0.05
-"""The learning rate's last value, relative to its first."""
+from agents.card import card_of, results
+from agents.files import write_json
+from agents.learning import Learning
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
 CHECKPOINT = "checkpoint.zip"
+ARGUMENTS = "arguments.json"
 WEIGHTS = "policy.npz"
 
 
 @dataclass(frozen=True)
-class Args:
-    """Train a policy; --out gets its weights and card, a checkpoint to resume from, and TensorBoard logs."""
+class Args(Learning):
+    """Train a policy. --out gets the weights that did best in held-out rooms, their card, a checkpoint, and logs."""
 
     out: Path = Path("results/train")
-    """Folder of the results; it is resumed where it holds a checkpoint."""
-    algorithm: Literal["ppo", "a2c"] = "ppo"
-    """Learner of Stable-Baselines3."""
-    reward: str = "entropy"
-    """Reward of the environment."""
-    total_steps: int = 1_000_000
-    """Decisions in all."""
-    decision_period: float = 0.25
-    """Time between decisions, the environment's gaze_period [s]."""
-    num_envs: int = 64
-    """Environments in the batch."""
-    seed: int = 0
-    """Seed of the rooms and the learner."""
-    gamma: float = 0.995
-    """Discount per decision."""
-    learning_rate: float = 5e-4
-    """First learning rate; it falls linearly to a twentieth."""
-    entropy_bonus: float = 0.01
-    """Weight of the policy's own entropy."""
-    reward_scale: float = 0.05
-    """Constant factor of the reward; it is not normalised, which would clip the forfeit."""
-    width: int = 64
-    """Units of each layer."""
+    """Folder of the results; training goes on from the checkpoint that it holds."""
+    period: int = 100_000
+    """Decisions between checkpoints, and between visits to the held-out rooms."""
+    held_out_rooms: int = 64
+    """Rooms that choose the best weights."""
+    unseen_rooms: int = 100
+    """Rooms for the results on the card, of neither training nor choice; none: 0."""
 
+    def check(self) -> None:
+        """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
+        super().check()
+        for name, least in (("period", 1), ("held_out_rooms", 1), ("unseen_rooms", 0)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
 
-def check(args: Args) -> None:
-    """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-    for name in ("total_steps", "num_envs", "width", "decision_period", "learning_rate", "reward_scale"):
-        if not getattr(args, name) > 0:
-            raise ValueError(f"{name} must be positive, got {getattr(args, name)!r}")
-    if not 0.0 < args.gamma <= 1.0:
-        raise ValueError(f"gamma must be in (0, 1], got {args.gamma!r}")
-
-
-def make_env(args: Args) -> Any:
-    """The training batch behind SB3's interface, its rewards scaled and its episodes recorded."""
-    from stable_baselines3.common.vec_env import VecMonitor
-
-    from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
-
-    env = ActiveSLAMVecEnv(args.num_envs, gaze_period=args.decision_period, reward=args.reward)
-    env.seed(TRAINING_SEEDS + args.num_envs * args.seed)
-    return ScaledReward(VecMonitor(env), args.reward_scale)
-
-
-def make_learner(args: Args, env: Any) -> Any:
-    """The learner, from the folder's checkpoint if there is one."""
-    from stable_baselines3 import A2C, PPO
-    from stable_baselines3.common.vec_env import VecEnv
-
-    from activeslam_gym import observation_layout
-    from agents.learned import policy_arguments
-
-    assert isinstance(env, VecEnv)
-    learner = {"ppo": PPO, "a2c": A2C}[args.algorithm]
-    checkpoint = args.out / CHECKPOINT
-    if checkpoint.exists():
-        return learner.load(checkpoint, env=env, device="cpu")
-    steps = round(35.0 / args.decision_period)
-    own = {"n_steps": steps, "batch_size": steps * args.num_envs // 5, "n_epochs": 4} if learner is PPO else {}
-    return learner(
-        "MlpPolicy",
-        env,
-        learning_rate=lambda left: args.learning_rate * max(left, _LAST_RATE),
-        gamma=args.gamma,
-        gae_lambda=0.95,
-        ent_coef=args.entropy_bonus,
-        policy_kwargs=policy_arguments(observation_layout(env.unwrapped), args.width),
-        tensorboard_log=str(args.out / "logs"),
-        seed=args.seed,
-        device="cpu",
-        **own,
-    )
-
-
-def train(args: Args) -> Path:
-    """Train until `total_steps`, or Ctrl-C; the path of the weights. A second call goes on from the checkpoint.
-
-    Raises:
-        ValueError: as `check`.
-    """
-    from agents.learned import save
-
-    check(args)
-    args.out.mkdir(parents=True, exist_ok=True)
-    env = make_env(args)
-    learner = make_learner(args, env)
-    begun = time.monotonic()
-    left = args.total_steps - learner.num_timesteps
-    try:
-        if left > 0:
-            learner.learn(left, callback=_checkpoints(args), reset_num_timesteps=False, progress_bar=False)
-    except KeyboardInterrupt:
-        print(f"Interrupted after {learner.num_timesteps} of {args.total_steps} steps; the same command goes on.")
-    finally:
-        _save_checkpoint(learner, args.out)
-        save(args.out / WEIGHTS, learner.policy, card_of(args, learner.num_timesteps, time.monotonic() - begun))
-        env.close()
-    return args.out / WEIGHTS
-
-
-def card_of(args: Args, steps: int, seconds: float) -> dict[str, Any]:
-    """What the weights' card says."""
-    packages = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
-    arguments = {name: value for name, value in asdict(args).items() if name != "out"}
-    return {
-        "command": "python -m agents train "
-        + " ".join(f"--{name.replace('_', '-')} {value}" for name, value in arguments.items()),
-        "decision_period": args.decision_period,
-        "width": args.width,
-        "gamma": args.gamma,
-        "steps": steps,
-        "seconds_of_this_call": round(seconds, 1),
-        "machine": platform.processor() or platform.machine(),
-        "versions": {name: version(name) for name in packages},
-    }
-
-
-def _save_checkpoint(learner: Any, out: Path) -> None:
-    """The learner with its optimiser, whole or not at all."""
-    from agents.files import written_whole
-
-    with written_whole(out / CHECKPOINT, "wb") as file:
-        learner.save(file)
-
-
-def _checkpoints(args: Args) -> Any:
-    """A callback that saves a checkpoint at every tenth rollout and says how it goes."""
-    from stable_baselines3.common.callbacks import BaseCallback
-
-    class Checkpoints(BaseCallback):
-        rollouts = 0
-
-        def _on_step(self) -> bool:
-            return True
-
-        def _on_rollout_end(self) -> None:
-            self.rollouts += 1
-            if self.rollouts % 10 == 0:
-                _save_checkpoint(self.model, args.out)
-                returns = [episode["r"] for episode in self.model.ep_info_buffer]
-                mean = sum(returns) / max(len(returns), 1)
-                print(f"{self.num_timesteps:>10} of {args.total_steps} steps, mean return {mean:.1f}", flush=True)
-
-    return Checkpoints()
+    def learning(self) -> dict[str, Any]:
+        """The arguments that decide what is learned."""
+        return {field.name: getattr(self, field.name) for field in fields(Learning)}
 
 
 def main(args: Args) -> int:
-    """Run the command."""
-    print(f"Written to {train(args)}")
-    return 0
+    """Run the command; the exit status: 2 for a bad argument, 130 when interrupted."""
+    try:
+        finished = train(args)
+    except ValueError as error:
+        print(f"train: {error}", file=sys.stderr)
+        return 2
+    if not finished:
+        print("Interrupted; the same command goes on.")
+    print(f"Written to {args.out}/: {WEIGHTS} and its card, {CHECKPOINT}, logs (tensorboard --logdir {args.out}/logs)")
+    return 0 if finished else 130
+
+
+def train(args: Args) -> bool:
+    """Train until `total_steps`, or Ctrl-C (then False). A second call goes on from the checkpoint.
+
+    Raises:
+        ValueError: as `Args.check`, or the folder holds a training with other arguments.
+    """
+    from agents import learners
+    from agents.callbacks import Checkpoints, HeldOutRooms, Progress
+
+    args.check()
+    _claim(args)
+    env = learners.make_batch(
+        args, args.num_envs, learners.TRAINING_SEEDS + args.num_envs * args.seed, args.reward_scale
+    )
+    rooms = learners.make_batch(args, args.held_out_rooms, learners.HELD_OUT_SEEDS, 1.0)
+    checkpoint = args.out / CHECKPOINT
+    goes_on = checkpoint.exists()
+    learner = (
+        learners.load_learner(args, env, checkpoint) if goes_on else learners.make_learner(args, env, args.out / "logs")
+    )
+    keeper = Keeper(args, learner)
+    callbacks = [
+        Checkpoints(checkpoint, args.period),
+        HeldOutRooms(rooms, args.period, keeper.best(), keeper.keep),
+        Progress(args.total_steps),
+    ]
+    try:
+        if learner.num_timesteps < args.total_steps:
+            left = args.total_steps - learner.num_timesteps
+            learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
+        finished = True
+    except KeyboardInterrupt:
+        finished = False
+    finally:
+        learner.seconds = keeper.seconds()  # goes into the checkpoint
+        learners.save_learner(learner, checkpoint)
+        if not (args.out / WEIGHTS).exists():
+            keeper.keep(math.nan)
+        env.close()
+        rooms.close()
+    if finished and args.unseen_rooms:
+        keeper.add_results()
+    return finished
+
+
+class Keeper:
+    """Keeps the best weights and their card in the folder."""
+
+    def __init__(self, args: Args, learner: BaseAlgorithm) -> None:
+        self.args = args
+        self.learner = learner
+        self.path = args.out / WEIGHTS
+        self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
+
+    def seconds(self) -> float:
+        """Wall-clock of training, earlier calls included [s]."""
+        return time.monotonic() - self.begun
+
+    def best(self) -> float:
+        """The best mean return in the held-out rooms that an earlier call reached."""
+        from agents.learned import read_card
+
+        if not self.path.exists():
+            return -math.inf
+        value = read_card(self.path)["held_out_mean_return"]
+        return -math.inf if value is None else value
+
+    def keep(self, held_out_mean_return: float) -> None:
+        """Write the present weights and their card."""
+        from agents.learned import save
+
+        learning = self.args.learning()
+        card = card_of(learning, self.learner.num_timesteps, self.seconds(), self.args.held_out_rooms)
+        save(self.path, self.learner.policy, card | {"held_out_mean_return": held_out_mean_return})
+
+    def add_results(self) -> None:
+        """Complete the card: the whole training's length and time, and what the weights reach in unseen rooms."""
+        from agents.learned import read_card
+
+        card = read_card(self.path)
+        card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
+        card["results"] = results(self.path, self.args.unseen_rooms)
+        write_json(self.path.with_suffix(".json"), card)
+
+
+def _claim(args: Args) -> None:
+    """Write what the folder's training is, or see that it is the same; `total_steps` alone may differ."""
+    path = args.out / ARGUMENTS
+    wanted = args.learning()
+    if path.exists():
+        held = json.loads(path.read_text(encoding="utf-8"))
+        other = [name for name in wanted if name != "total_steps" and held.get(name) != wanted[name]]
+        if other:
+            name = other[0]
+            raise ValueError(
+                f"out: {args.out} holds a training with {name}={held.get(name)!r}, got {wanted[name]!r}; "
+                "allowed: the same arguments, or another folder"
+            )
+    write_json(path, wanted)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,9 +15,16 @@ import activeslam_gym
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
+from stable_baselines3 import PPO  # noqa: E402
+
+from agents import policies  # noqa: E402
 from agents.encoder import SetEncoder  # noqa: E402
-from agents.learned import load  # noqa: E402
-from agents.train import CHECKPOINT, Args, check, train  # noqa: E402
+from agents.learned import load, read_card, save  # noqa: E402
+from agents.train import CHECKPOINT, Args, train  # noqa: E402
+
+SMALL: dict[str, Any] = {
+    "num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0, "duration": 5.0
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -23,20 +32,26 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with weights after one rollout."""
     out = tmp_path_factory.mktemp("train")
     pytest.importorskip("tensorboard")
-    train(Args(out=out, total_steps=280, num_envs=2, width=16))
+    train(Args(out=out, total_steps=40, **(SMALL | {"unseen_rooms": 2})))
     return out
 
 
 def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) -> None:
     assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in trained.iterdir()}
-    before = np.load(trained / "policy.npz")["action_net.weight"].copy()
-    train(Args(out=trained, total_steps=560, num_envs=2, width=16))
-    assert not np.array_equal(np.load(trained / "policy.npz")["action_net.weight"], before)
+    card = json.loads((trained / "policy.json").read_text())
+    assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40
+    train(Args(out=trained, total_steps=80, **SMALL))
+    assert PPO.load(trained / CHECKPOINT).num_timesteps == 80
+
+
+def test_a_folder_holds_one_training(trained: Path) -> None:
+    with pytest.raises(ValueError, match="holds a training with reward='log_score', got 'entropy'"):
+        train(Args(out=trained, total_steps=80, reward="entropy", **SMALL))
 
 
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
     for name in "ab":
-        train(Args(out=tmp_path / name, total_steps=280, num_envs=2, width=8, seed=3))
+        train(Args(out=tmp_path / name, total_steps=40, seed=3, **SMALL))
     a, b = (np.load(tmp_path / name / "policy.npz") for name in "ab")
     for key in a.files:
         np.testing.assert_array_equal(a[key], b[key])
@@ -79,7 +94,7 @@ def test_what_does_not_fit_is_said(trained: Path) -> None:
     with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
         load("policy", gym.make("ActiveSLAM-v0", gaze_period=0.2), trained)
     with pytest.raises(ValueError, match="total_steps must be positive, got 0"):
-        check(Args(total_steps=0))
+        Args(total_steps=0).check()
 
 
 def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
@@ -93,3 +108,47 @@ def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
     with torch.no_grad():
         one, other = (encoder(torch.as_tensor(o[None])) for o in (observation, shuffled))
     torch.testing.assert_close(one, other)
+
+
+def test_dqn_learns_on_the_discrete_actions_and_a2c_on_the_pairs(tmp_path: Path) -> None:
+    for algorithm in ("dqn", "a2c"):
+        out = tmp_path / algorithm
+        train(Args(out=out, algorithm=algorithm, total_steps=40, **SMALL))  # type: ignore[arg-type]
+        env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+        action, _ = load("policy", env, out).predict(env.reset(seed=0)[0])
+        assert env.action_space.contains(action)
+
+
+def test_the_quick_decision_is_that_of_the_learner(trained: Path, tmp_path: Path) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    learner = PPO.load(trained / CHECKPOINT)
+    save(tmp_path / "last.npz", learner.policy, read_card(trained / "policy.npz"))
+    policy = load("last", env, tmp_path)
+    observation, _ = env.reset(seed=5)
+    for _ in range(20):
+        action, _ = policy.predict(observation)
+        np.testing.assert_array_equal(action, learner.predict(observation, deterministic=True)[0])
+        observation = env.step(env.action_space.sample())[0]
+
+
+def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from agents.callbacks import Progress
+
+    def interrupt(self: Progress) -> bool:
+        if self.num_timesteps >= 20:
+            raise KeyboardInterrupt
+        return True
+
+    with monkeypatch.context() as patched:
+        patched.setattr(Progress, "_on_step", interrupt)
+        assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
+    assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in tmp_path.iterdir()}
+    assert train(Args(out=tmp_path, total_steps=80, **SMALL))
+
+
+def test_the_weights_of_a_file_are_a_policy_to_compare(trained: Path) -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    action, _ = policies.resolve(str(trained / "policy.npz"), env).predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)
+    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file with its card"):
+        policies.factory("absent.npz")

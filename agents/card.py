@@ -1,0 +1,62 @@
+"""The card of learned weights: how they came to be, what they reached, and what they were not made for."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+from agents import policies
+from agents.evaluate import Episode, run_episode
+from agents.machine import machine, versions
+from agents.outcome import outcome
+from agents.parallel import run_all
+from agents.statistics import estimate
+from agents.summary import STATISTICS
+
+UNSEEN_SEEDS = 4_000_000
+"""The rooms of the card's results: none of training, of the choice of weights, or of the study."""
+COLUMNS = ("bits", "log_score_gain", "landmarks_mapped", "landmark_rmse", "position_error", "lost", "decision_us")
+PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
+LIMITS = (
+    "Trained in the default scenario alone: other rooms, noise, motions and durations are outside what it has seen. "
+    "It knows the belief, never the truth, and holds each decision for decision_period seconds."
+)
+
+
+def card_of(learning: dict[str, Any], steps: int, seconds: float, held_out_rooms: int) -> dict[str, Any]:
+    """What is known of weights when they are kept, after `steps` decisions and `seconds` of training."""
+    return {
+        "command": command(learning),
+        **learning,
+        "steps": steps,
+        "seconds": round(seconds, 1),
+        "chosen": f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms",
+        "machine": machine(),
+        "versions": versions(PACKAGES),
+        "limits": LIMITS,
+    }
+
+
+def command(learning: dict[str, Any]) -> str:
+    """The command that trains with these arguments."""
+    return "python -m agents train " + " ".join(f"--{k.replace('_', '-')} {v}" for k, v in learning.items())
+
+
+def results(weights: Path, rooms: int) -> dict[str, Any]:
+    """What the weights reach in `rooms` unseen rooms of the default scenario: figures with 95 % intervals."""
+    tasks = [(str(weights), UNSEEN_SEEDS + j) for j in range(rooms)]
+    rows = [outcome(episode, target_landmarks=14) for _, episode in run_all(_episode, tasks, jobs=1)]
+    figures = {name: asdict(estimate([row[name] for row in rows], STATISTICS[name])) for name in COLUMNS}
+    return {"first_seed": UNSEEN_SEEDS, "rooms": rooms, **figures}
+
+
+def _episode(task: tuple[str, int]) -> Episode:
+    """One episode of the weights."""
+    weights, seed = task
+    env = gym.make("ActiveSLAM-v0")
+    episode = run_episode(env, policies.resolve(weights, env), seed)
+    env.close()
+    return episode

@@ -1,0 +1,51 @@
+"""What is learned, and how: the arguments of training, apart from PyTorch and its slow import."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What is learned, and how."""
+
+    algorithm: Literal["ppo", "a2c", "dqn"] = "ppo"
+    """Learner of Stable-Baselines3; DQN learns on the 21 joint actions."""
+    reward: str = "log_score"
+    """Reward of the environment."""
+    total_steps: int = 2_000_000
+    """Decisions in all."""
+    decision_period: float = 0.25
+    """Time between decisions, the environment's gaze_period [s]."""
+    duration: float = 35.0
+    """Time of an episode [s]."""
+    num_envs: int = 64
+    """Environments in the batch."""
+    seed: int = 0
+    """Seed of the rooms and the learner."""
+    gamma: float = 0.995
+    """Discount per decision."""
+    learning_rate: float = 7e-4
+    """First learning rate; it falls linearly to a twentieth."""
+    entropy_bonus: float = 0.01
+    """Weight of the policy's own entropy (PPO, A2C)."""
+    reward_scale: float = 0.05
+    """Constant factor of the reward; it is not normalised, which would clip the forfeit."""
+    width: int = 64
+    """Units of each layer."""
+
+    def check(self) -> None:
+        """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
+        for name in ("total_steps", "num_envs", "width", "decision_period", "duration", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        if not self.reward_scale > 0:
+            raise ValueError(f"reward_scale must be positive, got {self.reward_scale!r}")
+        if not 0.0 < self.gamma <= 1.0:
+            raise ValueError(f"gamma must be in (0, 1], got {self.gamma!r}")
+
+    @property
+    def steps_per_episode(self) -> int:
+        """Decisions of a whole episode."""
+        return round(self.duration / self.decision_period)

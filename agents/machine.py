@@ -1,0 +1,28 @@
+"""What a number was measured on, and with which versions."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+
+
+def machine() -> str:
+    """Processor and cores, for people."""
+    return f"{processor()}, {os.cpu_count()} cores"
+
+
+def processor() -> str:
+    """The processor's name, or "unknown"."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or "unknown"
+
+
+def versions(packages: tuple[str, ...]) -> dict[str, str]:
+    """Of these packages and of Python."""
+    return {"python": platform.python_version()} | {package: version(package) for package in packages}

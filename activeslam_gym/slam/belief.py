@@ -417,12 +417,76 @@ def shift_mean(belief: Belief, delta: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
-    """Express the covariance in the tangent of the mean just shifted by ``delta``.
+def recentre(belief: Belief, delta: np.ndarray) -> None:
+    """Express the covariance in the tangent of the mean just shifted by ``delta`` (dim,): P = M P M^T.
 
-    Exp(dtheta) = Exp(dtheta+) Exp(delta_theta) gives dtheta+ = J_l(delta_theta) (dtheta - delta_theta): the modern form
+    M keeps what no bearing can tell, a turn of camera and map together, what it is. Such a turn a moves a point f by
+    a x f; before the shift that is a x f, and after it has to be a x (f + df), so every world vector gets
+    + dtheta x df. With the plain tangent (M = I) the direction would change with the estimate, and the filter would
+    gain orientation that it never measured. It is the covariance of the right-invariant filter in these coordinates
+    (Barrau and Bonnabel, *An EKF-SLAM algorithm with consistency properties*, 2015). The rotation's own rows follow
+    from Exp(dtheta) = Exp(dtheta+) Exp(delta_theta), dtheta+ = J_l(delta_theta) (dtheta - delta_theta): the modern form
     of the paper's Jacobian of the quaternion's normalisation.
     """
+    _turn_with_rotation(belief, _turning(belief, delta))
+    _recentre_rotation(belief, delta)
+
+
+@njit(cache=True)
+def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
+    """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
+    E = np.zeros((3, belief.size[DIM]))
+    for start in (0, 6, 9):
+        _cross(delta, start, E)
+    for k in range(belief.size[FEATURES]):
+        slot = belief.order[k]
+        at = belief.start[slot]
+        _cross(delta, at, E)
+        if belief.kind[slot] != POINT:
+            azimuth, elevation = belief.feature[slot, 3], belief.feature[slot, 4]
+            _turn_angles(azimuth, elevation, 1.0, at + 3, E)
+            _turn_angles(azimuth - delta[at + 3], elevation - delta[at + 4], -1.0, at + 3, E)
+    return E
+
+
+@njit(cache=True)
+def _cross(delta: np.ndarray, at: int, E: np.ndarray) -> None:
+    """Columns of a world vector shifted by d: a x d = E^T a."""
+    x, y, z = delta[at], delta[at + 1], delta[at + 2]
+    E[1, at], E[2, at] = z, -y
+    E[0, at + 1], E[2, at + 1] = -z, x
+    E[0, at + 2], E[1, at + 2] = y, -x
+
+
+@njit(cache=True)
+def _turn_angles(azimuth: float, elevation: float, sign: float, at: int, E: np.ndarray) -> None:
+    """Add ``sign`` times d(azimuth, elevation) of a direction by a turn of the world, the derivative of a x m."""
+    sin_a, cos_a, tan_e = math.sin(azimuth), math.cos(azimuth), math.tan(elevation)
+    E[0, at] -= sign * tan_e * sin_a
+    E[1, at] += sign
+    E[2, at] -= sign * tan_e * cos_a
+    E[0, at + 1] -= sign * cos_a
+    E[2, at + 1] += sign * sin_a
+
+
+@njit(cache=True)
+def _turn_with_rotation(belief: Belief, E: np.ndarray) -> None:
+    """P + E^T B + B^T E with B = P_theta + P_theta,theta E / 2, which is (I + E^T) P (I + E^T)^T."""
+    P, dim = belief.covariance, belief.size[DIM]
+    B = np.empty((3, dim))
+    for i in range(3):
+        a, b, c = 0.5 * P[3 + i, 3], 0.5 * P[3 + i, 4], 0.5 * P[3 + i, 5]
+        for j in range(dim):
+            B[i, j] = P[3 + i, j] + a * E[0, j] + b * E[1, j] + c * E[2, j]
+    for i in range(dim):
+        row, e0, e1, e2, b0, b1, b2 = P[i], E[0, i], E[1, i], E[2, i], B[0, i], B[1, i], B[2, i]
+        for j in range(dim):
+            row[j] += (e0 * B[0, j] + b0 * E[0, j]) + (e1 * B[1, j] + b1 * E[1, j]) + (e2 * B[2, j] + b2 * E[2, j])
+
+
+@njit(cache=True)
+def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
+    """P_theta = J_l P_theta, rows and columns."""
     P, dim = belief.covariance, belief.size[DIM]
     J = so3_left_jacobian(delta[D_ROTATION])
     theta = np.empty((3, dim))

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.linalg import cholesky_in_place, solve_transposed, solve_transposed_vector, subtract_gram
-from activeslam_gym.slam.belief import DIM, KIND_DIM, Belief, recentre_rotation, shift_mean
+from activeslam_gym.slam.belief import DIM, KIND_DIM, Belief, recentre, shift_mean
 from activeslam_gym.slam.measurement import POSE_DIM, Predictions
 
 
@@ -34,7 +34,7 @@ def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray
             return False
     shift_mean(belief, delta)
     subtract_gram(belief.covariance, HP, dim)
-    recentre_rotation(belief, delta)
+    recentre(belief, delta)
     return True
 
 

@@ -12,7 +12,7 @@ from activeslam_gym.camera import CameraModel, camera_of, inside_image, pixel_fr
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.frame import Simulation
-from activeslam_gym.geometry import rotate_left, rotation_error, rotation_matrix
+from activeslam_gym.geometry import rotate_left, rotation_error, rotation_matrix, skew
 from activeslam_gym.information import Prospect
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
@@ -231,3 +231,21 @@ def simulation_of(env: Any) -> Simulation:
 def rotation_between(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
     """Log(R_true R_hat^T) (3,)."""
     return rotation_error(np.ascontiguousarray(q_true), np.ascontiguousarray(q_hat))
+
+
+def turn_of_everything(belief: Belief) -> np.ndarray:
+    """N (dim, 3): what a small turn of camera and map about each world axis does to the coordinates."""
+    N = np.zeros((belief.size[DIM], 3))
+    N[3:6] = np.eye(3)
+    vectors = {0: belief.camera[:3], 6: belief.camera[7:10], 9: belief.camera[10:]}
+    for slot in slots_of(belief):
+        vectors[int(belief.start[slot])] = belief.feature[slot, :3]
+        if belief.kind[slot] != POINT:
+            angles = belief.feature[slot, 3:5]
+            J_h = np.empty((2, 3))
+            m = layout.bearing(*angles)[0]
+            layout.angles_of(m, J_h)
+            N[rows_of(belief, slot)[3:5]] = J_h @ -skew(m)
+    for start, vector in vectors.items():
+        N[start : start + 3] = -skew(vector)
+    return N

@@ -19,6 +19,7 @@ from .support import (
     rows_of,
     scenario_for,
     slots_of,
+    turn_of_everything,
 )
 
 MIXES = [
@@ -289,3 +290,18 @@ def test_propagation_is_the_textbooks() -> None:
     propagate(belief.covariance, belief.size[DIM], F, Q)
     np.testing.assert_allclose(joint_covariance(belief), expected, rtol=1e-11, atol=1e-14)
     assert_well_laid(belief)
+
+
+@pytest.mark.parametrize("kinds", MIXES[1:])
+def test_a_turn_of_camera_and_map_stays_as_uncertain_as_it_was(kinds: list[int]) -> None:
+    """A belief that knows all but such a turn knows nothing of it after a shift of its mean: P+ = N+ N+^T."""
+    belief = belief_of(kinds)
+    dim = belief.size[DIM]
+    N = turn_of_everything(belief)
+    belief.covariance[:dim, :dim] = N @ N.T
+    delta = 0.1 * np.random.default_rng(1).standard_normal(dim)
+    delta[3:6] = 0.0
+    layout.shift_mean(belief, delta)
+    layout.recentre(belief, delta)
+    N = turn_of_everything(belief)
+    np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)

@@ -9,6 +9,7 @@ import pytest
 
 from activeslam_gym.config import INVERSE_DEPTH as BY_INVERSE_DEPTH
 from activeslam_gym.config import Scenario
+from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.motion import motion_of
 from activeslam_gym.slam.association import NEW, REJECTED, associate
 from activeslam_gym.slam.belief import DIM, FEATURES, INVERSE_DEPTH, POINT, RAY, SERIAL, point_belief
@@ -29,6 +30,7 @@ from tests.support import (
     random_spd,
     scenario_for,
     slots_of,
+    turn_of_everything,
     world_points,
 )
 
@@ -59,10 +61,10 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(len(H)))
     assert update(belief, HP, S, nu.copy())
     np.testing.assert_allclose(mean_difference(belief, before), K @ nu, atol=1e-10)
-    G = np.eye(len(P))  # the covariance is expressed about the new mean
-    from activeslam_gym.geometry import so3_left_jacobian
-
+    M, G = np.eye(len(P)), np.eye(len(P))  # the covariance is expressed about the new mean
+    M[:, 3:6] += turn_of_everything(belief) - turn_of_everything(before)
     G[3:6, 3:6] = so3_left_jacobian((K @ nu)[3:6])
+    G = G @ M
     np.testing.assert_allclose(joint_covariance(belief), G @ (P - K @ H @ P) @ G.T, atol=1e-12)
     np.testing.assert_array_equal(joint_covariance(belief), joint_covariance(belief).T)
 

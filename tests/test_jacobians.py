@@ -110,7 +110,7 @@ def recentring(rng: np.random.Generator) -> Case:
     """dtheta+ of Exp(dtheta) = Exp(dtheta+) Exp(phi) at dtheta = phi + e, read off P+ = J P J^T."""
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
     P, phi = joint_covariance(belief), rng.uniform(-0.5, 0.5, 3)
-    layout.recentre_rotation(belief, np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6))))
+    layout.recentre(belief, np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6))))
     P_new = joint_covariance(belief)
 
     def f(e: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +17,8 @@ from agents.files import written_whole
 from baselines.policy import Predictor
 
 Array = NDArray[Any]
+Look = Callable[[Any, dict[str, Any]], None]
+"""Looks at the bare environment and its info at one time."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +130,16 @@ SAMPLED = tuple(_NAMES[_NAMES.index("times") : _NAMES.index("actions")])
 """The fields with one entry for each time."""
 
 
-def run_episode(env: gym.Env, policy: Predictor, seed: int, name: str = "policy", settings: str = "{}") -> Episode:
-    """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end."""
+def run_episode(
+    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", settings: str = "{}", looks: Sequence[Look] = ()
+) -> Episode:
+    """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end.
+
+    Each of `looks` is called with the bare environment and its info, after the reset and after every step.
+    """
     core: Any = env.unwrapped
     observation, info = env.reset(seed=seed)
+    _look(looks, core, info)
     samples, steps = [_sample(core, info)], []
     state, first, ended = None, True, False
     while not ended:
@@ -139,6 +148,7 @@ def run_episode(env: gym.Env, policy: Predictor, seed: int, name: str = "policy"
         action, state = policy.predict(observation, state=state, episode_start=np.array([first]), deterministic=True)
         decision_us = (perf_counter() - start) * 1e6
         observation, reward, terminated, truncated, info = env.step(action)
+        _look(looks, core, info)
         samples.append(_sample(core, info))
         steps.append((_motion_and_gaze(action), motion_read, float(reward), decision_us))
         first, ended = False, terminated or truncated
@@ -158,6 +168,12 @@ def run_episode(env: gym.Env, policy: Predictor, seed: int, name: str = "policy"
         **_landmark_marks(sampled),
         **_final(core),
     )
+
+
+def _look(looks: Sequence[Look], core: Any, info: dict[str, Any]) -> None:
+    """Call those that look on."""
+    for look in looks:
+        look(core, info)
 
 
 def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:

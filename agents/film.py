@@ -1,0 +1,77 @@
+"""Pictures of episodes, side by side, as an animation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym import rendering
+from agents.files import written_whole
+
+SUFFIXES = (".gif", ".webp", ".png")
+"""What Pillow writes as an animation."""
+COLOURS = 48
+"""Of the palette; the pictures are flat."""
+STRIP_PX = 26
+"""Height of the strip with a name."""
+
+Picture = np.ndarray
+"""(H, W, 3) uint8."""
+
+
+class Film:
+    """A picture of an environment every `every` seconds of its time, `width` pixels wide; see `look`."""
+
+    def __init__(self, every: float, width: int) -> None:
+        self.every = every
+        self.size = (width, round(width * rendering.REFERENCE_SIZE[1] / rendering.REFERENCE_SIZE[0]))
+        self.pictures: list[Picture] = []
+
+    def look(self, core: Any, info: dict[str, Any]) -> None:
+        """Take a picture if it is time for one, or the episode is over."""
+        due = core.time >= self.every * len(self.pictures) - 1e-9
+        if due or info["lost"]:
+            self.pictures.append(rendering.draw(core.snapshot(), self.size))
+
+
+def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> list[Picture]:
+    """The films beside each other under their names; a shorter one stands still at its end."""
+    strips = [_strip(name, film[0].shape[1]) for name, film in zip(names, films, strict=True)]
+    last = [film[-1] for film in films]
+    moments = zip_longest(*films)
+    return [
+        np.hstack(
+            [
+                np.vstack((strip, end if picture is None else picture))
+                for strip, end, picture in zip(strips, last, moment)
+            ]
+        )
+        for moment in moments
+    ]
+
+
+def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> None:
+    """Write the pictures, each shown for so many seconds and the last for two, over and over; whole or not at all."""
+    from PIL import Image
+
+    images = [Image.fromarray(picture) for picture in pictures]
+    palette = images[-1].quantize(COLOURS)  # the fullest picture has every colour
+    if path.suffix == ".gif":
+        images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
+    durations = [round(1000 * seconds)] * (len(images) - 1) + [2000]
+    form = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}[path.suffix]
+    with written_whole(path, "wb") as file:
+        images[0].save(file, form, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True)
+
+
+def _strip(name: str, width: int) -> Picture:
+    """A white strip with the name."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    strip = Image.new("RGB", (width, STRIP_PX), "white")
+    ImageDraw.Draw(strip).text((0.022 * width, 6), name, fill=rendering.TEXT, font=ImageFont.load_default(16))
+    return np.asarray(strip)

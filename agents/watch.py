@@ -1,0 +1,144 @@
+"""`python -m agents watch`: an episode of one policy, or of several side by side in the same room."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import gymnasium as gym
+
+import activeslam_gym  # noqa: F401  (registers the environment)
+from activeslam_gym.config import scenario_from
+from activeslam_gym.metrics import write_tum
+from agents import policies
+from agents.evaluate import Episode, Look, run_episode
+from agents.film import SUFFIXES, Film, side_by_side, write_animation
+from agents.outcome import outcome
+
+
+@dataclass(frozen=True)
+class Args:
+    """Watch an episode in a window or, with --save, --rerun or --tum, in files."""
+
+    policy: tuple[str, ...] = ("mi-fisher",)
+    """Policies: names, a file of weights (.npz), or 'package.module:factory'."""
+    seed: int = 1_000_000
+    """The room: reset(seed=seed)."""
+    scenario: str = "paper"
+    """Name of the scenario."""
+    gaze_period: float | None = None
+    """Seconds between gaze commands; one frame of the scenario if not given."""
+    duration: float = 35.0
+    """Seconds of the episode."""
+    save: Path | None = None
+    """An animation of all policies side by side: .gif, .webp or .png."""
+    every: float = 0.5
+    """Seconds of the episode between two pictures of the animation."""
+    speed: float = 4.0
+    """How many times faster than life the animation plays."""
+    width: int = 640
+    """Pixels of a policy's picture in the animation; it is two thirds as high."""
+    rerun: Path | None = None
+    """A recording for the Rerun viewer (.rrd); of several policies, one each, with its name."""
+    tum: Path | None = None
+    """A folder for the true and the estimated trajectories in TUM's format."""
+
+    def check(self) -> None:
+        """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
+        if not self.policy:
+            raise ValueError("policy: none given; allowed: one name or more")
+        for name in ("every", "speed", "width"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        if self.save is not None and self.save.suffix not in SUFFIXES:
+            raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
+
+    @property
+    def in_window(self) -> bool:
+        """Nothing is to be written."""
+        return self.save is None and self.rerun is None and self.tum is None
+
+
+def main(args: Args) -> int:
+    """Run the command; the exit status: 2 for a bad argument, a missing package or a missing screen."""
+    try:
+        args.check()
+        for path in watch(args):
+            print(f"Written to {path}")
+    except (ValueError, ImportError, gym.error.Error) as error:
+        print(f"watch: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def watch(args: Args) -> Iterator[Path]:
+    """Run each policy's episode, and yield the files once they are written.
+
+    Raises:
+        ValueError: an unknown policy, or a bad argument of the environment.
+        ImportError, gymnasium.error.Error: what shows or records it is missing.
+    """
+    films = []
+    for name in args.policy:
+        film = Film(args.every, args.width)
+        with ExitStack() as stack:
+            looks: list[Look] = [film.look] if args.save else []
+            if args.rerun:
+                from agents.recording import Recording
+
+                path = args.rerun if len(args.policy) == 1 else args.rerun.with_stem(f"{args.rerun.stem}-{label(name)}")
+                looks.append(stack.enter_context(Recording(path, scenario_from(args.scenario), name)).log)
+            episode = _episode(args, name, looks)
+        print(summary_line(episode))
+        if args.rerun:
+            yield path
+        if args.tum:
+            yield from write_trajectories(args.tum, episode)
+        films.append(film.pictures)
+    if args.save:
+        pictures = side_by_side(films, [label(name) for name in args.policy])
+        write_animation(args.save, pictures, args.every / args.speed)
+        yield args.save
+
+
+def label(name: str) -> str:
+    """A policy's name as part of a file's name: the stem of a file of weights, the factory of a user's own."""
+    return Path(name.rpartition(":")[2]).stem
+
+
+def summary_line(episode: Episode) -> str:
+    """What the episode came to, in a line."""
+    row = outcome(episode, target_landmarks=14)
+    end = "lost" if episode.lost else f"{row['bits']:.0f} bits removed"
+    return (
+        f"{label(episode.policy)}, room {episode.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
+        f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
+    )
+
+
+def write_trajectories(folder: Path, episode: Episode) -> tuple[Path, Path]:
+    """The true and the estimated trajectory, for `evo_ape tum …`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = f"{label(episode.policy)}-{episode.seed}"
+    truth, estimate = folder / f"{stem}-true.tum", folder / f"{stem}-estimated.tum"
+    write_tum(truth, episode.times, episode.true_position, episode.true_quaternion)
+    write_tum(estimate, episode.times, episode.estimated_position, episode.estimated_quaternion)
+    return truth, estimate
+
+
+def _episode(args: Args, name: str, looks: list[Look]) -> Episode:
+    """Run one policy's episode."""
+    env = gym.make(
+        "ActiveSLAM-v0",
+        scenario=args.scenario,
+        gaze_period=args.gaze_period,
+        duration=args.duration,
+        render_mode="human" if args.in_window else "rgb_array",  # which keeps the history that a picture shows
+    )
+    try:
+        return run_episode(env, policies.resolve(name, env, args.seed), args.seed, name, looks=looks)
+    finally:
+        env.close()

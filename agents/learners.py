@@ -27,8 +27,8 @@ _LAST_RATE = 0.05
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
 
 
-def make_batch(learning: Learning, num_envs: int, seed: int, reward_scale: float) -> ScaledReward:
-    """A batch behind SB3's interface, its rewards scaled by a constant and its episodes recorded unscaled."""
+def make_batch(learning: Learning, num_envs: int, seed: int) -> ScaledReward:
+    """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are."""
     env = ActiveSLAMVecEnv(
         num_envs,
         discrete=learning.algorithm == "dqn",
@@ -37,7 +37,7 @@ def make_batch(learning: Learning, num_envs: int, seed: int, reward_scale: float
         reward=learning.reward,
     )
     env.seed(seed)
-    return ScaledReward(VecMonitor(env), reward_scale)
+    return ScaledReward(VecMonitor(env), learning.reward_scale, learning.reward_clip)
 
 
 def make_learner(learning: Learning, env: VecEnv, logs: Path) -> Any:

@@ -32,16 +32,26 @@ class Learning:
     """Weight of the policy's own entropy (PPO, A2C)."""
     reward_scale: float = 0.05
     """Constant factor of the reward; it is not normalised, which would clip the forfeit."""
+    reward_clip: float = 100.0
+    """Most that one decision may gain or lose in training, in the reward's unit: log_score has a heavy tail, and one
+    outlier drowns a rollout. Held-out rooms are judged without it."""
     width: int = 64
     """Units of each layer."""
 
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-        for name in ("total_steps", "num_envs", "width", "decision_period", "duration", "learning_rate"):
+        for name in (
+            "total_steps",
+            "num_envs",
+            "width",
+            "decision_period",
+            "duration",
+            "learning_rate",
+            "reward_scale",
+            "reward_clip",
+        ):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
-        if not self.reward_scale > 0:
-            raise ValueError(f"reward_scale must be positive, got {self.reward_scale!r}")
         if not 0.0 < self.gamma <= 1.0:
             raise ValueError(f"gamma must be in (0, 1], got {self.gamma!r}")
 

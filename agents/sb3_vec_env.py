@@ -123,11 +123,12 @@ class ActiveSLAMVecEnv(VecEnv):
 
 
 class ScaledReward(VecEnvWrapper):
-    """Rewards times a constant: no running normalisation, which would clip the forfeit of a lost run."""
+    """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift."""
 
-    def __init__(self, venv: VecEnv, scale: float) -> None:
+    def __init__(self, venv: VecEnv, scale: float, clip: float = np.inf) -> None:
         super().__init__(venv)
         self.scale = scale
+        self.clip = clip
 
     def reset(self) -> np.ndarray:
         """As the wrapped environment."""
@@ -136,4 +137,4 @@ class ScaledReward(VecEnvWrapper):
     def step_wait(self) -> VecEnvStepReturn:
         """As the wrapped environment, the rewards scaled."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        return observations, self.scale * rewards, dones, infos
+        return observations, self.scale * np.clip(rewards, -self.clip, self.clip), dones, infos

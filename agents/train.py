@@ -71,10 +71,8 @@ def train(args: Args) -> bool:
 
     args.check()
     _claim(args)
-    env = learners.make_batch(
-        args, args.num_envs, learners.TRAINING_SEEDS + args.num_envs * args.seed, args.reward_scale
-    )
-    rooms = learners.make_batch(args, args.held_out_rooms, learners.HELD_OUT_SEEDS, 1.0)
+    env = learners.make_batch(args, args.num_envs, learners.TRAINING_SEEDS + args.num_envs * args.seed)
+    rooms = learners.make_batch(args, args.held_out_rooms, learners.HELD_OUT_SEEDS)
     checkpoint = args.out / CHECKPOINT
     goes_on = checkpoint.exists()
     learner = (

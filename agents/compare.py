@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import closing
@@ -24,6 +25,7 @@ from agents.figures import draw_all
 from agents.files import write_csv, write_json, write_text
 from agents.outcome import outcome
 from agents.parallel import run_all
+from agents.report import provenance, put_section
 from agents.summary import Summary, summarise
 
 ENVIRONMENT = "ActiveSLAM-v0"
@@ -46,7 +48,7 @@ class Args:
     out: Path = Path("results/compare")
     """Folder of the results."""
     scenario: str = "paper"
-    """Name of the scenario."""
+    """Name of the scenario, or its fields as JSON: '{"pixel_std": 4.0}'."""
     gaze_period: float | None = None
     """Seconds between gaze commands; one frame of the scenario if not given."""
     motion_period: float = 1.0
@@ -65,6 +67,8 @@ class Args:
     """Processes."""
     resume: bool = False
     """Take the finished episodes that `out` holds for the same settings instead of running them again."""
+    report: Path | None = None
+    """A Markdown file whose section "compare" gets the tables, for instance RESULTS.md."""
     figures: bool = True
     """Draw the figures (needs matplotlib)."""
 
@@ -84,7 +88,16 @@ class Args:
     def environment(self) -> dict[str, Any]:
         """Arguments of the environment."""
         names = ("scenario", "gaze_period", "motion_period", "duration", "lost_position_error")
-        return {name: getattr(self, name) for name in names}
+        return {name: getattr(self, name) for name in names} | {"scenario": scenario_argument(self.scenario)}
+
+    @property
+    def command(self) -> str:
+        """What runs this comparison."""
+        given = f"--policies {' '.join(self.names)} --episodes {self.episodes} --seed {self.seed}"
+        other = [name for name in ("scenario", "gaze_period") if getattr(self, name) != getattr(Args, name)]
+        return f"python -m agents compare {given}" + "".join(
+            f" --{name.replace('_', '-')} {shlex.quote(str(getattr(self, name)))}" for name in other
+        )
 
 
 @dataclass(frozen=True)
@@ -142,9 +155,21 @@ def compare(args: Args) -> Summary | None:
         summary.notes.append("No figures: matplotlib is not installed (pip install matplotlib).")
     write_json(args.out / "summary.json", summary.as_dict())
     write_text(args.out / "summary.md", tables.markdown(summary))
+    if args.report:
+        put_section(args.report, "compare", f"{provenance(args.command)}\n\n{tables.markdown(summary)}")
     if drawn:
         draw_all(episodes, args.out)
     return summary
+
+
+def scenario_argument(text: str) -> str | dict[str, Any]:
+    """A scenario as the command line gives it: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
+    if not text.lstrip().startswith("{"):
+        return text
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"scenario: {text!r} is no JSON object ({error})") from error
 
 
 def make_environment(settings: dict[str, Any]) -> gym.Env:

@@ -69,11 +69,12 @@ def summarise(
     honesty_times: Sequence[float] = (5.0, 15.0, 35.0),
     settings: dict[str, Any] | None = None,
 ) -> Summary:
-    """Figures of `episodes`, against `reference` (where it was run) and against the best baseline (most bits)."""
+    """Figures of `episodes`, and pairs against `reference`, the best baseline (most bits) and the highest log score."""
     by_policy = grouped(episodes)
     policies = {name: _figures(runs, target_landmarks) for name, runs in by_policy.items()}
     best = best_baseline(policies)
-    references = [name for name in dict.fromkeys((reference, best)) if name in policies and len(policies) > 1]
+    wanted = dict.fromkeys((reference, best, by_log_score(policies)[0]))
+    references = [name for name in wanted if name in policies and len(policies) > 1]
     return Summary(
         settings=settings or {},
         policies=policies,
@@ -103,6 +104,11 @@ def best_baseline(policies: dict[str, dict[str, Estimate]]) -> str | None:
     """The baseline with the most bits, or None where none was run."""
     candidates = [name for name in policies if name in baselines.names()]
     return max(candidates, key=lambda name: policies[name]["bits"].value, default=None)
+
+
+def by_log_score(policies: dict[str, dict[str, Estimate]]) -> list[str]:
+    """The policies, the highest mean log score gain first."""
+    return sorted(policies, key=lambda name: -policies[name]["log_score_gain"].value)
 
 
 def _figures(runs: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
@@ -157,9 +163,9 @@ def _headline(
     by_policy: dict[str, list[Episode]], policies: dict[str, dict[str, Estimate]], target_landmarks: int
 ) -> str:
     """Who learned most by the log score, and its lead in the same rooms."""
-    gains = {name: figures["log_score_gain"] for name, figures in policies.items()}
-    first, *others = sorted(gains, key=lambda name: -gains[name].value)
-    headline = f"Highest mean log score gain (overconfidence cannot win it): {first}, {gains[first].text()} bits"
+    first, *others = by_log_score(policies)
+    gain = policies[first]["log_score_gain"].text()
+    headline = f"Highest mean log score gain (overconfidence cannot win it): {first}, {gain} bits"
     if not others:
         return f"{headline}."
     lead = _paired(by_policy[first], by_policy[others[0]], target_landmarks)["log_score_gain"]

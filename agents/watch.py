@@ -14,6 +14,7 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import scenario_from
 from activeslam_gym.metrics import write_tum
 from agents import policies
+from agents.compare import scenario_argument
 from agents.evaluate import Episode, Look, run_episode
 from agents.film import SUFFIXES, Film, side_by_side, write_animation
 from agents.outcome import outcome
@@ -28,7 +29,7 @@ class Args:
     seed: int = 1_000_000
     """The room: reset(seed=seed)."""
     scenario: str = "paper"
-    """Name of the scenario."""
+    """Name of the scenario, or its fields as JSON."""
     gaze_period: float | None = None
     """Seconds between gaze commands; one frame of the scenario if not given."""
     duration: float = 35.0
@@ -89,8 +90,10 @@ def watch(args: Args) -> Iterator[Path]:
             if args.rerun:
                 from agents.recording import Recording
 
-                path = args.rerun if len(args.policy) == 1 else args.rerun.with_stem(f"{args.rerun.stem}-{label(name)}")
-                looks.append(stack.enter_context(Recording(path, scenario_from(args.scenario), name)).log)
+                several = len(args.policy) > 1
+                path = args.rerun.with_stem(f"{args.rerun.stem}-{label(name)}") if several else args.rerun
+                scenario = scenario_from(scenario_argument(args.scenario))
+                looks.append(stack.enter_context(Recording(path, scenario, name)).log)
             episode = _episode(args, name, looks)
         print(summary_line(episode))
         if args.rerun:
@@ -133,7 +136,7 @@ def _episode(args: Args, name: str, looks: list[Look]) -> Episode:
     """Run one policy's episode."""
     env = gym.make(
         "ActiveSLAM-v0",
-        scenario=args.scenario,
+        scenario=scenario_argument(args.scenario),
         gaze_period=args.gaze_period,
         duration=args.duration,
         render_mode="human" if args.in_window else "rgb_array",  # which keeps the history that a picture shows

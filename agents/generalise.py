@@ -1,0 +1,97 @@
+"""`python -m agents generalise`: the same policies, without retraining, where they were not trained."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from agents import compare
+from agents.files import write_json, write_text
+from agents.report import provenance, put_section
+from agents.summary import Summary
+from agents.tables import ERRORS, LEARNED, Table, legend, pipes
+
+CONDITIONS: dict[str, str] = {
+    "default": "paper",
+    "60 landmarks": json.dumps({"landmark_count": 60}),
+    "hall": "hall",
+    "clutter": "clutter",
+    "1 px": json.dumps({"pixel_std": 1.0}),
+    "4 px": json.dumps({"pixel_std": 4.0}),
+}
+"""Name → scenario: the default, a denser room, a large one, 5 % missed and 2 false detections a frame, other noise."""
+
+
+@dataclass(frozen=True)
+class Args:
+    """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
+
+    policies: tuple[str, ...] = ("ppo", "ppo-entropy", "mi-constant", "mi-fisher", "sweep")
+    """Names of policies, as for compare."""
+    episodes: int = 50
+    """Rooms for each policy and condition."""
+    seed: int = 1_000_000
+    """Episode j is reset(seed=seed + j)."""
+    out: Path = Path("results/generalise")
+    """Folder of the results; what it holds of the same rooms is not run again."""
+    report: Path | None = None
+    """A Markdown file whose section "generalise" gets the table, for instance RESULTS.md."""
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Processes."""
+
+    @property
+    def command(self) -> str:
+        """What runs this."""
+        policies = " ".join(self.policies)
+        return f"python -m agents generalise --policies {policies} --episodes {self.episodes} --seed {self.seed}"
+
+
+def main(args: Args) -> int:
+    """Run the command; the exit status: 2 for a bad argument, 130 when interrupted."""
+    summaries: dict[str, Summary] = {}
+    try:
+        for name, scenario in CONDITIONS.items():
+            print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
+            summary = compare.compare(_comparison(args, name, scenario))
+            if summary is None or not summary.settings["complete"]:
+                print("Interrupted; the same command goes on.")
+                return 130
+            summaries[name] = summary
+    except ValueError as error:
+        print(f"generalise: {error}", file=sys.stderr)
+        return 2
+    text = f"{pipes(table(summaries))}\n\n{legend()}"
+    write_text(args.out / "generalise.md", text + "\n")
+    write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
+    if args.report:
+        put_section(args.report, "generalise", f"{provenance(args.command)}\n\n{text}")
+    print(f"\n{text}\n\nWritten to {args.out}/")
+    return 0
+
+
+def table(summaries: dict[str, Summary]) -> Table:
+    """A row for each condition and policy."""
+    columns = (*LEARNED, *ERRORS[:2])
+    rows = [
+        [condition, policy, *(figures[column.key].text(column.scale, column.digits) for column in columns)]
+        for condition, summary in summaries.items()
+        for policy, figures in summary.policies.items()
+    ]
+    return Table("Where they were not trained", ["condition", "policy", *(c.title for c in columns)], rows)
+
+
+def _comparison(args: Args, name: str, scenario: str) -> compare.Args:
+    """The comparison in one condition."""
+    return compare.Args(
+        policies=args.policies,
+        episodes=args.episodes,
+        seed=args.seed,
+        out=args.out / name.replace(" ", "-"),
+        scenario=scenario,
+        jobs=args.jobs,
+        resume=True,
+        figures=False,
+    )

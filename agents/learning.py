@@ -28,13 +28,14 @@ class Learning:
     """Discount per decision."""
     learning_rate: float = 7e-4
     """First learning rate; it falls linearly to a twentieth."""
-    entropy_bonus: float = 0.01
+    entropy_bonus: float = 0.005
     """Weight of the policy's own entropy (PPO, A2C)."""
     reward_scale: float = 0.05
     """Constant factor of the reward; it is not normalised, which would clip the forfeit."""
-    reward_clip: float = 100.0
-    """Most that one decision may gain or lose in training, in the reward's unit: log_score has a heavy tail, and one
-    outlier drowns a rollout. Held-out rooms are judged without it."""
+    reward_clip: float = 600.0
+    """Most that one decision may gain or lose in training, in the reward's unit: above the forfeit of a lost run, below
+    the thousands of bits of log_score that a rare gross error costs, which would drown a rollout. Held-out rooms are
+    judged without it."""
     width: int = 64
     """Units of each layer."""
 

@@ -7,7 +7,8 @@ to be; the network is built anew for the environment at hand.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -81,7 +82,7 @@ class LearnedPolicy:
 
     def _decide(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
-        with torch.inference_mode():
+        with torch.inference_mode(), _one_thread():
             logits = self._logits(torch.as_tensor(observations))
             if deterministic or len(logits) == 1:  # values are no probabilities
                 chosen = [part.argmax(dim=1) for part in logits]
@@ -89,6 +90,17 @@ class LearnedPolicy:
                 chosen = [torch.multinomial(part.softmax(dim=1), 1)[:, 0] for part in logits]
             parts = [part.numpy() for part in chosen]
         return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """PyTorch on one thread: a network this small is slower, by far, where several have to meet."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> Logits:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -49,6 +48,5 @@ def _start_worker() -> None:
     """Leave Ctrl-C to the parent, and one thread to each process."""
     from threadpoolctl import threadpool_limits
 
-    os.environ["OMP_NUM_THREADS"] = "1"  # for PyTorch, which is not yet imported
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threadpool_limits(1)

@@ -24,44 +24,137 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     """A camera with six degrees of freedom maps a room by bearing-only EKF SLAM and is told where to go and to look.
 
     ## Description
+
     After Vidal-Calleja, Davison, Andrade-Cetto and Murray, *Active Control for Single Camera SLAM* (ICRA 2006). A true
     camera moves in a room of point landmarks and yields unlabelled, noisy pixels. An extended Kalman filter with one
     joint covariance of camera and map makes what it can of them. The agent moves the camera so that the filter knows
     the most.
 
+    World axes: Y is up, X and Z are horizontal, the origin is the centre of the room. Camera axes: x left, y up,
+    z forward. Below, N is the number of unknown landmarks (27 in the scenario `paper`), K that of fiducials (6).
+
     ## Action space
-    `MultiDiscrete([7, 3])`: a translation of 0.3 m along the camera's axes (`Motion`: FORWARD, BACKWARDS, RIGHT, LEFT,
-    UP, DOWN, STAY) and a turn about the vertical at 0.2 rad/s (`Gaze`: RIGHT, LEFT, STAY). One step is one
-    `gaze_period`. Gaze acts at once; the translation is read on the first step of each `motion_period` and held until
-    the period is over. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index = 3 motion + gaze.
+
+    `MultiDiscrete([7, 3])`, a motion and a gaze:
+
+    | Index | Motion: a translation of 0.3 m [^step] | Gaze: a turn at 0.2 rad/s [^step] |
+    |---|---|---|
+    | 0 | FORWARD, along the camera's z | RIGHT, about the world's vertical |
+    | 1 | BACKWARDS | LEFT |
+    | 2 | RIGHT, against the camera's x | STAY: stop turning |
+    | 3 | LEFT | |
+    | 4 | UP, along the camera's y | |
+    | 5 | DOWN | |
+    | 6 | STAY: hold the position | |
+
+    [^step]: `step_length` and `turn_rate` of the scenario.
+
+    The enums `Motion` and `Gaze` have these names. One step is one `gaze_period`. Gaze acts at once; the motion is read
+    on the first step of each `motion_period`, from the estimated pose, and held until the period is over; its goal is
+    clipped to lie 0.4 m inside the walls. In between, the motion of an action is ignored. `ActiveSLAMDiscrete-v0` takes
+    `Discrete(21)` instead, index = 3 motion + gaze.
 
     ## Observation space
-    A flat float32 `Box` in [-1, 1] of what the belief holds, nothing of the truth; `observation_layout(env)` names its
-    parts: global features, then a token of equal width for each fiducial and each landmark slot.
+
+    A flat float32 `Box` in [-1, 1], of what the belief holds and nothing of the truth. First the global features:
+
+    | Feature | Size | What it is | Is 1 at |
+    |---|---|---|---|
+    | `position` | 3 | estimated position, world axes | a wall: half the room's size |
+    | `forward` | 3 | the camera's z in world axes | unit vector |
+    | `up` | 3 | the camera's y in world axes | unit vector |
+    | `velocity` | 3 | estimated velocity, world axes | 1 m/s |
+    | `angular_velocity` | 3 | estimated angular velocity, world axes | 1 rad/s |
+    | `time` | 1 | time since the reset | `duration` |
+    | `phase` | 1 | steps since the motion period began | `motion_period` |
+    | `motion` | 7 | the motion under way, one-hot; STAY after a reset | |
+    | `uncertainty` | 4 | log10 of the RMS deviation of position [m], rotation [rad] and their rates, over 3 | 10³ |
+    | `mapped` | 1 | mapped features over N | N |
+    | `counting` | 1 | features that count in the entropy over N | N |
+    | `features` | 1 | features in the filter over its slots | N + 13 |
+    | `gain` | 1 | entropy removed since the reset, over the belief's dimensions 12 + 3 N | 10 bit per dimension |
+
+    Then K + N + 13 tokens of equal width: the fiducials, then the filter's feature slots. A feature keeps its slot for
+    life; expected landmarks that no feature has retired take free slots; a token that stands for nothing is zero.
+
+    | Feature | Size | What it is | Is 1 at |
+    |---|---|---|---|
+    | `direction` | 3 | from the camera to the point, camera axes | unit vector |
+    | `log_distance` | 1 | log10 of the distance [m], over 1.5 | 32 m |
+    | `log_uncertainty` | 1 | log10 of the deviation [m], geometric mean of three axes, over 3 | 10³ m |
+    | `log_depth_uncertainty` | 1 | log10 of the deviation along the line of sight over the distance, over 3 | 10³ |
+    | `in_view` | 1 | 1 if its predicted pixel lies in the image | |
+    | `fiducial` | 1 | 1 for a point of known position (its uncertainties are -1) | |
+    | `expected` | 1 | 1 for a landmark that is expected and not found yet | |
+    | `initialising` | 1 | 1 for a feature whose depth is not known well enough to be mapped | |
+    | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
+
+    Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; its
+    size, 32 + 11 (K + N + 13), depends on the scenario alone and its scaling on nothing but the scenario's room.
 
     ## Reward
-    The gain of a potential during the step, by default the entropy removed [bit], so that an episode's rewards sum to
-    what was learned. A lost run forfeits it: its last reward adds -max(0, return so far). See `envs.reward`.
+
+    The gain of a potential during the step, by default (`reward="entropy"`) minus the entropy of the belief [bit], so
+    that an episode's rewards sum to what was learned. The entropy is that of camera and N landmarks at a constant
+    dimension: an expected landmark that no feature has retired holds its prior. A lost run forfeits what it gained:
+    its last reward adds -max(0, return so far), whatever the reward. The potentials are listed in `envs.reward`.
 
     ## Start
-    A room drawn from the seed; the camera at its centre, at rest, facing six fiducials; its true pose drawn from the
-    prior.
+
+    A room drawn from the seed: landmarks uniform in it, and the same number of *expected* landmarks, uniform too and
+    independent of the true ones. The estimate is at the room's centre, at rest, facing K fiducials 1.2 to 2 m ahead;
+    the true pose is drawn from the prior. The noise of frame k is the same whatever was done before it, so that two
+    policies with the same seed are compared in pairs. `options` are ignored.
 
     ## End
-    `truncated` at `duration`. `terminated` when lost: a true position error over `lost_position_error`, or a public
-    covariance that is not positive definite.
+
+    - *Truncated* after `duration`.
+    - *Terminated* when lost: the true position is farther than `lost_position_error` from the estimate, or the public
+      covariance is not positive definite. Neither is ever an exception, and no number becomes NaN.
 
     ## Arguments
-    `scenario` (a name, a dict of fields or a `Scenario`), `gaze_period` [s] (None: one frame), `motion_period` [s],
-    `duration` [s], `reward` (a name of `envs.reward.REWARDS`), `lost_position_error` [m], `render_mode`.
+
+    | Argument | Default | What it is |
+    |---|---|---|
+    | `scenario` | `"paper"` | a name in `SCENARIOS`, a dict of the fields of `Scenario`, or a `Scenario` |
+    | `gaze_period` | `None` | time of a step [s], a whole number of frames; `None`: one frame (50 ms in `paper`) |
+    | `motion_period` | `1.0` | time of a translation [s], a whole number of gaze periods |
+    | `duration` | `35.0` | time of an episode [s], a whole number of gaze periods |
+    | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |
+    | `lost_position_error` | `0.5` | true position error beyond which the run is lost [m] |
+    | `render_mode` | `None` | `"rgb_array"` or `"human"` |
 
     ## Information
-    `info` has `entropy` [bit], `log2_det` (camera, map, total), `log_score` [bit] (gain of the log density of the
-    truth), `landmarks_mapped`, `distinct_landmarks`, `position_error` [m], `orientation_error` [rad], `landmark_rmse`
-    [m], `position_nees`, `lost`, `reward_terms`, `events`.
+
+    `info` of every `reset` and `step`, of plain Python values; it may read the truth, so it is for referees.
+
+    | Key | Unit | What it is |
+    |---|---|---|
+    | `entropy` | bit | of camera and N landmarks, at constant dimension |
+    | `log2_det` | bit | log2 of the determinant of the covariance of `camera`, `map` and `total` |
+    | `log_score` | bit | log2 of the density of the truth under the belief, against that of the reset |
+    | `landmarks_mapped` | | mapped features |
+    | `distinct_landmarks` | | true landmarks that a mapped feature stands for |
+    | `position_error` | m | of the camera |
+    | `orientation_error` | rad | of the camera |
+    | `landmark_rmse` | m | over the distinct landmarks; inf until there is one |
+    | `position_nees` | | error squared over covariance, 3 degrees of freedom |
+    | `lost` | | whether the run is lost |
+    | `reward_terms` | | gain of every potential of `envs.reward` in this step, and `forfeit` |
+    | `events` | | counts in this step, see below |
+
+    | Event | What it counts |
+    |---|---|
+    | `births` | features that joined the filter |
+    | `conversions` | features that became points |
+    | `deletions` | features that left the filter |
+    | `rejected_matches` | detections in a gate that were too ambiguous to be used |
+    | `wrong_matches` | matches with another point than the one that the feature stands for |
+    | `wall_contacts` | frames and axes in which the camera touched a wall |
 
     ## Version history
-    v0: the first.
+
+    - v0: the first.
 
     Raises:
         ValueError: a bad argument or action; the message names it, its value and what is allowed.

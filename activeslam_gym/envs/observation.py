@@ -34,14 +34,7 @@ GLOBAL_FEATURES = {
     "features": 1,
     "gain": 1,
 }
-"""Name and length of each global feature, in order:
-
-`position`: the estimate over half the room's size; `forward`, `up`: the camera's axes in the world; `velocity` [m/s]
-and `angular_velocity` [rad/s]; `time` over the duration; `phase` of the motion period; `motion` under way, one-hot;
-`uncertainty`: log10 of the root-mean-square deviation of position [m], rotation [rad], velocity and angular velocity,
-over 3; `mapped` and `counting` features over N, `features` over the slots; `gain`: entropy removed so far, in tens of
-bits per dimension.
-"""
+"""Name and length of each global feature, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 TOKEN_FEATURES = {
     "direction": 3,
@@ -54,12 +47,7 @@ TOKEN_FEATURES = {
     "initialising": 1,
     "mapped": 1,
 }
-"""Name and length of each feature of a token, in order:
-
-`direction` in camera axes; `log_distance`: log10 of the distance [m] over 1.5; `log_uncertainty`: log10 of the
-geometric mean deviation [m] over 3; `log_depth_uncertainty`: log10 of the deviation along the line of sight over the
-distance, over 3; `in_view`; then the kind, one-hot. A token that stands for nothing is zero.
-"""
+"""Name and length of each feature of a token, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 _LOG_FLOOR = 1e-3
 """Deviations below this are told as this: 1 mm, 1 mrad."""

@@ -37,7 +37,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     `MultiDiscrete([7, 3])`, a motion and a gaze:
 
-    | Index | Motion: a translation of 0.3 m [^step] | Gaze: a turn at 0.2 rad/s [^step] |
+    | Index | Motion: a translation of 0.3 m | Gaze: a turn at 0.2 rad/s |
     |---|---|---|
     | 0 | FORWARD, along the camera's z | RIGHT, about the world's vertical |
     | 1 | BACKWARDS | LEFT |
@@ -47,12 +47,11 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | 5 | DOWN | |
     | 6 | STAY: hold the position | |
 
-    [^step]: `step_length` and `turn_rate` of the scenario.
-
-    The enums `Motion` and `Gaze` have these names. One step is one `gaze_period`. Gaze acts at once; the motion is read
-    on the first step of each `motion_period`, from the estimated pose, and held until the period is over; its goal is
-    clipped to lie 0.4 m inside the walls. In between, the motion of an action is ignored. `ActiveSLAMDiscrete-v0` takes
-    `Discrete(21)` instead, index = 3 motion + gaze.
+    The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
+    One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
+    the estimated pose, and held until the period is over; its goal is clipped to lie 0.4 m inside the walls. In
+    between, the motion of an action is ignored. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index =
+    3 motion + gaze.
 
     ## Observation space
 

@@ -13,6 +13,7 @@ from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import STEPS, Run, play
 from activeslam_gym.envs.views import PublicBelief, PublicBeliefs, Truth
 from activeslam_gym.envs.workers import Workers
+from activeslam_gym.information import Prospect
 
 
 class Reads:
@@ -140,6 +141,15 @@ class SingleReads(Reads):
     def belief(self) -> PublicBelief:
         """The belief, with every feature as a point; read-only."""
         return readout.public_belief(self._run)
+
+    @property
+    def prospect(self) -> Prospect:
+        """What the criteria score: the belief without rays, and the landmarks that are expected and not found yet.
+
+        A copy, in the form that the functions of `information` take, for policies with a criterion of their own.
+        """
+        prospect = planning.prospect(self._run.simulation)
+        return prospect._replace(fiducials=prospect.fiducials.copy())
 
     @property
     def truth(self) -> Truth:

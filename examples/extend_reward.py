@@ -1,0 +1,40 @@
+"""A reward of your own: a wrapper that reads `info` or the belief. Here a translation has a price in bits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import activeslam_gym  # noqa: F401  (registers the environment)
+from activeslam_gym import Motion
+
+
+# --8<-- [start:wrapper]
+class PricedMotion(gym.Wrapper[np.ndarray, Any, np.ndarray, Any]):
+    """The environment's own reward [bit], less a price for every period in which the camera translates.
+
+    The price is one more of `info["reward_terms"]`.
+    """
+
+    def __init__(self, env: gym.Env[np.ndarray, Any], price: float = 1.0) -> None:
+        super().__init__(env)
+        self.price = price  # [bit] a translation
+
+    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        inner: Any = self.env.unwrapped
+        is_read = inner.motion_phase == 0  # in between, the motion of an action is ignored
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        cost = self.price if is_read and action[0] != Motion.STAY else 0.0
+        info["reward_terms"]["price"] = -cost
+        return observation, float(reward) - cost, terminated, truncated, info
+
+
+# --8<-- [end:wrapper]
+
+if __name__ == "__main__":
+    env = PricedMotion(gym.make("ActiveSLAM-v0", gaze_period=0.25), price=2.0)
+    env.reset(seed=0)
+    total = sum(float(env.step((Motion.RIGHT, 1))[1]) for _ in range(40))
+    print(f"{total:.1f} bits in 10 s, ten translations paid")

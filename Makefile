@@ -9,7 +9,7 @@ PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency bench test lint clean
+.PHONY: help demo consistency bench docs test lint clean
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -23,8 +23,12 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, bo
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench
 
-test: lint ## lint, then every test but the slow ones
-	$(RUN) -m pytest -n $(WORKERS)
+docs: $(VENV)/.docs ## the manual, in results/site; a warning is an error
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict
+	@echo "Open results/site/index.html"
+
+test: lint ## lint, then every test but the slow ones, and the notebooks
+	$(RUN) -m pytest -n $(WORKERS) --nbmake --nbmake-timeout=300 tests notebooks
 
 lint: $(VENV)/.dev ## ruff (lint and format) and mypy
 	$(RUN) -m ruff check .
@@ -54,7 +58,12 @@ $(VENV)/.bench: pyproject.toml | $(VENV)/.made
 	@$(PIP) --editable '.[bench]'
 	@touch $@
 
+$(VENV)/.docs: pyproject.toml | $(VENV)/.made
+	@echo "Installing what the manual needs into $(VENV) (once)"
+	@$(PIP) --editable '.[docs]'
+	@touch $@
+
 $(VENV)/.dev: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the tests need, PyTorch among it, into $(VENV) (once; takes a few minutes)"
-	@$(PIP) --editable '.[agents,compare,dev,plot]'
+	@$(PIP) --editable '.[agents,compare,dev,docs,notebooks,plot]'
 	@touch $@

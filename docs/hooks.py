@@ -1,4 +1,4 @@
-"""What MkDocs does beside its plugins: pages from the repository's root, links between the two, and formulas.
+"""What MkDocs does beside its plugins: pages from the repository's root, their links, tables of code, and formulas.
 
 Markdown files are written for the repository, where a link is relative to the file and may lead to any other file. On
 the site a link to a page stays a link, and of one to another file the text is left.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +23,15 @@ FROM_THE_ROOT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTIN
 README_PAGE = "index.md"
 """Where a link to the README leads."""
 
+_TABLE = re.compile(r"<!-- table: (\w+) -->")
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _log = logging.getLogger("mkdocs.hooks")
+
+
+def on_startup(**_: Any) -> None:
+    """Read the code beside this file, whatever else is installed."""
+    sys.path.insert(0, str(ROOT))
 
 
 def on_config(config: Any) -> Any:
@@ -46,8 +53,11 @@ def on_files(files: Any, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Make the links those of the site."""
-    return site_links(markdown, source_of(page.file.src_uri).parent)
+    """Make the links those of the site, and the tables that come from the code."""
+    from docs.tables import TABLES
+
+    links = site_links(markdown, source_of(page.file.src_uri).parent)
+    return _TABLE.sub(lambda table: TABLES[table[1]](), links)
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -45,4 +45,4 @@ if __name__ == "__main__":
     scores = position_variance_reduction(env)
     for index in Motion:
         print(f"{index.name:10} {1e4 * scores[index]:8.3f} cm^2")
-    print("best:", Motion(best(scores)).name)
+    print("best:", Motion(int(best(scores))).name)

@@ -73,10 +73,3 @@ def test_readme_has_a_snippet() -> None:
 def test_readme_snippet_runs(snippet: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     exec(compile(snippet, "<README.md>", "exec", dont_inherit=True), {"__name__": "readme"})
-
-
-def test_readme_links_to_files_that_exist() -> None:
-    text = re.sub(r"<!--.*?-->", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
-    links = [link for link in re.findall(r"\]\(([^)#]+)", text) if "://" not in link]
-    assert links
-    assert not [link for link in links if not (ROOT / link).exists()]

@@ -88,8 +88,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `initialising` | 1 | 1 for a feature whose depth is not known well enough to be mapped | |
     | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
 
-    Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; its
-    size, 32 + 11 (K + N + 13), depends on the scenario alone and its scaling on nothing but the scenario's room.
+    Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; the
+    size, 32 + 11 (K + N + 13), depends on the scenario alone.
 
     ## Reward
 

@@ -1,0 +1,54 @@
+"""Tables of the manual that are made from the code: `<!-- table: scenarios -->` in a page becomes one of these."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from activeslam_gym import config
+
+
+def scenarios() -> str:
+    """The named scenarios, and what is not as in the first of them."""
+    first, *others = config.SCENARIOS.values()
+    rows = [(f"`{first.name}`", "")]
+    for scenario in others:
+        fields = [field.name for field in dataclasses.fields(scenario) if field.name != "name"]
+        changed = [name for name in fields if getattr(scenario, name) != getattr(first, name)]
+        told = [f"`{name}` {_shown(getattr(scenario, name))}" for name in changed]
+        rows.append((f"`{scenario.name}`", "; ".join(told)))
+    return _table(("Scenario", f"Where it differs from `{first.name}`"), rows)
+
+
+def fields() -> str:
+    """Every field of a scenario with its default, and the docstring under it."""
+    told = _field_docstrings(config.Scenario)
+    rows = [(f"`{f.name}`", _shown(f.default), told[f.name]) for f in dataclasses.fields(config.Scenario)]
+    return _table(("Field", "Default", "What it is"), rows)
+
+
+TABLES = {"scenarios": scenarios, "fields": fields}
+
+
+def _field_docstrings(cls: type) -> dict[str, str]:
+    """The string that stands under each annotated field of a class, in one line."""
+    body = ast.parse(inspect.getsource(cls)).body[0].body  # type: ignore[attr-defined]
+    return {
+        field.target.id: " ".join(inspect.cleandoc(under.value.value).split())
+        for field, under in zip(body, body[1:])
+        if isinstance(field, ast.AnnAssign) and isinstance(under, ast.Expr)
+    }
+
+
+def _shown(value: Any) -> str:
+    """A value as a reader types it; floats to four digits, as 45 degrees are 0.7854 rad."""
+    if isinstance(value, tuple):
+        return ", ".join(_shown(part) for part in value)
+    return f"{value:.4g}" if isinstance(value, float) else f"`{value!r}`" if isinstance(value, str) else str(value)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows))

@@ -1,0 +1,171 @@
+"""The manual tells the truth: its tables are the code's, its code runs, its names exist, and it builds."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+import activeslam_gym
+from activeslam_gym import ActiveSLAMEnv, Gaze, Motion, observation_layout
+from activeslam_gym.config import SCENARIOS
+from activeslam_gym.envs.reward import REWARDS
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(
+    path for pattern in ("*.md", "docs/**/*.md", ".github/**/*.md") for path in ROOT.glob(pattern) if path.is_file()
+)
+SPECIFICATION = inspect.getdoc(ActiveSLAMEnv) or ""
+
+
+def rows(markdown: str) -> list[list[str]]:
+    """The cells of every row of every table, heads and rules left out."""
+    lines = [line.strip() for line in markdown.splitlines()]
+    tables = [line for line in lines if line.startswith("|")]
+    body = [line for i, line in enumerate(tables) if "---" not in line and "---" not in "".join(tables[i + 1 : i + 2])]
+    return [[cell.strip() for cell in line.strip("|").split(" | ")] for line in body]
+
+
+def section(title: str) -> str:
+    """A section of the environment's specification."""
+    found = re.search(rf"^## {title}\n(.*?)(?=^## |\Z)", SPECIFICATION, re.DOTALL | re.MULTILINE)
+    assert found, f"the specification has no section {title}"
+    return found[1]
+
+
+def first_names(title: str) -> list[str]:
+    return [row[0].strip("`") for row in rows(section(title))]
+
+
+# The environment's specification ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_observation_table_is_the_layout(scenario: str) -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=scenario)
+    layout = observation_layout(env)
+    sizes = [(name, at.stop - at.start) for name, at in [*layout.global_slices.items(), *layout.token_slices.items()]]
+    assert [(row[0].strip("`"), int(row[1])) for row in rows(section("Observation space"))] == sizes
+    inner = env.unwrapped.scenario
+    assert layout.size == 32 + 11 * (inner.fiducial_count + inner.landmark_count + 13)
+    assert "32 + 11 (K + N + 13)" in section("Observation space")
+
+
+def test_action_table_is_the_enums() -> None:
+    told = rows(section("Action space"))
+    assert [(int(row[0]), re.match(r"\w+", row[1])[0]) for row in told] == [(m.value, m.name) for m in Motion]
+    gazes = [re.match(r"\w+", row[2])[0] for row in told if len(row) > 2 and row[2].strip("| ")]
+    assert gazes == [gaze.name for gaze in Gaze]
+
+
+def test_argument_table_is_the_signature() -> None:
+    signature = inspect.signature(ActiveSLAMEnv.__init__).parameters
+    told = [(row[0].strip("`"), row[1].strip("`")) for row in rows(section("Arguments"))]
+    defaults = [(name, repr(p.default).replace("'", '"')) for name, p in signature.items() if name != "self"]
+    assert told == defaults
+
+
+def test_information_tables_are_what_is_returned() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    infos = [env.reset(seed=0)[1], env.step((Motion.UP, Gaze.LEFT))[4]]
+    for info in infos:
+        assert sorted(first_names("Information")) == sorted([*info, *info["events"]])
+        assert list(info["reward_terms"]) == [*REWARDS, "forfeit"]
+
+
+def test_reward_table_is_the_rewards() -> None:
+    from activeslam_gym.envs import reward
+
+    assert [row[0].strip("`") for row in rows(reward.__doc__ or "")] == list(REWARDS)
+
+
+def test_every_registered_version_has_a_history() -> None:
+    versions = {name.rsplit("-", 1)[1] for name in gym.registry if name.startswith("ActiveSLAM")}
+    assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
+
+
+# Pages --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_relative_links_lead_to_files(page: Path) -> None:
+    text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    links = [link for link in re.findall(r"\]\(([^)\s#]+)", text) if not re.match(r"[a-z]+:", link)]
+    generated = {"changelog.md", "contributing.md", "results.md"}  # on the site they come from the root
+    assert not [link for link in links if not (page.parent / link).exists() and link not in generated]
+
+
+SNIPPETS = [
+    pytest.param(page.name, code, id=f"{page.stem}-{i}")
+    for page in PAGES
+    if page.parent == ROOT / "docs"
+    for i, code in enumerate(re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.M))
+    if "--8<--" not in code
+]
+
+
+@pytest.mark.parametrize(("page", "code"), SNIPPETS)
+def test_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, f"<{page}>", "exec", dont_inherit=True), {"__name__": "manual"})
+
+
+def test_the_mathematics_names_code_that_exists() -> None:
+    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+    named = {name for row in rows(text) for name in re.findall(r"`((?:\w+\.)+\w+)`", row[-1])}
+    named |= set(re.findall(r"`((?:slam|information|motion|camera|metrics|envs)\.[\w.]+)`", text))
+    assert len(named) > 30
+    for name in named:
+        module, attribute = name.rsplit(".", 1)
+        assert hasattr(importlib.import_module(f"activeslam_gym.{module}"), attribute), name
+
+
+def test_the_mathematics_names_every_criterion() -> None:
+    from activeslam_gym.information import CRITERIA
+
+    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+    assert {row[0].strip("`") for row in rows(text)} >= set(CRITERIA)
+
+
+def test_the_table_of_the_fisher_trace_is_computed() -> None:
+    from examples.fisher_trace import TABLE, main
+
+    told = [(float(row[1]), float(row[2].split()[0])) for row in rows(TABLE)]
+    assert told == [(round(trace), float(f"{bits:.3g}")) for trace, bits in main()]
+
+
+def test_the_readme_lists_the_baselines() -> None:
+    import baselines
+
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = text[text.index("[start:policies]") : text.index("[end:policies]")]
+    told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]
+    assert told == list(baselines.names())
+
+
+def test_tables_of_scenarios_hold_every_name_and_field() -> None:
+    from dataclasses import fields
+
+    from docs import tables
+
+    assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
+    assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
+
+
+def test_the_manual_builds_without_a_warning(tmp_path: Path) -> None:
+    for needed in ("mkdocs", "mkdocstrings", "material", "latex2mathml"):
+        pytest.importorskip(needed)
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    page = (tmp_path / "site" / "environment" / "index.html").read_text(encoding="utf-8")
+    assert all(f"<code>{name}</code>" in page for name in [*REWARDS, *SCENARIOS, *first_names("Observation space")])
+    formulas = (tmp_path / "site" / "mathematics" / "index.html").read_text(encoding="utf-8")
+    assert formulas.count("<math ") > 50
+    assert "arithmatex" not in formulas and "--8&lt;--" not in formulas

@@ -28,6 +28,9 @@ from activeslam_gym.slam.settings import FilterModel
 
 NEW, REJECTED = -1, -2
 """A detection outside every birth gate; one that is near a prediction but no match."""
+_TIE = 1e-6
+"""Pairings whose worth differs by less are equal, and the first has precedence. Two rows that support each other are
+worth the same, log p(a) + log p(b | a) = log p(b) + log p(a | b): rounding must not decide between them."""
 
 
 class Hypotheses(NamedTuple):
@@ -200,7 +203,7 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
             if h.free[i] and h.d2[a, i] < model.birth_gate:
                 support = _support(model, h, a, i, pixels)
                 worth[a, i] = 0.5 * (model.clutter_cost - h.cost[a, i]) + support
-                if vague and support > 0.0 and (best_a < 0 or worth[a, i] > worth[best_a, best_i]):
+                if vague and support > 0.0 and (best_a < 0 or worth[a, i] > worth[best_a, best_i] + _TIE):
                     best_a, best_i = a, i
     if best_a < 0:
         return False

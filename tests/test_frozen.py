@@ -1,0 +1,83 @@
+"""The behaviour of `ActiveSLAM-v0` is frozen: the same seed and actions give the recorded run.
+
+The actions are fixed, not a policy's, so that a difference is not fed back; and the runs are short. The filter forgets
+a small difference as it is corrected by measurements, unless the difference decides a match: what another processor
+rounds otherwise stays near 1e-11 for seconds (`test_rounding_decides_nothing`), far under the tolerances here.
+"""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.record_frozen import CASES, FOLDER, action, play
+from tests.support import simulation_of
+
+TIGHT, LOOSE = 1e-7, 1e-5
+"""Tolerance of the first two seconds, and of the others: relative, and absolute."""
+
+MEANING = """ActiveSLAM-v0 no longer does what it did: {what} of '{case}' differs first at moment {moment}
+(recorded {recorded}, now {now}).
+
+If that is not meant, the change is at fault. If it is: results with v0 that others have published can no longer be
+reproduced. Register the changed environment under a new id (ActiveSLAM-v1), tell it in the version history of
+ActiveSLAMEnv's docstring and in CHANGELOG.md, and record it by `python -m tests.record_frozen`. (If nothing of ours has
+changed, a new release of NumPy may draw other numbers from the same seed.)"""
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_v0_does_what_it_did(case: str) -> None:
+    now = play("ActiveSLAM-v0", case)
+    with np.load(FOLDER / f"ActiveSLAM-v0-{case}.npz") as file:
+        recorded = dict(file)
+    missing = sorted(recorded.keys() - now.keys())  # a new key of info changes nothing
+    assert not missing, f"ActiveSLAM-v0 no longer tells {', '.join(missing)}: that needs a new id, see CONTRIBUTING.md"
+    for what, then in recorded.items():
+        assert then.shape == now[what].shape, f"'{case}': {what} was of shape {then.shape}, is {now[what].shape}"
+        period = (len(recorded["reward"]) - 1) / (len(then) - 1)  # steps between two of these moments
+        moments = np.arange(len(then)) * period * CASES[case][2]
+        tolerance = np.where(moments <= 2.0, TIGHT, LOOSE).reshape(-1, *(1,) * (then.ndim - 1))
+        same = np.isclose(now[what], then, rtol=tolerance, atol=tolerance)
+        if not same.all():
+            at = tuple(np.argwhere(~same)[0])
+            pytest.fail(MEANING.format(what=what, case=case, moment=at[0], recorded=then[at], now=now[what][at]))
+
+
+def test_the_records_hold_something() -> None:
+    """They map landmarks, refuse matches, and see every motion, gaze and the time limit."""
+    runs = {case: dict(np.load(FOLDER / f"ActiveSLAM-v0-{case}.npz")) for case in CASES}
+    assert all(run["info.landmarks_mapped"][-1] >= 4 for run in runs.values())
+    assert all(run["truncated"][-1] and not run["truncated"][:-1].any() for run in runs.values())
+    assert sum(run["info.events.rejected_matches"].sum() for run in runs.values()) > 0
+    read = {"paper": 4, "every-frame": 20, "hand-held": 5}  # steps between two motions that are read
+    assert {action(step)[0] for case, n in read.items() for step in range(0, 6 * n, n)} == set(range(7))
+    assert {action(step)[1] for step in range(24)} == {0, 1, 2}
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seed"), [("paper", 8), ("paper-literal", 4), ("paper-literal", 6), ("clutter", 8)]
+)
+def test_rounding_decides_nothing(scenario: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Equal pairings in the association were once decided by their last digit: these runs parted within seconds."""
+    monkeypatch.setitem(CASES, "nudged", (scenario, seed, 0.25))
+    plain, make = play("ActiveSLAM-v0", "nudged"), gym.make
+    for nudge in ((1e-13, -1e-13, 1e-13), (-1e-13, 1e-13, 5e-14)):
+        monkeypatch.setattr(gym, "make", lambda *args, nudge=nudge, **kwargs: Nudged(make(*args, **kwargs), nudge))
+        nudged = play("ActiveSLAM-v0", "nudged")
+        monkeypatch.setattr(gym, "make", make)
+        for what, then in plain.items():
+            np.testing.assert_allclose(nudged[what], then, rtol=1e-8, atol=1e-8, err_msg=what)
+
+
+class Nudged(gym.Wrapper):
+    """An environment whose first estimate is off by ``nudge`` (3,) [m]."""
+
+    def __init__(self, env: gym.Env, nudge: tuple[float, float, float]) -> None:
+        super().__init__(env)
+        self.nudge = nudge
+
+    def reset(self, **kwargs):
+        out = super().reset(**kwargs)
+        simulation_of(self).belief.camera[:3] += self.nudge
+        return out

@@ -121,7 +121,8 @@ class Cockpit:
         self._figure = figure = _figure_in_window(size, "flying by hand needs a screen and none was found")
         with _matplotlib().style.context(["default", STYLE]):
             ratios = (REFERENCE_SIZE[0], COCKPIT_SIZE[0] - REFERENCE_SIZE[0])
-            picture, beside = figure.subfigures(1, 2, width_ratios=ratios)
+            halves: Any = figure.subfigures(1, 2, width_ratios=ratios)
+            picture, beside = halves
             self._renderer = Renderer(picture)
             self._scores = ScorePanel(beside, actions)
         self._pressed: list[str] = []
@@ -410,10 +411,10 @@ class ScorePanel:
                 bar.set_color(CAMERA if i in marked else INITIALISED)
                 number.set_text(f"{values[i]:.3g}")
                 number.set_x(lengths[i] + 0.04)
-                number.set_weight("bold" if finite[i] == greatest[i] else "normal")
+                number.set_fontweight("bold" if finite[i] == greatest[i] else "normal")
         for i, name in enumerate(self._names):
             name.set_color(CAMERA if i in marked else TEXT)
-            name.set_weight("bold" if i in marked else "normal")
+            name.set_fontweight("bold" if i in marked else "normal")
         self._caption.set_text(caption)
 
 

@@ -29,10 +29,13 @@ from activeslam_gym.rendering import (
     ellipses,
     landmark_covariances,
 )
+from agents.evaluate import Episode, run_episode
 
 if TYPE_CHECKING:
+    import gymnasium
+
     from activeslam_gym.envs.views import Snapshot
-    from baselines.policy import Environment, Predictor
+    from baselines.policy import Predictor
 
 TIMELINE = "time"
 """Seconds since the reset."""
@@ -191,24 +194,16 @@ class Recording:
 
 
 def record(
-    env: Environment, policy: Predictor, seed: int, path: str | os.PathLike[str], name: str = "active SLAM"
-) -> dict[str, Any]:
-    """Play the episode of ``seed`` with ``policy``, write it to ``path`` and return the last `info`.
+    env: gymnasium.Env, policy: Predictor, seed: int, path: str | os.PathLike[str], name: str = "policy"
+) -> Episode:
+    """Play the episode of ``seed`` with ``policy`` and write it to ``path``.
 
     Raises:
         ImportError: rerun-sdk is missing.
     """
     core: Any = env.unwrapped
     with Recording(path, core.scenario, name) as recording:
-        observation, info = env.reset(seed=seed)
-        recording.log(core, info)
-        state, over = None, False
-        while not over:
-            action, state = policy.predict(observation, state)
-            observation, _, terminated, truncated, info = env.step(action)
-            recording.log(core, info)
-            over = bool(terminated or truncated)
-    return info
+        return run_episode(env, policy, seed, name, looks=[recording.log])
 
 
 def _layout_of_views() -> Any:

@@ -1,6 +1,6 @@
-"""RLlib's PPO (new API stack) on a local cluster of two workers: python examples/rllib_ppo.py [iterations [address]].
+"""RLlib's PPO (new API stack) on a local cluster of two workers: python examples/rllib_ppo.py [iterations].
 
-With an address ("auto" on a machine that has joined one) it runs on that cluster instead: see docs/cluster.md.
+With two more arguments, an address and a number of workers, it runs on that cluster instead: see docs/cluster.md.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 
 import activeslam_gym  # noqa: F401
 import baselines
-from agents import recording
+from agents import recording, watch
+from agents.evaluate import Episode
 from agents.recording import Recording, ellipsoid_axes, record
 
 SHORT: dict[str, Any] = {"gaze_period": 0.5, "duration": 3.0}
@@ -43,8 +44,8 @@ def test_without_rerun_the_message_says_how_to_get_it(tmp_path: Path, monkeypatc
 
 
 @pytest.fixture(scope="module")
-def episode(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
-    """A recorded episode and its last info."""
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Episode]:
+    """A file, and the episode that it shows."""
     pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
     path = tmp_path_factory.mktemp("recording") / "deep" / "sweep.rrd"
     env = gym.make("ActiveSLAM-v0", **SHORT)
@@ -58,14 +59,14 @@ def rerun(*arguments: str | Path) -> str:
     return done.stdout + done.stderr
 
 
-def test_the_file_is_whole_and_rerun_verifies_it(episode: tuple[Path, dict[str, Any]]) -> None:
-    path, _ = episode
+def test_the_file_is_whole_and_rerun_verifies_it(recorded: tuple[Path, Episode]) -> None:
+    path, _ = recorded
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
     rerun("rrd", "verify", path)
 
 
-def test_the_file_holds_every_thing_at_every_moment(episode: tuple[Path, dict[str, Any]]) -> None:
-    told = rerun("rrd", "print", episode[0])
+def test_the_file_holds_every_thing_at_every_moment(recorded: tuple[Path, Episode]) -> None:
+    told = rerun("rrd", "print", recorded[0])
     for entity in (
         "/world/room",
         "/world/fiducials",
@@ -99,23 +100,20 @@ def column(path: Path, entity: str, name: str) -> dict[float, list[float]]:
     return found
 
 
-def test_curves_and_poses_read_back_are_the_episode(episode: tuple[Path, dict[str, Any]]) -> None:
-    path, last = episode
+def test_curves_and_poses_read_back_are_the_episode(recorded: tuple[Path, Episode]) -> None:
+    path, episode = recorded
     entropy = column(path, "/entropy", "Scalars:scalars")
     assert sorted(entropy) == pytest.approx(np.arange(0.0, 3.01, 0.5))
-    assert entropy[3.0] == pytest.approx([last["entropy"]])
-    poses = {
-        whose: column(path, f"/world/{whose}/camera", "Transform3D:translation")[3.0] for whose in ("truth", "belief")
-    }
-    error = np.linalg.norm(np.subtract(poses["truth"], poses["belief"]))
-    assert error == pytest.approx(last["position_error"], rel=1e-3)
+    np.testing.assert_allclose(np.ravel([entropy[time] for time in sorted(entropy)]), episode.entropy)
+    for whose, positions in (("truth", episode.true_position), ("belief", episode.estimated_position)):
+        told = column(path, f"/world/{whose}/camera", "Transform3D:translation")
+        np.testing.assert_allclose(np.reshape([told[time] for time in sorted(told)], (-1, 3)), positions, atol=1e-6)
 
 
 def test_a_lost_run_is_recorded_to_its_end(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
     env = gym.make("ActiveSLAM-v0", **SHORT, lost_position_error=1e-3)
-    info = record(env, baselines.make("sweep", env), 0, tmp_path / "lost.rrd")
-    assert info["lost"]
+    assert record(env, baselines.make("sweep", env), 0, tmp_path / "lost.rrd").lost
     rerun("rrd", "verify", tmp_path / "lost.rrd")
 
 
@@ -129,6 +127,15 @@ def test_an_interrupted_recording_keeps_what_it_has(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     file.close()
     rerun("rrd", "verify", path)
+
+
+def test_watch_records_each_policy(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
+    args = watch.Args(policy=("sweep", "stay"), duration=1.0, gaze_period=0.25, rerun=tmp_path / "w.rrd")
+    assert watch.main(args) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["w-stay.rrd", "w-sweep.rrd"]
+    for path in tmp_path.iterdir():
+        rerun("rrd", "verify", path)
 
 
 def test_colours_are_bytes() -> None:

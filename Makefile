@@ -7,9 +7,11 @@ VENV    := .venv
 RUN     := $(VENV)/bin/python
 PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
+CLIENTS := sb3 torchrl rllib cleanrl rerun
+
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency bench docs test lint clean
+.PHONY: help demo consistency bench clients docs test lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -30,13 +32,18 @@ docs: $(VENV)/.docs ## the manual, in results/site; a warning is an error
 test: lint ## lint, then every test but the slow ones, and the notebooks
 	$(RUN) -m pytest -n $(WORKERS) --nbmake --nbmake-timeout=300 tests notebooks
 
+clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environment under .venvs (minutes; client-sb3: one)
+
+$(CLIENTS:%=client-%): client-%: .venvs/%/.made
+	OMP_NUM_THREADS=1 .venvs/$*/bin/python -m pytest -m '' $(TESTS_$*)
+
 lint: $(VENV)/.dev ## ruff (lint and format) and mypy
 	$(RUN) -m ruff check .
 	$(RUN) -m ruff format --check .
 	$(RUN) -m mypy
 
 clean: ## remove what the targets made (not results/)
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venvs build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # Stamps: a set of packages is installed anew when pyproject.toml changes. `demo` needs no torch, so has its own.
@@ -66,4 +73,30 @@ $(VENV)/.docs: pyproject.toml | $(VENV)/.made
 $(VENV)/.dev: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the tests need, PyTorch among it, into $(VENV) (once; takes a few minutes)"
 	@$(PIP) --editable '.[agents,compare,dev,docs,notebooks,plot]'
+	@touch $@
+
+# Each client has its own environment, since their pins disagree: RLlib's gymnasium, CleanRL's gym and NumPy.
+
+TORCH := 'torch>=2.8,<2.14'
+
+PACKAGES_sb3     := --editable '.[agents]' sb3-contrib rl_zoo3
+PACKAGES_torchrl := --editable . $(TORCH) 'torchrl>=0.14'
+PACKAGES_rllib   := --editable . $(TORCH) 'ray[rllib]==2.60.0'
+PACKAGES_cleanrl := --editable . $(TORCH) 'gym==0.23.1' 'numpy<2' 'setuptools<81' tensorboard
+PACKAGES_rerun   := --editable '.[rerun]'
+
+TESTS_sb3     := tests/test_clients.py -k sb3
+TESTS_torchrl := tests/test_clients.py -k torchrl
+TESTS_rllib   := tests/test_clients.py -k rllib
+TESTS_cleanrl := tests/test_clients.py -k cleanrl
+TESTS_rerun   := tests/test_recording.py
+
+.venvs/%/.made: pyproject.toml
+	@echo "Installing what $* needs into .venvs/$* (once)"
+	@$(PYTHON) -m venv .venvs/$*
+	@.venvs/$*/bin/python -m pip --disable-pip-version-check install --quiet 'pip>=23'
+	@.venvs/$*/bin/python -m pip --disable-pip-version-check install --quiet pytest $(PACKAGES_$*)
+	@# CleanRL's own requirements are of 2023 (Python < 3.11, pygame, wandb); its ppo.py needs what stands above.
+	@if [ $* = cleanrl ]; then .venvs/cleanrl/bin/python -m pip --disable-pip-version-check install --quiet \
+		--no-deps --ignore-requires-python cleanrl==1.2.0; fi
 	@touch $@

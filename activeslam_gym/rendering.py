@@ -10,6 +10,7 @@ V P Vᵀ, exactly; so the picture needs no 3-D engine, and a frame costs a few t
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +19,11 @@ import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     from activeslam_gym.envs.views import Snapshot
 
-__all__ = ["Window", "draw"]
+__all__ = ["Cockpit", "Window", "draw"]
 
 CAMERA_DIMENSION = 12
 """Rows of the camera in the snapshot's covariance; three of each landmark follow."""
@@ -34,6 +35,9 @@ TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F
 
 REFERENCE_SIZE = (960, 640)
 """Pixels at which the lettering has its nominal size; other sizes scale it."""
+
+COCKPIT_SIZE = (1360, 640)
+"""Pixels of the window to fly in: the picture, and the actions' scores beside it."""
 
 ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0
 """Standard deviations drawn: of a landmark in the map, of a prediction in the image."""
@@ -83,8 +87,11 @@ class Window:
         Raises gymnasium.error.Error where there is no screen, DependencyNotInstalled where matplotlib is missing.
         """
         if self._renderer is None:
-            self._renderer = Renderer(_figure_in_window(self.size))
-        figure = self._renderer.figure
+            self._figure = _figure_in_window(
+                self.size, "render_mode='human' needs a screen and none was found; use render_mode='rgb_array' instead"
+            )
+            self._renderer = Renderer(self._figure)
+        figure = self._figure
         if not _pyplot().fignum_exists(figure.number):
             return
         self._renderer.update(snapshot)
@@ -94,14 +101,66 @@ class Window:
     def close(self) -> None:
         """Closes the window; harmless where none is open."""
         if self._renderer is not None:
-            _pyplot().close(self._renderer.figure)
+            _pyplot().close(self._figure)
         self._renderer = None
+
+
+class Cockpit:
+    """A window to fly in: the picture, what every action promises, and the keys that are pressed in it.
+
+    Args:
+        actions: A label for each score, in groups.
+        size: Of the window in pixels.
+
+    Raises:
+        gymnasium.error.Error: there is no screen.
+        gymnasium.error.DependencyNotInstalled: matplotlib is missing.
+    """
+
+    def __init__(self, actions: Sequence[Sequence[str]], size: tuple[int, int] = COCKPIT_SIZE):
+        self._figure = figure = _figure_in_window(size, "flying by hand needs a screen and none was found")
+        with _matplotlib().style.context(["default", STYLE]):
+            ratios = (REFERENCE_SIZE[0], COCKPIT_SIZE[0] - REFERENCE_SIZE[0])
+            halves: Any = figure.subfigures(1, 2, width_ratios=ratios)
+            picture, beside = halves
+            self._renderer = Renderer(picture)
+            self._scores = ScorePanel(beside, actions)
+        self._pressed: list[str] = []
+        own_keys = getattr(figure.canvas.manager, "key_press_handler_id", None)
+        if own_keys is not None:  # matplotlib's own, among them the arrows and "q"
+            figure.canvas.mpl_disconnect(own_keys)
+        figure.canvas.mpl_connect(
+            "key_press_event", lambda event: self._pressed.append(getattr(event, "key", "") or "")
+        )
+
+    @property
+    def is_open(self) -> bool:
+        """False once the user has closed the window."""
+        return bool(_pyplot().fignum_exists(self._figure.number))
+
+    def show(self, snapshot: Snapshot, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
+        """Draws now: the scores by their title, the chosen actions marked, and a line of text."""
+        if self.is_open:
+            self._renderer.update(snapshot)
+            self._scores.update(scores, chosen, caption)
+            self._figure.canvas.draw()
+
+    def keys(self, seconds: float) -> list[str]:
+        """The keys pressed since the last call, after waiting so long for more; matplotlib's names."""
+        if self.is_open:
+            self._figure.canvas.start_event_loop(seconds)
+        pressed, self._pressed = self._pressed, []
+        return pressed
+
+    def close(self) -> None:
+        """Closes the window; harmless where it is closed."""
+        _pyplot().close(self._figure)
 
 
 class Renderer:
     """Three panels on one figure, whose artists are kept from frame to frame."""
 
-    def __init__(self, figure: Figure):
+    def __init__(self, figure: Figure | SubFigure):
         self.figure = figure
         with _matplotlib().style.context(["default", STYLE]):
             figure.set_facecolor("white")
@@ -310,6 +369,55 @@ class EntropyPanel:
             self._axes.set_ylim(entropy.min() - pad, entropy.max() + pad)
 
 
+class ScorePanel:
+    """A bar for each action under each of two criteria; the chosen actions are marked, the best numbers bold.
+
+    Actions come in groups (motions, gazes), each with a scale of its own: they look ahead over different times.
+    """
+
+    _COLUMNS = ((0.30, 0.27), (0.66, 0.27))
+    """Left edge and width of the two columns."""
+
+    def __init__(self, figure: Figure | SubFigure, groups: Sequence[Sequence[str]]):
+        figure.set_facecolor("white")
+        figure.text(0.02, 0.952, "What each action promises", size=11.5, weight="bold", va="center")
+        self._caption = figure.text(0.02, 0.062, "", size=9.5, va="center", wrap=True)
+        self._group = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+        places = -np.arange(len(self._group)) - 0.6 * self._group
+        self._columns = []
+        for left, width in self._COLUMNS:
+            axes = figure.add_axes((left, 0.115, width, 0.745))
+            axes.set(yticks=[], xticks=[], xlim=(0.0, 1.45), ylim=(places[-1] - 0.6, 0.6))
+            axes.spines[["top", "right", "bottom"]].set_visible(False)
+            bars = list(axes.barh(places, np.zeros(len(places)), height=0.62))
+            numbers = [axes.text(0.0, y, "", size=7.5, va="center") for y in places]
+            self._columns.append((axes, bars, numbers))
+        first = self._columns[0][0]
+        names = [name for group in groups for name in group]
+        self._names = [
+            first.text(-0.06, y, name, size=8, ha="right", va="center") for y, name in zip(places, names, strict=True)
+        ]
+
+    def update(self, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
+        """Moves the bars, of titles and values (n,) of all groups in a row."""
+        marked = set(chosen)
+        for (axes, bars, numbers), (title, values) in zip(self._columns, scores.items(), strict=True):
+            axes.set_title(title, loc="left", size=8, pad=4)
+            finite = np.where(np.isfinite(values), values, 0.0)
+            greatest = np.array([finite[self._group == group].max() for group in self._group])
+            lengths = np.maximum(finite, 0.0) / np.maximum(greatest, 1e-12)
+            for i, (bar, number) in enumerate(zip(bars, numbers, strict=True)):
+                bar.set_width(lengths[i])
+                bar.set_color(CAMERA if i in marked else INITIALISED)
+                number.set_text(f"{values[i]:.3g}")
+                number.set_x(lengths[i] + 0.04)
+                number.set_fontweight("bold" if finite[i] == greatest[i] else "normal")
+        for i, name in enumerate(self._names):
+            name.set_color(CAMERA if i in marked else TEXT)
+            name.set_fontweight("bold" if i in marked else "normal")
+        self._caption.set_text(caption)
+
+
 # ---------------------------------------------------------------------------------------------------------- geometry
 
 
@@ -470,12 +578,11 @@ def _pyplot() -> ModuleType:
     return matplotlib.pyplot
 
 
-def _figure_in_window(size: tuple[int, int]) -> Figure:
-    """A figure in a window of its own; an error that names the alternative where none can be opened."""
+def _figure_in_window(size: tuple[int, int], hint: str) -> Figure:
+    """A figure in a window of its own; where none can be opened, an error that says `hint`."""
     pyplot = _pyplot()
     from matplotlib.backend_bases import FigureManagerBase
 
-    hint = "render_mode='human' needs a screen and none was found; use render_mode='rgb_array' instead"
     try:
         figure = pyplot.figure(**_figure_shape(*size))
     except Exception as error:  # each GUI toolkit has its own way to say that there is no screen

@@ -34,6 +34,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "metrics": MATHEMATICS | {"slam.belief", "information"},
     "rendering": MATHEMATICS | {"slam.belief", "information", "metrics", "envs.views"},  # draws a snapshot
     "envs": MATHEMATICS | {"batching", "world", "slam", "information", "metrics", "rendering"},
+    "play": {"motion", "envs.views", "rendering"},
+    "__main__": {"play"},
     "__init__": MATHEMATICS | {"compilation", "slam.belief", "information", "metrics", "envs"},
 }
 """What each module or subpackage of ``activeslam_gym`` may import of ours."""

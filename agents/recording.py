@@ -1,0 +1,238 @@
+"""An episode as a Rerun recording (the extra `rerun`): map, both cameras, image, trajectories and curves over time.
+
+Open the file with ``rerun episode.rrd`` and drag the time. Camera and world axes are the environment's own (x left, y
+up, z forward), and Rerun is told so; nothing is mirrored. The pinhole leaves the lens's distortion out, so that the
+image's points, which are pixels as detected, lie a little inside of where its rays in the map would put them.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from activeslam_gym import Scenario
+from activeslam_gym.rendering import (
+    CAMERA,
+    ELLIPSOID_SIGMAS,
+    EXPECTED,
+    FIDUCIAL,
+    GATE_SIGMAS,
+    INITIALISED,
+    MAPPED,
+    MUTED,
+    TRUTH,
+    command_text,
+    ellipses,
+    landmark_covariances,
+)
+from agents.evaluate import Episode, run_episode
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from activeslam_gym.envs.views import Snapshot
+    from baselines.policy import Predictor
+
+TIMELINE = "time"
+"""Seconds since the reset."""
+
+_CURVES = ("entropy", "landmarks_mapped", "position_error", "orientation_error", "landmark_rmse", "log_score")
+"""Numbers of `info` that become curves of their own."""
+
+
+def ellipsoid_axes(covariances: np.ndarray, sigmas: float) -> tuple[np.ndarray, np.ndarray]:
+    """Half-lengths (n, 3) [m] and orientations (n, 4), scalar *last*, of the ellipsoids of covariances (n, 3, 3)."""
+    eigenvalues, axes = np.linalg.eigh(covariances)
+    axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a reflection
+    return sigmas * np.sqrt(np.maximum(eigenvalues, 0.0)), Rotation.from_matrix(axes).as_quat()
+
+
+class Recording:
+    """Writes what an environment shows, moment by moment; the file is there, whole, after `close`.
+
+    Args:
+        path: The file, ``*.rrd``.
+        scenario: The environment's, `env.unwrapped.scenario`.
+        name: What the viewer calls it.
+
+    Raises:
+        ImportError: rerun-sdk is missing; the message says how to get it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], scenario: Scenario, name: str = "active SLAM") -> None:
+        try:
+            import rerun
+        except ImportError as error:
+            raise ImportError("rerun-sdk is needed to record: pip install 'activeslam-gym[rerun]'") from error
+        self.path = Path(path)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self._unfinished = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        self._rr: Any = rerun
+        self._stream = rerun.RecordingStream("activeslam_gym", send_properties=True)
+        self._stream.save(self._unfinished, default_blueprint=_layout_of_views())
+        self._stream.send_recording_name(name)
+        self._log_setting(scenario)
+        self._paths: dict[str, list[np.ndarray]] = {"truth": [], "belief": []}
+        self._command = ""
+        self._closed = False
+
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def log(self, env: Any, info: dict[str, Any]) -> None:
+        """Add the present moment of a single environment; ``info`` is that of its last `reset` or `step`."""
+        core = env.unwrapped
+        snapshot = core.snapshot()
+        first = not self._paths["truth"]
+        if first:
+            self._log_what_stands(snapshot)
+        self._stream.set_time(TIMELINE, duration=snapshot.time)
+        self._log_camera("truth", snapshot.true_position, snapshot.true_quaternion)
+        self._log_camera("belief", snapshot.position, snapshot.quaternion)
+        self._log_map(snapshot)
+        self._log_image(snapshot)
+        self._log_curves(core, info)
+        command = command_text(snapshot.motion.name, snapshot.gaze.name)
+        if command != self._command and not first:
+            self._stream.log("command", self._rr.TextLog(command))
+            self._command = command
+
+    def close(self) -> None:
+        """Complete the file; harmless when it is closed already."""
+        if not self._closed:
+            self._closed = True
+            self._stream.flush()
+            self._stream.disconnect()
+            os.replace(self._unfinished, self.path)
+
+    # What stands still ----------------------------------------------------------------------------------------------
+
+    def _log_setting(self, scenario: Scenario) -> None:
+        """The axes, the room and the cameras' lenses."""
+        rr = self._rr
+        self._stream.log("world", rr.ViewCoordinates.LUF, static=True)
+        room = rr.Boxes3D(half_sizes=[np.array(scenario.room_size) / 2], colors=_rgb(MUTED))
+        self._stream.log("world/room", room, static=True)
+        for whose, colour in (("truth", TRUTH), ("belief", CAMERA)):
+            lens = rr.Pinhole(
+                focal_length=scenario.focal_px,
+                principal_point=(scenario.principal_x_px, scenario.principal_y_px),
+                resolution=(scenario.image_width, scenario.image_height),
+                camera_xyz=rr.ViewCoordinates.LUF,
+                image_plane_distance=0.1 * min(scenario.room_size),
+                color=_rgb(colour)[0],
+            )
+            self._stream.log(f"world/{whose}/camera", lens, static=True)
+        for name, colour in (("error", CAMERA), ("two_sigma", MUTED)):
+            self._stream.log(
+                f"position/{name}", rr.SeriesLines(colors=_rgb(colour), names=[f"{name} [m]"]), static=True
+            )
+
+    def _log_what_stands(self, snapshot: Snapshot) -> None:
+        """True landmarks and fiducials of this room."""
+        rr = self._rr
+        points = {"truth/landmarks": (snapshot.true_landmarks, TRUTH), "fiducials": (snapshot.fiducials, FIDUCIAL)}
+        for name, (places, colour) in points.items():
+            self._stream.log(f"world/{name}", rr.Points3D(places, colors=_rgb(colour), radii=[0.02]), static=True)
+
+    # What moves -----------------------------------------------------------------------------------------------------
+
+    def _log_camera(self, whose: str, position: np.ndarray, quaternion: np.ndarray) -> None:
+        """A pose and the path so far; nothing where a lost filter has no finite pose."""
+        if not (np.isfinite(position).all() and np.isfinite(quaternion).all()):
+            return
+        rr, path = self._rr, self._paths[whose]
+        path.append(position)
+        pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=np.roll(quaternion, -1)))
+        self._stream.log(f"world/{whose}/camera", pose)
+        colour = CAMERA if whose == "belief" else TRUTH
+        self._stream.log(f"world/{whose}/path", rr.LineStrips3D([np.array(path)], colors=_rgb(colour)))
+
+    def _log_map(self, snapshot: Snapshot) -> None:
+        """Ellipsoids of the landmarks and of the camera's position; the landmarks that are still expected."""
+        means = np.concatenate((np.reshape(snapshot.landmarks, (-1, 3)), snapshot.position[None]))
+        covariances = np.concatenate((landmark_covariances(snapshot.covariance), snapshot.covariance[None, :3, :3]))
+        colours = np.array([MAPPED if mapped else INITIALISED for mapped in snapshot.mapped] + [CAMERA])
+        finite = np.isfinite(means).all(1) & np.isfinite(covariances).all((1, 2))
+        half_sizes, quaternions = ellipsoid_axes(covariances[finite], ELLIPSOID_SIGMAS)
+        rr = self._rr
+        ellipsoids = rr.Ellipsoids3D(
+            centers=means[finite], half_sizes=half_sizes, quaternions=quaternions, colors=_rgb(*colours[finite])
+        )
+        self._stream.log("world/belief/ellipsoids", ellipsoids)
+        expected = rr.Points3D(snapshot.expected_landmarks, colors=_rgb(EXPECTED), radii=[0.015])
+        self._stream.log("world/belief/expected", expected)
+
+    def _log_image(self, snapshot: Snapshot) -> None:
+        """Detected pixels over the predicted ellipses."""
+        rr = self._rr
+        means = np.reshape(snapshot.predicted, (-1, 2))
+        covariances = np.reshape(snapshot.predicted_covariance, (-1, 2, 2))
+        finite = np.isfinite(means).all(1) & np.isfinite(covariances).all((1, 2))
+        gates = ellipses(means[finite], covariances[finite], GATE_SIGMAS)
+        self._stream.log("world/belief/camera/predicted", rr.LineStrips2D(gates, colors=_rgb(MAPPED)))
+        pixels = np.reshape(snapshot.detections, (-1, 2))
+        self._stream.log("world/belief/camera/detected", rr.Points2D(pixels, colors=_rgb(TRUTH), radii=[2.0]))
+
+    def _log_curves(self, core: Any, info: dict[str, Any]) -> None:
+        """Entropy and its parts, errors beside what the filter believes of them."""
+        position_covariance = core.belief.covariance[:3, :3]
+        curves = {name: info[name] for name in _CURVES if name in info}
+        curves |= {f"log2_det/{part}": value for part, value in info["log2_det"].items()}
+        curves["position/error"] = curves.pop("position_error")
+        curves["position/two_sigma"] = 2.0 * np.sqrt(max(float(np.trace(position_covariance)), 0.0))
+        for name, value in curves.items():
+            if np.isfinite(value):
+                self._stream.log(name, self._rr.Scalars(float(value)))
+
+
+def record(
+    env: gymnasium.Env, policy: Predictor, seed: int, path: str | os.PathLike[str], name: str = "policy"
+) -> Episode:
+    """Play the episode of ``seed`` with ``policy`` and write it to ``path``.
+
+    Raises:
+        ImportError: rerun-sdk is missing.
+    """
+    core: Any = env.unwrapped
+    with Recording(path, core.scenario, name) as recording:
+        return run_episode(env, policy, seed, name, looks=[recording.log])
+
+
+def _layout_of_views() -> Any:
+    """The map beside the image, over the curves; on white, since the colours are those of `rendering`."""
+    import rerun.blueprint as rrb
+
+    white = rrb.Background(color=(255, 255, 255))
+    return rrb.Blueprint(
+        rrb.Vertical(
+            rrb.Horizontal(
+                rrb.Spatial3DView(name="Map", origin="world", background=white),
+                rrb.Vertical(
+                    rrb.Spatial2DView(name="Camera image", origin="world/belief/camera", background=white),
+                    rrb.TextLogView(name="Command", origin="command"),
+                ),
+                column_shares=[2, 1],
+            ),
+            rrb.Horizontal(
+                rrb.TimeSeriesView(name="Entropy [bit]", origin="entropy"),
+                rrb.TimeSeriesView(name="log2 |P|", origin="log2_det"),
+                rrb.TimeSeriesView(name="Position error and its 2 sigma [m]", origin="position"),
+                rrb.TimeSeriesView(name="Landmarks mapped", origin="landmarks_mapped"),
+            ),
+            row_shares=[3, 1],
+        ),
+        collapse_panels=True,
+    )
+
+
+def _rgb(*colours: str) -> np.ndarray:
+    """(n, 3) uint8 of names "#rrggbb"."""
+    return np.array([list(bytes.fromhex(colour[1:])) for colour in colours], np.uint8).reshape(-1, 3)

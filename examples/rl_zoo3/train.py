@@ -1,0 +1,46 @@
+"""rl_zoo3's train on ppo.yml: python examples/rl_zoo3/train.py [steps [folder]].
+
+All that it does is this command, and to read what was written of the evaluations:
+python -m rl_zoo3.train --algo ppo --env ActiveSLAM-v0 --gym-packages activeslam_gym --conf-file ppo.yml
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+HYPERPARAMETERS = Path(__file__).with_name("ppo.yml")
+
+
+def main(steps: int = 89_600, folder: str = "runs/rl_zoo3", num_envs: int = 64) -> tuple[float, float]:
+    """Train for `steps` decisions; the mean return [bit] of the first and of the last of five evaluations."""
+    options = {
+        "algo": "ppo",
+        "env": "ActiveSLAM-v0",
+        "gym-packages": "activeslam_gym",
+        "conf-file": HYPERPARAMETERS,
+        "n-timesteps": steps,
+        "eval-freq": max(steps // 5, num_envs),
+        "eval-episodes": 16,
+        "n-eval-envs": 16,
+        "log-folder": folder,
+        "hyperparams": f"n_envs:{num_envs}",
+        "device": "cpu",
+        "seed": 0,
+        "verbose": 0,
+    }
+    arguments = [text for name, value in options.items() for text in (f"--{name}", str(value))]
+    began = time.monotonic()
+    subprocess.run([sys.executable, "-m", "rl_zoo3.train", *arguments], check=True, stdout=subprocess.DEVNULL)
+    newest = max(Path(folder).glob("ppo/ActiveSLAM-v0_*/evaluations.npz"), key=lambda path: path.stat().st_mtime)
+    returns = np.load(newest)["results"].mean(axis=1)
+    print(f"rl_zoo3 PPO: {returns[0]:.0f} -> {returns[-1]:.0f} bits, {steps} steps in {time.monotonic() - began:.0f} s")
+    return float(returns[0]), float(returns[-1])
+
+
+if __name__ == "__main__":
+    main(*(int(argument) if argument.isdigit() else argument for argument in sys.argv[1:]))

@@ -1,0 +1,81 @@
+"""Learners of others, unmodified, on the environments: the scripts of `examples/`, small; with -m slow in full.
+
+A client whose package is not installed is skipped; `make clients` installs each in an environment of its own.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import pytest
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+class Client(NamedTuple):
+    """A script, what it imports that may be absent, and arguments of its `main` for the smallest run."""
+
+    script: str
+    packages: tuple[str, ...]
+    smallest: dict[str, Any]
+
+
+CLIENTS = {
+    "sb3-ppo": Client("sb3_ppo.py", ("stable_baselines3",), {"steps": 8960}),
+    "sb3-a2c": Client("sb3_a2c.py", ("stable_baselines3",), {"steps": 640}),
+    "sb3-dqn": Client("sb3_dqn.py", ("stable_baselines3",), {"steps": 1200}),
+    "sb3-recurrent-ppo": Client("sb3_recurrent_ppo.py", ("sb3_contrib",), {"steps": 2240}),
+    "sb3-zoo": Client("rl_zoo3/train.py", ("rl_zoo3",), {"steps": 560, "num_envs": 4}),
+    "torchrl-ppo": Client("torchrl_ppo.py", ("torchrl",), {"steps": 560, "num_envs": 2}),
+    "rllib-ppo": Client("rllib_ppo.py", ("ray.rllib",), {"iterations": 1}),
+    "cleanrl-ppo": Client("cleanrl_ppo.py", ("gym", "cleanrl"), {"steps": 4480}),
+}
+
+
+def load(client: Client) -> ModuleType:
+    """The script as a module."""
+    for package in client.packages:
+        pytest.importorskip(package, reason=f"{package} is not installed: see make clients")
+    path = EXAMPLES / client.script
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture
+def main(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """The `main` of the client's script, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return load(CLIENTS[request.param]).main
+
+
+@pytest.mark.parametrize(
+    ("main", "smallest"), [(name, CLIENTS[name].smallest) for name in CLIENTS], indirect=["main"], ids=list(CLIENTS)
+)
+def test_client_runs(main: Callable[..., Any], smallest: dict[str, Any], capfd: pytest.CaptureFixture[str]) -> None:
+    returns = main(**smallest)
+    assert len(returns) == 2
+    assert all(math.isfinite(value) for value in returns)
+    assert re.search(r"^\S.*: -?\d+ -> -?\d+ bits, \d+ steps in \d+ s$", capfd.readouterr().out, re.MULTILINE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("main", CLIENTS, indirect=True)
+def test_client_learns(main: Callable[..., Any], capfd: pytest.CaptureFixture[str]) -> None:
+    before, after = main()
+    with capfd.disabled():
+        print(f"\n{capfd.readouterr().out.splitlines()[-1]}")
+    assert after > before + 50.0
+
+
+def test_every_example_is_tested() -> None:
+    scripts = {path.relative_to(EXAMPLES).as_posix() for path in EXAMPLES.rglob("*.py")}
+    assert scripts == {client.script for client in CLIENTS.values()}

@@ -1,0 +1,265 @@
+"""Flying by hand: what each key means, the loop under scripted keys, the window, the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from activeslam_gym import Gaze, Motion
+from activeslam_gym.__main__ import main
+from activeslam_gym.envs.views import Snapshot
+from activeslam_gym.play import (
+    GAZE_KEYS,
+    HELP,
+    MOTION_KEYS,
+    Command,
+    Pilot,
+    action_scores,
+    command_after,
+    fly,
+    labels,
+    pilot_after,
+)
+
+
+def after(*keys: str, pilot: Pilot | None = None) -> Pilot:
+    """What is asked for after these keys."""
+    pilot = pilot or Pilot()
+    for key in keys:
+        pilot = pilot_after(key, pilot)
+    return pilot
+
+
+# Keys ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("key", "command"),
+    [
+        ("up", (Motion.FORWARD, Gaze.STAY)),
+        ("down", (Motion.BACKWARDS, Gaze.STAY)),
+        ("a", (Motion.LEFT, Gaze.STAY)),
+        ("d", (Motion.RIGHT, Gaze.STAY)),
+        ("pageup", (Motion.UP, Gaze.STAY)),
+        ("pagedown", (Motion.DOWN, Gaze.STAY)),
+        ("left", (Motion.STAY, Gaze.LEFT)),
+        ("right", (Motion.STAY, Gaze.RIGHT)),
+        (" ", (Motion.STAY, Gaze.STAY)),
+        ("f12", (Motion.STAY, Gaze.STAY)),
+    ],
+)
+def test_a_key_is_an_action(key: str, command: tuple[int, int]) -> None:
+    assert command_after(key, Command()) == command
+
+
+def test_every_action_has_a_key_and_the_help_names_it() -> None:
+    assert set(MOTION_KEYS.values()) == set(Motion) - {Motion.STAY}
+    assert set(GAZE_KEYS.values()) == set(Gaze) - {Gaze.STAY}
+    for key in (*MOTION_KEYS, *GAZE_KEYS):
+        assert key.removeprefix("page") in HELP
+    assert [len(group) for group in labels()] == [len(Motion), len(Gaze)]
+
+
+def test_moving_and_turning_go_together_and_the_same_key_stops_its_own() -> None:
+    assert after("up", "left").command == (Motion.FORWARD, Gaze.LEFT)
+    assert after("up", "left", "up").command == (Motion.STAY, Gaze.LEFT)
+    assert after("up", "left", "left").command == (Motion.FORWARD, Gaze.STAY)
+    assert after("up", "left", "w").command == (Motion.STAY, Gaze.LEFT)
+    assert after("left", "right").command.gaze == Gaze.RIGHT
+    assert after("up", "left", " ").command == Command()
+    assert after("W").command.motion == Motion.FORWARD
+
+
+def test_the_first_command_starts_the_clock_and_a_pause_holds_it() -> None:
+    assert not after().running
+    assert not after("f12", " ").running
+    assert after("up").running
+    assert after("p").running
+    assert not after("up", "p").running
+    assert not after("up", "p", "left", " ", "down").running
+    assert after("up", "p", "p").running
+    assert after("up", "p", "p").command.motion == Motion.FORWARD
+    assert after("up", ".") == Pilot(Command(Motion.FORWARD), running=False, started=True, one_step=True)
+
+
+def test_a_new_room_and_leaving() -> None:
+    assert after("up", "n") == Pilot(new_room=True)
+    assert after("up", "escape").quit
+
+
+# The loop -----------------------------------------------------------------------------------------------------------
+
+
+class Scripted:
+    """A window whose user presses these keys, a list for each time it is asked, and then closes it."""
+
+    def __init__(self, *script: Iterable[str]) -> None:
+        self.script: Iterator[Iterable[str]] = iter(script)
+        self.is_open = True
+        self.shown: list[tuple[Snapshot, Mapping[str, np.ndarray], list[int], str]] = []
+
+    def show(self, snapshot: Snapshot, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
+        self.shown.append((snapshot, scores, list(chosen), caption))
+
+    def keys(self, seconds: float) -> list[str]:
+        assert seconds > 0.0
+        pressed = next(self.script, None)
+        self.is_open = pressed is not None
+        return list(pressed or [])
+
+    @property
+    def times(self) -> list[float]:
+        return [snapshot.time for snapshot, *_ in self.shown]
+
+
+def make(**kwargs: Any) -> gym.Env:
+    return gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array", **kwargs)
+
+
+def test_it_flies_what_the_keys_say() -> None:
+    cockpit = Scripted([], ["up"], [], ["left"], [])
+    assert fly(make(), cockpit, seed=4) == []
+    assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0]
+    last, _, chosen, _ = cockpit.shown[-1]
+    assert (last.motion, last.gaze) == (Motion.FORWARD, Gaze.LEFT)
+    assert chosen == [Motion.FORWARD, len(Motion) + Gaze.LEFT]
+    assert len(last.true_trajectory) == 5
+
+    env = make()
+    env.reset(seed=4)
+    for action in [(0, 2), (0, 2), (0, 1), (0, 1)]:
+        env.step(np.array(action))
+    np.testing.assert_array_equal(last.true_position, env.unwrapped.truth.position)  # type: ignore[attr-defined]
+
+
+def test_each_action_s_scores_are_shown_of_the_present_moment() -> None:
+    cockpit = Scripted(["right"], [])
+    fly(make(), cockpit, seed=4)
+    env = make()
+    env.reset(seed=4)
+    for step in range(2):
+        for title, values in action_scores(env.unwrapped).items():
+            np.testing.assert_array_equal(cockpit.shown[step][1][title], values)
+            assert values.shape == (10,) and values.max() > 0.0
+        env.step(np.array([6, 0]))
+
+
+def test_a_pause_holds_the_time_and_a_single_step_moves_it() -> None:
+    cockpit = Scripted(["up"], ["p"], [], ["left"], ["."], [], ["p"], [])
+    fly(make(), cockpit)
+    assert cockpit.times == [0.0, 0.25, 0.25, 0.25, 0.5, 0.75, 1.0]
+
+
+def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
+    cockpit = Scripted(["left"], [], [], [], [], ["n"], [])
+    told = fly(make(duration=1.0), cockpit, seed=7)
+    assert len(told) == 1
+    assert told[0].startswith("Room 7: ") and "bits removed" in told[0]
+    assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]
+    env = make()
+    env.reset(seed=8)
+    np.testing.assert_array_equal(cockpit.shown[-1][0].true_landmarks, env.unwrapped.truth.landmarks)  # type: ignore[attr-defined]
+
+
+def test_a_lost_run_is_called_lost() -> None:
+    cockpit = Scripted(["left"], *[[]] * 20, ["escape"])
+    (told,) = fly(make(lost_position_error=1e-4), cockpit)
+    assert "lost" in told and "removed" not in told
+
+
+# The window and the command line ------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def screen(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A stand-in for a GUI: a manager of its own, as every backend with windows has."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    from matplotlib.backend_bases import FigureManagerBase
+
+    class Manager(FigureManagerBase):
+        def show(self) -> None:
+            pass
+
+    pyplot.switch_backend("agg")
+    monkeypatch.setattr("matplotlib.backends.backend_agg.FigureCanvasAgg.manager_class", Manager)
+    yield pyplot
+    pyplot.close("all")
+
+
+def press(pyplot: Any, *keys: str) -> None:
+    """The user presses keys in the open window."""
+    from matplotlib.backend_bases import KeyEvent
+
+    canvas = pyplot.figure(pyplot.get_fignums()[0]).canvas
+    for key in keys:
+        KeyEvent("key_press_event", canvas, key)._process()
+
+
+def test_the_window_shows_the_scores_and_hears_the_keys(screen: Any) -> None:
+    from activeslam_gym import rendering
+
+    env = make()
+    env.reset(seed=1)
+    core: Any = env.unwrapped
+    cockpit = rendering.Cockpit(labels())
+    scores = action_scores(core)
+    pictures = []
+    for chosen in ((0, 9), (3, 8)):
+        cockpit.show(core.snapshot(), scores, chosen, "a caption")
+        pictures.append(np.asarray(cockpit._figure.canvas.buffer_rgba()).copy())
+    width, height = rendering.COCKPIT_SIZE
+    assert pictures[0].shape == (height, width, 4)
+    changed = np.argwhere((pictures[0] != pictures[1]).any(axis=2))
+    assert len(changed) and changed[:, 1].min() > rendering.REFERENCE_SIZE[0]  # the scores alone, not the picture
+
+    press(screen, "left", "up")
+    assert cockpit.keys(0.01) == ["left", "up"]
+    assert cockpit.keys(0.01) == []
+    assert cockpit.is_open
+    screen.close("all")
+    assert not cockpit.is_open
+    cockpit.show(core.snapshot(), scores, (0, 9), "")
+    assert cockpit.keys(0.01) == []
+    cockpit.close()
+
+
+def test_the_command_flies_until_the_window_is_closed(
+    screen: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from activeslam_gym import rendering
+
+    script = iter([["left"], ["p"], ["escape"]])
+
+    def keys(cockpit: rendering.Cockpit, seconds: float) -> list[str]:
+        press(screen, *next(script))
+        pressed, cockpit._pressed = cockpit._pressed, []
+        return pressed
+
+    monkeypatch.setattr(rendering.Cockpit, "keys", keys)
+    assert main(["play", "--seed", "5"]) == 0
+    assert "No room was flown to its end" in capsys.readouterr().out
+    assert not screen.get_fignums()
+
+
+def test_without_a_screen_the_command_says_so_and_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib.pyplot").switch_backend("agg")
+    assert main(["play"]) == 1
+    error = capsys.readouterr().err
+    assert "screen" in error and HELP in error
+
+
+@pytest.mark.parametrize("bad", [["--scenario", "nowhere"], ["--gaze-period", "0.07"], ["--speed", "0"]])
+def test_a_bad_value_is_named(bad: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["play", *bad]) == 2
+    assert bad[0].removeprefix("--").replace("-", "_") in capsys.readouterr().err
+
+
+def test_help_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as leaving:
+        main(["play", "--help"])
+    assert leaving.value.code == 0
+    assert HELP in capsys.readouterr().out

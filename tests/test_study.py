@@ -29,7 +29,7 @@ from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, con
 from agents.study.measures import measures
 from agents.study.observer import CLOSURE_GAP, Notes, Observer
 from agents.study.places import PLACES, Placed
-from agents.study.verdicts import FAILS, HOLDS, OPEN, judge, judge_draw
+from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
 
 ROOMS = 40
 SCENARIO = Scenario()
@@ -88,7 +88,7 @@ def test_rooms_left_out_are_counted() -> None:
     assert finding.note == f"3 of {ROOMS} rooms left out"
 
 
-@pytest.mark.parametrize(("stated", "verdict"), [(50.0, HOLDS), (1.0, FAILS), (99.0, FAILS)])
+@pytest.mark.parametrize(("stated", "verdict"), [(50.0, WITHIN), (1.0, OUTSIDE), (99.0, OUTSIDE)])
 def test_a_stated_number_is_one_draw(stated: float, verdict: str) -> None:
     assert judge_draw(np.linspace(0.0, 100.0, 101).tolist(), stated) == verdict
 

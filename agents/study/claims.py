@@ -103,7 +103,7 @@ def _stated_times(rows: Rows) -> Iterator[Finding]:
             f"median time of the 14th landmark, s, {STRATEGIES[strategy]} (the paper: {time:g})",
             estimate(times, "median"),
             judge_draw(times.tolist(), time),
-            note=f"reached in {reached} of {len(times)} rooms, {rows.duration:g} s elsewhere; {_spread(times)}",
+            note=f"{_spread(times)}, {int(np.sum(times <= time))} as early; reached in {reached} of {len(times)}",
         )
 
 

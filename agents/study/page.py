@@ -26,8 +26,8 @@ READING = """\
 **How to read it.** Each figure is over the same rooms with the same noise; a difference is taken room by room.
 Intervals are 95 % bootstrap intervals over rooms (Wilson's for shares). *Holds* and *does not hold* are said only where
 the whole interval, of {fewest} rooms or more, is on one side of the bound (zero for a difference); otherwise *not
-shown*. There are about {count} intervals here and no correction for their number: expect a few to miss. For a number
-that the paper states, which is one run's, *holds* means that it lies in the central 95 % of our rooms.
+shown*. There are about {count} intervals here and no correction for their number: expect a few to miss. A number
+that the paper states is one run's: it is *within our spread* if it lies in the central 95 % of our rooms.
 
 **Lost runs** (position error over 0.5 m, or no positive definite covariance) are never dropped silently. The time of
 the 14th landmark, or of the first loop closure, counts as the full duration where it was not seen, be the run lost or

@@ -18,6 +18,8 @@ Side = Literal["above", "below"]
 FEWEST_ROOMS = 10
 """With fewer rooms an interval is no ground for a verdict."""
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not shown"
+WITHIN, OUTSIDE = "within our spread", "outside our spread"
+"""Of a number that the paper states of its one run."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Finding:
     """What our figure is, in words with its unit."""
     estimate: Estimate
     verdict: str
-    """`holds`, `does not hold`, `not shown`."""
+    """One of the words above."""
     scale: float = 1.0
     """The figure is printed times this."""
     digits: int = 1
@@ -63,7 +65,7 @@ def judge_draw(values: Sequence[float], stated: float) -> str:
         return OPEN
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.quantile(known, (tail, 1.0 - tail))
-    return HOLDS if low <= stated <= high else FAILS
+    return WITHIN if low <= stated <= high else OUTSIDE
 
 
 def column(rows: Sequence[Row], name: str) -> Array:
@@ -164,5 +166,7 @@ def under_choices(findings: Sequence[Finding]) -> str:
     if len(verdicts) == 1:
         return f"{next(iter(verdicts))} under every choice" if len(findings) > 1 else ""
     return "; ".join(
-        f"{verdict}: {', '.join(verdicts[verdict])}" for verdict in (HOLDS, OPEN, FAILS) if verdict in verdicts
+        f"{verdict}: {', '.join(verdicts[verdict])}"
+        for verdict in (HOLDS, OPEN, FAILS, WITHIN, OUTSIDE)
+        if verdict in verdicts
     )

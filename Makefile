@@ -11,7 +11,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency bench clients docs test lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency figures bench clients docs test lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -21,6 +21,9 @@ demo: $(VENV)/.demo ## compare the paper's policies on eight rooms: table and pi
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, both initialisers (minutes): results/consistency
 	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency
+
+figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
+	$(RUN) -m agents study --episodes 100 --seed 1000000 --out results/figures
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench

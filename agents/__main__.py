@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-COMMANDS = ("compare", "consistency", "generalise", "train", "watch")
+COMMANDS = ("compare", "consistency", "generalise", "study", "train", "watch")
 """Each is a module of this package with `Args`, a dataclass, and `main(args) -> exit status`."""
 
 

@@ -212,8 +212,8 @@ def _first_seed(by_policy: dict[str, list[Episode]]) -> int:
     return next(iter(by_policy.values()))[0].seed
 
 
-def save_figure(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     """Write the figure as a PNG."""
     with written_whole(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=DPI)
+        figure.savefig(file, format="png", dpi=dpi)
     return path

@@ -1,0 +1,167 @@
+"""`python -m agents study`: run everything, judge every claim, draw the figures and write the page."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from activeslam_gym.metrics import write_tum
+from agents.compare import versions
+from agents.evaluate import Episode
+from agents.files import write_csv, write_json, write_text
+from agents.study import page, pictures
+from agents.study.claims import findings_of
+from agents.study.conditions import DEFAULT, LIVE, STRATEGIES, Condition, conditions
+from agents.study.runs import Row, Rows, Task, play, rehearse, run_conditions
+from agents.study.verdicts import Finding
+
+RULE = (
+    "the simulation's room {room} has the median of the log score gained by the three strategies together, among the "
+    "rooms in which none of them was lost; each live run has the median of its own."
+)
+
+
+@dataclass(frozen=True)
+class Args:
+    """The paper's study: its figures redrawn from our runs, and a verdict on each of its claims."""
+
+    episodes: int = 100
+    """Rooms for each condition."""
+    seed: int = 1_000_000
+    """Episode j is reset(seed=seed + j)."""
+    out: Path = Path("results/figures")
+    """Folder of the results; finished conditions that it holds are not run again."""
+    duration: float | None = None
+    """Seconds of an episode, for a quick look; the paper's if not given."""
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Processes."""
+    figures: bool = True
+    """Draw the figures (needs matplotlib)."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("episodes", 1), ("seed", 0), ("jobs", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name}: {getattr(self, name)}; allowed: {least} or more")
+
+    @property
+    def seeds(self) -> list[int]:
+        """Of the rooms."""
+        return list(range(self.seed, self.seed + self.episodes))
+
+    def conditions(self) -> list[Condition]:
+        """What is run."""
+        if self.duration is None:
+            return conditions()
+        return [replace(one, duration=self.duration) for one in conditions()]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What came of it."""
+
+    rows: Rows
+    findings: list[Finding]
+    drawn: pictures.Drawn
+    settings: dict[str, Any]
+
+
+def main(args: Args) -> int:
+    """Make the study and print its verdicts; the exit status, 130 when interrupted."""
+    total = len({one.settings() for one in args.conditions()}) * args.episodes
+    print(f"{total} episodes. The first run compiles, which takes a while.")
+    try:
+        study = run(args)
+    except KeyboardInterrupt:
+        print("Interrupted; the conditions that are complete are kept, and the same command goes on from them.")
+        return 130
+    write(study, args)
+    for finding in study.findings:
+        print(f"{finding.verdict:>13}  {finding.claim}, {finding.choice}: {finding.measure}: {finding.text}")
+    print(f"\nWritten to {args.out}/: STUDY.md, study.json, study.csv, rows.csv, images/study/, trajectories/")
+    return 0
+
+
+def run(args: Args) -> Study:
+    """Run what is missing, judge, and run the chosen rooms once more, whole, to be drawn."""
+    todo = args.conditions()
+    rehearse(todo, args.seed)
+    rows = run_conditions(todo, args.seeds, args.out, args.jobs)
+    rows.duration = args.duration or rows.duration
+    room = median_room(rows)
+    by_key = {(one.choice, one.policy): one for one in todo}
+    strategies = {name: play(Task(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
+    live = {choice: _median_run(rows, by_key[choice, LIVE]) for choice in pictures.LIVE_CHOICES}
+    return Study(rows, findings_of(rows), pictures.Drawn(strategies, live), _settings(args, room))
+
+
+def median_room(rows: Rows) -> int:
+    """Seed of the room with the median log score of the three strategies together, where none was lost (if any)."""
+    together = [rows[DEFAULT, name] for name in STRATEGIES]
+    alive = [runs for runs in zip(*together, strict=True) if not any(run["lost"] for run in runs)]
+    candidates = alive or list(zip(*together, strict=True))
+    return _median([(sum(run["log_score_gain"] for run in runs), runs[0]["seed"]) for runs in candidates])
+
+
+def _median_run(rows: Rows, condition: Condition) -> Episode:
+    scores = [(row["log_score_gain"], row["seed"]) for row in rows[condition.choice, condition.policy]]
+    return play(Task(condition, _median(scores)))[0]
+
+
+def _median(scored: Sequence[tuple[float, int]]) -> int:
+    """The seed in the middle of the order by score."""
+    return sorted(scored)[len(scored) // 2][1]
+
+
+def write(study: Study, args: Args) -> None:
+    """Everything into `args.out`; the page links its pictures as it will in docs/."""
+    findings = [asdict(finding) | {"text": finding.text} for finding in study.findings]
+    write_json(args.out / "study.json", {"settings": study.settings, "findings": findings})
+    write_csv(args.out / "study.csv", [_flat(finding) for finding in study.findings])
+    write_csv(args.out / "rows.csv", [row for pair, rows in study.rows.items() for row in _plain_rows(pair, rows)])
+    _write_trajectories(study, args.out / "trajectories")
+    if args.figures and find_spec("matplotlib") is not None:
+        pictures.draw_all(study.rows, study.findings, study.drawn, args.out / "images" / "study")
+    write_text(args.out / "STUDY.md", page.markdown(study.rows, study.findings, study.settings))
+
+
+def _write_trajectories(study: Study, folder: Path) -> None:
+    """True and estimated trajectories of the drawn runs, for `evo`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, episode in (study.drawn.strategies | study.drawn.live).items():
+        for kind in ("true", "estimated"):
+            positions, quaternions = getattr(episode, f"{kind}_position"), getattr(episode, f"{kind}_quaternion")
+            write_tum(folder / f"{name}-{kind}.tum", episode.times, positions, quaternions)
+
+
+def _flat(finding: Finding) -> dict[str, Any]:
+    """A line of study.csv."""
+    estimate = asdict(finding.estimate)
+    names = ("claim", "choice", "measure", "verdict", "scale", "note")
+    return {name: getattr(finding, name) for name in names} | estimate
+
+
+def _plain_rows(pair: tuple[str, str], rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Lines of rows.csv: the numbers, without ladders and curves."""
+    choice, policy = pair
+    named = {"choice": choice, "policy": policy}
+    return [named | {key: value for key, value in row.items() if not isinstance(value, list)} for row in rows]
+
+
+def _settings(args: Args, room: int) -> dict[str, Any]:
+    """What was run, where and with which versions, as plain values."""
+    changed = [f"--{name} {value}" for name, value in (("episodes", args.episodes), ("seed", args.seed))]
+    changed += [] if args.duration is None else [f"--duration {args.duration:g}"]
+    return {
+        "command": " ".join(["python -m agents study", *changed]),
+        "episodes": args.episodes,
+        "seed": args.seed,
+        "duration": args.duration,
+        "chosen": RULE.format(room=room),
+        "machine": f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}",
+        "versions": {"Python": platform.python_version(), **versions()},
+    }

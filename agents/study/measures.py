@@ -1,0 +1,116 @@
+"""From one run to the numbers that the claims are about."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym import Gaze, Motion
+from agents.evaluate import Episode
+from agents.outcome import gaze_counts, motion_counts, outcome
+from agents.study.observer import Notes
+
+Array = NDArray[Any]
+
+VERSION = 1
+"""To be raised with the meaning of a measure, so that kept rows of the old meaning are not taken."""
+TARGET = 14
+"""The landmark whose time the paper tells."""
+LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)
+"""Perpendicular to the optical axis."""
+CLOSURE_WINDOW = 1.0
+"""The drop of entropy at a loop closure is measured over so long [s]."""
+FIRST_MINUTE = 60.0
+"""What figure 5 b shows [s]."""
+POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02
+"""Half heights of figure 3's axes: m, and a quaternion's component."""
+
+
+def measures(episode: Episode, notes: Notes) -> dict[str, Any]:
+    """One row: plain numbers, NaN for what did not happen; and `ladder_*`, a value for each number of landmarks."""
+    whole = outcome(episode, TARGET)
+    kept = ("seed", "end_time", "lost", "log_score_gain", "landmarks_mapped", "distinct_landmarks", "landmark_rmse")
+    return {
+        **{name: whole[name] for name in kept},
+        "final_log2_det": float(episode.log2_det_total[-1]),
+        **_errors(episode),
+        **_sights(episode, notes),
+        **_closures(episode, notes),
+        **_commands(episode, notes),
+        "ladder_time": episode.landmark_times.tolist(),
+        "ladder_log2_det": episode.landmark_log2_det.tolist(),
+        "ladder_visited": notes.visited_log2_det.tolist(),
+    }
+
+
+def _errors(episode: Episode) -> dict[str, float]:
+    """Root mean squares over the run, and the shares of errors within figure 3's axes and within their 2σ bounds."""
+    position, rotation = np.abs(episode.position_offset), np.abs(episode.rotation_offset)
+    return {
+        "orientation_rms": float(np.sqrt(np.mean(episode.orientation_error**2))),
+        "position_rms": float(np.sqrt(np.mean(episode.position_error**2))),
+        "position_in_axis": float(np.mean(position <= POSITION_AXIS)),
+        "quaternion_in_axis": float(np.mean(rotation / 2.0 <= QUATERNION_AXIS)),
+        "position_in_bounds": float(np.mean(position <= 2.0 * episode.position_std)),
+        "orientation_in_bounds": float(np.mean(rotation <= 2.0 * episode.rotation_std)),
+        "orientation_std": float(np.sqrt(np.mean(episode.rotation_std**2))),
+    }
+
+
+def _sights(episode: Episode, notes: Notes) -> dict[str, float]:
+    """Fiducials in a frame, how near the camera came to what it saw and to them [m], and how far it went [m]."""
+    seen = notes.nearest[~np.isnan(notes.nearest)]
+    path = episode.true_position
+    to_fiducials = np.linalg.norm(path[:, None] - episode.fiducials[None], axis=-1)
+    return {
+        "fiducials_a_frame": float(notes.fiducials.mean()),
+        "fiducial_frames": float(np.mean(notes.fiducials > 0)),
+        "nearest_mean": float(seen.mean()) if len(seen) else np.nan,
+        "fiducial_distance": float(to_fiducials.mean()),
+        "travelled": float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
+        "from_start": float(np.linalg.norm(path[-1] - path[0])),
+    }
+
+
+def _closures(episode: Episode, notes: Notes) -> dict[str, float]:
+    """Loop closures, and by how much log₂|P| changes in the second around one, against any other second."""
+    closed = np.flatnonzero(notes.closures)
+    width = min(round(CLOSURE_WINDOW / float(np.median(np.diff(episode.times)))), len(notes.closures))
+    window = np.lib.stride_tricks.sliding_window_view(notes.closures, width).any(axis=1)  # steps k … k + width - 1
+    row = {
+        "closures": float(notes.closures.sum()),
+        "first_closure": float(episode.times[closed[0] + 1]) if len(closed) else np.nan,
+    }
+    for part in ("camera", "total"):
+        values = getattr(episode, f"log2_det_{part}")
+        changes = values[width:] - values[:-width]
+        row[f"closure_change_{part}"] = _mean(changes[window])
+        row[f"other_change_{part}"] = _mean(changes[~window])
+    return row
+
+
+def _commands(episode: Episode, notes: Notes) -> dict[str, float]:
+    """Shares of the commands; of the lateral ones apart for those within a period after a birth, and for others."""
+    motions, gazes = np.array(motion_counts(episode)), np.array(gaze_counts(episode))
+    read = np.flatnonzero(episode.motion_read)
+    lateral = np.isin(episode.actions[read, 0], LATERAL)
+    after_birth = np.array([notes.births[a:b].any() for a, b in zip(read[:-1], read[1:])], dtype=bool)
+    mapped = np.maximum.accumulate(episode.landmarks_mapped)
+    after_mapping = mapped[read[1:]] > mapped[read[:-1]]
+    neither = ~after_birth & ~after_mapping
+    minute = lateral[episode.times[read] < FIRST_MINUTE]
+    return {
+        "stay_share": float(motions[Motion.STAY] / motions.sum()),
+        "gaze_stay_share": float(gazes[Gaze.STAY] / gazes.sum()),
+        "forward_share": float(motions[Motion.FORWARD] / motions.sum()),
+        "lateral_first_minute": float(minute.mean()),
+        "lateral_after_birth": _mean(lateral[1:][after_birth]),
+        "lateral_after_mapping": _mean(lateral[1:][after_mapping]),
+        "lateral_otherwise": _mean(lateral[1:][neither]),
+    }
+
+
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if len(values) else np.nan

@@ -1,0 +1,137 @@
+"""The page of the study: what was run, the pictures, and a table of the claims with their verdicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from agents.statistics import estimate
+from agents.study.claims import CLAIMS
+from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES
+from agents.study.runs import Rows
+from agents.study.verdicts import FEWEST_ROOMS, Finding, column, under_choices, while_alive
+
+PICTURES = {
+    "figure1": "Figure 1. A camera with two degrees of freedom and three landmarks (`agents/study/toy.py`).",
+    "figure2_maps": "Figure 2 a–c. Final maps and trajectories, from above.",
+    "figure2_entropies": "Figure 2 d–f. log₂\\|P\\| of camera, map and total.",
+    "figure3_errors": "Figure 3. Errors of position and orientation with 2σ bounds.",
+    "figure5_live": "Figure 5. The live system, simulated: entropies, and the commands of the first minute.",
+    "sensitivity": "What the open choices do to the differences between the strategies.",
+}
+
+READING = """\
+**How to read it.** Each figure is over the same rooms with the same noise; a difference is taken room by room.
+Intervals are 95 % bootstrap intervals over rooms (Wilson's for shares). *Holds* and *does not hold* are said only where
+the whole interval, of {fewest} rooms or more, is on one side of the bound (zero for a difference); otherwise *not
+shown*. There are about {count} intervals here and no correction for their number: expect a few to miss. A number
+that the paper states is one run's: it is *within our spread* if it lies in the central 95 % of our rooms.
+
+**Lost runs** (position error over 0.5 m, or no positive definite covariance) are never dropped silently. The time of
+the 14th landmark, or of the first loop closure, counts as the full duration where it was not seen, be the run lost or
+just slow (restricted mean). log₂\\|P\\| at the 14th landmark is compared at the most landmarks, 14 at most, that both
+strategies reached in that room. Errors and entropies at the end leave out rooms in which one of the two was lost; the
+note says how many. Everything else is measured until the run's end.
+
+**Measures.** *Visited alone*: log₂\\|P\\| of the camera and the oldest mapped landmarks, of the same dimension for both
+strategies; *unvisited counted*: with the others of the 27 at their prior. A *loop closure*: a fiducial or feature is
+matched again after 5 s without. *Lateral*: right, left, up, down, as four of seven commands are by chance. *After a
+birth / a mapping*: the command that follows a motion period in which a feature was born / reached σ/depth < 0.3.
+`hand-held` is that scenario; `calm` is the same with 1 px of noise, ± 9° of swing, and a filter that assumes 2 m/s² and
+1 rad/s²: its detections have no appearance, by which the paper's live system tells its features apart."""
+
+
+def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) -> str:
+    """The whole page."""
+    return "\n\n".join(
+        [
+            "# The paper's study",
+            _what_was_run(settings),
+            "## Claims",
+            _claims_table(findings),
+            READING.format(count=round(len(findings), -1), fewest=FEWEST_ROOMS),
+            "## Pictures",
+            f"Chosen by rule, not by beauty: {settings['chosen']}",
+            *(f"![{caption}](images/study/{name}.png)\n\n{caption}" for name, caption in PICTURES.items()),
+            "## Choices that the paper leaves open",
+            _choices_table(),
+            "## Every claim under every choice",
+            _sensitivity_tables(findings),
+            "## Every condition",
+            _conditions_table(rows),
+            "",
+        ]
+    )
+
+
+def _what_was_run(settings: dict[str, Any]) -> str:
+    versions = ", ".join(f"{name} {version}" for name, version in settings["versions"].items())
+    rooms = f"{settings['episodes']} rooms, seeds {settings['seed']} … {settings['seed'] + settings['episodes'] - 1}"
+    return (
+        "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
+        f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote this page and everything in it. "
+        f"{rooms}, the same for every condition. {settings['machine']}; {versions}."
+    )
+
+
+def _claims_table(findings: Sequence[Finding]) -> str:
+    """A line for each measure of each claim: the main choice, and the verdicts under the others."""
+    lines = [
+        "| The paper says | Where | Ours | Figure [95 %] | Verdict | Over the choices |",
+        "|---|---|---|---|---|---|",
+    ]
+    for claim in CLAIMS:
+        own = [finding for finding in findings if finding.claim == claim.key]
+        for i, measure in enumerate(dict.fromkeys(finding.measure for finding in own)):
+            same = [finding for finding in own if finding.measure == measure]
+            first = same[0]
+            words, where = (claim.words, claim.where) if i == 0 else ("", "")
+            figure = first.text + (f" ({first.note})" if first.note else "")
+            lines.append(f"| {words} | {where} | {measure} | {figure} | **{first.verdict}** | {under_choices(same)} |")
+    return "\n".join(lines)
+
+
+def _choices_table() -> str:
+    lines = ["| Choice | What it is |", "|---|---|"]
+    return "\n".join(lines + [f"| `{choice.name}` | {choice.meaning} |" for choice in CHOICES])
+
+
+def _sensitivity_tables(findings: Sequence[Finding]) -> str:
+    """A row a choice, a column a claim, of the claims that were judged under every choice."""
+    names = [choice.name for choice in CHOICES]
+    keys = [claim.key for claim in CLAIMS if {f.choice for f in findings if f.claim == claim.key} >= set(names)]
+    by_key = {(f.claim, f.choice): f for f in findings}
+    tables = []
+    for half in (keys[::2], keys[1::2]):  # against (i), against (ii)
+        heads = [by_key[key, names[0]].measure for key in half]
+        lines = ["| Choice | " + " | ".join(heads) + " |", "|---" * (len(half) + 1) + "|"]
+        for name in names:
+            cells = [f"{by_key[key, name].text}: {by_key[key, name].verdict}" for key in half]
+            lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
+        tables.append("\n".join(lines))
+    return "\n\n".join(tables)
+
+
+def _conditions_table(rows: Rows) -> str:
+    """Lost runs and the usual figures of everything that was run."""
+    pairs = [(choice.name, strategy) for choice in CHOICES for strategy in STRATEGIES]
+    pairs += [(one.choice, one.policy) for one in SINGLES if (one.choice, one.policy) not in pairs]
+    lines = [
+        "| Choice | Policy | % lost | Landmarks mapped | Log score, bits (median) | Orientation RMS, ° (alive) | "
+        "`stay`, % of motions |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for choice, policy in pairs:
+        those = rows[choice, policy]
+        cells = [
+            estimate(column(those, "lost"), "share").text(100.0, 0),
+            estimate(column(those, "landmarks_mapped"), "mean").text(),
+            estimate(column(those, "log_score_gain"), "median").text(1.0, 0),
+            estimate(np.degrees(while_alive(those, "orientation_rms")), "mean").text(1.0, 2),
+            estimate(column(those, "stay_share"), "mean").text(100.0, 0),
+        ]
+        role = "mi (gaze scripted)" if policy == LIVE else policy
+        lines.append(f"| `{choice}` | {role} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)

@@ -1,0 +1,175 @@
+"""The study's pictures: the paper's figures 1, 2, 3 and 5 from our runs. matplotlib is imported where it draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from activeslam_gym import Motion
+from agents import figures
+from agents.evaluate import Episode
+from agents.study import toy
+from agents.study.claims import STATED
+from agents.study.conditions import CHOICES, DEFAULT, LIVE, STRATEGIES
+from agents.study.measures import FIRST_MINUTE
+from agents.study.runs import Rows
+from agents.study.verdicts import HOLDS, Array, Finding, Row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
+LIVE_CHOICES = ("hand-held", "calm")
+FOREST = {
+    "faster-mi-constant": "14th landmark, s\n(iii) − (i)",
+    "faster-mi-mi": "14th landmark, s\n(iii) − (ii)",
+    "entropy-mi-constant-ladder_visited": "log₂|P| then, visited\n(iii) − (i)",
+    "entropy-mi-mi-ladder_visited": "log₂|P| then, visited\n(iii) − (ii)",
+    "orientation-mi-constant": "orientation RMS, °\n(iii) − (i)",
+    "orientation-mi-mi": "orientation RMS, °\n(iii) − (ii)",
+}
+"""Claim → title of its panel in the picture of the sensitivities."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The runs that are drawn whole."""
+
+    strategies: dict[str, Episode]
+    """Strategy → its run in the chosen room."""
+    live: dict[str, Episode]
+    """Choice → the chosen run of the live system."""
+
+
+def draw_all(rows: Rows, findings: Sequence[Finding], drawn: Drawn, folder: Path) -> list[Path]:
+    """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
+    by_policy = {f"{STRATEGIES[name]} {name}": [episode] for name, episode in drawn.strategies.items()}
+    pictures = {
+        "figure1": figure_1(),
+        "figure2_maps": figures.maps(by_policy),
+        "figure2_entropies": figure_2_entropies(rows, drawn),
+        "figure3_errors": figures.errors(by_policy),
+        "figure5_live": figure_5(rows, drawn),
+        "sensitivity": sensitivity(findings),
+    }
+    return [figures.save_figure(figure, folder / f"{name}.png", dpi=80) for name, figure in pictures.items()]
+
+
+def figure_1() -> Figure:
+    """The toy: mutual information at every place, the moves of one step, and the best of them."""
+    figure, grid = figures.grid_of_panels(1, 4, (3.3, 3.2), sharex=True, sharey=True)
+    xs, ys = np.linspace(-2.2, 2.0, 57), np.linspace(-1.2, 2.2, 47)
+    panels = [(half_view, isotropic) for half_view in (np.radians(48.0), np.pi) for isotropic in (True, False)]
+    for axes, (half_view, isotropic) in zip(grid.flat, panels):
+        scene = toy.Toy(isotropic=isotropic, half_view=half_view)
+        bits = toy.field(scene, xs, ys)
+        axes.pcolormesh(xs, ys, bits, vmax=np.quantile(bits, 0.98), cmap="viridis", shading="nearest", rasterized=True)
+        angle = toy.best_direction(scene)
+        ring = scene.step * np.stack([np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60))])
+        axes.plot(*ring, color="white", linewidth=0.8)
+        head = 2.2 * scene.step * np.array([np.cos(angle), np.sin(angle)])
+        axes.annotate("", xy=tuple(head), xytext=(0, 0), arrowprops={"color": "white", "width": 1.0, "headwidth": 6.0})
+        axes.plot(0, 0, "ws", markersize=5)
+        for i, y in enumerate(scene.landmarks):
+            axes.plot(*y, "o", color="tab:red", markersize=5)
+            axes.annotate(str(i + 1), tuple(y), textcoords="offset points", xytext=(5, 4), color="white")
+        view = "96° view" if half_view < np.pi else "sees all around"
+        axes.set_title(f"{view}, {'isotropic' if isotropic else 'long along the sight'}", fontsize=9)
+        axes.set(aspect="equal", xlabel="m", xlim=(xs[0], xs[-1]), ylim=(ys[0], ys[-1]))
+    figure.suptitle("Figure 1: mutual information of a move (bright: much); arrow: the best 30 cm", fontsize=10)
+    return figure
+
+
+def figure_2_entropies(rows: Rows, drawn: Drawn) -> Figure:
+    """Figure 2 d–f: log₂|P| over time in the chosen room, band over the rooms, and the paper's 14th landmark."""
+    figure, grid = figures.grid_of_panels(1, len(STRATEGIES), (4.0, 3.2), sharex=True, sharey=True)
+    for axes, (name, numeral) in zip(grid.flat, STRATEGIES.items()):
+        _entropies(axes, drawn.strategies[name], rows[DEFAULT, name])
+        axes.plot(*STATED[name], "kx", markersize=9, markeredgewidth=2, label="paper's 14th")
+        reached = drawn.strategies[name].landmark_times
+        if len(reached) >= 14:
+            log2_det = drawn.strategies[name].landmark_log2_det[13]
+            axes.plot(reached[13], log2_det, "o", mfc="none", mec="black", ms=9, label="our 14th")
+        axes.set(title=f"{numeral} {name}", xlabel="time, s")
+    grid[0, 0].set_ylabel("log₂|P|, unvisited counted")
+    handles = {label: handle for axes in grid.flat for handle, label in zip(*axes.get_legend_handles_labels())}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), fontsize=8)
+    rooms = len(rows[DEFAULT, "mi-mi"])
+    figure.suptitle(f"Figure 2 d–f: room {_seed(drawn.strategies)}; bands: 10–90 % of {rooms} rooms", fontsize=10)
+    return figure
+
+
+def figure_5(rows: Rows, drawn: Drawn) -> Figure:
+    """Figure 5: the live system's entropies over the frames, and its commands of the first minute."""
+    figure, grid = figures.grid_of_panels(2, len(drawn.live), (5.4, 3.0))
+    for column, (choice, episode) in enumerate(drawn.live.items()):
+        _entropies(grid[0, column], episode, rows[choice, LIVE])
+        lost = np.mean([row["lost"] for row in rows[choice, LIVE]])
+        grid[0, column].set(
+            title=f"{choice}: room {episode.seed}; {100 * lost:.0f} % of all runs are lost", xlabel="time, s"
+        )
+        _commands(grid[1, column], episode)
+    grid[0, 0].set_ylabel("log₂|P|, unvisited counted")
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
+    figure.suptitle(
+        "Figure 5: entropies of the live system (band: 10–90 % of the runs alive) and its commands", fontsize=10
+    )
+    return figure
+
+
+def sensitivity(findings: Sequence[Finding]) -> Figure:
+    """Paired differences with their intervals, under every choice."""
+    figure, grid = figures.grid_of_panels(1, len(FOREST), (2.1, 3.6), sharey=True)
+    names = [choice.name for choice in CHOICES]
+    for axes, (claim, title) in zip(grid.flat, FOREST.items()):
+        for finding in findings:
+            if finding.claim == claim and np.isfinite(finding.estimate.low):
+                figures_of = finding.estimate
+                y = len(names) - 1 - names.index(finding.choice)
+                colour = "tab:green" if finding.verdict == HOLDS else "tab:grey"
+                axes.plot([figures_of.low, figures_of.high], [y, y], color=colour, linewidth=2)
+                axes.plot(figures_of.value, y, "o", color=colour, markersize=4)
+        axes.axvline(0.0, color="black", linewidth=0.6)
+        axes.set_title(title, fontsize=8)
+        axes.tick_params(labelsize=7)
+    grid[0, 0].set_yticks(range(len(names)), list(reversed(names)), fontsize=8)
+    figure.suptitle("Paired differences with 95 % intervals; green: the claim holds", fontsize=10)
+    return figure
+
+
+def curves(rows: Sequence[Row], name: str) -> tuple[Array, Array]:
+    """Times (G,) and values (rooms, G) of a kept curve; NaN after a run's end."""
+    times = np.array(max((row["curve_time"] for row in rows), key=len))
+    values = [np.interp(times, row["curve_time"], row[f"curve_{name}"], right=np.nan) for row in rows]
+    return times, np.array(values)
+
+
+def _entropies(axes: Axes, episode: Episode, rows: Sequence[Row]) -> None:
+    """Lines of one run with a mark at each new landmark, and bands over the rooms."""
+    for part, colour in PARTS.items():
+        times, values = curves(rows, f"log2_det_{part}")
+        enough = np.sum(~np.isnan(values), axis=0) >= max(1, len(rows) // 10)
+        band = np.nanpercentile(values[:, enough], (10.0, 90.0), axis=0)
+        axes.fill_between(times[enough], *band, color=colour, alpha=0.15, linewidth=0)
+        axes.plot(episode.times, getattr(episode, f"log2_det_{part}"), color=colour, linewidth=1.1, label=part)
+    axes.plot(episode.landmark_times, episode.landmark_log2_det, "k+", markersize=5, label="new landmark")
+
+
+def _commands(axes: Axes, episode: Episode) -> None:
+    """The commands over the first minute, as the paper draws them."""
+    read = np.flatnonzero(episode.motion_read)
+    times, motions = episode.times[read], episode.actions[read, 0]
+    shown = times < FIRST_MINUTE
+    axes.step(times[shown], motions[shown], where="post", color="tab:blue", linewidth=1.0)
+    axes.set_yticks(range(len(Motion)), [motion.name for motion in Motion], fontsize=7)
+    axes.set(xlabel="time, s", xlim=(0.0, FIRST_MINUTE), ylim=(-0.5, len(Motion) - 0.5))
+
+
+def _seed(episodes: dict[str, Any]) -> int:
+    return next(iter(episodes.values())).seed

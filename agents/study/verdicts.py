@@ -1,0 +1,172 @@
+"""From the rows of two policies in the same rooms to a verdict on what the paper says of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents.statistics import CONFIDENCE, Estimate, Statistic, estimate
+
+Array = NDArray[np.float64]
+Row = dict[str, Any]
+Side = Literal["above", "below"]
+
+FEWEST_ROOMS = 10
+"""With fewer rooms an interval is no ground for a verdict."""
+HOLDS, FAILS, OPEN = "holds", "does not hold", "not shown"
+WITHIN, OUTSIDE = "within our spread", "outside our spread"
+"""Of a number that the paper states of its one run."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One claim under one choice."""
+
+    claim: str
+    """Key of the claim."""
+    choice: str
+    """What was chosen where the paper leaves it open."""
+    measure: str
+    """What our figure is, in words with its unit."""
+    estimate: Estimate
+    verdict: str
+    """One of the words above."""
+    scale: float = 1.0
+    """The figure is printed times this."""
+    digits: int = 1
+    note: str = ""
+    """What a reader has to know beside the figure: rooms left out, say."""
+
+    @property
+    def text(self) -> str:
+        """The figure with its interval."""
+        return self.estimate.text(self.scale, self.digits)
+
+
+def judge(figure: Estimate, side: Side, bound: float = 0.0) -> str:
+    """Whether the figure is on the claimed side of the bound: said only where its whole interval is on one side."""
+    if figure.rooms < FEWEST_ROOMS or not np.isfinite([figure.low, figure.high]).all():
+        return OPEN
+    above, below = figure.low > bound, figure.high < bound
+    if not (above or below):
+        return OPEN
+    return HOLDS if (above if side == "above" else below) else FAILS
+
+
+def judge_draw(values: Sequence[float], stated: float) -> str:
+    """Whether the paper's one draw lies within the central 95 % of our rooms; NaN rooms are left out."""
+    known = np.array(values, dtype=float)
+    known = known[~np.isnan(known)]
+    if len(known) < FEWEST_ROOMS:
+        return OPEN
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = np.quantile(known, (tail, 1.0 - tail))
+    return WITHIN if low <= stated <= high else OUTSIDE
+
+
+def column(rows: Sequence[Row], name: str) -> Array:
+    """(rooms,) a number of each run."""
+    return np.array([row[name] for row in rows], dtype=float)
+
+
+def while_alive(rows: Sequence[Row], name: str) -> Array:
+    """(rooms,) a number of each run; NaN for a lost one, which has no error or entropy worth the name."""
+    return np.where(column(rows, "lost") == 1.0, np.nan, column(rows, name))
+
+
+def paired(ours: Array, theirs: Array, statistic: Statistic = "mean") -> Estimate:
+    """The difference in the same rooms, over the rooms in which both are known."""
+    return estimate(ours - theirs, statistic)
+
+
+def restricted_time(rows: Sequence[Row], rung: int, duration: float) -> Array:
+    """(rooms,) s until `rung` landmarks were mapped, but `duration` where that was not seen: lost before, or never.
+
+    The mean of these is the restricted mean, the usual figure of times that are censored at the end of a study.
+    """
+    return np.array([_rung(row["ladder_time"], rung, duration) for row in rows])
+
+
+def restricted(rows: Sequence[Row], name: str, duration: float) -> Array:
+    """(rooms,) s until something happened, but `duration` where it was not seen."""
+    times = column(rows, name)
+    return np.where(np.isnan(times), duration, times)
+
+
+def at_rung(rows: Sequence[Row], ladder: str, rung: int) -> Array:
+    """(rooms,) the value when `rung` landmarks were mapped; NaN where they never were."""
+    return np.array([_rung(row[ladder], rung, np.nan) for row in rows], dtype=float)
+
+
+def at_common_rung(ours: Sequence[Row], theirs: Sequence[Row], ladder: str, most: int) -> tuple[Array, Array]:
+    """(rooms,) of each: the value at the most landmarks that both reached in a room, `most` at most; NaN for none.
+
+    Rooms in which one of them never reached `most` are not left out: they are compared on a lower rung.
+    """
+    pairs = []
+    for own, other in zip(ours, theirs, strict=True):
+        rung = min(len(own[ladder]), len(other[ladder]), most)
+        pairs.append((_rung(own[ladder], rung, np.nan), _rung(other[ladder], rung, np.nan)))
+    first, second = np.array(pairs, dtype=float).T
+    return first, second
+
+
+def _rung(ladder: Sequence[float | None], rung: int, otherwise: float) -> float:
+    """Entry number `rung`, from 1."""
+    if not 1 <= rung <= len(ladder):
+        return otherwise
+    value = ladder[rung - 1]
+    return otherwise if value is None else value
+
+
+def difference(
+    claim: str,
+    choice: str,
+    measure: str,
+    values: tuple[Array, Array],
+    side: Side,
+    scale: float = 1.0,
+    digits: int = 1,
+    statistic: Statistic = "mean",
+) -> Finding:
+    """The finding on a paired difference, first minus second, which the claim puts on one `side` of zero."""
+    figure = paired(*values, statistic)
+    left_out = len(values[0]) - figure.rooms
+    note = f"{left_out} of {len(values[0])} rooms left out" if left_out else ""
+    return Finding(claim, choice, measure, figure, judge(figure, side), scale, digits, note)
+
+
+def level(
+    claim: str,
+    choice: str,
+    measure: str,
+    values: Array,
+    side: Side,
+    bound: float,
+    scale: float = 1.0,
+    digits: int = 1,
+    statistic: Statistic = "mean",
+) -> Finding:
+    """The finding on a figure over rooms, which the claim puts on one `side` of a `bound`."""
+    figure = estimate(values, statistic)
+    left_out = len(values) - figure.rooms
+    note = f"{left_out} of {len(values)} rooms left out" if left_out else ""
+    return Finding(claim, choice, measure, figure, judge(figure, side, bound), scale, digits, note)
+
+
+def under_choices(findings: Sequence[Finding]) -> str:
+    """The verdicts of one claim over all choices in a line: `holds: a, b; not shown: c`."""
+    verdicts: dict[str, list[str]] = {}
+    for finding in findings:
+        verdicts.setdefault(finding.verdict, []).append(finding.choice)
+    if len(verdicts) == 1:
+        return f"{next(iter(verdicts))} under every choice" if len(findings) > 1 else ""
+    return "; ".join(
+        f"{verdict}: {', '.join(verdicts[verdict])}"
+        for verdict in (HOLDS, OPEN, FAILS, WITHIN, OUTSIDE)
+        if verdict in verdicts
+    )

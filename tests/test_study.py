@@ -1,0 +1,328 @@
+"""The paper's study: verdicts on made-up rows with known answers, the altered strategies, then the command, small."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import activeslam_gym  # noqa: F401  (registers the environment)
+import baselines
+from activeslam_gym import Motion
+from activeslam_gym.config import Scenario
+from activeslam_gym.envs import planning
+from activeslam_gym.information import MUTUAL_INFORMATION
+from activeslam_gym.motion import CAMERA_DIM
+from agents import policies
+from agents.__main__ import main
+from agents.evaluate import run_episode
+from agents.statistics import Estimate
+from agents.study import runs, strategies, toy, verdicts
+from agents.study.claims import CLAIMS
+from agents.study.command import median_room
+from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, conditions
+from agents.study.measures import measures
+from agents.study.observer import CLOSURE_GAP, Notes, Observer
+from agents.study.places import PLACES, Placed
+from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
+
+ROOMS = 40
+SCENARIO = Scenario()
+
+
+def environment(duration: float = 3.0) -> gym.Env:
+    return gym.make("ActiveSLAM-v0", duration=duration)
+
+
+def figure(value: float, low: float, high: float, rooms: int = ROOMS) -> Estimate:
+    return Estimate(value, low, high, rooms, "mean")
+
+
+# Verdicts -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("estimate", "side", "bound", "verdict"),
+    [
+        (figure(2.0, 1.0, 3.0), "above", 0.0, HOLDS),
+        (figure(2.0, 1.0, 3.0), "below", 0.0, FAILS),
+        (figure(2.0, 1.0, 3.0), "above", 1.5, OPEN),
+        (figure(-2.0, -3.0, -1.0), "below", 0.0, HOLDS),
+        (figure(1.0, 0.0, 2.0), "above", 0.0, OPEN),
+        (figure(1.0, np.nan, np.nan), "above", 0.0, OPEN),
+        (figure(2.0, 1.0, 3.0, rooms=9), "above", 0.0, OPEN),
+    ],
+)
+def test_a_verdict_needs_the_whole_interval_on_one_side(
+    estimate: Estimate, side: verdicts.Side, bound: float, verdict: str
+) -> None:
+    assert judge(estimate, side, bound) == verdict
+
+
+def test_rooms_are_compared_in_pairs() -> None:
+    """Rooms that differ by far more than the strategies hide nothing, since the difference is taken in each room."""
+    rng = np.random.default_rng(0)
+    rooms = rng.normal(0.0, 100.0, ROOMS)
+    ours, theirs = rooms + 1.0 + rng.normal(0.0, 0.5, ROOMS), rooms
+    assert verdicts.difference("c", "x", "m", (ours, theirs), "above").verdict == HOLDS
+    assert verdicts.difference("c", "x", "m", (ours, rng.permutation(theirs)), "above").verdict == OPEN
+
+
+def test_equal_strategies_show_nothing() -> None:
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (2, ROOMS))
+    finding = verdicts.difference("c", "x", "m", (noise[0] - noise[0].mean(), noise[1] - noise[1].mean()), "above")
+    assert finding.verdict == OPEN
+    assert finding.estimate.low < 0.0 < finding.estimate.high
+
+
+def test_rooms_left_out_are_counted() -> None:
+    values = np.ones(ROOMS), np.zeros(ROOMS)
+    values[0][:3] = np.nan
+    finding = verdicts.difference("c", "x", "m", values, "above")
+    assert finding.estimate.rooms == ROOMS - 3
+    assert finding.note == f"3 of {ROOMS} rooms left out"
+
+
+@pytest.mark.parametrize(("stated", "verdict"), [(50.0, WITHIN), (1.0, OUTSIDE), (99.0, OUTSIDE)])
+def test_a_stated_number_is_one_draw(stated: float, verdict: str) -> None:
+    assert judge_draw(np.linspace(0.0, 100.0, 101).tolist(), stated) == verdict
+
+
+def test_a_time_that_was_not_seen_counts_as_the_whole_duration() -> None:
+    lost_early = {"ladder_time": [1.0, 2.0], "lost": 1}
+    reached = {"ladder_time": [1.0, 2.0, 7.0], "lost": 0}
+    np.testing.assert_array_equal(verdicts.restricted_time([lost_early, reached], 3, 35.0), [35.0, 7.0])
+    np.testing.assert_array_equal(verdicts.restricted([{"t": np.nan}, {"t": 4.0}], "t", 35.0), [35.0, 4.0])
+
+
+def test_ladders_are_compared_on_a_rung_that_both_reached() -> None:
+    ours = [{"l": [-1.0, -2.0, -3.0]}, {"l": [-1.0]}, {"l": []}]
+    theirs = [{"l": [-10.0, -20.0]}, {"l": [-10.0, -20.0]}, {"l": [-10.0]}]
+    first, second = verdicts.at_common_rung(ours, theirs, "l", most=14)
+    np.testing.assert_array_equal(first, [-2.0, -1.0, np.nan])
+    np.testing.assert_array_equal(second, [-20.0, -10.0, np.nan])
+    np.testing.assert_array_equal(verdicts.at_common_rung(ours[:1], theirs[:1], "l", most=1)[0], [-1.0])
+
+
+def test_a_lost_run_has_no_final_error() -> None:
+    rows = [{"lost": 1, "error": 0.1}, {"lost": 0, "error": 0.2}]
+    np.testing.assert_array_equal(verdicts.while_alive(rows, "error"), [np.nan, 0.2])
+
+
+def test_verdicts_of_several_choices_in_a_line() -> None:
+    one = verdicts.Finding("c", "a", "m", figure(1, 0.5, 2), HOLDS)
+    assert verdicts.under_choices([one]) == ""
+    assert verdicts.under_choices([one, replace(one, choice="b")]) == "holds under every choice"
+    text = verdicts.under_choices([replace(one, choice="z", verdict=FAILS), one, replace(one, choice="b")])
+    assert text == "holds: a, b; does not hold: z"
+
+
+def test_the_median_room_has_no_lost_run() -> None:
+    rows = runs.Rows()
+    scores = [10.0, 20.0, 30.0, 40.0, 50.0]
+    for name in STRATEGIES:
+        rows[DEFAULT, name] = [{"seed": i, "lost": int(i == 2), "log_score_gain": s} for i, s in enumerate(scores)]
+    assert median_room(rows) == 3  # of 10, 20, 40, 50: the upper of the two in the middle
+
+
+# Figure 1 -----------------------------------------------------------------------------------------------------------
+
+
+def test_toy_information_is_the_drop_of_entropy() -> None:
+    """1/2 log2(|S| / |R|) = 1/2 log2(|P| / |P - P H^T S^-1 H P|), with H by differences."""
+    scene, place = toy.Toy(half_view=np.pi), np.array([0.2, 0.1])
+
+    def bearings(x: np.ndarray) -> np.ndarray:
+        d = x[2:].reshape(-1, 2) - x[:2]
+        return np.arctan2(d[:, 1], d[:, 0])
+
+    x = np.concatenate((place, scene.landmarks.ravel()))
+    H = np.stack([(bearings(x + e) - bearings(x - e)) / 2e-6 for e in 1e-6 * np.eye(len(x))], axis=1)
+    P = scene.covariance
+    P[:2, :2] += scene.motion_std**2 * np.eye(2)
+    S = H @ P @ H.T + scene.bearing_std**2 * np.eye(len(H))
+    posterior = P - P @ H.T @ np.linalg.solve(S, H @ P)
+    drop = 0.5 * (np.linalg.slogdet(P)[1] - np.linalg.slogdet(posterior)[1]) / np.log(2.0)
+    assert float(toy.information(scene, place)) == pytest.approx(drop, rel=1e-5)
+
+
+def test_between_two_equal_landmarks_the_best_move_is_straight_ahead() -> None:
+    scene = toy.Toy(bearings=(np.pi / 3, 2 * np.pi / 3), ranges=(1.5, 1.5))
+    assert toy.best_direction(scene) == pytest.approx(np.pi / 2)
+    assert toy.lies_between(scene, 0, 1)
+
+
+def test_nothing_in_view_teaches_nothing() -> None:
+    assert float(toy.information(toy.Toy(half_view=0.0), np.array([0.3, 0.3]))) == 0.0
+
+
+# Altered readings ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gaze_criterion", [None, MUTUAL_INFORMATION])
+def test_the_default_reading_is_the_baseline(gaze_criterion: str | None) -> None:
+    env = environment()
+    name = "mi-constant" if gaze_criterion is None else "mi-mi"
+    expected = run_episode(env, baselines.make(name, env), seed=5)
+    found = run_episode(env, strategies.Reread(env, strategies.Reading(), gaze_criterion), seed=5)
+    np.testing.assert_array_equal(found.actions, expected.actions)
+
+
+def test_a_cap_touches_expected_landmarks_alone_and_lowers_them() -> None:
+    env: Any = environment().unwrapped
+    env.reset(seed=5)
+    prospect = planning.prospect(env._run.simulation)
+    P, waiting = prospect.covariance, SCENARIO.landmark_count
+    capped = strategies.capped(prospect.points, P, prospect.camera, waiting, SCENARIO)
+    assert (np.diag(capped) <= np.diag(P)).all()
+    assert (np.diag(capped)[CAMERA_DIM:] < np.diag(P)[CAMERA_DIM:]).any()
+    np.testing.assert_array_equal(capped[:CAMERA_DIM], P[:CAMERA_DIM])
+    np.testing.assert_array_equal(strategies.capped(prospect.points, P, prospect.camera, 0, SCENARIO), P)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_expected_landmarks_move_and_nothing_else(place: str) -> None:
+    plain, placed = environment(), Placed(environment(), place)
+    plain.reset(seed=5), placed.reset(seed=5)
+    one, other = plain.unwrapped._run.simulation, placed.unwrapped._run.simulation  # type: ignore[attr-defined]
+    assert not np.array_equal(one.expectation.points, other.expectation.points)
+    np.testing.assert_array_equal(one.world.points, other.world.points)
+    assert plain.unwrapped.belief.log2_det() == placed.unwrapped.belief.log2_det()  # type: ignore[attr-defined]
+
+
+def test_landmarks_that_are_nowhere_are_in_no_score() -> None:
+    env = Placed(environment(), "nowhere")
+    env.reset(seed=5)
+    core: Any = env.unwrapped
+    simulation = core._run.simulation
+    for criterion in ("mutual_information", "fisher_trace"):
+        nowhere = core.motion_scores(criterion)
+        simulation.expectation.slot[:] = 0  # as if all had been retired
+        np.testing.assert_array_equal(core.motion_scores(criterion), nowhere)
+        simulation.expectation.slot[:] = -1
+
+
+def test_the_lattice_fills_the_room() -> None:
+    points = PLACES["lattice"](SCENARIO, 3)
+    assert len(np.unique(points, axis=0)) == SCENARIO.landmark_count
+    assert (np.abs(points) < np.array(SCENARIO.room_size) / 2.0).all()
+    np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-12)
+
+
+def test_there_is_no_such_place() -> None:
+    with pytest.raises(ValueError, match="place must be one of"):
+        Placed(environment(), "elsewhere")
+
+
+# What is noted and measured -----------------------------------------------------------------------------------------
+
+
+def test_a_loop_closes_after_the_gap_and_not_before() -> None:
+    env = Observer(environment())
+    env.reset(seed=5)
+    env._last_match[True, 0] = -CLOSURE_GAP  # the time is 0
+    env._last_match[True, 1] = 0.1 - CLOSURE_GAP
+    assert env._closures(np.array([0, 1, 2])) == 1
+    assert env._closures(np.array([0, 1, 2])) == 0
+
+
+def test_notes_of_a_run() -> None:
+    env = Observer(environment(4.0))
+    episode = run_episode(env, baselines.make("mi-mi", env), seed=5)
+    notes = env.notes
+    assert len(notes.fiducials) == len(notes.births) == len(notes.nearest) == len(episode.actions)
+    assert 0 < notes.fiducials.max() <= SCENARIO.fiducial_count
+    assert len(notes.visited_log2_det) == len(episode.landmark_times) > 0
+    assert (np.diff(notes.visited_log2_det) < 0).all()  # each brings three small variances
+
+
+def test_measures_of_a_made_up_run() -> None:
+    env = Observer(environment(4.0))
+    episode = run_episode(env, baselines.make("stay", env), seed=5)
+    period = round(1.0 / 0.05)
+    actions = episode.actions.copy()
+    for second, motion in enumerate((Motion.STAY, Motion.UP, Motion.FORWARD, Motion.STAY)):
+        actions[second * period : (second + 1) * period, 0] = motion
+    episode = replace(episode, actions=actions, landmarks_mapped=np.zeros_like(episode.landmarks_mapped))
+    births, closures = np.zeros(len(actions), int), np.zeros(len(actions), int)
+    births[3], closures[30] = 1, 2
+    notes = Notes(np.full(len(actions), 2), births, closures, np.full(len(actions), 1.5), np.array([]))
+    row = measures(episode, notes)
+    assert row["lateral_after_birth"] == 1.0  # UP, after the birth in the first second
+    assert row["lateral_otherwise"] == 0.0
+    assert np.isnan(row["lateral_after_mapping"])
+    assert (row["stay_share"], row["forward_share"], row["lateral_first_minute"]) == (0.5, 0.25, 0.25)
+    assert (row["fiducials_a_frame"], row["nearest_mean"], row["closures"]) == (2.0, 1.5, 2.0)
+    assert row["first_closure"] == pytest.approx(31 * 0.05)
+
+
+# Conditions and runs ------------------------------------------------------------------------------------------------
+
+
+def test_conditions_have_names_of_their_own_and_known_policies() -> None:
+    all_of_them = conditions()
+    assert len({one.name for one in all_of_them}) == len(all_of_them)
+    for one in all_of_them:
+        policies.factory(one.source)
+        Scenario(**one.scenario_fields())
+    by_name = {one.name: one.settings() for one in all_of_them}
+    assert by_name["eigenvalue--mi-constant"] == by_name["default--mi-constant"]  # run once
+    assert by_name["eigenvalue--mi-fisher"] != by_name["default--mi-fisher"]
+    assert {choice.name for choice in CHOICES} == {one.choice for one in all_of_them if one.policy == "mi-mi"} - {
+        "nowhere",
+        "particles-nowhere",
+        "clutter",
+    }
+
+
+def test_complete_conditions_are_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    played: list[int] = []
+
+    def row_of(task: runs.Task) -> runs.Row:
+        played.append(task.seed)
+        return {"seed": task.seed, "first_closure": np.nan, "lost": 0}
+
+    monkeypatch.setattr(runs, "row_of", row_of)
+    twins = [Condition("a", "mi-mi", "mi-mi"), Condition("b", "mi-mi", "mi-mi")]
+    first = runs.run_conditions(twins, [1, 2], tmp_path, jobs=1)
+    assert played == [1, 2]  # equal settings: once
+    assert first["a", "mi-mi"] == first["b", "mi-mi"]
+    again = runs.run_conditions(twins, [1, 2], tmp_path, jobs=1)
+    assert played == [1, 2]
+    assert np.isnan(again["b", "mi-mi"][0]["first_closure"])
+    runs.run_conditions(twins, [1, 3], tmp_path, jobs=1)
+    assert played == [1, 2, 1, 3]
+    runs.run_conditions([replace(twins[0], duration=2.0)], [1, 2], tmp_path, jobs=1)
+    assert played == [1, 2, 1, 3, 1, 2]
+
+
+def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["study", "--episodes", "2", "--duration", "1", "--jobs", "1", "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    assert "Written to" in capsys.readouterr().out
+    page = (tmp_path / "STUDY.md").read_text(encoding="utf-8")
+    assert "python -m agents study --episodes 2 --seed 1000000 --duration 1" in page
+    for claim in CLAIMS:
+        assert claim.words in page
+    study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
+    assert {finding["claim"] for finding in study["findings"]} == {claim.key for claim in CLAIMS}
+    for name in STRATEGIES:
+        true, estimated = (
+            np.loadtxt(tmp_path / "trajectories" / f"{name}-{kind}.tum") for kind in ("true", "estimated")
+        )
+        assert true.shape == estimated.shape == (21, 8)
+        np.testing.assert_allclose(np.linalg.norm(true[:, 4:], axis=1), 1.0, atol=1e-6)
+    if (tmp_path / "images").exists():
+        pictures = {path.name for path in (tmp_path / "images" / "study").iterdir()}
+        assert all(f"images/study/{name}" in page for name in pictures)
+
+
+def test_the_command_refuses_nonsense() -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main(["study", "--episodes", "0"])
+    assert exit_.value.code == 2

@@ -7,20 +7,25 @@ VENV    := .venv
 RUN     := $(VENV)/bin/python
 PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
+POLICIES := ppo ppo-entropy random stay sweep mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2
 CLIENTS := sb3 torchrl rllib cleanrl rerun
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency figures bench clients docs test lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency results figures bench clients docs test lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
-demo: $(VENV)/.demo ## compare the paper's policies on eight rooms: table and pictures in results/demo
-	$(RUN) -m agents compare --policies mi-constant mi-mi mi-fisher sweep --episodes 8 --seed 1000000 --out results/demo
+demo: $(VENV)/.agents ## compare learned and greedy policies in eight rooms: table and pictures in results/demo
+	$(RUN) -m agents compare --policies ppo mi-constant mi-mi mi-fisher sweep --episodes 8 --seed 1000000 --out results/demo
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, both initialisers (minutes): results/consistency
 	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency
+
+results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it was not trained (15 minutes or more)
+	$(RUN) -m agents compare --policies $(POLICIES) --episodes 200 --out results/compare --report RESULTS.md README.md --resume
+	$(RUN) -m agents generalise --report RESULTS.md
 
 figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
 	$(RUN) -m agents study --episodes 100 --seed 1000000 --out results/figures
@@ -49,7 +54,7 @@ clean: ## remove what the targets made (not results/)
 	rm -rf $(VENV) .venvs build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# Stamps: a set of packages is installed anew when pyproject.toml changes. `demo` needs no torch, so has its own.
+# Stamps: a set of packages is installed anew when pyproject.toml changes.
 
 $(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "Python 3.10 or newer is needed: make PYTHON=python3.12 ...")'
@@ -61,6 +66,11 @@ $(VENV)/.made:
 $(VENV)/.demo: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the comparison needs into $(VENV) (once)"
 	@$(PIP) --editable '.[compare]'
+	@touch $@
+
+$(VENV)/.agents: pyproject.toml | $(VENV)/.made
+	@echo "Installing what learned policies need, PyTorch among it, into $(VENV) (once; takes a minute or two)"
+	@$(PIP) --editable '.[agents]'
 	@touch $@
 
 $(VENV)/.bench: pyproject.toml | $(VENV)/.made

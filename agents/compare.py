@@ -67,8 +67,8 @@ class Args:
     """Processes."""
     resume: bool = False
     """Take the finished episodes that `out` holds for the same settings instead of running them again."""
-    report: Path | None = None
-    """A Markdown file whose section "compare" gets the tables, for instance RESULTS.md."""
+    report: tuple[Path, ...] = ()
+    """Markdown files whose generated sections "compare" (all tables) and "headline" (one) are made anew."""
     figures: bool = True
     """Draw the figures (needs matplotlib)."""
 
@@ -155,8 +155,9 @@ def compare(args: Args) -> Summary | None:
         summary.notes.append("No figures: matplotlib is not installed (pip install matplotlib).")
     write_json(args.out / "summary.json", summary.as_dict())
     write_text(args.out / "summary.md", tables.markdown(summary))
-    if args.report:
-        put_section(args.report, "compare", f"{provenance(args.command)}\n\n{tables.markdown(summary)}")
+    for page in args.report:
+        put_section(page, "compare", f"{provenance(args.command)}\n\n{tables.markdown(summary)}")
+        put_section(page, "headline", tables.headline(summary))
     if drawn:
         draw_all(episodes, args.out)
     return summary

@@ -37,8 +37,8 @@ class Args:
     """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/generalise")
     """Folder of the results; what it holds of the same rooms is not run again."""
-    report: Path | None = None
-    """A Markdown file whose section "generalise" gets the table, for instance RESULTS.md."""
+    report: tuple[Path, ...] = ()
+    """Markdown files whose generated section "generalise" is made anew, for instance RESULTS.md."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
 
@@ -66,8 +66,8 @@ def main(args: Args) -> int:
     text = f"{pipes(table(summaries))}\n\n{legend()}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
-    if args.report:
-        put_section(args.report, "generalise", f"{provenance(args.command)}\n\n{text}")
+    for page in args.report:
+        put_section(page, "generalise", f"{provenance(args.command)}\n\n{text}")
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 

@@ -18,14 +18,16 @@ def provenance(command: str) -> str:
     return f"```bash\n{command}\n```\n\n{datetime.now(timezone.utc):%Y-%m-%d}; {machine()}; {named}."
 
 
-def put_section(path: Path, name: str, text: str) -> None:
-    """Replace what stands between the marks of section `name` in the file at `path`, or append it with its marks."""
+def put_section(path: Path, name: str, text: str) -> bool:
+    """Replace what stands between the marks of section `name` in the page at `path`; False where it has no such marks.
+
+    Raises ValueError if there is no such page.
+    """
+    if not path.is_file():
+        raise ValueError(f"report: there is no page {str(path)!r}")
     begin, end = f"<!-- generated: {name} -->", f"<!-- end: {name} -->"
-    page = path.read_text(encoding="utf-8") if path.exists() else ""
-    section = f"{begin}\n{text.strip()}\n{end}"
     pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-    if pattern.search(page):
-        page = pattern.sub(lambda _: section, page)
-    else:
-        page = f"{page.rstrip()}\n\n{section}\n".lstrip()
-    write_text(path, page)
+    page, count = pattern.subn(lambda _: f"{begin}\n{text.strip()}\n{end}", path.read_text(encoding="utf-8"))
+    if count:
+        write_text(path, page)
+    return count > 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.statistics import CONFIDENCE, Estimate
-from agents.summary import FEW_ROOMS, Summary
+from agents.summary import FEW_ROOMS, Summary, by_log_score
 
 
 @dataclass(frozen=True)
@@ -92,9 +92,15 @@ def text(summary: Summary) -> str:
 
 def markdown(summary: Summary) -> str:
     """The same in Markdown."""
-    parts = [f"## {table.title.replace('*', chr(92) + '*')}\n\n{pipes(table)}" for table in tables(summary)]
+    parts = [f"### {table.title.replace('*', chr(92) + '*')}\n\n{pipes(table)}" for table in tables(summary)]
     notes = [note.replace("* ", "\\* ", 1) for note in summary.notes]
-    return "\n\n".join(["# Comparison", *parts, legend(), *notes]) + "\n"
+    return "\n\n".join(["## Comparison", *parts, legend(), *notes]) + "\n"
+
+
+def headline(summary: Summary) -> str:
+    """One Markdown table, the highest log score first."""
+    figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
+    return f"{pipes(_table('', figures, (LEARNED[1], LEARNED[0], *LEARNED[2:], ERRORS[0])))}\n\n{legend()}"
 
 
 def _table(

@@ -13,26 +13,29 @@ from agents.report import put_section
 
 def test_a_section_is_replaced_and_the_rest_is_left_alone(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text("# Mine\n\nWords.\n")
-    put_section(page, "a", "first \\1")
-    put_section(page, "b", "other")
-    page.write_text(page.read_text() + "\nEnd.\n")
-    put_section(page, "a", "second \\2")
+    marks = [f"<!-- generated: {name} -->\n<!-- end: {name} -->" for name in "ab"]
+    page.write_text("# Mine\n\n" + "\n\n".join(marks) + "\n\nEnd.\n")
+    assert put_section(page, "a", "first \\1") and put_section(page, "b", "other")
+    assert put_section(page, "a", "second \\2") and not put_section(page, "c", "nowhere")
     text = page.read_text()
-    assert text.startswith("# Mine\n\nWords.\n") and text.endswith("\nEnd.\n")
-    assert "second \\2" in text and "other" in text and "first" not in text
+    assert text.startswith("# Mine\n") and text.endswith("\nEnd.\n")
+    assert "second \\2" in text and "other" in text and "first" not in text and "nowhere" not in text
+    with pytest.raises(ValueError, match="report: there is no page"):
+        put_section(tmp_path / "absent.md", "a", "")
 
 
 def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     conditions = {"default": "paper", "9 landmarks": '{"landmark_count": 9}'}
     monkeypatch.setattr(generalise, "CONDITIONS", conditions)
-    args = generalise.Args(policies=("stay", "sweep"), episodes=1, out=tmp_path, report=tmp_path / "R.md", jobs=1)
+    page = tmp_path / "R.md"
+    page.write_text("<!-- generated: generalise -->\n<!-- end: generalise -->\n")
+    args = generalise.Args(policies=("stay", "sweep"), episodes=1, out=tmp_path, report=(page,), jobs=1)
     assert generalise.main(args) == 0
     rows = [line for line in (tmp_path / "generalise.md").read_text().splitlines() if line.startswith("| ")]
     assert [line.split(" | ")[:2] for line in rows[2:]] == [
         [f"| {condition}", policy] for condition in conditions for policy in ("stay", "sweep")
     ]
-    assert "python -m agents generalise --policies stay sweep" in (tmp_path / "R.md").read_text()
+    assert "python -m agents generalise --policies stay sweep" in page.read_text()
 
 
 def test_a_scenario_is_a_name_or_json() -> None:

@@ -289,7 +289,7 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
     bits = np.mean([float(row["bits"]) for row in rows if row["policy"] == "stay"])
     written = json.loads((tmp_path / "summary.json").read_text())
     assert written["policies"]["stay"]["bits"]["value"] == pytest.approx(bits)
-    assert (tmp_path / "summary.md").read_text().startswith("# Comparison")
+    assert (tmp_path / "summary.md").read_text().startswith("## Comparison")
 
     monkeypatch.setattr("agents.compare.run_task", lambda task: pytest.fail("an episode was run again"))
     assert compare(replace(args, resume=True)) == summary

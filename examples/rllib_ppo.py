@@ -1,11 +1,11 @@
-"""RLlib's PPO (new API stack) on a local cluster of two workers: python examples/rllib_ppo.py [iterations].
+"""RLlib's PPO (new API stack) on a local cluster of two workers: python examples/rllib_ppo.py [--iterations 10].
 
-With two more arguments, an address and a number of workers, it runs on that cluster instead: see docs/cluster.md.
+With --address and --workers it runs on a cluster of several machines: see docs/cluster.md.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import gymnasium as gym
@@ -20,7 +20,7 @@ def make_env(config: dict) -> gym.Env:
     """One environment; called on the worker, so that it registers the environments there."""
     import activeslam_gym  # noqa: F401
 
-    return gym.wrappers.TransformReward(gym.make("ActiveSLAM-v0", **config), lambda reward: SCALE * reward)
+    return gym.wrappers.TransformReward(gym.make("ActiveSLAM-v0", **config), lambda reward: SCALE * float(reward))
 
 
 def main(iterations: int = 10, address: str | None = None, workers: int = 2) -> tuple[float, float]:
@@ -56,4 +56,8 @@ def main(iterations: int = 10, address: str | None = None, workers: int = 2) -> 
 
 
 if __name__ == "__main__":
-    main(*(int(argument) if argument.isdigit() else argument for argument in sys.argv[1:]))
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--iterations", type=int, default=10)
+    options.add_argument("--address", help="of a running cluster; 'auto' on one of its machines")
+    options.add_argument("--workers", type=int, default=2)
+    main(**vars(options.parse_args()))

@@ -43,4 +43,4 @@ def main(steps: int = 89_600, folder: str = "runs/rl_zoo3", num_envs: int = 64) 
 
 
 if __name__ == "__main__":
-    main(*(int(argument) if argument.isdigit() else argument for argument in sys.argv[1:]))
+    main(*map(int, sys.argv[1:2]), *sys.argv[2:3])  # type: ignore[arg-type]

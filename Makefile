@@ -38,7 +38,7 @@ docs: $(VENV)/.docs ## the manual, in results/site; a warning is an error
 	@echo "Open results/site/index.html"
 
 test: lint ## lint, then every test but the slow ones, and the notebooks
-	NOTEBOOK_STEPS=18000 $(RUN) -m pytest -n $(WORKERS) --nbmake --nbmake-timeout=300 tests notebooks
+	NOTEBOOK_STEPS=18000 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --nbmake --nbmake-timeout=300 tests notebooks
 
 clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environment under .venvs (minutes; client-sb3: one)
 

@@ -80,7 +80,11 @@ def table(summaries: dict[str, Summary]) -> Table:
         for condition, summary in summaries.items()
         for policy, figures in summary.policies.items()
     ]
-    return Table("Where they were not trained", ["condition", "policy", *(c.title for c in columns)], rows)
+    return Table(
+        "Where they were not trained",
+        ["condition", "policy", *(c.title if c.key != "log_score_gain_median" else "median" for c in columns)],
+        rows,
+    )
 
 
 def _comparison(args: Args, name: str, scenario: str) -> compare.Args:

@@ -33,6 +33,7 @@ class Table:
 LEARNED = (
     Column("bits", "bits removed"),
     Column("log_score_gain", "log score gain, bits"),
+    Column("log_score_gain_median", "the same"),
     Column("landmarks_mapped", "mapped"),
     Column("distinct_landmarks", "distinct"),
     Column("lost", "lost, %", 100.0),
@@ -53,6 +54,7 @@ HONESTY = (
 PAIRED = (
     Column("bits", "bits removed"),
     Column("log_score_gain", "log score gain, bits"),
+    Column("log_score_gain_median", "the same"),
     Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", 100.0),
     *ERRORS[1:],
 )
@@ -100,7 +102,7 @@ def markdown(summary: Summary) -> str:
 def headline(summary: Summary) -> str:
     """One Markdown table, the highest log score first."""
     figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
-    return f"{pipes(_table('', figures, (LEARNED[1], LEARNED[0], *LEARNED[2:], ERRORS[0])))}\n\n{legend()}"
+    return f"{pipes(_table('', figures, (*LEARNED[1:3], LEARNED[0], *LEARNED[3:], ERRORS[0])))}\n\n{legend()}"
 
 
 def _table(

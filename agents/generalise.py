@@ -12,7 +12,7 @@ from agents import compare
 from agents.files import write_json, write_text
 from agents.report import provenance, put_section
 from agents.summary import Summary
-from agents.tables import ERRORS, LEARNED, Table, legend, pipes
+from agents.tables import ERRORS, LEARNED, Table, legend, pipes, titled
 
 CONDITIONS: dict[str, str] = {
     "default": "paper",
@@ -80,11 +80,9 @@ def table(summaries: dict[str, Summary]) -> Table:
         for condition, summary in summaries.items()
         for policy, figures in summary.policies.items()
     ]
-    return Table(
-        "Where they were not trained",
-        ["condition", "policy", *(c.title if c.key != "log_score_gain_median" else "median" for c in columns)],
-        rows,
-    )
+    first = next(iter(next(iter(summaries.values())).policies.values()))
+    header = ["condition", "policy", *(titled(column, first[column.key]) for column in columns)]
+    return Table("Where they were not trained", header, rows)
 
 
 def _comparison(args: Args, name: str, scenario: str) -> compare.Args:

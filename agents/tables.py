@@ -33,7 +33,7 @@ class Table:
 LEARNED = (
     Column("bits", "bits removed"),
     Column("log_score_gain", "log score gain, bits"),
-    Column("log_score_gain_median", "the same"),
+    Column("log_score_gain_median", "log score gain, bits"),
     Column("landmarks_mapped", "mapped"),
     Column("distinct_landmarks", "distinct"),
     Column("lost", "lost, %", 100.0),
@@ -54,7 +54,7 @@ HONESTY = (
 PAIRED = (
     Column("bits", "bits removed"),
     Column("log_score_gain", "log score gain, bits"),
-    Column("log_score_gain_median", "the same"),
+    Column("log_score_gain_median", "log score gain, bits"),
     Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", 100.0),
     *ERRORS[1:],
 )
@@ -110,7 +110,7 @@ def _table(
 ) -> Table:
     """A row per policy, a column per figure; the header says which statistic it is (unless it is a median beside)."""
     some = next(iter(figures.values()))
-    header = ["policy", *(_title(column, some[column.key], with_median) for column in columns), "rooms"]
+    header = ["policy", *(titled(column, some[column.key], with_median) for column in columns), "rooms"]
     rows = [
         [
             name,
@@ -122,7 +122,7 @@ def _table(
     return Table(title, header, rows)
 
 
-def _title(column: Column, figure: Estimate, with_median: bool) -> str:
+def titled(column: Column, figure: Estimate, with_median: bool = False) -> str:
     """The column's title with its statistic."""
     return column.title if with_median or figure.statistic == "share" else f"{column.title} ({figure.statistic})"
 

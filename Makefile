@@ -21,7 +21,7 @@ demo: $(VENV)/.agents ## compare learned and greedy policies in eight rooms: tab
 	$(RUN) -m agents compare --policies ppo mi-constant mi-mi mi-fisher sweep --episodes 8 --seed 1000000 --out results/demo
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, both initialisers (minutes): results/consistency
-	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency
+	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/HONESTY.md
 
 results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it was not trained (15 minutes or more)
 	$(RUN) -m agents compare --policies $(POLICIES) --episodes 200 --out results/compare --report RESULTS.md README.md --resume

@@ -20,6 +20,7 @@ from agents.compare import Task, make_environment, times_within, versions, writt
 from agents.files import write_csv, write_json, write_text
 from agents.outcome import honesty, outcome
 from agents.parallel import run_all
+from agents.report import provenance, put_section
 from agents.witness import WatchedRun, watch
 
 
@@ -45,6 +46,8 @@ class Args:
     """Seconds at which the NEES is told; those within the duration count."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
+    report: tuple[Path, ...] = ()
+    """Markdown files whose generated section "consistency" is made anew, for instance docs/HONESTY.md."""
     figures: bool = True
     """Draw the figure (needs matplotlib)."""
 
@@ -55,6 +58,11 @@ class Args:
         for name in ("policies", "initialisations"):
             if not getattr(self, name):
                 raise ValueError(f"{name}: none given; allowed: one name or more")
+
+    @property
+    def command(self) -> str:
+        """What runs this."""
+        return f"python -m agents consistency --episodes {self.episodes} --seed {self.seed} --scenario {self.scenario}"
 
     def environment(self, initialisation: str) -> dict[str, Any]:
         """Arguments of the environment: the scenario's fields, with this initialiser."""
@@ -160,8 +168,17 @@ def _write(
     """Everything into `args.out`: runs.csv, report.json, report.md and, where matplotlib is, nees.png."""
     ordered = [run for group in grouped(runs, args) for run in group]
     write_csv(args.out / "runs.csv", [row(run, times) for run in ordered])
-    settings = {**asdict(args), "out": str(args.out), "complete": complete, "versions": versions()}
+    settings = {
+        **asdict(args),
+        "out": str(args.out),
+        "report": [str(page) for page in args.report],
+        "complete": complete,
+        "versions": versions(),
+    }
     write_json(args.out / "report.json", {"settings": settings, "results": [c.as_dict() for c in calibrations]})
-    write_text(args.out / "report.md", consistency_tables.markdown(calibrations, settings))
+    text = consistency_tables.markdown(calibrations, settings)
+    write_text(args.out / "report.md", text)
+    for page in args.report:
+        put_section(page, "consistency", f"{provenance(args.command)}\n\n{text.replace('# ', '## ')}")
     if args.figures and find_spec("matplotlib") is not None:
         nees_figure.draw(calibrations, args.out / "nees.png")

@@ -178,7 +178,11 @@ def _write(
     write_json(args.out / "report.json", {"settings": settings, "results": [c.as_dict() for c in calibrations]})
     text = consistency_tables.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)
-    for page in args.report:
-        put_section(page, "consistency", f"{provenance(args.command)}\n\n{text.replace('# ', '## ')}")
-    if args.figures and find_spec("matplotlib") is not None:
+    drawn = args.figures and find_spec("matplotlib") is not None
+    if drawn:
         nees_figure.draw(calibrations, args.out / "nees.png")
+    for page in args.report:
+        section = text.replace("# ", "## ").replace("(nees.png)", "(images/nees.png)")
+        put_section(page, "consistency", f"{provenance(args.command)}\n\n{section}")
+        if drawn:
+            nees_figure.draw(calibrations, page.parent / "images" / "nees.png")

@@ -11,11 +11,16 @@ Numba checks the source of the function that it loads, not of those that it was 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+from numba import config, njit
 from numba.core import event
+from numba.extending import overload
 
 _PACKAGE = Path(__file__).parent
 _STAMP = _PACKAGE / "__pycache__" / "kernels.stamp"
@@ -67,3 +72,24 @@ class _Announcement(event.Listener):
 def announce_compilation() -> None:
     """Tell the user, once a process, why the first step takes long."""
     event.register("numba:compile", _Announcement())
+
+
+def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Decorator of a function that kernels call. ``options`` are those of `numba.njit`.
+
+    Kernels compile it into themselves, without the wrapper by which Python would call it: to unpack the many arrays of
+    a named tuple is more code than most of these functions. From Python it is a kernel of its own, compiled when it is
+    first called.
+    """
+    if function is None:
+        return functools.partial(compiled, **options)
+    if config.DISABLE_JIT:
+        return function
+    from_python = njit(cache=True, **options)(function)
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        return from_python(*arguments, **named)
+
+    overload(call, jit_options={**options, "no_cfunc_wrapper": True}, strict=False)(lambda *arguments: function)
+    return call

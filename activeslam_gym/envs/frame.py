@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.camera import CameraModel, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.compilation import compiled
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.scoring import Labels, vote
 from activeslam_gym.geometry import rotation_matrix
@@ -153,7 +154,7 @@ def face_fiducials(scenario: Scenario, simulation: Simulation, rng: np.random.Ge
         belief.camera[QUATERNION] = rotation.as_quat(scalar_first=True)
 
 
-@njit(cache=True)
+@compiled
 def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: int) -> None:
     """Read a motion: its goal from the present estimate, clipped into the room."""
     goal = goal_of(motion, belief.camera, index)

@@ -7,6 +7,7 @@ from numba import njit
 
 from activeslam_gym import information
 from activeslam_gym.batching import row
+from activeslam_gym.compilation import compiled
 from activeslam_gym.envs.frame import Models, Simulation
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import STEPS, Run
@@ -18,7 +19,7 @@ _STAY = int(Gaze.STAY)
 _LONGEST_HORIZON = 4
 
 
-@njit(cache=True)
+@compiled
 def prospect(simulation: Simulation) -> Prospect:
     """What the run's belief lets a policy plan with."""
     K = simulation.world.points.shape[0] - simulation.expectation.points.shape[0]

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.camera import CameraModel
+from activeslam_gym.compilation import compiled
 from activeslam_gym.motion import MotionModel
 from activeslam_gym.slam.association import REJECTED, associate
 from activeslam_gym.slam.belief import FEATURES, Belief
@@ -63,7 +64,7 @@ def filter_frame(
     return match
 
 
-@njit(cache=True)
+@compiled
 def _rows_in_reach(predictions: Predictions) -> np.ndarray:
     """(m,) rows that may have been detected."""
     rows = np.empty(predictions.visibility.shape[0], np.int64)
@@ -75,7 +76,7 @@ def _rows_in_reach(predictions: Predictions) -> np.ndarray:
     return rows[:count]
 
 
-@njit(cache=True)
+@compiled
 def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
     """(2 m,) predicted pixels of ``rows``."""
     z = np.empty(2 * rows.shape[0])

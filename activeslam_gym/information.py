@@ -22,6 +22,7 @@ from activeslam_gym.compilation import compiled
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.linalg import (
     cholesky_in_place,
+    copy_into,
     log2_det,
     log2_det_3,
     log2_det_of_factor,
@@ -188,8 +189,8 @@ def log2_dets(
         out[MAP] = log2_det_of_factor(U, 0, a) + rest
     else:
         both = np.empty(first.shape[0] + second.shape[0], np.int64)
-        both[: first.shape[0]] = first
-        both[first.shape[0] :] = second
+        copy_into(both, first)
+        copy_into(both[first.shape[0] :], second)
         out[MAP] = log2_det(gathered(covariance, both, first[:0])[: a + b, : a + b]) + rest
     return out
 

@@ -165,6 +165,13 @@ def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def copy_into(out: np.ndarray, values: np.ndarray) -> None:
+    """out = ``values`` (n,). Written out, since Numba compiles ten functions for the assignment to a slice."""
+    for i in range(values.shape[0]):
+        out[i] = values[i]
+
+
+@compiled
 def count_true(flags: np.ndarray) -> int:
     """How many of ``flags`` (n,) are true."""
     count = 0

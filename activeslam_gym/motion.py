@@ -15,7 +15,7 @@ import numpy as np
 from activeslam_gym.compilation import compiled
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
-from activeslam_gym.linalg import congruence, product
+from activeslam_gym.linalg import congruence, copy_into, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -116,7 +116,7 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         out[i] = p[i] + dt * out[7 + i]
         out[10 + i] = w[i] + dt * u[3 + i]
         turned[i] = dt * out[10 + i]
-    out[QUATERNION] = rotate_left(turned, q)
+    copy_into(out[QUATERNION], rotate_left(turned, q))
     return out
 
 

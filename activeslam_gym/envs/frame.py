@@ -171,7 +171,9 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
 
     ``first_labels``: give the filter the labels of the fiducials, if this is the first frame.
     """
-    motion, world, belief = models.motion, simulation.world, simulation.belief
+    motion = models.motion
+    world = simulation.world
+    belief = simulation.belief
     K = world.points.shape[0] - simulation.expectation.points.shape[0]
     frame = belief.size[FRAME]
     elapsed = simulation.control.command[1] * motion.dt

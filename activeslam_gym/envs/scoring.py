@@ -9,6 +9,7 @@ import numpy as np
 
 from activeslam_gym.compilation import compiled
 from activeslam_gym.information import Expectation
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.metrics import camera_error, log2_normal_of_factor
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import FEATURES, FREE, Belief, depth_ratio
@@ -124,5 +125,5 @@ def log2_density(
             for axis in range(3):
                 variance = expectation.variance[axis]
                 rest -= 0.5 * (math.log2(2.0 * math.pi * variance) + y[axis] ** 2 / variance * math.log2(math.e))
-    error[at:] = camera_error(world.camera, belief.camera)
+    copy_into(error[at:], camera_error(world.camera, belief.camera))
     return rest + log2_normal_of_factor(error, U)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from activeslam_gym.compilation import compiled
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -21,7 +22,7 @@ def predict(motion: MotionModel, belief: Belief, u: np.ndarray) -> None:
     """One frame ahead under the known accelerations ``u`` (6,): x = f(x, u), P = F P F^T + Q in the camera's rows."""
     x = transition(belief.camera, u, motion.dt)
     F_x = transition_jacobian(x[ANGULAR_VELOCITY], motion.dt)
-    belief.camera[:] = x
+    copy_into(belief.camera, x)
     propagate(belief.covariance, belief.size[DIM], F_x, process_covariance(motion, F_x))
     belief.size[FRAME] += 1
 

@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
-from activeslam_gym.compilation import compiled
+from activeslam_gym.compilation import part
 
 _FUSE = {"contract"}
 """Let a product and a sum become one fused operation; sums are never reordered."""
 
 
-@compiled(fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
@@ -41,7 +41,7 @@ def cholesky_in_place(A: np.ndarray) -> bool:
     return True
 
 
-@compiled(fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def _eliminate_four(A: np.ndarray, first: int) -> None:
     """Subtract the outer products of the finished rows ``first`` … ``first + 3`` from the rest, two rows at a time."""
     n = A.shape[0]
@@ -62,7 +62,7 @@ def _eliminate_four(A: np.ndarray, first: int) -> None:
             lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
 
 
-@compiled
+@part
 def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     """log2 of the squared product of the diagonal entries ``start`` to ``stop`` of a factor: of a determinant."""
     total = 0.0
@@ -71,7 +71,7 @@ def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     return 2.0 * total
 
 
-@compiled(fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     """Overwrite ``B`` (n, m) with U^{-T} B."""
     n, m = B.shape
@@ -86,7 +86,7 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
             row[j] *= inverse
 
 
-@compiled(fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
     """Overwrite the vector ``b`` (n,) with U^{-T} b; U may have more rows than b."""
     n = b.shape[0]
@@ -97,7 +97,7 @@ def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
             b[j] -= factor * U[k, j]
 
 
-@compiled
+@part
 def log2_det(A: np.ndarray) -> float:
     """log2 |A| of a symmetric matrix (n, n), or NaN where it is not positive definite."""
     U = A.copy()
@@ -106,7 +106,7 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@compiled(fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W with W (m, >= n). Both triangles get the same operations, so P stays symmetric to the bit."""
     m = W.shape[0]
@@ -126,7 +126,7 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
                 row[j] -= factor * w[j]
 
 
-@compiled
+@part
 def log2_det_3(A: np.ndarray) -> float:
     """log2 |A| of a symmetric 3 x 3 matrix in closed form, or NaN where the determinant is not positive."""
     det = (
@@ -137,7 +137,7 @@ def log2_det_3(A: np.ndarray) -> float:
     return math.log2(det) if det > 0.0 else np.nan
 
 
-@compiled
+@part
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """A B for small matrices."""
     out = np.zeros((A.shape[0], B.shape[1]))
@@ -148,7 +148,7 @@ def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled
+@part
 def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     """F P F^T for a small symmetric ``P``, symmetric to the bit."""
     FP = product(F, P)
@@ -164,14 +164,14 @@ def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled
+@part
 def copy_into(out: np.ndarray, values: np.ndarray) -> None:
     """out = ``values`` (n,). Written out, since Numba compiles ten functions for the assignment to a slice."""
     for i in range(values.shape[0]):
         out[i] = values[i]
 
 
-@compiled
+@part
 def count_true(flags: np.ndarray) -> int:
     """How many of ``flags`` (n,) are true."""
     count = 0
@@ -181,7 +181,7 @@ def count_true(flags: np.ndarray) -> int:
     return count
 
 
-@compiled
+@part
 def sum_of_squares(v: np.ndarray) -> float:
     """v^T v of a vector (n,)."""
     total = 0.0

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.batching import batched, row
+from activeslam_gym.compilation import kernel, part
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.frame import Models, Simulation, advance, begin_motion, empty_simulation, reset_simulation
 from activeslam_gym.envs.observation import (
@@ -136,7 +136,7 @@ BEGIN, REST = -1, -2
 """In place of a motion: evaluate a run that has just been reset; leave it alone."""
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
@@ -160,7 +160,7 @@ def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.n
         observe(models, task, simulation, step)
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _begin(step: Step) -> None:
     """The prior is worth nothing yet."""
     step.sums[DENSITY_0] = step.potential[DENSITY]
@@ -170,7 +170,7 @@ def _begin(step: Step) -> None:
         step.terms[i] = 0.0
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _play_frames(
     models: Models, task: Task, simulation: Simulation, status: np.ndarray, motion: int, gaze: int
 ) -> None:
@@ -184,7 +184,7 @@ def _play_frames(
     status[STEPS] += 1
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _settle(task: Task, step: Step) -> None:
     """The reward of the step: the gain of the chosen potential, and if lost the forfeit of all that was gained."""
     reward = step.terms[task.reward]
@@ -197,7 +197,7 @@ def _settle(task: Task, step: Step) -> None:
     step.sums[GAIN] += step.terms[ENTROPY_POTENTIAL]
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def evaluate(task: Task, simulation: Simulation, step: Step) -> None:
     """Bring the public belief, the expected landmarks, the values and the potentials up to date.
 
@@ -231,7 +231,7 @@ def evaluate(task: Task, simulation: Simulation, step: Step) -> None:
     step.values[LOG_SCORE] = density - step.sums[DENSITY_0]
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _ordered_features(
     belief: Belief, expectation: Expectation, labels: Labels, n: int
 ) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
@@ -258,7 +258,7 @@ def _ordered_features(
     return first[:a], after[:b], count_true(counts), of_landmark
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _evaluate_errors(
     world: World,
     belief: Belief,
@@ -285,7 +285,7 @@ def _evaluate_errors(
     values[RMSE] = math.sqrt(squares / count) if count > 0 else np.inf
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def observe(models: Models, task: Task, simulation: Simulation, step: Step) -> None:
     """Write the observation; it reads the belief and the task's rhythm only."""
     belief = simulation.belief

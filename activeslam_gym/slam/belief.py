@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym import config
-from activeslam_gym.compilation import compiled
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, so3_left_jacobian
 from activeslam_gym.motion import (
@@ -137,7 +137,7 @@ def reset_belief(belief: Belief, scenario: Scenario) -> None:
 # Features as points -------------------------------------------------------------------------------------------------
 
 
-@compiled
+@part
 def bearing(azimuth: float, elevation: float) -> np.ndarray:
     """Rows (3, 3): the unit world direction m, dm/d azimuth, dm/d elevation.
 
@@ -152,7 +152,7 @@ def bearing(azimuth: float, elevation: float) -> np.ndarray:
     return out
 
 
-@compiled
+@part
 def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Azimuth and elevation [rad] of a world direction ``h`` (3,) of any length; d(azimuth, elevation)/dh into ``J``.
 
@@ -166,13 +166,13 @@ def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     return math.atan2(h[0], h[2]), math.atan2(h[1], level)
 
 
-@compiled
+@part
 def feature_depth(belief: Belief, slot: int) -> float:
     """Distance [m] of a RAY or INVERSE_DEPTH feature from its anchor."""
     return belief.depth[slot, 0] if belief.kind[slot] == RAY else 1.0 / belief.feature[slot, 5]
 
 
-@compiled
+@part
 def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
     """The feature as a world point (3,) [m]; its Jacobian by the feature's parameters goes into ``T`` (3, 6).
 
@@ -194,7 +194,7 @@ def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
     return y
 
 
-@compiled
+@part
 def point_marginal(belief: Belief, slot: int, P_y: np.ndarray) -> np.ndarray:
     """The feature as a world point (3,) [m]; its own covariance T P T^T goes into ``P_y`` (3, 3)."""
     T = np.empty((3, FEATURE_SIZE))
@@ -208,7 +208,7 @@ def point_marginal(belief: Belief, slot: int, P_y: np.ndarray) -> np.ndarray:
     return y
 
 
-@compiled
+@part
 def depth_ratio(belief: Belief, slot: int) -> float:
     """sigma_depth / depth of a feature along its line of sight: from its anchor, or for a POINT from the camera."""
     if belief.kind[slot] == RAY:
@@ -226,7 +226,7 @@ def depth_ratio(belief: Belief, slot: int) -> float:
     return math.sqrt(max(variance, 0.0)) / max(square, 1e-12)
 
 
-@compiled
+@part
 def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> int:
     """Present every feature as a point: the public belief. Returns the number n of features, oldest first.
 
@@ -258,7 +258,7 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     return n
 
 
-@compiled
+@part
 def _add_depth_variance(belief: Belief, slot: int, block: np.ndarray) -> None:
     """Add to ``block`` (>= 3, >= 3) the variance of a ray's particles along the ray."""
     m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])
@@ -267,7 +267,7 @@ def _add_depth_variance(belief: Belief, slot: int, block: np.ndarray) -> None:
             block[i, j] += belief.depth[slot, 1] * m[0, i] * m[0, j]
 
 
-@compiled
+@part
 def _rows_times(T: np.ndarray, rows: np.ndarray, width: int, out: np.ndarray, n: int) -> None:
     """out[:3, :n] = T[:, :width] rows[:width, :n]; the leading three columns of T are the identity."""
     for i in range(3):
@@ -280,7 +280,7 @@ def _rows_times(T: np.ndarray, rows: np.ndarray, width: int, out: np.ndarray, n:
                 to[j] += factor * source[j]
 
 
-@compiled
+@part
 def _columns_times(half: np.ndarray, at: int, width: int, T: np.ndarray, out: np.ndarray, to: int) -> None:
     """out[:, to:to+3] = half[:, at:at+width] T[:, :width]^T; the leading three columns of T are the identity."""
     for i in range(half.shape[0]):
@@ -295,13 +295,13 @@ def _columns_times(half: np.ndarray, at: int, width: int, T: np.ndarray, out: np
 # Change of the map --------------------------------------------------------------------------------------------------
 
 
-@compiled
+@part
 def room_for(belief: Belief, width: int) -> bool:
     """Whether one more feature of ``width`` dimensions fits."""
     return belief.size[FEATURES] < belief.kind.shape[0] and belief.size[DIM] + width <= belief.covariance.shape[0]
 
 
-@compiled
+@part
 def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
     """Add a feature y = g(camera, rest) and return its slot; the caller has asked `room_for` it.
 
@@ -340,7 +340,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     return slot
 
 
-@compiled
+@part
 def remove_feature(belief: Belief, slot: int) -> None:
     """Forget a feature (marginalise it out) and free its slot."""
     _close_gap(belief, belief.start[slot], KIND_DIM[belief.kind[slot]])
@@ -354,7 +354,7 @@ def remove_feature(belief: Belief, slot: int) -> None:
     belief.size[FEATURES] = n - 1
 
 
-@compiled
+@part
 def convert_to_point(belief: Belief, slot: int) -> None:
     """Turn a RAY or INVERSE_DEPTH feature into a POINT through its Jacobian (with a ray's depth variance)."""
     P, dim = belief.covariance, belief.size[DIM]
@@ -376,7 +376,7 @@ def convert_to_point(belief: Belief, slot: int) -> None:
     _close_gap(belief, at + 3, width - 3)
 
 
-@compiled
+@part
 def _close_gap(belief: Belief, at: int, width: int) -> None:
     """Drop ``width`` covariance rows and columns from ``at`` on."""
     P, dim = belief.covariance, belief.size[DIM] - width
@@ -396,7 +396,7 @@ def _close_gap(belief: Belief, at: int, width: int) -> None:
 # The mean on its manifold -------------------------------------------------------------------------------------------
 
 
-@compiled
+@part
 def shift_mean(belief: Belief, delta: np.ndarray) -> None:
     """mean ⊞ ``delta`` (dim,): the camera's rotation is perturbed on the left, in the world frame."""
     x = belief.camera
@@ -416,7 +416,7 @@ def shift_mean(belief: Belief, delta: np.ndarray) -> None:
             belief.feature[slot, 5] = max(belief.feature[slot, 5], MINIMUM_INVERSE_DEPTH)
 
 
-@compiled
+@part
 def recentre(belief: Belief, delta: np.ndarray) -> None:
     """Express the covariance in the tangent of the mean just shifted by ``delta`` (dim,): P = M P M^T.
 
@@ -432,7 +432,7 @@ def recentre(belief: Belief, delta: np.ndarray) -> None:
     _recentre_rotation(belief, delta)
 
 
-@compiled
+@part
 def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
     E = np.zeros((3, belief.size[DIM]))
@@ -449,7 +449,7 @@ def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     return E
 
 
-@compiled
+@part
 def _cross(delta: np.ndarray, at: int, E: np.ndarray) -> None:
     """Columns of a world vector shifted by d: a x d = E^T a."""
     x, y, z = delta[at], delta[at + 1], delta[at + 2]
@@ -458,7 +458,7 @@ def _cross(delta: np.ndarray, at: int, E: np.ndarray) -> None:
     E[0, at + 2], E[1, at + 2] = y, -x
 
 
-@compiled
+@part
 def _turn_angles(azimuth: float, elevation: float, sign: float, at: int, E: np.ndarray) -> None:
     """Add ``sign`` times d(azimuth, elevation) of a direction by a turn of the world, the derivative of a x m."""
     sin_a, cos_a, tan_e = math.sin(azimuth), math.cos(azimuth), math.tan(elevation)
@@ -469,7 +469,7 @@ def _turn_angles(azimuth: float, elevation: float, sign: float, at: int, E: np.n
     E[2, at + 1] += sign * sin_a
 
 
-@compiled
+@part
 def _turn_with_rotation(belief: Belief, E: np.ndarray) -> None:
     """P + E^T B + B^T E with B = P_theta + P_theta,theta E / 2, which is (I + E^T) P (I + E^T)^T."""
     P, dim = belief.covariance, belief.size[DIM]
@@ -484,7 +484,7 @@ def _turn_with_rotation(belief: Belief, E: np.ndarray) -> None:
             row[j] += (e0 * B[0, j] + b0 * E[0, j]) + (e1 * B[1, j] + b1 * E[1, j]) + (e2 * B[2, j] + b2 * E[2, j])
 
 
-@compiled
+@part
 def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
     """P_theta = J_l P_theta, rows and columns."""
     P, dim = belief.covariance, belief.size[DIM]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from activeslam_gym.compilation import compiled
+from activeslam_gym.compilation import part
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
@@ -17,7 +17,7 @@ from activeslam_gym.motion import (
 from activeslam_gym.slam.belief import DIM, FRAME, Belief
 
 
-@compiled
+@part
 def predict(motion: MotionModel, belief: Belief, u: np.ndarray) -> None:
     """One frame ahead under the known accelerations ``u`` (6,): x = f(x, u), P = F P F^T + Q in the camera's rows."""
     x = transition(belief.camera, u, motion.dt)
@@ -27,7 +27,7 @@ def predict(motion: MotionModel, belief: Belief, u: np.ndarray) -> None:
     belief.size[FRAME] += 1
 
 
-@compiled
+@part
 def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
     """P_cc = F P_cc F^T + Q and P_cy = F P_cy on the leading ``dim`` rows of ``P``, for any camera transition."""
     rows = np.zeros((CAMERA_DIM, dim))

@@ -1,6 +1,8 @@
 """The one home of factorising: small dense kernels that run inside one thread and do not call BLAS.
 
 Inner loops run along rows, so that they vectorise without reordering a sum: the result does not depend on the caller.
+They begin at 0, of slices: with another start the compiler cannot know that no index is negative, and does one element
+at a time.
 """
 
 from __future__ import annotations
@@ -20,22 +22,24 @@ def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
     Right-looking, four pivots at a time, so that the rest is loaded and stored once for four of them. What stands
-    below the diagonal afterwards means nothing.
+    below the diagonal is not read, and means nothing afterwards.
     """
     n = A.shape[0]
     for first in range(0, n, 4):
         last = min(first + 4, n)
         for k in range(first, last):
+            row = A[k, k:]
             for p in range(first, k):
-                factor = A[p, k]
-                for j in range(k, n):
-                    A[k, j] -= factor * A[p, j]
-            pivot = A[k, k]
+                done = A[p, k:]
+                factor = done[0]
+                for j in range(n - k):
+                    row[j] -= factor * done[j]
+            pivot = row[0]
             if not (pivot > 0.0 and pivot < np.inf):  # catches NaN too
                 return False
             inverse = 1.0 / math.sqrt(pivot)
-            for j in range(k, n):
-                A[k, j] *= inverse
+            for j in range(n - k):
+                row[j] *= inverse
         if last < n:
             _eliminate_four(A, first)
     return True
@@ -45,18 +49,20 @@ def cholesky_in_place(A: np.ndarray) -> bool:
 def _eliminate_four(A: np.ndarray, first: int) -> None:
     """Subtract the outer products of the finished rows ``first`` … ``first + 3`` from the rest, two rows at a time."""
     n = A.shape[0]
-    u0, u1, u2, u3 = A[first], A[first + 1], A[first + 2], A[first + 3]
     start = first + 4
     if (n - start) % 2 == 1:  # an odd row first
-        row, f0, f1, f2, f3 = A[start], u0[start], u1[start], u2[start], u3[start]
-        for j in range(start, n):
+        row = A[start, start:]
+        u0, u1, u2, u3 = A[first, start:], A[first + 1, start:], A[first + 2, start:], A[first + 3, start:]
+        f0, f1, f2, f3 = u0[0], u1[0], u2[0], u3[0]
+        for j in range(n - start):
             row[j] = row[j] - f0 * u0[j] - f1 * u1[j] - f2 * u2[j] - f3 * u3[j]
         start += 1
     for i in range(start, n, 2):
-        upper, lower = A[i], A[i + 1]
-        f0, f1, f2, f3 = u0[i], u1[i], u2[i], u3[i]
-        g0, g1, g2, g3 = u0[i + 1], u1[i + 1], u2[i + 1], u3[i + 1]
-        for j in range(i, n):
+        upper, lower = A[i, i:], A[i + 1, i:]
+        u0, u1, u2, u3 = A[first, i:], A[first + 1, i:], A[first + 2, i:], A[first + 3, i:]
+        f0, f1, f2, f3 = u0[0], u1[0], u2[0], u3[0]
+        g0, g1, g2, g3 = u0[1], u1[1], u2[1], u3[1]
+        for j in range(n - i):
             x0, x1, x2, x3 = u0[j], u1[j], u2[j], u3[j]
             upper[j] = upper[j] - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3
             lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
@@ -92,9 +98,9 @@ def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
     n = b.shape[0]
     for k in range(n):
         b[k] /= U[k, k]
-        factor = b[k]
-        for j in range(k + 1, n):
-            b[j] -= factor * U[k, j]
+        factor, rest, row = b[k], b[k + 1 :], U[k, k + 1 :]
+        for j in range(n - k - 1):
+            rest[j] -= factor * row[j]
 
 
 @part
@@ -169,6 +175,14 @@ def copy_into(out: np.ndarray, values: np.ndarray) -> None:
     """out = ``values`` (n,). Written out, since Numba compiles ten functions for the assignment to a slice."""
     for i in range(values.shape[0]):
         out[i] = values[i]
+
+
+@part
+def copy_block(source: np.ndarray, out: np.ndarray) -> None:
+    """out = ``source`` (n, m); ``out`` may have more rows."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            out[i, j] = source[i, j]
 
 
 @part

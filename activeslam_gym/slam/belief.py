@@ -22,6 +22,7 @@ from activeslam_gym import config
 from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, so3_left_jacobian
+from activeslam_gym.linalg import copy_block
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -235,26 +236,30 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     """
     n, dim, P = belief.size[FEATURES], belief.size[DIM], belief.covariance
     size = CAMERA_DIM + 3 * n
-    half = np.empty((size, dim))
-    for i in range(CAMERA_DIM):
-        for j in range(dim):
-            half[i, j] = P[i, j]
-    Ts = np.empty((n, 3, FEATURE_SIZE))
-    for k in range(n):
+    half, Ts = np.empty((size, dim)), np.empty((n, 3, FEATURE_SIZE))
+    at, to = 0, 0
+    for k in range(n):  # camera and points stay as they are: whatever of them stands together is copied at once
         slot = belief.order[k]
         y = point_of(belief, slot, Ts[k])
         for i in range(3):
             points[k, i] = y[i]
-        _rows_times(Ts[k], P[belief.start[slot] :], KIND_DIM[belief.kind[slot]], half[CAMERA_DIM + 3 * k :], dim)
-    for i in range(size):
-        for j in range(CAMERA_DIM):
-            covariance[i, j] = half[i, j]
+        if belief.kind[slot] != POINT:
+            start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
+            copy_block(P[at:start, :dim], half[to:own])
+            _rows_times(Ts[k], P[start:], width, half[own:], dim)
+            at, to = start + width, own + 3
+    copy_block(P[at:dim, :dim], half[to:])
+    at, to = 0, 0
     for k in range(n):
         slot = belief.order[k]
-        at, width, to = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
-        _columns_times(half, at, width, Ts[k], covariance, to)
-        if belief.kind[slot] == RAY:
-            _add_depth_variance(belief, slot, covariance[to:, to:])
+        if belief.kind[slot] != POINT:
+            start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
+            copy_block(half[:, at:start], covariance[:, to:own])
+            _columns_times(half, start, width, Ts[k], covariance, own)
+            if belief.kind[slot] == RAY:
+                _add_depth_variance(belief, slot, covariance[own:, own:])
+            at, to = start + width, own + 3
+    copy_block(half[:, at:dim], covariance[:, to:size])
     return n
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import types
@@ -25,13 +25,29 @@ def row(tree, i):  # type: ignore[no-untyped-def]  # Numba compares the signatur
 
 @overload(row)
 def _row_in_kernels(tree, i):  # type: ignore[no-untyped-def]
-    """Numba cannot loop over the fields of a named tuple, so write them out, as one would by hand."""
+    """Numba cannot loop over the fields of a named tuple, so write them out, as one would by hand.
+
+    In one function: each call that hands on a tuple counts the references of all its arrays, which is slow to compile.
+    """
     if not isinstance(tree, types.NamedTuple):
         return None
-    fields = ", ".join(
-        f"row(tree.{name}, i)" if isinstance(kind, types.NamedTuple) else f"tree.{name}[i]"
-        for name, kind in zip(tree.fields, tree.types, strict=True)
-    )
-    scope = {"row": row, "Tree": tree.instance_class}
-    exec(f"def row_in_kernels(tree, i):\n    return Tree({fields})", scope)
+    lines: list[str] = []
+    scope: dict[str, Any] = {}
+    result = _write_row(tree, "tree", lines, scope)
+    body = "".join(f"    {line}\n" for line in [*lines, f"return {result}"])
+    exec(f"def row_in_kernels(tree, i):\n{body}", scope)
     return scope["row_in_kernels"]
+
+
+def _write_row(kind: types.NamedTuple, name: str, lines: list[str], scope: dict[str, Any]) -> str:
+    """Add the ``lines`` that make row i of the named tuple ``name``, and its class to ``scope``; the row's name."""
+    fields = []
+    for field, inner in zip(kind.fields, kind.types, strict=True):
+        if isinstance(inner, types.NamedTuple):
+            lines.append(f"{name}_{field} = {name}.{field}")
+            fields.append(_write_row(inner, f"{name}_{field}", lines, scope))
+        else:
+            fields.append(f"{name}.{field}[i]")
+    scope[f"{name}_class"] = kind.instance_class
+    lines.append(f"{name}_row = {name}_class({', '.join(fields)})")
+    return f"{name}_row"

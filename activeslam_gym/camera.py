@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 
 Vector = np.ndarray | tuple[float, float, float]
@@ -45,7 +45,7 @@ def camera_of(scenario: Scenario) -> CameraModel:
     )
 
 
-@njit(cache=True)
+@part
 def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, float]:
     """R_WC^T v_W: the world vector (3,) in camera axes. A tuple, since this is where a frame spends its time."""
     return (
@@ -55,13 +55,13 @@ def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, floa
     )
 
 
-@njit(cache=True)
+@part
 def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """p_C = R_WC^T (y - p) of the world point ``y`` (3,); ``pose`` begins with the position p."""
     return camera_from_world(R_WC, (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
 
 
-@njit(cache=True)
+@part
 def pixel_from_camera_point(camera: CameraModel, p_C: Vector, z: np.ndarray) -> bool:
     """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
     if p_C[2] <= 0.0:
@@ -74,13 +74,13 @@ def pixel_from_camera_point(camera: CameraModel, p_C: Vector, z: np.ndarray) -> 
     return True
 
 
-@njit(cache=True)
+@part
 def inside_image(camera: CameraModel, z: np.ndarray, margin: float) -> bool:
     """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
     return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
 
 
-@njit(cache=True)
+@part
 def pixel_jacobian(camera: CameraModel, p_C: Vector, J: np.ndarray) -> None:
     """Write d z / d p_C (2, 3) [px/m] at ``p_C``, which lies in front of the camera, into ``J``."""
     f_z = camera.focal / p_C[2]
@@ -95,7 +95,7 @@ def pixel_jacobian(camera: CameraModel, p_C: Vector, J: np.ndarray) -> None:
     J[1, 0], J[1, 1], J[1, 2] = u_vc * f_z, v_vc * f_z, -(u_vc * u_c + v_vc * v_c) / p_C[2]
 
 
-@njit(cache=True)
+@part
 def ray_from_pixel(camera: CameraModel, z: np.ndarray) -> np.ndarray:
     """Back-project the pixel ``z`` (2,) to the camera point (x, y, 1) (3,) on its line of sight.
 
@@ -108,7 +108,7 @@ def ray_from_pixel(camera: CameraModel, z: np.ndarray) -> np.ndarray:
     return np.array((u_d * scale, v_d * scale, 1.0))
 
 
-@njit(cache=True)
+@part
 def ray_jacobian(camera: CameraModel, z: np.ndarray) -> np.ndarray:
     """d ray_from_pixel / d z, (3, 2) [1/px]; its last row is zero."""
     u_d, v_d = camera.u0 - z[0], camera.v0 - z[1]

@@ -1,46 +1,98 @@
-"""How the kernels are compiled, and their cache: discard what an edit has made stale.
+"""How the kernels are compiled, and their cache: where it is, and what an edit has made stale in it.
 
-Every compiled function is optimised again inside each of its compiled callers. So the few that only hand a run down
-(``inline="always"`` in `envs.step`, `envs.frame` and `slam.filter`) are written into their caller instead, which saves
-a fifth of the first run's compilation.
-
-Numba checks the source of the function that it loads, not of those that it was compiled with; after an edit or a
-``git pull``, a kernel in an untouched file would still hold the old code of its callees.
+Kernels are compiled when they are first called. `kernel` marks those that Python calls while it runs, `part` what they
+are made of. Numba checks the source of the kernel that it loads, not of its parts; after an edit or a ``git pull``, a
+kernel in an untouched file would still hold their old code.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+from numba import config, njit
 from numba.core import event
+from numba.extending import overload
 
 _PACKAGE = Path(__file__).parent
-_STAMP = _PACKAGE / "__pycache__" / "kernels.stamp"
+_STAMP = "kernels.stamp"
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Decorator of a function that Python calls: `numba.njit`, kept in the cache where there is one."""
+    if function is None:
+        return functools.partial(kernel, **options)
+    if config.DISABLE_JIT:
+        return function
+    try:
+        dispatcher = njit(cache=True, **options)(function)
+    except RuntimeError:  # Numba finds no directory that it can write
+        _Cache.missing = True
+        return njit(**options)(function)
+    _Cache.directories.add(Path(dispatcher.stats.cache_path))
+    return dispatcher
+
+
+def part(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Decorator of a function that kernels call. ``options`` are those of `numba.njit`.
+
+    A kernel compiles it into itself, without the wrapper by which Python would call it: unpacking the many arrays of a
+    named tuple is more code than most parts. Called from Python it is a kernel of its own.
+
+    Every part is optimised again inside each of its callers. So the few that only hand a run down are written into
+    their caller instead (``inline="always"``).
+    """
+    if function is None:
+        return functools.partial(part, **options)
+    alone = kernel(function, **options)
+    if config.DISABLE_JIT or "inline" in options:
+        return alone
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        return alone(*arguments, **named)
+
+    overload(call, jit_options={**options, "no_cfunc_wrapper": True}, strict=False)(lambda *arguments: function)
+    return call
+
+
+class _Cache:
+    """What is known of the cache in this process."""
+
+    directories: set[Path] = set()
+    """Where Numba keeps our kernels: beside the sources, in ``NUMBA_CACHE_DIR``, or in the user's own cache."""
+    missing = False
+    """Whether none of these can be written."""
 
 
 def discard_stale_kernels() -> None:
-    """Delete the package's cached kernels if any of its sources has changed since they were stamped.
-
-    A package directory that cannot be written has no cache of its own, and nothing is done.
-    """
+    """Delete the package's cached kernels if any of its sources has changed since they were stamped."""
     digest = hashlib.sha256()
     for source in sorted(_PACKAGE.rglob("*.py")):
         status = source.stat()
         digest.update(f"{source.relative_to(_PACKAGE)} {status.st_mtime_ns} {status.st_size}\n".encode())
     stamp = digest.hexdigest()
-    with contextlib.suppress(OSError):
-        if _STAMP.is_file() and _STAMP.read_text() == stamp:
-            return
-        _STAMP.parent.mkdir(exist_ok=True)
-        for pattern in ("*.nbi", "*.nbc"):
-            for kernel in _PACKAGE.rglob(pattern):
-                kernel.unlink(missing_ok=True)
-        partial = _STAMP.with_suffix(".partial")
-        partial.write_text(stamp)
-        partial.replace(_STAMP)
+    for directory in _Cache.directories:
+        with contextlib.suppress(OSError):
+            _discard_unless(stamp, directory)
+
+
+def _discard_unless(stamp: str, directory: Path) -> None:
+    """Empty a directory of kernels that does not bear the ``stamp``, and stamp it."""
+    at = directory / _STAMP
+    if at.is_file() and at.read_text() == stamp:
+        return
+    for pattern in ("*.nbi", "*.nbc"):
+        for stale in directory.glob(pattern):
+            stale.unlink(missing_ok=True)
+    partial = at.with_suffix(".partial")
+    partial.write_text(stamp)
+    partial.replace(at)
 
 
 class _Announcement(event.Listener):
@@ -52,11 +104,12 @@ class _Announcement(event.Listener):
         module = getattr(getattr(dispatcher, "py_func", None), "__module__", None) or ""
         if module.split(".")[0] == _PACKAGE.name and self._silent:
             self._silent = False
-            print(
-                "activeslam_gym: compiling its kernels, which is kept for the next time ...",
-                file=sys.stderr,
-                flush=True,
+            then = (
+                "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
+                if _Cache.missing
+                else "which is kept for the next time"
             )
+            print(f"{_PACKAGE.name}: compiling its kernels, {then} ...", file=sys.stderr, flush=True)
 
     def on_end(self, event: event.Event) -> None:
         """Nothing to say."""

@@ -15,12 +15,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import CameraModel, inside_image
+from activeslam_gym.compilation import kernel, part
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.linalg import (
     cholesky_in_place,
+    copy_into,
     log2_det,
     log2_det_3,
     log2_det_of_factor,
@@ -64,7 +65,7 @@ class Expectation(NamedTuple):
     """(N,) that feature's serial number."""
 
 
-@njit(cache=True)
+@part
 def update_expectation(expectation: Expectation, belief: Belief) -> None:
     """Retire and bring back expected landmarks, so that exactly the counting features have retired one each.
 
@@ -92,7 +93,7 @@ def update_expectation(expectation: Expectation, belief: Belief) -> None:
             expectation.serial[e] = belief.serial[slot]
 
 
-@njit(cache=True)
+@part
 def _nearest_expected(expectation: Expectation, y: np.ndarray, P_y: np.ndarray) -> int:
     """Index of the waiting expected landmark nearest to the feature ``y`` (3,) with covariance ``P_y``, or -1."""
     U = np.empty((3, 3))
@@ -113,7 +114,7 @@ def _nearest_expected(expectation: Expectation, y: np.ndarray, P_y: np.ndarray) 
     return best
 
 
-@njit(cache=True)
+@part
 def counts(expectation: Expectation, slot: int) -> bool:
     """Whether the slot's feature counts: whether it has retired an expected landmark."""
     for e in range(expectation.slot.shape[0]):
@@ -122,7 +123,7 @@ def counts(expectation: Expectation, slot: int) -> bool:
     return False
 
 
-@njit(cache=True)
+@part
 def find_counting(expectation: Expectation, belief: Belief) -> np.ndarray:
     """(n,) bool: which features of the public belief, oldest first, count."""
     out = np.empty(belief.size[FEATURES], np.bool_)
@@ -131,7 +132,7 @@ def find_counting(expectation: Expectation, belief: Belief) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def waiting_count(expectation: Expectation) -> int:
     """How many expected landmarks no feature has retired."""
     count = 0
@@ -141,7 +142,7 @@ def waiting_count(expectation: Expectation) -> int:
     return count
 
 
-@njit(cache=True)
+@part
 def gathered(covariance: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The public covariance reordered: features ``before`` (by position k), the camera, features ``after``."""
     m, size = 3 * before.shape[0], CAMERA_DIM + 3 * (before.shape[0] + after.shape[0])
@@ -165,7 +166,7 @@ CAMERA, MAP, TOTAL, POSE = 0, 1, 2, 3
 """Entries of `log2_dets`."""
 
 
-@njit(cache=True)
+@part
 def log2_dets(
     expectation: Expectation, covariance: np.ndarray, U: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> np.ndarray:
@@ -187,8 +188,8 @@ def log2_dets(
         out[MAP] = log2_det_of_factor(U, 0, a) + rest
     else:
         both = np.empty(first.shape[0] + second.shape[0], np.int64)
-        both[: first.shape[0]] = first
-        both[first.shape[0] :] = second
+        copy_into(both, first)
+        copy_into(both[first.shape[0] :], second)
         out[MAP] = log2_det(gathered(covariance, both, first[:0])[: a + b, : a + b]) + rest
     return out
 
@@ -198,7 +199,7 @@ def entropy_bits(log2_determinant: float, dimension: int) -> float:
     return 0.5 * (dimension * LOG2_2PIE + log2_determinant)
 
 
-@njit(cache=True)
+@part
 def variance_sums(
     expectation: Expectation, covariance: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> tuple[float, float]:
@@ -264,7 +265,7 @@ class Prospect(NamedTuple):
     """(K, 3) points of known position [m]."""
 
 
-@njit(cache=True)
+@part
 def prospect_of(
     belief: Belief, points: np.ndarray, covariance: np.ndarray, expectation: Expectation, fiducials: np.ndarray
 ) -> Prospect:
@@ -304,7 +305,7 @@ class Sight(NamedTuple):
     """(v, 2, 3), zero for a fiducial."""
 
 
-@njit(cache=True)
+@part
 def sight_from(camera: CameraModel, prospect: Prospect, pose: np.ndarray) -> Sight:
     """What lies in the image of ``pose`` (>= 7: position, quaternion), with Jacobians. No occlusion."""
     K, M = prospect.fiducials.shape[0], prospect.points.shape[0]
@@ -325,7 +326,7 @@ def sight_from(camera: CameraModel, prospect: Prospect, pose: np.ndarray) -> Sig
     return Sight(index[:v], H_camera[:v], H_point[:v])
 
 
-@njit(cache=True)
+@part
 def measured_covariance(P: np.ndarray, sight: Sight, columns: int) -> np.ndarray:
     """H P[:, :columns], (2 v, columns): covariance of the predicted pixels with the leading part of the state."""
     v = sight.point.shape[0]
@@ -346,7 +347,7 @@ def measured_covariance(P: np.ndarray, sight: Sight, columns: int) -> np.ndarray
     return out
 
 
-@njit(cache=True)
+@part
 def _times_H(HP: np.ndarray, sight: Sight, first_point_column: np.ndarray, pixel_var: float) -> np.ndarray:
     """S (2 v, 2 v) = HP H^T + R, where thing i's point stands in the columns of HP from first_point_column[i] on."""
     m = HP.shape[0]
@@ -366,7 +367,7 @@ def _times_H(HP: np.ndarray, sight: Sight, first_point_column: np.ndarray, pixel
     return S
 
 
-@njit(cache=True)
+@part
 def seen_covariance(P: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray]:
     """(covariance of the camera and the v things in view only, (12 + 3 v)^2; first column of each of them)."""
     v = sight.point.shape[0]
@@ -387,7 +388,7 @@ def seen_covariance(P: np.ndarray, sight: Sight) -> tuple[np.ndarray, np.ndarray
     return out, first
 
 
-@njit(cache=True)
+@part
 def innovation_of(P: np.ndarray, sight: Sight, pixel_var: float) -> tuple[np.ndarray, np.ndarray]:
     """(S (2 v, 2 v), covariance of the predicted pixels with the camera's 12 dimensions (2 v, 12))."""
     inner, first = seen_covariance(P, sight)
@@ -396,7 +397,7 @@ def innovation_of(P: np.ndarray, sight: Sight, pixel_var: float) -> tuple[np.nda
     return _times_H(HP, local, first, pixel_var), HP[:, :CAMERA_DIM].copy()
 
 
-@njit(cache=True)
+@part
 def _local_point(index: np.ndarray, first: np.ndarray) -> np.ndarray:
     out = np.empty_like(index)
     for i in range(index.shape[0]):
@@ -404,7 +405,7 @@ def _local_point(index: np.ndarray, first: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def score(camera: CameraModel, prospect: Prospect, P: np.ndarray, pose: np.ndarray, criterion: int) -> float:
     """What ``pose`` would teach with the covariance ``P``, by the criterion of that number; 0 with nothing in view."""
     sight = sight_from(camera, prospect, pose)
@@ -426,13 +427,13 @@ def score(camera: CameraModel, prospect: Prospect, P: np.ndarray, pose: np.ndarr
     return variance_reduction(P, sight, pixel_var)
 
 
-@njit(cache=True)
+@part
 def half_log2_ratio(S: np.ndarray, pixel_var: float) -> float:
     """I(x; z) = 1/2 log2(|S| / |R|) [bit]."""
     return 0.5 * (log2_det(S) - S.shape[0] * math.log2(pixel_var))
 
 
-@njit(cache=True)
+@part
 def mutual_information_with(S: np.ndarray, cross: np.ndarray, P_part: np.ndarray) -> float:
     """I(part; z) = 1/2 log2(|S| / |S - C P_part^-1 C^T|) [bit], ``cross`` C = cov(z, part) (m, d)."""
     whole = log2_det(S)
@@ -445,7 +446,7 @@ def mutual_information_with(S: np.ndarray, cross: np.ndarray, P_part: np.ndarray
     return 0.5 * (whole - log2_det(S))
 
 
-@njit(cache=True)
+@part
 def _position_map_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(position and map; z): the live system's measure, which leaves gaze and velocities out (section V).
 
@@ -466,7 +467,7 @@ def _position_map_information(P: np.ndarray, sight: Sight, pixel_var: float) -> 
     return mutual_information_with(S, cross, part)
 
 
-@njit(cache=True)
+@part
 def _own_innovation(S: np.ndarray, i: int) -> tuple[float, float, float]:
     """Inverse (a, b, c) = [[a, b], [b, c]] of thing i's own 2 x 2 block of S."""
     p, q, r = S[2 * i, 2 * i], S[2 * i, 2 * i + 1], S[2 * i + 1, 2 * i + 1]
@@ -474,7 +475,7 @@ def _own_innovation(S: np.ndarray, i: int) -> tuple[float, float, float]:
     return r / det, -q / det, p / det
 
 
-@njit(cache=True)
+@part
 def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr J of J = sum_i H_i^T S_i^-1 H_i over the tangent (section III-B), literally.
 
@@ -491,7 +492,7 @@ def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     return total
 
 
-@njit(cache=True)
+@part
 def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """Largest eigenvalue of the same J (the end of section III-B), from its small twin.
 
@@ -519,7 +520,7 @@ def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> floa
     return np.linalg.eigvalsh(G)[-1]
 
 
-@njit(cache=True)
+@part
 def variance_reduction(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr(P H^T S^-1 H P): how much the update that is predicted lowers tr P. With U^T U = S it is |U^-T H P|^2."""
     S, _ = innovation_of(P, sight, pixel_var)
@@ -533,7 +534,7 @@ def variance_reduction(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
 # Candidate actions --------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def pose_after(motion: MotionModel, camera: np.ndarray, index: int, turned: float) -> np.ndarray:
     """The camera (13,) at the clipped goal of a motion, turned about the vertical by ``turned`` [rad], at rest."""
     out = np.zeros(CAMERA_SIZE)
@@ -542,7 +543,7 @@ def pose_after(motion: MotionModel, camera: np.ndarray, index: int, turned: floa
     return out
 
 
-@njit(cache=True)
+@part
 def propagated(motion: MotionModel, P: np.ndarray, turn: float, frames: int) -> np.ndarray:
     """The covariance after ``frames`` frames of turning at ``turn`` [rad/s] without a measurement."""
     F, Q = open_loop(motion, turn, frames)
@@ -551,7 +552,7 @@ def propagated(motion: MotionModel, P: np.ndarray, turn: float, frames: int) -> 
     return out
 
 
-@njit(cache=True)
+@part
 def joint_scores(
     camera: CameraModel, motion: MotionModel, prospect: Prospect, frames: int, time: float, criterion: int
 ) -> np.ndarray:
@@ -562,7 +563,7 @@ def joint_scores(
     return out
 
 
-@njit(cache=True)
+@part
 def motion_scores(
     camera: CameraModel,
     motion: MotionModel,
@@ -582,7 +583,7 @@ def motion_scores(
     return out
 
 
-@njit(cache=True)
+@part
 def motion_score(
     camera: CameraModel,
     motion: MotionModel,
@@ -600,7 +601,7 @@ def motion_score(
     return score(camera, prospect, P, pose, criterion)
 
 
-@njit(cache=True)
+@part
 def gaze_scores(
     camera: CameraModel, motion: MotionModel, prospect: Prospect, frames: int, time: float, criterion: int
 ) -> np.ndarray:
@@ -615,7 +616,7 @@ def gaze_scores(
     return out
 
 
-@njit(cache=True)
+@kernel
 def lookahead_scores(
     camera: CameraModel, motion: MotionModel, prospect: Prospect, frames: int, time: float, horizon: int
 ) -> np.ndarray:

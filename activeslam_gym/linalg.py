@@ -1,6 +1,8 @@
 """The one home of factorising: small dense kernels that run inside one thread and do not call BLAS.
 
 Inner loops run along rows, so that they vectorise without reordering a sum: the result does not depend on the caller.
+They begin at 0, of slices: with another start the compiler cannot know that no index is negative, and does one element
+at a time.
 """
 
 from __future__ import annotations
@@ -8,60 +10,65 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from activeslam_gym.compilation import part
 
 _FUSE = {"contract"}
 """Let a product and a sum become one fused operation; sums are never reordered."""
 
 
-@njit(cache=True, fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
     Right-looking, four pivots at a time, so that the rest is loaded and stored once for four of them. What stands
-    below the diagonal afterwards means nothing.
+    below the diagonal is not read, and means nothing afterwards.
     """
     n = A.shape[0]
     for first in range(0, n, 4):
         last = min(first + 4, n)
         for k in range(first, last):
+            row = A[k, k:]
             for p in range(first, k):
-                factor = A[p, k]
-                for j in range(k, n):
-                    A[k, j] -= factor * A[p, j]
-            pivot = A[k, k]
+                done = A[p, k:]
+                factor = done[0]
+                for j in range(n - k):
+                    row[j] -= factor * done[j]
+            pivot = row[0]
             if not (pivot > 0.0 and pivot < np.inf):  # catches NaN too
                 return False
             inverse = 1.0 / math.sqrt(pivot)
-            for j in range(k, n):
-                A[k, j] *= inverse
+            for j in range(n - k):
+                row[j] *= inverse
         if last < n:
             _eliminate_four(A, first)
     return True
 
 
-@njit(cache=True, fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def _eliminate_four(A: np.ndarray, first: int) -> None:
     """Subtract the outer products of the finished rows ``first`` … ``first + 3`` from the rest, two rows at a time."""
     n = A.shape[0]
-    u0, u1, u2, u3 = A[first], A[first + 1], A[first + 2], A[first + 3]
     start = first + 4
     if (n - start) % 2 == 1:  # an odd row first
-        row, f0, f1, f2, f3 = A[start], u0[start], u1[start], u2[start], u3[start]
-        for j in range(start, n):
+        row = A[start, start:]
+        u0, u1, u2, u3 = A[first, start:], A[first + 1, start:], A[first + 2, start:], A[first + 3, start:]
+        f0, f1, f2, f3 = u0[0], u1[0], u2[0], u3[0]
+        for j in range(n - start):
             row[j] = row[j] - f0 * u0[j] - f1 * u1[j] - f2 * u2[j] - f3 * u3[j]
         start += 1
     for i in range(start, n, 2):
-        upper, lower = A[i], A[i + 1]
-        f0, f1, f2, f3 = u0[i], u1[i], u2[i], u3[i]
-        g0, g1, g2, g3 = u0[i + 1], u1[i + 1], u2[i + 1], u3[i + 1]
-        for j in range(i, n):
+        upper, lower = A[i, i:], A[i + 1, i:]
+        u0, u1, u2, u3 = A[first, i:], A[first + 1, i:], A[first + 2, i:], A[first + 3, i:]
+        f0, f1, f2, f3 = u0[0], u1[0], u2[0], u3[0]
+        g0, g1, g2, g3 = u0[1], u1[1], u2[1], u3[1]
+        for j in range(n - i):
             x0, x1, x2, x3 = u0[j], u1[j], u2[j], u3[j]
             upper[j] = upper[j] - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3
             lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
 
 
-@njit(cache=True)
+@part
 def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     """log2 of the squared product of the diagonal entries ``start`` to ``stop`` of a factor: of a determinant."""
     total = 0.0
@@ -70,7 +77,7 @@ def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     return 2.0 * total
 
 
-@njit(cache=True, fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     """Overwrite ``B`` (n, m) with U^{-T} B."""
     n, m = B.shape
@@ -85,18 +92,18 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
             row[j] *= inverse
 
 
-@njit(cache=True, fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
     """Overwrite the vector ``b`` (n,) with U^{-T} b; U may have more rows than b."""
     n = b.shape[0]
     for k in range(n):
         b[k] /= U[k, k]
-        factor = b[k]
-        for j in range(k + 1, n):
-            b[j] -= factor * U[k, j]
+        factor, rest, row = b[k], b[k + 1 :], U[k, k + 1 :]
+        for j in range(n - k - 1):
+            rest[j] -= factor * row[j]
 
 
-@njit(cache=True)
+@part
 def log2_det(A: np.ndarray) -> float:
     """log2 |A| of a symmetric matrix (n, n), or NaN where it is not positive definite."""
     U = A.copy()
@@ -105,7 +112,7 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@njit(cache=True, fastmath=_FUSE)
+@part(fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W with W (m, >= n). Both triangles get the same operations, so P stays symmetric to the bit."""
     m = W.shape[0]
@@ -125,7 +132,7 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
                 row[j] -= factor * w[j]
 
 
-@njit(cache=True)
+@part
 def log2_det_3(A: np.ndarray) -> float:
     """log2 |A| of a symmetric 3 x 3 matrix in closed form, or NaN where the determinant is not positive."""
     det = (
@@ -136,7 +143,7 @@ def log2_det_3(A: np.ndarray) -> float:
     return math.log2(det) if det > 0.0 else np.nan
 
 
-@njit(cache=True)
+@part
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """A B for small matrices."""
     out = np.zeros((A.shape[0], B.shape[1]))
@@ -147,7 +154,7 @@ def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     """F P F^T for a small symmetric ``P``, symmetric to the bit."""
     FP = product(F, P)
@@ -163,7 +170,22 @@ def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
+def copy_into(out: np.ndarray, values: np.ndarray) -> None:
+    """out = ``values`` (n,). Written out, since Numba compiles ten functions for the assignment to a slice."""
+    for i in range(values.shape[0]):
+        out[i] = values[i]
+
+
+@part
+def copy_block(source: np.ndarray, out: np.ndarray) -> None:
+    """out = ``source`` (n, m); ``out`` may have more rows."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            out[i, j] = source[i, j]
+
+
+@part
 def count_true(flags: np.ndarray) -> int:
     """How many of ``flags`` (n,) are true."""
     count = 0
@@ -173,7 +195,7 @@ def count_true(flags: np.ndarray) -> int:
     return count
 
 
-@njit(cache=True)
+@part
 def sum_of_squares(v: np.ndarray) -> float:
     """v^T v of a vector (n,)."""
     total = 0.0

@@ -11,11 +11,11 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
-from activeslam_gym.linalg import congruence, product
+from activeslam_gym.linalg import congruence, copy_into, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -101,7 +101,7 @@ def motion_of(scenario: Scenario, motion_period: float) -> MotionModel:
 # The model ----------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     """The camera's next mean (13,) under the accelerations ``u`` = [a, alpha] (6,) held for ``dt`` (appendix).
 
@@ -116,11 +116,11 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
         out[i] = p[i] + dt * out[7 + i]
         out[10 + i] = w[i] + dt * u[3 + i]
         turned[i] = dt * out[10 + i]
-    out[QUATERNION] = rotate_left(turned, q)
+    copy_into(out[QUATERNION], rotate_left(turned, q))
     return out
 
 
-@njit(cache=True)
+@part
 def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
     """F_x (12, 12) of `transition` in the tangent, at the *new* angular velocity (3,) [rad/s].
 
@@ -139,7 +139,7 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
     return F_x
 
 
-@njit(cache=True)
+@part
 def process_covariance(motion: MotionModel, F_x: np.ndarray) -> np.ndarray:
     """Q (12, 12) of one frame: the noise enters v and w first and reaches p and theta as they do, Q = F_x Q_u F_x^T."""
     dt = motion.dt
@@ -150,7 +150,7 @@ def process_covariance(motion: MotionModel, F_x: np.ndarray) -> np.ndarray:
     return congruence(F_x, Q_u)
 
 
-@njit(cache=True)
+@part
 def open_loop(motion: MotionModel, turn: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """(F, Q), each (12, 12), of ``frames`` frames of turning about the vertical at ``turn`` [rad/s] unobserved."""
     F_x = transition_jacobian(np.array((0.0, turn, 0.0)), motion.dt)
@@ -166,7 +166,7 @@ def open_loop(motion: MotionModel, turn: float, frames: int) -> tuple[np.ndarray
 # The controller -----------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def displacement(motion: MotionModel, index: int) -> np.ndarray:
     """The commanded translation (3,) [m] in camera axes of the motion with that index (FORWARD … STAY)."""
     out = np.zeros(3)
@@ -176,7 +176,7 @@ def displacement(motion: MotionModel, index: int) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def clipped_goal(motion: MotionModel, goal: np.ndarray) -> np.ndarray:
     """``goal`` (3,) moved to the nearest place that is ``goal_margin`` inside the room."""
     half = (motion.half_x, motion.half_y, motion.half_z)
@@ -187,7 +187,7 @@ def clipped_goal(motion: MotionModel, goal: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def goal_of(motion: MotionModel, camera: np.ndarray, index: int) -> np.ndarray:
     """The clipped goal (3,) of a motion that begins at the camera's estimate ``camera`` (>= 7)."""
     R_WC, d = rotation_matrix(camera[QUATERNION]), displacement(motion, index)
@@ -197,7 +197,7 @@ def goal_of(motion: MotionModel, camera: np.ndarray, index: int) -> np.ndarray:
     return clipped_goal(motion, goal)
 
 
-@njit(cache=True)
+@part
 def turn_of(motion: MotionModel, gaze: int, time: float) -> float:
     """Reference of the turn rate about the vertical [rad/s]: RIGHT is negative, LEFT positive (Y is up)."""
     if motion.script_amplitude > 0.0:
@@ -206,7 +206,7 @@ def turn_of(motion: MotionModel, gaze: int, time: float) -> float:
     return (-motion.turn_rate, motion.turn_rate, 0.0)[gaze]
 
 
-@njit(cache=True)
+@part
 def accelerations(
     motion: MotionModel, x: np.ndarray, start: np.ndarray, goal: np.ndarray, elapsed: float, turn: float
 ) -> np.ndarray:

@@ -17,17 +17,17 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("activeslam_gym", "baselines", "agents")
 GYM = "activeslam_gym"
 
-MATHEMATICS = {"config", "geometry", "linalg", "camera", "motion"}
+MATHEMATICS = {"compilation", "config", "geometry", "linalg", "camera", "motion"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "config": set(),
-    "geometry": set(),
-    "linalg": set(),
-    "batching": set(),
     "compilation": set(),
-    "camera": {"config", "geometry"},
-    "motion": {"config", "geometry", "linalg"},
+    "geometry": {"compilation"},
+    "linalg": {"compilation"},
+    "batching": set(),
+    "camera": {"compilation", "config", "geometry"},
+    "motion": {"compilation", "config", "geometry", "linalg"},
     "world": MATHEMATICS,
     "slam": MATHEMATICS,
     "information": MATHEMATICS | {"slam.belief", "slam.measurement", "slam.prediction"},
@@ -36,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "envs": MATHEMATICS | {"batching", "world", "slam", "information", "metrics", "rendering"},
     "play": {"motion", "envs.views", "rendering"},
     "__main__": {"play"},
-    "__init__": MATHEMATICS | {"compilation", "slam.belief", "information", "metrics", "envs"},
+    "__init__": MATHEMATICS | {"slam.belief", "information", "metrics", "envs"},
 }
 """What each module or subpackage of ``activeslam_gym`` may import of ours."""
 

@@ -279,8 +279,8 @@ def test_observation_holds_nothing_of_the_truth_but_its_detections() -> None:
     run, setting = env._run, env.setting
     run.simulation.world.camera[:3] += 0.1
     run.simulation.world.points[setting.scenario.fiducial_count :] += 0.3
-    evaluate(setting.models, setting.task, run)
-    observe(setting.models, setting.task, run)
+    evaluate(setting.task, run.simulation, run.step)
+    observe(setting.models, setting.task, run.simulation, run.step)
     np.testing.assert_array_equal(run.step.observation, before)
 
 

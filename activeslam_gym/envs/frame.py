@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import CameraModel, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.scoring import Labels, vote
 from activeslam_gym.geometry import rotation_matrix
@@ -153,7 +153,7 @@ def face_fiducials(scenario: Scenario, simulation: Simulation, rng: np.random.Ge
         belief.camera[QUATERNION] = rotation.as_quat(scalar_first=True)
 
 
-@njit(cache=True)
+@part
 def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: int) -> None:
     """Read a motion: its goal from the present estimate, clipped into the room."""
     goal = goal_of(motion, belief.camera, index)
@@ -164,13 +164,15 @@ def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: i
     control.command[1] = 0
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation.
 
     ``first_labels``: give the filter the labels of the fiducials, if this is the first frame.
     """
-    motion, world, belief = models.motion, simulation.world, simulation.belief
+    motion = models.motion
+    world = simulation.world
+    belief = simulation.belief
     K = world.points.shape[0] - simulation.expectation.points.shape[0]
     frame = belief.size[FRAME]
     elapsed = simulation.control.command[1] * motion.dt

@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel_from_camera_point
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Expectation
@@ -93,7 +93,7 @@ def _slices(lengths: dict[str, int]) -> dict[str, slice]:
     return {name: slice(end - length, end) for (name, length), end in zip(lengths.items(), ends, strict=True)}
 
 
-@njit(cache=True)
+@part
 def observe_globals(
     motion: MotionModel,
     belief: Belief,
@@ -126,7 +126,7 @@ def observe_globals(
     out[at + 7] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
 
 
-@njit(cache=True)
+@part
 def observe_tokens(
     camera: CameraModel,
     belief: Belief,
@@ -170,7 +170,7 @@ def observe_tokens(
             slot += 1
 
 
-@njit(cache=True)
+@part
 def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,)."""
     p_C = camera_point(R_WC, belief.camera, y)
@@ -183,7 +183,7 @@ def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray,
         token[6] = 1.0
 
 
-@njit(cache=True)
+@part
 def _uncertainty(belief: Belief, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
     """Log deviation of a point: geometric mean, and along the line of sight relative to the distance."""
     square, along = _LOG_FLOOR**2, 0.0
@@ -197,12 +197,12 @@ def _uncertainty(belief: Belief, y: np.ndarray, P_y: np.ndarray, token: np.ndarr
     token[5] = _log_deviation(math.sqrt(max(along, 0.0)) / square)
 
 
-@njit(cache=True)
+@part
 def _log_deviation(deviation: float) -> float:
     return math.log10(max(deviation, _LOG_FLOOR)) / 3.0
 
 
-@njit(cache=True)
+@part
 def clip_into(values: np.ndarray, out: np.ndarray) -> None:
     """Write ``values`` (D,) clipped to [-1, 1] into ``out`` (D,) float32; what is not a number becomes 0."""
     for i in range(values.shape[0]):

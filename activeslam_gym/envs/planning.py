@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym import information
 from activeslam_gym.batching import row
+from activeslam_gym.compilation import kernel, part
 from activeslam_gym.envs.frame import Models, Simulation
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.step import STEPS, Run
@@ -18,7 +18,7 @@ _STAY = int(Gaze.STAY)
 _LONGEST_HORIZON = 4
 
 
-@njit(cache=True)
+@part
 def prospect(simulation: Simulation) -> Prospect:
     """What the run's belief lets a policy plan with."""
     K = simulation.world.points.shape[0] - simulation.expectation.points.shape[0]
@@ -35,7 +35,7 @@ def prospect(simulation: Simulation) -> Prospect:
 # ``step_time`` [s] of a step.
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _motion_scores(
     models: Models, runs: Run, frames: int, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
 ) -> None:
@@ -45,7 +45,7 @@ def _motion_scores(
         out[i] = information.motion_scores(models.camera, models.motion, ahead, frames, time, criterion, _STAY)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _gaze_scores(
     models: Models, runs: Run, frames: int, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
 ) -> None:
@@ -55,7 +55,7 @@ def _gaze_scores(
         out[i] = information.gaze_scores(models.camera, models.motion, ahead, frames, time, criterion)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _joint_scores(
     models: Models, runs: Run, frames: int, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
 ) -> None:
@@ -65,7 +65,7 @@ def _joint_scores(
         out[i] = information.joint_scores(models.camera, models.motion, ahead, frames, time, criterion)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _motion_score(
     models: Models,
     runs: Run,
@@ -83,7 +83,7 @@ def _motion_score(
         out[i] = information.motion_score(models.camera, models.motion, ahead, frames, time, criterion, _STAY, index)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _lookahead_scores(
     models: Models, runs: Run, frames: int, step_time: float, horizon: int, out: np.ndarray, start: int, stop: int
 ) -> None:

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.batching import row
 from activeslam_gym.camera import CameraModel
+from activeslam_gym.compilation import part
 from activeslam_gym.envs.frame import EVENTS, Simulation
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.envs.scoring import features_of_landmarks, landmark_errors
@@ -147,7 +147,7 @@ def _fiducial_count(run: Run) -> int:
     return run.simulation.world.points.shape[-2] - run.simulation.expectation.points.shape[-2]
 
 
-@njit(cache=True)
+@part
 def _mapped_landmarks(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """(L,) position k of each true landmark's mapped feature, or -1; (L,) its distance [m], or NaN."""
     N = simulation.expectation.points.shape[0]

@@ -14,8 +14,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
 from activeslam_gym.information import LOG2_2PIE, MAP, POSE, TOTAL
 from activeslam_gym.motion import CAMERA_DIM
 
@@ -42,7 +42,7 @@ def reward_number(reward: str) -> int:
     return REWARDS.index(reward)
 
 
-@njit(cache=True)
+@part
 def potentials(
     log2_dets: np.ndarray, density: float, positions: float, everything: float, landmarks: int
 ) -> np.ndarray:

@@ -6,9 +6,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
 from activeslam_gym.information import Expectation
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.metrics import camera_error, log2_normal_of_factor
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import FEATURES, FREE, Belief, depth_ratio
@@ -26,7 +27,7 @@ class Labels(NamedTuple):
     """(F,) index of the true landmark that most of the feature's detections were of, or -1."""
 
 
-@njit(cache=True)
+@part
 def vote(labels: Labels, belief: Belief, fiducial_count: int, match: np.ndarray, truth: np.ndarray) -> int:
     """Record the matches (M,) of a frame with their true labels ``truth`` (M,); returns how many were wrong.
 
@@ -53,14 +54,14 @@ def vote(labels: Labels, belief: Belief, fiducial_count: int, match: np.ndarray,
     return wrong
 
 
-@njit(cache=True)
+@part
 def _owned_landmark(votes: np.ndarray, best: int, fiducial_count: int) -> int:
     """The landmark with the most votes, ``best``, if it is one and has more than half of them, or -1."""
     is_landmark = fiducial_count <= best < votes.shape[0] - 1
     return best - fiducial_count if is_landmark and 2 * votes[best] > votes.sum() else -1
 
 
-@njit(cache=True)
+@part
 def features_of_landmarks(labels: Labels, belief: Belief, landmark_count: int, eligible: np.ndarray) -> np.ndarray:
     """For each true landmark the oldest eligible feature that is mostly its own, as its position k by age, or -1.
 
@@ -74,14 +75,14 @@ def features_of_landmarks(labels: Labels, belief: Belief, landmark_count: int, e
     return out
 
 
-@njit(cache=True)
+@part
 def find_mapped(belief: Belief, ratio: float, out: np.ndarray) -> None:
     """Write into ``out`` (>= n,) bool, by age, whether sigma_depth / depth is under ``ratio``."""
     for k in range(belief.size[FEATURES]):
         out[k] = depth_ratio(belief, belief.order[k]) < ratio
 
 
-@njit(cache=True)
+@part
 def landmark_errors(world: World, points: np.ndarray, of_landmark: np.ndarray, fiducial_count: int) -> np.ndarray:
     """(L,) distance [m] of each true landmark's feature from it; NaN where it has none."""
     out = np.full(of_landmark.shape[0], np.nan)
@@ -92,7 +93,7 @@ def landmark_errors(world: World, points: np.ndarray, of_landmark: np.ndarray, f
     return out
 
 
-@njit(cache=True)
+@part
 def log2_density(
     world: World,
     belief: Belief,
@@ -124,5 +125,5 @@ def log2_density(
             for axis in range(3):
                 variance = expectation.variance[axis]
                 rest -= 0.5 * (math.log2(2.0 * math.pi * variance) + y[axis] ** 2 / variance * math.log2(math.e))
-    error[at:] = camera_error(world.camera, belief.camera)
+    copy_into(error[at:], camera_error(world.camera, belief.camera))
     return rest + log2_normal_of_factor(error, U)

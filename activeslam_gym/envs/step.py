@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.batching import batched, row
+from activeslam_gym.compilation import kernel, part
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.frame import Models, Simulation, advance, begin_motion, empty_simulation, reset_simulation
 from activeslam_gym.envs.observation import (
@@ -20,12 +20,13 @@ from activeslam_gym.envs.observation import (
     observe_tokens,
 )
 from activeslam_gym.envs.reward import REWARDS, potentials
-from activeslam_gym.envs.scoring import features_of_landmarks, find_mapped, landmark_errors, log2_density
+from activeslam_gym.envs.scoring import Labels, features_of_landmarks, find_mapped, landmark_errors, log2_density
 from activeslam_gym.information import (
     CAMERA,
     LOG2_2PIE,
     MAP,
     TOTAL,
+    Expectation,
     find_counting,
     gathered,
     log2_dets,
@@ -35,7 +36,8 @@ from activeslam_gym.information import (
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, Motion
-from activeslam_gym.slam.belief import FEATURES, point_belief
+from activeslam_gym.slam.belief import FEATURES, Belief, point_belief
+from activeslam_gym.world.simulator import World
 
 VALUES = (
     "entropy",
@@ -134,51 +136,55 @@ BEGIN, REST = -1, -2
 """In place of a motion: evaluate a run that has just been reset; leave it alone."""
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
     ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
     """
+    simulations = runs.simulation
+    steps = runs.step
     for i in range(start, stop):
         if motions[i] == REST:
             continue
-        run = row(runs, i)
+        simulation = row(simulations, i)
+        step = row(steps, i)
         if motions[i] != BEGIN:
-            _play_frames(models, task, run, motions[i], gazes[i])
-        evaluate(models, task, run)
+            _play_frames(models, task, simulation, step.status, motions[i], gazes[i])
+        evaluate(task, simulation, step)
         if motions[i] == BEGIN:
-            _begin(models, run)
+            begin_motion(models.motion, simulation.belief, simulation.control, STAY)
+            _begin(step)
         else:
-            _settle(task, run.step)
-        observe(models, task, run)
+            _settle(task, step)
+        observe(models, task, simulation, step)
 
 
-@njit(cache=True, inline="always")
-def _begin(models: Models, run: Run) -> None:
-    """The prior is worth nothing yet, and the camera stays until a motion is read."""
-    begin_motion(models.motion, run.simulation.belief, run.simulation.control, STAY)
-    run.step.sums[DENSITY_0] = run.step.potential[DENSITY]
-    run.step.values[LOG_SCORE] = 0.0
-    run.step.status[LOST] = 0  # a run is lost by a step
-    for i in range(run.step.terms.shape[0]):
-        run.step.terms[i] = 0.0
+@part(inline="always")
+def _begin(step: Step) -> None:
+    """The prior is worth nothing yet."""
+    step.sums[DENSITY_0] = step.potential[DENSITY]
+    step.values[LOG_SCORE] = 0.0
+    step.status[LOST] = 0  # a run is lost by a step
+    for i in range(step.terms.shape[0]):
+        step.terms[i] = 0.0
 
 
-@njit(cache=True, inline="always")
-def _play_frames(models: Models, task: Task, run: Run, motion: int, gaze: int) -> None:
+@part(inline="always")
+def _play_frames(
+    models: Models, task: Task, simulation: Simulation, status: np.ndarray, motion: int, gaze: int
+) -> None:
     """The frames of one gaze period; the motion is read where its period begins."""
-    simulation, step = run.simulation, run.step
-    if step.status[STEPS] % task.steps_per_motion == 0:
+    if status[STEPS] % task.steps_per_motion == 0:
         begin_motion(models.motion, simulation.belief, simulation.control, motion)
     for i in range(simulation.events.shape[0]):
         simulation.events[i] = 0
     for _ in range(task.frames_per_step):
         advance(models, simulation, gaze, task.labelled_first_match)
-    step.status[STEPS] += 1
+    status[STEPS] += 1
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _settle(task: Task, step: Step) -> None:
     """The reward of the step: the gain of the chosen potential, and if lost the forfeit of all that was gained."""
     reward = step.terms[task.reward]
@@ -191,23 +197,24 @@ def _settle(task: Task, step: Step) -> None:
     step.sums[GAIN] += step.terms[ENTROPY_POTENTIAL]
 
 
-@njit(cache=True, inline="always")
-def evaluate(models: Models, task: Task, run: Run) -> None:
+@part(inline="always")
+def evaluate(task: Task, simulation: Simulation, step: Step) -> None:
     """Bring the public belief, the expected landmarks, the values and the potentials up to date.
 
     Where the public covariance is not positive definite the run is lost, and values and potentials stay as they were.
     """
-    simulation, step = run.simulation, run.step
-    world, belief, expectation = simulation.world, simulation.belief, simulation.expectation
+    world = simulation.world
+    belief = simulation.belief
+    expectation = simulation.expectation
     points, P = simulation.points, simulation.covariance
     N = expectation.points.shape[0]
     K = world.points.shape[0] - N
     n = point_belief(belief, points, P)
-    first, after, counting, of_landmark = _ordered_features(simulation, n, N)
+    first, after, counting, of_landmark = _ordered_features(belief, expectation, simulation.labels, n)
     U = gathered(P, first, after)
     sound = cholesky_in_place(U)
     find_mapped(belief, task.mapped_depth_ratio, simulation.mapped)
-    _evaluate_errors(run, n, N, K)
+    _evaluate_errors(world, belief, points, P, simulation.labels, simulation.mapped[:n], K, step.values)
     step.status[LOST] = not sound or step.values[POSITION_ERROR] > task.lost_position_error
     step.terms[:] = 0.0
     if not sound:
@@ -224,15 +231,17 @@ def evaluate(models: Models, task: Task, run: Run) -> None:
     step.values[LOG_SCORE] = density - step.sums[DENSITY_0]
 
 
-@njit(cache=True, inline="always")
-def _ordered_features(simulation: Simulation, n: int, N: int) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
+@part(inline="always")
+def _ordered_features(
+    belief: Belief, expectation: Expectation, labels: Labels, n: int
+) -> tuple[np.ndarray, np.ndarray, int, np.ndarray]:
     """The features, by position k, in the order in which the public covariance is factored.
 
     Returns those that count and stand for a true landmark; the others, those that count first; how many count; and
     (N,) the k that stands for each true landmark, or -1.
     """
-    counts = find_counting(simulation.expectation, simulation.belief)
-    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, counts)
+    counts = find_counting(expectation, belief)
+    of_landmark = features_of_landmarks(labels, belief, expectation.slot.shape[0], counts)
     first, after = np.empty(n, np.int64), np.empty(n, np.int64)
     a, b = 0, 0
     stands = np.zeros(n, np.bool_)
@@ -249,17 +258,24 @@ def _ordered_features(simulation: Simulation, n: int, N: int) -> tuple[np.ndarra
     return first[:a], after[:b], count_true(counts), of_landmark
 
 
-@njit(cache=True, inline="always")
-def _evaluate_errors(run: Run, n: int, N: int, K: int) -> None:
+@part(inline="always")
+def _evaluate_errors(
+    world: World,
+    belief: Belief,
+    points: np.ndarray,
+    P: np.ndarray,
+    labels: Labels,
+    mapped: np.ndarray,
+    K: int,
+    values: np.ndarray,
+) -> None:
     """Errors against the truth, and counts of what is mapped."""
-    simulation, values = run.simulation, run.step.values
-    error = camera_error(simulation.world.camera, simulation.belief.camera)
+    error = camera_error(world.camera, belief.camera)
     values[POSITION_ERROR] = math.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
     values[ORIENTATION_ERROR] = math.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2)
-    values[NEES] = nees(error[D_POSITION], simulation.covariance[D_POSITION, D_POSITION])
-    mapped = simulation.mapped[:n]
-    of_landmark = features_of_landmarks(simulation.labels, simulation.belief, N, mapped)
-    distances = landmark_errors(simulation.world, simulation.points, of_landmark, K)
+    values[NEES] = nees(error[D_POSITION], P[D_POSITION, D_POSITION])
+    of_landmark = features_of_landmarks(labels, belief, world.points.shape[0] - K, mapped)
+    distances = landmark_errors(world, points, of_landmark, K)
     count, squares = 0, 0.0
     for distance in distances:
         if not math.isnan(distance):
@@ -269,11 +285,11 @@ def _evaluate_errors(run: Run, n: int, N: int, K: int) -> None:
     values[RMSE] = math.sqrt(squares / count) if count > 0 else np.inf
 
 
-@njit(cache=True, inline="always")
-def observe(models: Models, task: Task, run: Run) -> None:
+@part(inline="always")
+def observe(models: Models, task: Task, simulation: Simulation, step: Step) -> None:
     """Write the observation; it reads the belief and the task's rhythm only."""
-    simulation, step = run.simulation, run.step
-    belief, expectation = simulation.belief, simulation.expectation
+    belief = simulation.belief
+    expectation = simulation.expectation
     N = expectation.points.shape[0]
     K = simulation.world.points.shape[0] - N
     mapped = simulation.mapped[: belief.size[FEATURES]]

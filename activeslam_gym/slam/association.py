@@ -20,8 +20,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.depth_particles import Rays, ray_distance
 from activeslam_gym.slam.settings import FilterModel
@@ -50,7 +50,7 @@ class Hypotheses(NamedTuple):
     """(m, M) d^2 + ln |S|: -2 ln of the likelihood, less a constant."""
 
 
-@njit(cache=True)
+@part
 def associate(
     model: FilterModel,
     belief: Belief,
@@ -87,7 +87,7 @@ def associate(
     return out
 
 
-@njit(cache=True)
+@part
 def _measure_distances(h: Hypotheses, pixels: np.ndarray) -> None:
     """Distances and costs of the open rows."""
     for a in range(h.open.shape[0]):
@@ -101,7 +101,7 @@ def _measure_distances(h: Hypotheses, pixels: np.ndarray) -> None:
                 h.cost[a, i] = h.d2[a, i] + log_det
 
 
-@njit(cache=True)
+@part
 def _any_open(model: FilterModel, h: Hypotheses) -> bool:
     """Whether an open row and a free detection may still belong together."""
     for a in range(h.open.shape[0]):
@@ -112,13 +112,13 @@ def _any_open(model: FilterModel, h: Hypotheses) -> bool:
     return False
 
 
-@njit(cache=True)
+@part
 def _close(h: Hypotheses, a: int, i: int) -> None:
     h.open[a] = False
     h.free[i] = False
 
 
-@njit(cache=True)
+@part
 def _condition(h: Hypotheses, a: int, pixel: np.ndarray) -> None:
     """Condition the joint Gaussian of the predicted pixels on row ``a`` being seen at ``pixel`` (2,)."""
     n = h.z.shape[0]
@@ -133,7 +133,7 @@ def _condition(h: Hypotheses, a: int, pixel: np.ndarray) -> None:
             h.S[i, j] -= g0 * c0[j] + g1 * c1[j]
 
 
-@njit(cache=True)
+@part
 def _is_sharp(model: FilterModel, h: Hypotheses, a: int) -> bool:
     """Whether the longest axis of row ``a``'s ellipse is within the limit."""
     s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
@@ -142,7 +142,7 @@ def _is_sharp(model: FilterModel, h: Hypotheses, a: int) -> bool:
     return longest <= model.sharp_std_px**2
 
 
-@njit(cache=True)
+@part
 def _match_clear(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np.ndarray, out: np.ndarray) -> bool:
     """Match every sharp row that has a clear partner, then condition the rest on them; whether there was any."""
     m = h.open.shape[0]
@@ -164,7 +164,7 @@ def _match_clear(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np
     return found
 
 
-@njit(cache=True)
+@part
 def _clear_partner(model: FilterModel, h: Hypotheses, a: int) -> int:
     """The free detection that is row ``a``'s best by a margin, and whose best by a margin is row ``a``; or -1."""
     best = -1
@@ -183,7 +183,7 @@ def _clear_partner(model: FilterModel, h: Hypotheses, a: int) -> int:
     return best
 
 
-@njit(cache=True)
+@part
 def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np.ndarray, out: np.ndarray) -> bool:
     """Match the vague row whose pairing explains the most together with what it implies; whether there was one.
 
@@ -221,7 +221,7 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
     return True
 
 
-@njit(cache=True)
+@part
 def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarray) -> float:
     """Sum over the other open rows of their best log likelihood ratio, given that row ``a`` is detection ``i``."""
     trial = Hypotheses(h.z.copy(), h.S.copy(), h.open.copy(), h.free.copy(), h.d2.copy(), h.cost.copy())
@@ -238,7 +238,7 @@ def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarr
     return total
 
 
-@njit(cache=True)
+@part
 def _match_rays(model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray) -> None:
     """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
 

@@ -17,11 +17,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym import config
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, so3_left_jacobian
+from activeslam_gym.linalg import copy_block
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -137,7 +138,7 @@ def reset_belief(belief: Belief, scenario: Scenario) -> None:
 # Features as points -------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def bearing(azimuth: float, elevation: float) -> np.ndarray:
     """Rows (3, 3): the unit world direction m, dm/d azimuth, dm/d elevation.
 
@@ -152,7 +153,7 @@ def bearing(azimuth: float, elevation: float) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Azimuth and elevation [rad] of a world direction ``h`` (3,) of any length; d(azimuth, elevation)/dh into ``J``.
 
@@ -166,13 +167,13 @@ def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     return math.atan2(h[0], h[2]), math.atan2(h[1], level)
 
 
-@njit(cache=True)
+@part
 def feature_depth(belief: Belief, slot: int) -> float:
     """Distance [m] of a RAY or INVERSE_DEPTH feature from its anchor."""
     return belief.depth[slot, 0] if belief.kind[slot] == RAY else 1.0 / belief.feature[slot, 5]
 
 
-@njit(cache=True)
+@part
 def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
     """The feature as a world point (3,) [m]; its Jacobian by the feature's parameters goes into ``T`` (3, 6).
 
@@ -194,7 +195,7 @@ def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
     return y
 
 
-@njit(cache=True)
+@part
 def point_marginal(belief: Belief, slot: int, P_y: np.ndarray) -> np.ndarray:
     """The feature as a world point (3,) [m]; its own covariance T P T^T goes into ``P_y`` (3, 3)."""
     T = np.empty((3, FEATURE_SIZE))
@@ -208,7 +209,7 @@ def point_marginal(belief: Belief, slot: int, P_y: np.ndarray) -> np.ndarray:
     return y
 
 
-@njit(cache=True)
+@part
 def depth_ratio(belief: Belief, slot: int) -> float:
     """sigma_depth / depth of a feature along its line of sight: from its anchor, or for a POINT from the camera."""
     if belief.kind[slot] == RAY:
@@ -226,7 +227,7 @@ def depth_ratio(belief: Belief, slot: int) -> float:
     return math.sqrt(max(variance, 0.0)) / max(square, 1e-12)
 
 
-@njit(cache=True)
+@part
 def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> int:
     """Present every feature as a point: the public belief. Returns the number n of features, oldest first.
 
@@ -235,30 +236,34 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     """
     n, dim, P = belief.size[FEATURES], belief.size[DIM], belief.covariance
     size = CAMERA_DIM + 3 * n
-    half = np.empty((size, dim))
-    for i in range(CAMERA_DIM):
-        for j in range(dim):
-            half[i, j] = P[i, j]
-    Ts = np.empty((n, 3, FEATURE_SIZE))
-    for k in range(n):
+    half, Ts = np.empty((size, dim)), np.empty((n, 3, FEATURE_SIZE))
+    at, to = 0, 0
+    for k in range(n):  # camera and points stay as they are: whatever of them stands together is copied at once
         slot = belief.order[k]
         y = point_of(belief, slot, Ts[k])
         for i in range(3):
             points[k, i] = y[i]
-        _rows_times(Ts[k], P[belief.start[slot] :], KIND_DIM[belief.kind[slot]], half[CAMERA_DIM + 3 * k :], dim)
-    for i in range(size):
-        for j in range(CAMERA_DIM):
-            covariance[i, j] = half[i, j]
+        if belief.kind[slot] != POINT:
+            start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
+            copy_block(P[at:start, :dim], half[to:own])
+            _rows_times(Ts[k], P[start:], width, half[own:], dim)
+            at, to = start + width, own + 3
+    copy_block(P[at:dim, :dim], half[to:])
+    at, to = 0, 0
     for k in range(n):
         slot = belief.order[k]
-        at, width, to = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
-        _columns_times(half, at, width, Ts[k], covariance, to)
-        if belief.kind[slot] == RAY:
-            _add_depth_variance(belief, slot, covariance[to:, to:])
+        if belief.kind[slot] != POINT:
+            start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
+            copy_block(half[:, at:start], covariance[:, to:own])
+            _columns_times(half, start, width, Ts[k], covariance, own)
+            if belief.kind[slot] == RAY:
+                _add_depth_variance(belief, slot, covariance[own:, own:])
+            at, to = start + width, own + 3
+    copy_block(half[:, at:dim], covariance[:, to:size])
     return n
 
 
-@njit(cache=True)
+@part
 def _add_depth_variance(belief: Belief, slot: int, block: np.ndarray) -> None:
     """Add to ``block`` (>= 3, >= 3) the variance of a ray's particles along the ray."""
     m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])
@@ -267,7 +272,7 @@ def _add_depth_variance(belief: Belief, slot: int, block: np.ndarray) -> None:
             block[i, j] += belief.depth[slot, 1] * m[0, i] * m[0, j]
 
 
-@njit(cache=True)
+@part
 def _rows_times(T: np.ndarray, rows: np.ndarray, width: int, out: np.ndarray, n: int) -> None:
     """out[:3, :n] = T[:, :width] rows[:width, :n]; the leading three columns of T are the identity."""
     for i in range(3):
@@ -280,7 +285,7 @@ def _rows_times(T: np.ndarray, rows: np.ndarray, width: int, out: np.ndarray, n:
                 to[j] += factor * source[j]
 
 
-@njit(cache=True)
+@part
 def _columns_times(half: np.ndarray, at: int, width: int, T: np.ndarray, out: np.ndarray, to: int) -> None:
     """out[:, to:to+3] = half[:, at:at+width] T[:, :width]^T; the leading three columns of T are the identity."""
     for i in range(half.shape[0]):
@@ -295,13 +300,13 @@ def _columns_times(half: np.ndarray, at: int, width: int, T: np.ndarray, out: np
 # Change of the map --------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def room_for(belief: Belief, width: int) -> bool:
     """Whether one more feature of ``width`` dimensions fits."""
     return belief.size[FEATURES] < belief.kind.shape[0] and belief.size[DIM] + width <= belief.covariance.shape[0]
 
 
-@njit(cache=True)
+@part
 def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
     """Add a feature y = g(camera, rest) and return its slot; the caller has asked `room_for` it.
 
@@ -340,7 +345,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     return slot
 
 
-@njit(cache=True)
+@part
 def remove_feature(belief: Belief, slot: int) -> None:
     """Forget a feature (marginalise it out) and free its slot."""
     _close_gap(belief, belief.start[slot], KIND_DIM[belief.kind[slot]])
@@ -354,7 +359,7 @@ def remove_feature(belief: Belief, slot: int) -> None:
     belief.size[FEATURES] = n - 1
 
 
-@njit(cache=True)
+@part
 def convert_to_point(belief: Belief, slot: int) -> None:
     """Turn a RAY or INVERSE_DEPTH feature into a POINT through its Jacobian (with a ray's depth variance)."""
     P, dim = belief.covariance, belief.size[DIM]
@@ -376,7 +381,7 @@ def convert_to_point(belief: Belief, slot: int) -> None:
     _close_gap(belief, at + 3, width - 3)
 
 
-@njit(cache=True)
+@part
 def _close_gap(belief: Belief, at: int, width: int) -> None:
     """Drop ``width`` covariance rows and columns from ``at`` on."""
     P, dim = belief.covariance, belief.size[DIM] - width
@@ -396,7 +401,7 @@ def _close_gap(belief: Belief, at: int, width: int) -> None:
 # The mean on its manifold -------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def shift_mean(belief: Belief, delta: np.ndarray) -> None:
     """mean ⊞ ``delta`` (dim,): the camera's rotation is perturbed on the left, in the world frame."""
     x = belief.camera
@@ -416,7 +421,7 @@ def shift_mean(belief: Belief, delta: np.ndarray) -> None:
             belief.feature[slot, 5] = max(belief.feature[slot, 5], MINIMUM_INVERSE_DEPTH)
 
 
-@njit(cache=True)
+@part
 def recentre(belief: Belief, delta: np.ndarray) -> None:
     """Express the covariance in the tangent of the mean just shifted by ``delta`` (dim,): P = M P M^T.
 
@@ -432,7 +437,7 @@ def recentre(belief: Belief, delta: np.ndarray) -> None:
     _recentre_rotation(belief, delta)
 
 
-@njit(cache=True)
+@part
 def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
     E = np.zeros((3, belief.size[DIM]))
@@ -449,7 +454,7 @@ def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     return E
 
 
-@njit(cache=True)
+@part
 def _cross(delta: np.ndarray, at: int, E: np.ndarray) -> None:
     """Columns of a world vector shifted by d: a x d = E^T a."""
     x, y, z = delta[at], delta[at + 1], delta[at + 2]
@@ -458,7 +463,7 @@ def _cross(delta: np.ndarray, at: int, E: np.ndarray) -> None:
     E[0, at + 2], E[1, at + 2] = y, -x
 
 
-@njit(cache=True)
+@part
 def _turn_angles(azimuth: float, elevation: float, sign: float, at: int, E: np.ndarray) -> None:
     """Add ``sign`` times d(azimuth, elevation) of a direction by a turn of the world, the derivative of a x m."""
     sin_a, cos_a, tan_e = math.sin(azimuth), math.cos(azimuth), math.tan(elevation)
@@ -469,7 +474,7 @@ def _turn_angles(azimuth: float, elevation: float, sign: float, at: int, E: np.n
     E[2, at + 1] += sign * sin_a
 
 
-@njit(cache=True)
+@part
 def _turn_with_rotation(belief: Belief, E: np.ndarray) -> None:
     """P + E^T B + B^T E with B = P_theta + P_theta,theta E / 2, which is (I + E^T) P (I + E^T)^T."""
     P, dim = belief.covariance, belief.size[DIM]
@@ -484,7 +489,7 @@ def _turn_with_rotation(belief: Belief, E: np.ndarray) -> None:
             row[j] += (e0 * B[0, j] + b0 * E[0, j]) + (e1 * B[1, j] + b1 * E[1, j]) + (e2 * B[2, j] + b2 * E[2, j])
 
 
-@njit(cache=True)
+@part
 def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
     """P_theta = J_l P_theta, rows and columns."""
     P, dim = belief.covariance, belief.size[DIM]

@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import CameraModel, inside_image
+from activeslam_gym.compilation import part
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.belief import FEATURES, KIND_DIM, RAY, Belief, bearing
@@ -40,7 +40,7 @@ class Rays(NamedTuple):
     """(R, M, 2, 2) [px^2]."""
 
 
-@njit(cache=True)
+@part
 def scatter_particles(belief: Belief, slot: int, nearest: float, farthest: float) -> None:
     """Spread a new ray's particles evenly in depth between ``nearest`` and ``farthest`` [m], with equal weights."""
     count = belief.particles.shape[1]
@@ -51,13 +51,13 @@ def scatter_particles(belief: Belief, slot: int, nearest: float, farthest: float
     _summarise(belief, slot)
 
 
-@njit(cache=True)
+@part
 def _mark_weighed(belief: Belief, slot: int) -> None:
     for i in range(3):
         belief.weighed_at[slot, i] = belief.camera[i]
 
 
-@njit(cache=True)
+@part
 def _summarise(belief: Belief, slot: int) -> None:
     """Mean and variance of the depth: of the particles, plus spacing^2 / 12 for what lies between them."""
     particles = belief.particles[slot]
@@ -70,7 +70,7 @@ def _summarise(belief: Belief, slot: int) -> None:
     belief.depth[slot, 1] = max(square - mean * mean, 0.0) + spacing * spacing / 12.0
 
 
-@njit(cache=True)
+@part
 def predict_rays(camera: CameraModel, belief: Belief) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
     count = 0
@@ -94,7 +94,7 @@ def predict_rays(camera: CameraModel, belief: Belief) -> Rays:
     return rays
 
 
-@njit(cache=True)
+@part
 def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: int, rays: Rays, r: int) -> None:
     feature, start, width = belief.feature[slot], belief.start[slot], KIND_DIM[RAY]
     m = bearing(feature[3], feature[4])
@@ -119,7 +119,7 @@ def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: in
         rays.visibility[r, k] = visibility_of(camera, z_hat, S)
 
 
-@njit(cache=True)
+@part
 def ray_distance(belief: Belief, rays: Rays, r: int, z: np.ndarray) -> tuple[float, float]:
     """(smallest squared Mahalanobis distance of the pixel to a particle, -2 ln of the ray's likelihood less 2 pi)."""
     nearest, likelihood = np.inf, 0.0
@@ -132,7 +132,7 @@ def ray_distance(belief: Belief, rays: Rays, r: int, z: np.ndarray) -> tuple[flo
     return nearest, -2.0 * math.log(max(likelihood, 1e-300))
 
 
-@njit(cache=True)
+@part
 def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
     """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
     for k in range(rays.visibility.shape[1]):
@@ -141,7 +141,7 @@ def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@part
 def reweight(belief: Belief, rays: Rays, r: int, z: np.ndarray, baseline: float, prune: float) -> bool:
     """Bayes on the particles by the matched pixel, if the camera has moved ``baseline`` [m] since the last time.
 

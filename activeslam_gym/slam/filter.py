@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import CameraModel
+from activeslam_gym.compilation import part
 from activeslam_gym.motion import MotionModel
 from activeslam_gym.slam.association import REJECTED, associate
 from activeslam_gym.slam.belief import FEATURES, Belief
@@ -20,7 +20,7 @@ BIRTHS, CONVERSIONS, DELETIONS, REJECTIONS = 0, 1, 2, 3
 """Entries of the counters that a frame adds to."""
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def filter_frame(
     camera: CameraModel,
     motion: MotionModel,
@@ -63,7 +63,7 @@ def filter_frame(
     return match
 
 
-@njit(cache=True)
+@part
 def _rows_in_reach(predictions: Predictions) -> np.ndarray:
     """(m,) rows that may have been detected."""
     rows = np.empty(predictions.visibility.shape[0], np.int64)
@@ -75,7 +75,7 @@ def _rows_in_reach(predictions: Predictions) -> np.ndarray:
     return rows[:count]
 
 
-@njit(cache=True)
+@part
 def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
     """(2 m,) predicted pixels of ``rows``."""
     z = np.empty(2 * rows.shape[0])
@@ -84,7 +84,7 @@ def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
     return z
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _update_by(
     belief: Belief,
     rows: np.ndarray,
@@ -115,7 +115,7 @@ def _update_by(
     update(belief, HP_m, S_m, innovation[:m])
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _reweight_rays(
     model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, match: np.ndarray
 ) -> None:
@@ -127,7 +127,7 @@ def _reweight_rays(
                     belief.misses[rays.slot[r]] = model.maximum_misses
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def _count_misses(
     belief: Belief,
     predictions: Predictions,

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import (
     CameraModel,
@@ -17,6 +16,7 @@ from activeslam_gym.camera import (
     ray_from_pixel,
     ray_jacobian,
 )
+from activeslam_gym.compilation import part
 from activeslam_gym.geometry import rotation_matrix, skew
 from activeslam_gym.linalg import product
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
@@ -47,7 +47,7 @@ CANDIDATE_RADIUS_PX = 15.0
 # Candidates ---------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def follow_candidates(
     camera: CameraModel, model: FilterModel, belief: Belief, pixels: np.ndarray, match: np.ndarray
 ) -> np.ndarray:
@@ -80,7 +80,7 @@ def follow_candidates(
     return ripe[:count]
 
 
-@njit(cache=True)
+@part
 def _new_candidates(
     camera: CameraModel, belief: Belief, R_WC: np.ndarray, pixels: np.ndarray, taken: np.ndarray
 ) -> None:
@@ -95,7 +95,7 @@ def _new_candidates(
             _aim(camera, belief, R_WC, c, pixels[i])
 
 
-@njit(cache=True)
+@part
 def _aim(camera: CameraModel, belief: Belief, R_WC: np.ndarray, c: int, pixel: np.ndarray) -> None:
     """Point candidate ``c`` at a pixel."""
     h = _direction(camera, R_WC, pixel)
@@ -103,7 +103,7 @@ def _aim(camera: CameraModel, belief: Belief, R_WC: np.ndarray, c: int, pixel: n
         belief.candidate_bearing[c, i] = h[i]
 
 
-@njit(cache=True)
+@part
 def _direction(camera: CameraModel, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     """World direction (3,) of a pixel, of any length."""
     r = ray_from_pixel(camera, pixel)
@@ -113,7 +113,7 @@ def _direction(camera: CameraModel, R_WC: np.ndarray, pixel: np.ndarray) -> np.n
     return h
 
 
-@njit(cache=True)
+@part
 def _nearest_pixel(
     camera: CameraModel, R_WC: np.ndarray, direction: np.ndarray, pixels: np.ndarray, taken: np.ndarray
 ) -> int:
@@ -132,7 +132,7 @@ def _nearest_pixel(
 # Birth --------------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: np.ndarray) -> int:
     """Add the feature seen at ``pixel`` (2,) and return its slot, of the scenario's first kind.
 
@@ -152,7 +152,7 @@ def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: n
     return slot
 
 
-@njit(cache=True)
+@part
 def _line_of_sight(camera: CameraModel, belief: Belief, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean (6,), Jacobian by the camera's tangent (6, 12) and covariance by the pixel (6, 6) of a new line of sight.
 
@@ -179,7 +179,7 @@ def _line_of_sight(camera: CameraModel, belief: Belief, pixel: np.ndarray) -> tu
     return mean, J_x, Q
 
 
-@njit(cache=True)
+@part
 def _ray_count(belief: Belief) -> int:
     count = 0
     for k in range(belief.size[FEATURES]):
@@ -191,7 +191,7 @@ def _ray_count(belief: Belief) -> int:
 # Growing up and deletion --------------------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@part
 def mature(model: FilterModel, belief: Belief, K: int, match: np.ndarray) -> int:
     """Turn into points those of the features just matched that are ready; returns how many.
 
@@ -214,7 +214,7 @@ def mature(model: FilterModel, belief: Belief, K: int, match: np.ndarray) -> int
     return count
 
 
-@njit(cache=True)
+@part
 def linearity_index(belief: Belief, slot: int) -> float:
     """4 sigma_d |cos alpha| / d of an INVERSE_DEPTH feature (Civera, Davison and Montiel 2008, equation 27).
 
@@ -233,7 +233,7 @@ def linearity_index(belief: Belief, slot: int) -> float:
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 
 
-@njit(cache=True)
+@part
 def delete_failed(model: FilterModel, belief: Belief) -> int:
     """Delete features that were missed too often, and rays that are too old; returns how many."""
     count = 0

@@ -9,7 +9,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import (
     CameraModel,
@@ -19,6 +18,7 @@ from activeslam_gym.camera import (
     pixel_from_camera_point,
     pixel_jacobian,
 )
+from activeslam_gym.compilation import part
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.belief import FEATURES, INVERSE_DEPTH, KIND_DIM, POINT, Belief, bearing
@@ -50,7 +50,7 @@ class Predictions(NamedTuple):
     """(K + F, 2, 6) by the feature's parameters; zero for fiducials."""
 
 
-@njit(cache=True)
+@part
 def empty_predictions(rows: int) -> Predictions:
     """Room for ``rows`` rows, all UNSEEN."""
     return Predictions(
@@ -62,7 +62,7 @@ def empty_predictions(rows: int) -> Predictions:
     )
 
 
-@njit(cache=True)
+@part
 def point_measurement(
     camera: CameraModel,
     pose: np.ndarray,
@@ -85,7 +85,7 @@ def point_measurement(
     return True
 
 
-@njit(cache=True)
+@part
 def _chain(
     camera: CameraModel,
     p_C: Vector,
@@ -109,7 +109,7 @@ def _chain(
         H_x[i, 5] = a * d[1] - b * d[0]
 
 
-@njit(cache=True)
+@part
 def inverse_depth_measurement(
     camera: CameraModel,
     pose: np.ndarray,
@@ -140,7 +140,7 @@ def inverse_depth_measurement(
     return True
 
 
-@njit(cache=True, inline="always")
+@part(inline="always")
 def measure_row(
     camera: CameraModel, belief: Belief, R_WC: np.ndarray, fiducials: np.ndarray, row: int, out: Predictions
 ) -> bool:
@@ -161,13 +161,13 @@ def measure_row(
     return False
 
 
-@njit(cache=True)
+@part
 def depth_of(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> float:
     """Distance of the world point ``y`` (>= 3,) along the optical axis [m]."""
     return R_WC[0, 2] * (y[0] - pose[0]) + R_WC[1, 2] * (y[1] - pose[1]) + R_WC[2, 2] * (y[2] - pose[2])
 
 
-@njit(cache=True)
+@part
 def own_innovation(
     P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
 ) -> None:
@@ -196,7 +196,7 @@ def own_innovation(
     S[0, 0], S[0, 1], S[1, 0], S[1, 1] = s00, s01, s01, s11
 
 
-@njit(cache=True)
+@part
 def predict_measurements(camera: CameraModel, belief: Belief, fiducials: np.ndarray) -> Predictions:
     """Predict every fiducial and every feature but the rays."""
     K = fiducials.shape[0]
@@ -223,7 +223,7 @@ def predict_measurements(camera: CameraModel, belief: Belief, fiducials: np.ndar
     return out
 
 
-@njit(cache=True)
+@part
 def visibility_of(camera: CameraModel, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is UNSEEN, NEAR or INSIDE."""
     longest = math.sqrt(max(S[0, 0], S[1, 1]))
@@ -232,14 +232,14 @@ def visibility_of(camera: CameraModel, z_hat: np.ndarray, S: np.ndarray) -> int:
     return NEAR if inside_image(camera, z_hat, SEARCH_STDS * longest) else UNSEEN
 
 
-@njit(cache=True)
+@part
 def squared_distance(z: np.ndarray, z_hat: np.ndarray, S: np.ndarray) -> float:
     """Mahalanobis (z - z_hat)^T S^-1 (z - z_hat) of a pixel (2,)."""
     a, b = z[0] - z_hat[0], z[1] - z_hat[1]
     return (S[1, 1] * a * a - 2.0 * S[0, 1] * a * b + S[0, 0] * b * b) / determinant(S)
 
 
-@njit(cache=True)
+@part
 def determinant(S: np.ndarray) -> float:
     """|S| of a 2 x 2 matrix."""
     return S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]

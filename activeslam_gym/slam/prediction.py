@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -16,17 +17,17 @@ from activeslam_gym.motion import (
 from activeslam_gym.slam.belief import DIM, FRAME, Belief
 
 
-@njit(cache=True)
+@part
 def predict(motion: MotionModel, belief: Belief, u: np.ndarray) -> None:
     """One frame ahead under the known accelerations ``u`` (6,): x = f(x, u), P = F P F^T + Q in the camera's rows."""
     x = transition(belief.camera, u, motion.dt)
     F_x = transition_jacobian(x[ANGULAR_VELOCITY], motion.dt)
-    belief.camera[:] = x
+    copy_into(belief.camera, x)
     propagate(belief.covariance, belief.size[DIM], F_x, process_covariance(motion, F_x))
     belief.size[FRAME] += 1
 
 
-@njit(cache=True)
+@part
 def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
     """P_cc = F P_cc F^T + Q and P_cy = F P_cy on the leading ``dim`` rows of ``P``, for any camera transition."""
     rows = np.zeros((CAMERA_DIM, dim))

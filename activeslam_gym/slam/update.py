@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from activeslam_gym.compilation import part
 from activeslam_gym.linalg import cholesky_in_place, solve_transposed, solve_transposed_vector, subtract_gram
 from activeslam_gym.slam.belief import DIM, KIND_DIM, Belief, recentre, shift_mean
 from activeslam_gym.slam.measurement import POSE_DIM, Predictions
 
 
-@njit(cache=True)
+@part
 def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> bool:
     """x ⊞ K nu, P - K S K^T by ``innovation`` nu (m,). False, with nothing changed, if S has no factor.
 
@@ -38,7 +38,7 @@ def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray
     return True
 
 
-@njit(cache=True)
+@part
 def stack(belief: Belief, K: int, rows: np.ndarray, predictions: Predictions) -> np.ndarray:
     """H P (2 m, dim) of the stacked ``rows`` (m,)."""
     P, dim, m = belief.covariance, belief.size[DIM], 2 * rows.shape[0]
@@ -56,7 +56,7 @@ def stack(belief: Belief, K: int, rows: np.ndarray, predictions: Predictions) ->
     return HP
 
 
-@njit(cache=True)
+@part
 def innovation_covariance(
     belief: Belief, K: int, rows: np.ndarray, predictions: Predictions, HP: np.ndarray, pixel_var: float
 ) -> np.ndarray:
@@ -77,7 +77,7 @@ def innovation_covariance(
     return S
 
 
-@njit(cache=True)
+@part
 def columns_of(belief: Belief, slot: int) -> tuple[int, int]:
     """First covariance row and dimensions of a slot; (0, 0) for a fiducial (slot < 0)."""
     if slot < 0:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from activeslam_gym.compilation import part
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -18,7 +19,7 @@ _MIX_2 = np.uint64(0x94D049BB133111EB)
 _S11, _S27, _S30, _S31 = np.uint64(11), np.uint64(27), np.uint64(30), np.uint64(31)
 
 
-@njit(cache=True)
+@part
 def uniforms(key: np.ndarray, first: int, count: int) -> np.ndarray:
     """Draws ``first`` … ``first + count - 1`` of the stream ``key`` ((1,) uint64): uniform in (0, 1), (count,)."""
     bits = np.arange(first + 1, first + count + 1).astype(np.uint64)  # whole arrays: their products wrap in silence
@@ -29,7 +30,7 @@ def uniforms(key: np.ndarray, first: int, count: int) -> np.ndarray:
     return (bits.astype(np.float64) + 0.5) * 2.0**-53
 
 
-@njit(cache=True)
+@part
 def normals(key: np.ndarray, first: int, count: int) -> np.ndarray:
     """Standard normal draws (count,) of the stream ``key``; ``first`` and ``count`` even, so that pairs stay whole."""
     u = uniforms(key, first, count)
@@ -39,7 +40,7 @@ def normals(key: np.ndarray, first: int, count: int) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@part
 def normal_pair(u: float, v: float) -> tuple[float, float]:
     """Two standard normal numbers from two uniform ones (Box and Muller)."""
     radius = math.sqrt(-2.0 * math.log(u))

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel_from_camera_point
+from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_SIZE, QUATERNION, MotionModel, transition
@@ -59,7 +59,7 @@ def detection_capacity(scenario: Scenario) -> int:
     return scenario.fiducial_count + scenario.landmark_count + sensor_of(scenario).clutter_capacity
 
 
-@njit(cache=True)
+@part
 def move(motion: MotionModel, world: World, u: np.ndarray, frame: int) -> int:
     """Advance the true camera by one frame under ``u`` (6,) and the disturbance; returns the walls touched.
 
@@ -85,13 +85,13 @@ def move(motion: MotionModel, world: World, u: np.ndarray, frame: int) -> int:
     return contacts
 
 
-@njit(cache=True)
+@part
 def _draws(world: World) -> int:
     """Draws that one frame may use; a generous fixed stride, so that frames never share one."""
     return 4096 + 8 * world.points.shape[0]
 
 
-@njit(cache=True)
+@part
 def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: Detections) -> None:
     """Fill ``out`` with the detections of the present true pose: visible points, noise, misses, clutter, shuffled."""
     points = world.points.shape[0]
@@ -124,7 +124,7 @@ def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: D
     _shuffle(out, order)
 
 
-@njit(cache=True)
+@part
 def _poisson(rate: float, luck: float, capacity: int) -> int:
     """A Poisson variate by inversion of one uniform draw, at most ``capacity``."""
     term = math.exp(-rate)
@@ -137,7 +137,7 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
     return k
 
 
-@njit(cache=True)
+@part
 def _shuffle(out: Detections, order: np.ndarray) -> None:
     """Sort the detections by their random ``order``, by insertion: there are few."""
     for i in range(1, out.used[0]):

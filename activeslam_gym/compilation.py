@@ -27,7 +27,7 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Decorator of a function that Python calls: `numba.njit`, kept in the cache where there is one."""
     if function is None:
         return functools.partial(kernel, **options)
-    if config.DISABLE_JIT:
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
     try:
         dispatcher = njit(cache=True, **options)(function)
@@ -50,14 +50,15 @@ def part(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(part, **options)
     alone = kernel(function, **options)
-    if config.DISABLE_JIT or "inline" in options:
+    if config.DISABLE_JIT or "inline" in options:  # type: ignore[attr-defined]
         return alone
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
         return alone(*arguments, **named)
 
-    overload(call, jit_options={**options, "no_cfunc_wrapper": True}, strict=False)(lambda *arguments: function)
+    jit_options: Any = {**options, "no_cfunc_wrapper": True}
+    overload(call, jit_options=jit_options, strict=False)(lambda *arguments: function)
     return call
 
 

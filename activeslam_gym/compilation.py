@@ -3,6 +3,9 @@
 Kernels are compiled when they are first called. `kernel` marks those that Python calls while it runs, `part` what they
 are made of. Numba checks the source of the kernel that it loads, not of its parts; after an edit or a ``git pull``, a
 kernel in an untouched file would still hold their old code.
+
+Numba compiles one function at a time, whatever the threads, so at the first run a second process compiles a second
+kernel into the same cache.
 """
 
 from __future__ import annotations
@@ -10,6 +13,8 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -110,7 +115,11 @@ class _Announcement(event.Listener):
                 if _Cache.missing
                 else "which is kept for the next time"
             )
-            print(f"{_PACKAGE.name}: compiling its kernels, {then} ...", file=sys.stderr, flush=True)
+            print(
+                f"{_PACKAGE.name}: compiling its kernels (about half a minute on two cores), {then} ...",
+                file=sys.stderr,
+                flush=True,
+            )
 
     def on_end(self, event: event.Event) -> None:
         """Nothing to say."""
@@ -121,3 +130,64 @@ class _Announcement(event.Listener):
 def announce_compilation() -> None:
     """Tell the user, once a process, why the first step takes long."""
     event.register("numba:compile", _Announcement())
+
+
+# The second process -------------------------------------------------------------------------------------------------
+
+
+def available_cores() -> int:
+    """How many cores this process may use."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on every system
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+class SecondProcess(event.Listener):
+    """Runs ``python -m module`` while this process compiles ``kernel``, if it does: what the cache holds it does not.
+
+    The module compiles another kernel into the cache; `wait` before that is called. Nothing depends on it: where the
+    process cannot be started, fails or hangs, the other kernel is simply compiled here, later.
+    """
+
+    _PATIENCE = 300.0
+    """[s]."""
+
+    def __init__(self, kernel: Any, module: str) -> None:
+        self._kernel, self._module = kernel, module
+        self._process: subprocess.Popen[bytes] | None = None
+        if not config.DISABLE_JIT:
+            event.register("numba:compile", self)
+
+    def on_start(self, event: event.Event) -> None:
+        """Something begins to be compiled."""
+        dispatcher = event.data.get("dispatcher") if isinstance(event.data, dict) else None
+        if dispatcher is self._kernel and self._process is None and self._helps():
+            with contextlib.suppress(OSError):
+                self._process = self._start()
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing to do."""
+
+    def _helps(self) -> bool:
+        """Whether there is a core for it, a cache to share, and a Python to run (not a program that embeds one)."""
+        is_python = Path(sys.executable or "").name.lower().startswith("python")
+        return is_python and not _Cache.missing and available_cores() > 1
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        paths = [os.path.abspath(path) for path in sys.path]  # "" is here
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        if config.CACHE_DIR:
+            environment["NUMBA_CACHE_DIR"] = config.CACHE_DIR
+        nowhere = subprocess.DEVNULL
+        command = [sys.executable, "-m", self._module]
+        return subprocess.Popen(command, env=environment, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+
+    def wait(self) -> None:
+        """Until it is done, if it runs at all."""
+        process = self._process
+        if process is None:
+            return
+        try:
+            process.wait(self._PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+        self._process = None

@@ -17,7 +17,8 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import baselines
 from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
-from activeslam_gym.envs.step import play
+from activeslam_gym.envs import ahead
+from activeslam_gym.envs.step import advance_runs, evaluate_runs
 from activeslam_gym.envs.workers import Workers, available_cores
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
@@ -419,12 +420,13 @@ def test_an_error_in_a_slice_is_raised() -> None:
 
 def test_one_compiled_step_serves_all() -> None:
     """Another signature would be another minute of compilation, or a path that is slow unseen."""
-    if not hasattr(play, "signatures"):
+    if not hasattr(advance_runs, "signatures"):
         pytest.skip("NUMBA_DISABLE_JIT is set")
     for scenario in ("paper", "hall", "hand-held"):
         rollout(ActiveSLAMVectorEnv(3, scenario=scenario, duration=30, num_threads=2), [])
         ActiveSLAMEnv(scenario).reset(seed=0)
-    assert len(play.signatures) == 1
+    ahead.main()
+    assert [len(kernel.signatures) for kernel in (advance_runs, evaluate_runs)] == [1, 1]
 
 
 # Bad input ------------------------------------------------------------------------------------------------------------

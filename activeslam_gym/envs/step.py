@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.batching import batched, row
-from activeslam_gym.compilation import kernel, part
+from activeslam_gym.compilation import SecondProcess, kernel, part
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.frame import Models, Simulation, advance, begin_motion, empty_simulation, reset_simulation
 from activeslam_gym.envs.observation import (
@@ -136,12 +136,42 @@ BEGIN, REST = -1, -2
 """In place of a motion: evaluate a run that has just been reset; leave it alone."""
 
 
-@kernel(nogil=True)
 def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
-    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
+    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes. Two kernels, which two
+    processes compile at the first run.
     """
+    advance_runs(models, task, runs.simulation, runs.step.status, motions, gazes, start, stop)
+    _ahead.wait()
+    evaluate_runs(models, task, runs, motions, start, stop)
+
+
+@kernel(nogil=True)
+def advance_runs(
+    models: Models,
+    task: Task,
+    simulations: Simulation,
+    status: np.ndarray,
+    motions: np.ndarray,
+    gazes: np.ndarray,
+    start: int,
+    stop: int,
+) -> None:
+    """The frames of a step; ``status`` (B, 2) is that of the steps. Where a run begins, the camera is told to stay."""
+    for i in range(start, stop):
+        if motions[i] == REST:
+            continue
+        simulation = row(simulations, i)
+        if motions[i] == BEGIN:
+            begin_motion(models.motion, simulation.belief, simulation.control, STAY)
+        else:
+            _play_frames(models, task, simulation, status[i], motions[i], gazes[i])
+
+
+@kernel(nogil=True)
+def evaluate_runs(models: Models, task: Task, runs: Run, motions: np.ndarray, start: int, stop: int) -> None:
+    """What a step was worth, and what is seen of it."""
     simulations = runs.simulation
     steps = runs.step
     for i in range(start, stop):
@@ -149,15 +179,16 @@ def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.n
             continue
         simulation = row(simulations, i)
         step = row(steps, i)
-        if motions[i] != BEGIN:
-            _play_frames(models, task, simulation, step.status, motions[i], gazes[i])
         evaluate(task, simulation, step)
         if motions[i] == BEGIN:
-            begin_motion(models.motion, simulation.belief, simulation.control, STAY)
             _begin(step)
         else:
             _settle(task, step)
         observe(models, task, simulation, step)
+
+
+_ahead = SecondProcess(advance_runs, "activeslam_gym.envs.ahead")
+"""Compiles `evaluate_runs` while this process compiles `advance_runs`."""
 
 
 @part(inline="always")

@@ -20,19 +20,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from numba import config, njit
+from numba import config as _numba_config
+from numba import njit
 from numba.core import event
 from numba.extending import overload
 
 _PACKAGE = Path(__file__).parent
 _STAMP = "kernels.stamp"
+_CONFIG: Any = _numba_config
 
 
 def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     """Decorator of a function that Python calls: `numba.njit`, kept in the cache where there is one."""
     if function is None:
         return functools.partial(kernel, **options)
-    if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    if _CONFIG.DISABLE_JIT:
         return function
     try:
         dispatcher = njit(cache=True, **options)(function)
@@ -55,7 +57,7 @@ def part(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(part, **options)
     alone = kernel(function, **options)
-    if config.DISABLE_JIT or "inline" in options:  # type: ignore[attr-defined]
+    if _CONFIG.DISABLE_JIT or "inline" in options:
         return alone
 
     @functools.wraps(function)
@@ -154,7 +156,7 @@ class SecondProcess(event.Listener):
     def __init__(self, kernel: Any, module: str) -> None:
         self._kernel, self._module = kernel, module
         self._process: subprocess.Popen[bytes] | None = None
-        if not config.DISABLE_JIT:
+        if not _CONFIG.DISABLE_JIT:
             event.register("numba:compile", self)
 
     def on_start(self, event: event.Event) -> None:
@@ -175,8 +177,8 @@ class SecondProcess(event.Listener):
     def _start(self) -> subprocess.Popen[bytes]:
         paths = [os.path.abspath(path) for path in sys.path]  # "" is here
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-        if config.CACHE_DIR:
-            environment["NUMBA_CACHE_DIR"] = config.CACHE_DIR
+        if _CONFIG.CACHE_DIR:
+            environment["NUMBA_CACHE_DIR"] = _CONFIG.CACHE_DIR
         nowhere = subprocess.DEVNULL
         command = [sys.executable, "-m", self._module]
         return subprocess.Popen(command, env=environment, stdin=nowhere, stdout=nowhere, stderr=nowhere)

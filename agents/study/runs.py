@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,31 +64,34 @@ def row_of(task: Task) -> Row:
     return row
 
 
-def run_conditions(conditions: Sequence[Condition], seeds: Sequence[int], folder: Path, jobs: int) -> Rows:
-    """The rows of every condition, those that `folder` holds for the same settings and rooms among them.
+def run_conditions(plan: Mapping[Condition, Sequence[int]], folder: Path, jobs: int) -> Rows:
+    """The rows of every condition in its rooms, by their seeds; those that `folder` holds for the same among them.
 
-    Conditions with equal settings are run once. Ctrl-C keeps the complete ones.
+    Conditions with equal settings are run once, in the rooms of the first of them, which must be in no fewer rooms
+    than the others. Ctrl-C keeps the complete ones.
     """
     rows, missing = Rows(), []
     by_settings: dict[str, Condition] = {}
-    for one in conditions:
+    for one, seeds in plan.items():
         if by_settings.setdefault(one.settings(), one) is one:
             kept = _kept(one, seeds, folder)
             if kept is None:
                 missing.append(one)
             else:
                 rows[one.choice, one.policy] = kept
-    tasks = [Task(one, seed) for one in missing for seed in seeds]
+    tasks = [Task(one, seed) for one in missing for seed in plan[one]]
     gathered: dict[Condition, list[Row]] = {one: [] for one in missing}
     with closing(run_all(row_of, tasks, jobs)) as finished:
         for task, row in finished:
             condition = task.condition
             gathered[condition].append(row)
-            if len(gathered[condition]) == len(seeds):
-                rows[condition.choice, condition.policy] = _keep(condition, gathered[condition], seeds, folder)
-    for one in conditions:
+            if len(gathered[condition]) == len(plan[condition]):
+                rows[condition.choice, condition.policy] = _keep(
+                    condition, gathered[condition], plan[condition], folder
+                )
+    for one, seeds in plan.items():
         first = by_settings[one.settings()]
-        rows[one.choice, one.policy] = rows[first.choice, first.policy]
+        rows[one.choice, one.policy] = [row for row in rows[first.choice, first.policy] if row["seed"] in seeds]
     return rows
 
 

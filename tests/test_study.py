@@ -303,20 +303,8 @@ def test_complete_conditions_are_not_run_again(tmp_path: Path, monkeypatch: pyte
 
 
 def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [
-        "study",
-        "--episodes",
-        "2",
-        "--choice-episodes",
-        "1",
-        "--duration",
-        "1",
-        "--jobs",
-        "1",
-        "--out",
-        str(tmp_path),
-    ]
-    assert main(arguments) == 0
+    arguments = "study --episodes 2 --choice-episodes 1 --duration 1 --jobs 1 --out".split()
+    assert main([*arguments, str(tmp_path)]) == 0
     assert "Written to" in capsys.readouterr().out
     page = (tmp_path / "STUDY.md").read_text(encoding="utf-8")
     assert "python -m agents study --episodes 2 --choice-episodes 1 --seed 1000000 --duration 1" in page

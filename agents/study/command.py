@@ -52,11 +52,11 @@ class Args:
 
     def plan(self) -> dict[Condition, list[int]]:
         """What is run, and the seeds of its rooms."""
-        shortened = (
-            conditions() if self.duration is None else [replace(c, duration=self.duration) for c in conditions()]
-        )
+        todo = conditions()
+        if self.duration is not None:
+            todo = [replace(one, duration=self.duration) for one in todo]
         seeds = list(range(self.seed, self.seed + self.episodes))
-        return {one: seeds if one.every_room else seeds[: self.choice_episodes] for one in shortened}
+        return {one: seeds if one.every_room else seeds[: self.choice_episodes] for one in todo}
 
 
 @dataclass(frozen=True)

@@ -138,5 +138,6 @@ SINGLES: tuple[Condition, ...] = (
 
 
 def conditions() -> list[Condition]:
-    """Every condition once, the default first."""
-    return list(dict.fromkeys([one for choice in CHOICES for one in choice.conditions()] + list(SINGLES)))
+    """Every condition once: those of every room first, the default before all."""
+    every = [one for choice in CHOICES for one in choice.conditions()] + list(SINGLES)
+    return sorted(every, key=lambda one: (not one.every_room, one.choice != DEFAULT))

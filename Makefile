@@ -28,7 +28,7 @@ results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it 
 	$(RUN) -m agents generalise --report RESULTS.md
 
 figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
-	$(RUN) -m agents study --episodes 100 --seed 1000000 --out results/figures
+	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench

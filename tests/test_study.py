@@ -289,24 +289,25 @@ def test_complete_conditions_are_not_run_again(tmp_path: Path, monkeypatch: pyte
 
     monkeypatch.setattr(runs, "row_of", row_of)
     twins = [Condition("a", "mi-mi", "mi-mi"), Condition("b", "mi-mi", "mi-mi")]
-    first = runs.run_conditions(twins, [1, 2], tmp_path, jobs=1)
+    first = runs.run_conditions({twins[0]: [1, 2], twins[1]: [2]}, tmp_path, jobs=1)
     assert played == [1, 2]  # equal settings: once
-    assert first["a", "mi-mi"] == first["b", "mi-mi"]
-    again = runs.run_conditions(twins, [1, 2], tmp_path, jobs=1)
+    assert [row["seed"] for row in first["a", "mi-mi"]] == [1, 2]
+    assert [row["seed"] for row in first["b", "mi-mi"]] == [2]
+    again = runs.run_conditions({twins[0]: [1, 2], twins[1]: [1, 2]}, tmp_path, jobs=1)
     assert played == [1, 2]
     assert np.isnan(again["b", "mi-mi"][0]["first_closure"])
-    runs.run_conditions(twins, [1, 3], tmp_path, jobs=1)
+    runs.run_conditions({twins[0]: [1, 3]}, tmp_path, jobs=1)
     assert played == [1, 2, 1, 3]
-    runs.run_conditions([replace(twins[0], duration=2.0)], [1, 2], tmp_path, jobs=1)
+    runs.run_conditions({replace(twins[0], duration=2.0): [1, 2]}, tmp_path, jobs=1)
     assert played == [1, 2, 1, 3, 1, 2]
 
 
 def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["study", "--episodes", "2", "--duration", "1", "--jobs", "1", "--out", str(tmp_path)]
-    assert main(arguments) == 0
+    arguments = "study --episodes 2 --choice-episodes 1 --duration 1 --jobs 1 --out".split()
+    assert main([*arguments, str(tmp_path)]) == 0
     assert "Written to" in capsys.readouterr().out
     page = (tmp_path / "STUDY.md").read_text(encoding="utf-8")
-    assert "python -m agents study --episodes 2 --seed 1000000 --duration 1" in page
+    assert "python -m agents study --episodes 2 --choice-episodes 1 --seed 1000000 --duration 1" in page
     for claim in CLAIMS:
         assert claim.words in page
     study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.util import find_spec
@@ -11,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from activeslam_gym.metrics import write_tum
-from agents.compare import versions
+from agents.compare import PACKAGES
 from agents.evaluate import Episode
 from agents.files import write_csv, write_json, write_text
+from agents.machine import machine, versions
 from agents.study import page, pictures
 from agents.study.claims import findings_of
 from agents.study.conditions import DEFAULT, LIVE, STRATEGIES, Condition, conditions
@@ -31,7 +31,9 @@ class Args:
     """The paper's study: its figures redrawn from our runs, and a verdict on each of its claims."""
 
     episodes: int = 100
-    """Rooms for each condition."""
+    """Rooms for the paper's strategies and for what single claims need."""
+    choice_episodes: int = 50
+    """Rooms, the first of these, for the other choices that the paper leaves open."""
     seed: int = 1_000_000
     """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/figures")
@@ -44,20 +46,17 @@ class Args:
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        for name, least in (("episodes", 1), ("seed", 0), ("jobs", 1)):
+        for name, least in (("episodes", 1), ("choice_episodes", 1), ("seed", 0), ("jobs", 1)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name}: {getattr(self, name)}; allowed: {least} or more")
 
-    @property
-    def seeds(self) -> list[int]:
-        """Of the rooms."""
-        return list(range(self.seed, self.seed + self.episodes))
-
-    def conditions(self) -> list[Condition]:
-        """What is run."""
-        if self.duration is None:
-            return conditions()
-        return [replace(one, duration=self.duration) for one in conditions()]
+    def plan(self) -> dict[Condition, list[int]]:
+        """What is run, and the seeds of its rooms."""
+        todo = conditions()
+        if self.duration is not None:
+            todo = [replace(one, duration=self.duration) for one in todo]
+        seeds = list(range(self.seed, self.seed + self.episodes))
+        return {one: seeds if one.every_room else seeds[: self.choice_episodes] for one in todo}
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,7 @@ class Study:
 
 def main(args: Args) -> int:
     """Make the study and print its verdicts; the exit status, 130 when interrupted."""
-    total = len({one.settings() for one in args.conditions()}) * args.episodes
-    print(f"{total} episodes. The first run compiles, which takes a while.")
+    print(f"{args.episodes} rooms, {len(args.plan())} conditions. The first run compiles, which takes a while.")
     try:
         study = run(args)
     except KeyboardInterrupt:
@@ -88,12 +86,12 @@ def main(args: Args) -> int:
 
 def run(args: Args) -> Study:
     """Run what is missing, judge, and run the chosen rooms once more, whole, to be drawn."""
-    todo = args.conditions()
-    rehearse(todo, args.seed)
-    rows = run_conditions(todo, args.seeds, args.out, args.jobs)
+    plan = args.plan()
+    rehearse(list(plan), args.seed)
+    rows = run_conditions(plan, args.out, args.jobs)
     rows.duration = args.duration or rows.duration
     room = median_room(rows)
-    by_key = {(one.choice, one.policy): one for one in todo}
+    by_key = {(one.choice, one.policy): one for one in plan}
     strategies = {name: play(Task(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
     live = {choice: _median_run(rows, by_key[choice, LIVE]) for choice in pictures.LIVE_CHOICES}
     return Study(rows, findings_of(rows), pictures.Drawn(strategies, live), _settings(args, room))
@@ -154,7 +152,8 @@ def _plain_rows(pair: tuple[str, str], rows: Sequence[Row]) -> list[dict[str, An
 
 def _settings(args: Args, room: int) -> dict[str, Any]:
     """What was run, where and with which versions, as plain values."""
-    changed = [f"--{name} {value}" for name, value in (("episodes", args.episodes), ("seed", args.seed))]
+    names = ("episodes", "choice_episodes", "seed")
+    changed = [f"--{name.replace('_', '-')} {getattr(args, name)}" for name in names]
     changed += [] if args.duration is None else [f"--duration {args.duration:g}"]
     return {
         "command": " ".join(["python -m agents study", *changed]),
@@ -162,6 +161,7 @@ def _settings(args: Args, room: int) -> dict[str, Any]:
         "seed": args.seed,
         "duration": args.duration,
         "chosen": RULE.format(room=room),
-        "machine": f"{os.cpu_count()} cores, {platform.system()} {platform.machine()}",
-        "versions": {"Python": platform.python_version(), **versions()},
+        "choice_episodes": min(args.choice_episodes, args.episodes),
+        "machine": machine(),
+        "versions": versions(PACKAGES),
     }

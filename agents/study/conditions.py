@@ -37,6 +37,8 @@ class Condition:
     """Seconds of an episode."""
     curves: bool = field(default=False, compare=False)
     """Keep the entropies over time, for a figure."""
+    every_room: bool = field(default=True, compare=False)
+    """Played in every room; otherwise in the first of them, since it only tells what a choice does."""
 
     @property
     def name(self) -> str:
@@ -77,6 +79,7 @@ class Choice:
                 self.fields,
                 self.place,
                 curves=self.name == DEFAULT,
+                every_room=self.name == DEFAULT,
             )
             for strategy in STRATEGIES
         ]
@@ -121,9 +124,12 @@ _CALM = (
 PARTICLES_NOWHERE = "particles-nowhere"
 SINGLES: tuple[Condition, ...] = (
     Condition("default", "fisher-fisher", "fisher-fisher"),
-    Condition("eigenvalue", "fisher-fisher", f"{HERE}:eigenvalue_eigenvalue"),
+    Condition("eigenvalue", "fisher-fisher", f"{HERE}:eigenvalue_eigenvalue", every_room=False),
     *(Condition("nowhere", name, name, place="nowhere") for name in STRATEGIES),
-    *(Condition(PARTICLES_NOWHERE, name, name, fields=(_PARTICLES,), place="nowhere") for name in STRATEGIES),
+    *(
+        Condition(PARTICLES_NOWHERE, name, name, fields=(_PARTICLES,), place="nowhere", every_room=False)
+        for name in STRATEGIES
+    ),
     Condition("hand-held", LIVE, "mi-mi", "hand-held", duration=HAND_HELD_SECONDS, curves=True),
     Condition("calm", LIVE, "mi-mi", "hand-held", _CALM, duration=HAND_HELD_SECONDS, curves=True),
     *(Condition("clutter", name, name, "clutter") for name in (*STRATEGIES, "sweep", "random")),
@@ -132,5 +138,6 @@ SINGLES: tuple[Condition, ...] = (
 
 
 def conditions() -> list[Condition]:
-    """Every condition once, the default first."""
-    return list(dict.fromkeys([one for choice in CHOICES for one in choice.conditions()] + list(SINGLES)))
+    """Every condition once: those of every room first, the default before all."""
+    every = [one for choice in CHOICES for one in choice.conditions()] + list(SINGLES)
+    return sorted(every, key=lambda one: (not one.every_room, one.choice != DEFAULT))

@@ -72,7 +72,8 @@ def _what_was_run(settings: dict[str, Any]) -> str:
     return (
         "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
         f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote this page and everything in it. "
-        f"{rooms}, the same for every condition. {settings['machine']}; {versions}."
+        f"{rooms}, for the paper's strategies and what single claims need; the first {settings['choice_episodes']} of "
+        f"them for the other choices. {settings['machine']}; {versions}."
     )
 
 

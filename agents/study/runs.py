@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import activeslam_gym
+import baselines
 from agents import policies
 from agents.compare import make_environment
 from agents.evaluate import Episode, run_episode
@@ -64,31 +68,34 @@ def row_of(task: Task) -> Row:
     return row
 
 
-def run_conditions(conditions: Sequence[Condition], seeds: Sequence[int], folder: Path, jobs: int) -> Rows:
-    """The rows of every condition, those that `folder` holds for the same settings and rooms among them.
+def run_conditions(plan: Mapping[Condition, Sequence[int]], folder: Path, jobs: int) -> Rows:
+    """The rows of every condition in its rooms, by their seeds; those that `folder` holds for the same among them.
 
-    Conditions with equal settings are run once. Ctrl-C keeps the complete ones.
+    Conditions with equal settings are run once, in the rooms of the first of them, which must be in no fewer rooms
+    than the others. Ctrl-C keeps the complete ones.
     """
     rows, missing = Rows(), []
     by_settings: dict[str, Condition] = {}
-    for one in conditions:
+    for one, seeds in plan.items():
         if by_settings.setdefault(one.settings(), one) is one:
             kept = _kept(one, seeds, folder)
             if kept is None:
                 missing.append(one)
             else:
                 rows[one.choice, one.policy] = kept
-    tasks = [Task(one, seed) for one in missing for seed in seeds]
+    tasks = [Task(one, seed) for one in missing for seed in plan[one]]
     gathered: dict[Condition, list[Row]] = {one: [] for one in missing}
     with closing(run_all(row_of, tasks, jobs)) as finished:
         for task, row in finished:
             condition = task.condition
             gathered[condition].append(row)
-            if len(gathered[condition]) == len(seeds):
-                rows[condition.choice, condition.policy] = _keep(condition, gathered[condition], seeds, folder)
-    for one in conditions:
+            if len(gathered[condition]) == len(plan[condition]):
+                rows[condition.choice, condition.policy] = _keep(
+                    condition, gathered[condition], plan[condition], folder
+                )
+    for one, seeds in plan.items():
         first = by_settings[one.settings()]
-        rows[one.choice, one.policy] = rows[first.choice, first.policy]
+        rows[one.choice, one.policy] = [row for row in rows[first.choice, first.policy] if row["seed"] in seeds]
     return rows
 
 
@@ -104,7 +111,18 @@ def _path(condition: Condition, folder: Path) -> Path:
 
 def _key(condition: Condition, seeds: Sequence[int]) -> dict[str, Any]:
     """What rows must share to be those of a condition."""
-    return {"version": VERSION, "settings": condition.settings(), "seeds": list(seeds), "curves": condition.curves}
+    names = {"version": VERSION, "sources": _sources(), "settings": condition.settings()}
+    return {**names, "seeds": list(seeds), "curves": condition.curves}
+
+
+@cache
+def _sources() -> str:
+    """Digest of the environment's and the baselines' sources: another filter's rows are no rows of this one."""
+    digest = hashlib.sha256()
+    for package in (activeslam_gym, baselines):
+        for path in sorted(Path(str(package.__file__)).parent.rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _keep(condition: Condition, rows: list[Row], seeds: Sequence[int], folder: Path) -> list[Row]:

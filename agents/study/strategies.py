@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, information
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs import planning
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Prospect, criterion_number, waiting_count
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
@@ -46,7 +45,7 @@ class Reread(Greedy):
         self._gaze_frames = round(ahead / self.env.scenario.frame_time)
 
     def choose_motion(self) -> Actions:
-        prospect = planning.prospect(self.env._run.simulation)
+        prospect = self.env.prospect
         motion = self.env.setting.models.motion
         frames = round(self.env.motion_period / motion.dt) if self.reading.propagated else 0
         P = information.propagated(motion, prospect.covariance, 0.0, frames) if frames else prospect.covariance
@@ -56,7 +55,7 @@ class Reread(Greedy):
     def choose_gaze(self) -> Actions:
         if self.gaze_criterion is None:
             return self.always(Gaze.LEFT)
-        prospect = planning.prospect(self.env._run.simulation)
+        prospect = self.env.prospect
         return best([[self._gaze_score(prospect, gaze) for gaze in range(len(Gaze))]])
 
     def _gaze_score(self, prospect: Prospect, gaze: int) -> float:
@@ -71,7 +70,7 @@ class Reread(Greedy):
 
     def _score(self, prospect: Prospect, P: Array, pose: Array, criterion: str) -> float:
         if self.reading.capped:
-            waiting = waiting_count(self.env._run.simulation.expectation)
+            waiting = waiting_count(self.env._run.simulation.expectation)  # there is no public way
             P = capped(prospect.points, P, pose, waiting, self.env.scenario)
         return information.score(self.env.setting.models.camera, prospect, P, pose, criterion_number(criterion))
 

@@ -140,13 +140,14 @@ def test_the_table_of_the_fisher_trace_is_computed() -> None:
     assert told == [(round(trace), float(f"{bits:.3g}")) for trace, bits in main()]
 
 
-def test_the_readme_lists_the_baselines() -> None:
+def test_the_readme_lists_the_policies() -> None:
     import baselines
+from agents import pretrained
 
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     table = text[text.index("[start:policies]") : text.index("[end:policies]")]
     told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]
-    assert told == list(baselines.names())
+    assert told == [*baselines.names(), *pretrained.names()]
 
 
 def test_tables_of_scenarios_hold_every_name_and_field() -> None:

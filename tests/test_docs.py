@@ -142,7 +142,7 @@ def test_the_table_of_the_fisher_trace_is_computed() -> None:
 
 def test_the_readme_lists_the_policies() -> None:
     import baselines
-from agents import pretrained
+    from agents import pretrained
 
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     table = text[text.index("[start:policies]") : text.index("[end:policies]")]

@@ -25,7 +25,7 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, bo
 
 results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it was not trained (15 minutes or more)
 	$(RUN) -m agents compare --policies $(POLICIES) --episodes 200 --out results/compare --report RESULTS.md README.md --resume
-	$(RUN) -m agents generalise --report RESULTS.md
+	$(RUN) -m agents generalise --episodes 20 --report RESULTS.md
 
 figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
 	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures

@@ -82,7 +82,7 @@ def update_expectation(expectation: Expectation, belief: Belief) -> None:
     P_y = np.empty((3, 3))
     for k in range(belief.size[FEATURES]):
         slot = belief.order[k]
-        if belief.kind[slot] == RAY or counts(expectation, slot):
+        if belief.kind[slot] == RAY or counts(expectation.slot, slot):
             continue
         y = point_marginal(belief, slot, P_y)
         if log2_det_3(P_y) < bound:  # False for NaN
@@ -115,10 +115,10 @@ def _nearest_expected(expectation: Expectation, y: np.ndarray, P_y: np.ndarray) 
 
 
 @part
-def counts(expectation: Expectation, slot: int) -> bool:
-    """Whether the slot's feature counts: whether it has retired an expected landmark."""
-    for e in range(expectation.slot.shape[0]):
-        if expectation.slot[e] == slot:
+def counts(retired: np.ndarray, slot: int) -> bool:
+    """Whether the slot's feature counts: whether it is one of those that have ``retired`` (N,) an expected landmark."""
+    for e in range(retired.shape[0]):
+        if retired[e] == slot:
             return True
     return False
 
@@ -128,7 +128,7 @@ def find_counting(expectation: Expectation, belief: Belief) -> np.ndarray:
     """(n,) bool: which features of the public belief, oldest first, count."""
     out = np.empty(belief.size[FEATURES], np.bool_)
     for k in range(belief.size[FEATURES]):
-        out[k] = counts(expectation, belief.order[k])
+        out[k] = counts(expectation.slot, belief.order[k])
     return out
 
 

@@ -41,29 +41,30 @@ def cholesky_in_place(A: np.ndarray) -> bool:
             for j in range(n - k):
                 row[j] *= inverse
         if last < n:
-            _eliminate_four(A, first)
+            _subtract_four(A, last, n, A, first)
     return True
 
 
 @part(fastmath=_FUSE)
-def _eliminate_four(A: np.ndarray, first: int) -> None:
-    """Subtract the outer products of the finished rows ``first`` … ``first + 3`` from the rest, two rows at a time."""
-    n = A.shape[0]
-    start = first + 4
+def _subtract_four(A: np.ndarray, start: int, n: int, W: np.ndarray, first: int) -> None:
+    """A -= w^T w for the rows w ``first`` … ``first + 3`` of ``W``, in A's upper triangle from ``start`` to ``n``.
+
+    Two rows at a time: each number of W is loaded once for both, and the compiler can still tell the arrays apart.
+    """
     if (n - start) % 2 == 1:  # an odd row first
-        row = A[start, start:]
-        u0, u1, u2, u3 = A[first, start:], A[first + 1, start:], A[first + 2, start:], A[first + 3, start:]
-        f0, f1, f2, f3 = u0[0], u1[0], u2[0], u3[0]
+        row = A[start, start:n]
+        w0, w1, w2, w3 = W[first, start:n], W[first + 1, start:n], W[first + 2, start:n], W[first + 3, start:n]
+        f0, f1, f2, f3 = w0[0], w1[0], w2[0], w3[0]
         for j in range(n - start):
-            row[j] = row[j] - f0 * u0[j] - f1 * u1[j] - f2 * u2[j] - f3 * u3[j]
+            row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
         start += 1
     for i in range(start, n, 2):
-        upper, lower = A[i, i:], A[i + 1, i:]
-        u0, u1, u2, u3 = A[first, i:], A[first + 1, i:], A[first + 2, i:], A[first + 3, i:]
-        f0, f1, f2, f3 = u0[0], u1[0], u2[0], u3[0]
-        g0, g1, g2, g3 = u0[1], u1[1], u2[1], u3[1]
+        upper, lower = A[i, i:n], A[i + 1, i:n]
+        w0, w1, w2, w3 = W[first, i:n], W[first + 1, i:n], W[first + 2, i:n], W[first + 3, i:n]
+        f0, f1, f2, f3 = w0[0], w1[0], w2[0], w3[0]
+        g0, g1, g2, g3 = w0[1], w1[1], w2[1], w3[1]
         for j in range(n - i):
-            x0, x1, x2, x3 = u0[j], u1[j], u2[j], u3[j]
+            x0, x1, x2, x3 = w0[j], w1[j], w2[j], w3[j]
             upper[j] = upper[j] - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3
             lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
 
@@ -114,22 +115,21 @@ def log2_det(A: np.ndarray) -> float:
 
 @part(fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
-    """P[:n, :n] -= W^T W with W (m, >= n). Both triangles get the same operations, so P stays symmetric to the bit."""
+    """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
     m = W.shape[0]
     whole = m - m % 4
     for r in range(0, whole, 4):
-        w0, w1, w2, w3 = W[r], W[r + 1], W[r + 2], W[r + 3]
-        for i in range(n):
-            f0, f1, f2, f3 = w0[i], w1[i], w2[i], w3[i]
-            row = P[i]
-            for j in range(n):
-                row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
+        _subtract_four(P, 0, n, W, r)
     for r in range(whole, m):
-        w = W[r]
         for i in range(n):
-            factor, row = w[i], P[i]
-            for j in range(n):
+            row, w = P[i, i:n], W[r, i:n]
+            factor = w[0]
+            for j in range(n - i):
                 row[j] -= factor * w[j]
+    for i in range(1, n):
+        row = P[i]
+        for j in range(i):
+            row[j] = P[j, i]
 
 
 @part

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.envs.frame import advance
 from activeslam_gym.envs.scoring import find_mapped
-from activeslam_gym.envs.step import play
+from activeslam_gym.envs.step import advance_runs, evaluate_runs
 from activeslam_gym.information import gathered, update_expectation
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.slam.association import associate
@@ -38,11 +37,12 @@ class Stages:
         self.whole, self.frame, self.worth = self._wholes(), self._frame_kernels(), self._worth_kernels()
 
     def _wholes(self) -> dict[str, tuple[Callable, tuple]]:
-        models, task = self.setting.models, self.setting.task
+        models, task, runs = self.setting.models, self.setting.task, self.runs
         motions, gazes = np.array([2]), np.array([1])
+        advance_with = (models, task, runs.simulation, runs.step.status, motions, gazes, 0, 1)
         return {
-            "a step of one frame (`play`)": (play, (models, task, self.runs, motions, gazes, 0, 1)),
-            "its frame (`advance`)": (advance, (models, self.simulation, 1, False)),
+            "the frame (`advance_runs`)": (advance_runs, advance_with),
+            "its worth (`evaluate_runs`)": (evaluate_runs, (models, task, runs, motions, 0, 1)),
         }
 
     def _frame_kernels(self) -> dict[str, tuple[Callable, tuple]]:
@@ -113,19 +113,24 @@ def run(quick: bool) -> Section:
     section = Section("Where the microseconds of a frame go")
     stages, count = Stages(), 100 if quick else 1000
 
+    def handing_over(kernel: Callable, arguments: tuple) -> float:
+        stages.restore()
+        return 1e6 * dispatch(arguments, kernel(*arguments), count)
+
     def cost(kernel: Callable, arguments: tuple) -> float:
         timing = restored(lambda: kernel(*arguments), stages.restore, count)
-        stages.restore()
-        return max(0.0, 1e6 * (timing.seconds - dispatch(arguments, kernel(*arguments), count)))
+        return max(0.0, 1e6 * timing.seconds - handing_over(kernel, arguments))
 
-    whole, frame = (cost(*stage) for stage in stages.whole.values())
-    rows: dict[str, float] = dict(zip(stages.whole, (whole, frame), strict=True))
+    frame, worth_of_it = (cost(*stage) for stage in stages.whole.values())
+    whole = frame + worth_of_it
+    rows: dict[str, float] = {"a step of one frame": whole, **dict(zip(stages.whole, (frame, worth_of_it)))}
+    rows["handing the arrays to both, besides"] = sum(handing_over(*stage) for stage in stages.whole.values())
     parts = {name: cost(*stage) for name, stage in stages.frame.items()}
     worth = {name: cost(*stage) for name, stage in stages.worth.items()}
     rows |= {f"frame: {name}": value for name, value in parts.items()}
     rows["frame: everything else"] = frame - sum(parts.values())
     rows |= {f"worth: {name}": value for name, value in worth.items()}
-    rows["worth: values, rewards, observation"] = whole - frame - sum(worth.values())
+    rows["worth: values, rewards, observation"] = worth_of_it - sum(worth.values())
     section.rows = [{"stage": name, "time [µs]": value, "share": value / whole} for name, value in rows.items()]
     section.notes.append(
         f"One frame after 20 s of `sweep`: {stages.features} features, {stages.rows} covariance rows, "

@@ -142,17 +142,18 @@ def observe_tokens(
     A feature has its slot's token for life; waiting expected landmarks take the tokens of free slots, in order, as many
     as there are. ``points``, ``covariance``, ``mapped`` (n,): the public belief, by age.
     """
-    R_WC = rotation_matrix(belief.camera[QUATERNION])
+    pose = belief.camera
+    R_WC = rotation_matrix(pose[QUATERNION])
     K, F = fiducials.shape[0], belief.kind.shape[0]
     out[:] = 0.0
     for i in range(K):
-        _place(camera, belief, R_WC, fiducials[i], out[i])
+        _place(camera, pose, R_WC, fiducials[i], out[i])
         out[i, 4], out[i, 5], out[i, _FIDUCIAL] = -1.0, -1.0, 1.0
     for k in range(belief.size[FEATURES]):
         token = out[K + belief.order[k]]
         at = CAMERA_DIM + 3 * k
-        _place(camera, belief, R_WC, points[k], token)
-        _uncertainty(belief, points[k], covariance[at:, at:], token)
+        _place(camera, pose, R_WC, points[k], token)
+        _uncertainty(pose, points[k], covariance[at:, at:], token)
         token[_MAPPED if mapped[k] else _INITIALISING] = 1.0
     slot = 0
     prior = np.zeros((3, 3))
@@ -164,16 +165,16 @@ def observe_tokens(
                 slot += 1
             if slot == F:
                 return
-            _place(camera, belief, R_WC, expectation.points[e], out[K + slot])
-            _uncertainty(belief, expectation.points[e], prior, out[K + slot])
+            _place(camera, pose, R_WC, expectation.points[e], out[K + slot])
+            _uncertainty(pose, expectation.points[e], prior, out[K + slot])
             out[K + slot, _EXPECTED] = 1.0
             slot += 1
 
 
 @part
-def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray) -> None:
+def _place(camera: CameraModel, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,)."""
-    p_C = camera_point(R_WC, belief.camera, y)
+    p_C = camera_point(R_WC, pose, y)
     distance = max(math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2]), _LOG_FLOOR)
     for i in range(3):
         token[i] = p_C[i] / distance
@@ -184,14 +185,14 @@ def _place(camera: CameraModel, belief: Belief, R_WC: np.ndarray, y: np.ndarray,
 
 
 @part
-def _uncertainty(belief: Belief, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
+def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
     """Log deviation of a point: geometric mean, and along the line of sight relative to the distance."""
     square, along = _LOG_FLOOR**2, 0.0
     for i in range(3):
-        sight = y[i] - belief.camera[i]
+        sight = y[i] - pose[i]
         square += sight * sight
         for j in range(3):
-            along += sight * P_y[i, j] * (y[j] - belief.camera[j])
+            along += sight * P_y[i, j] * (y[j] - pose[j])
     log2_deviation = log2_det_3(P_y) / 6.0
     token[4] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
     token[5] = _log_deviation(math.sqrt(max(along, 0.0)) / square)

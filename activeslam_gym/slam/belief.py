@@ -22,7 +22,7 @@ from activeslam_gym import config
 from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, so3_left_jacobian
-from activeslam_gym.linalg import copy_block
+from activeslam_gym.linalg import copy_block, copy_into
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -240,10 +240,11 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     at, to = 0, 0
     for k in range(n):  # camera and points stay as they are: whatever of them stands together is copied at once
         slot = belief.order[k]
-        y = point_of(belief, slot, Ts[k])
-        for i in range(3):
-            points[k, i] = y[i]
-        if belief.kind[slot] != POINT:
+        if belief.kind[slot] == POINT:
+            for i in range(3):
+                points[k, i] = belief.feature[slot, i]
+        else:
+            copy_into(points[k], point_of(belief, slot, Ts[k]))
             start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
             copy_block(P[at:start, :dim], half[to:own])
             _rows_times(Ts[k], P[start:], width, half[own:], dim)

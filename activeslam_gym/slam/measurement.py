@@ -140,25 +140,21 @@ def inverse_depth_measurement(
     return True
 
 
-@part(inline="always")
-def measure_row(
-    camera: CameraModel, belief: Belief, R_WC: np.ndarray, fiducials: np.ndarray, row: int, out: Predictions
+@part
+def measure(
+    camera: CameraModel,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    kind: int,
+    parameters: np.ndarray,
+    z: np.ndarray,
+    H_x: np.ndarray,
+    H_y: np.ndarray,
 ) -> bool:
-    """Predict ``row`` at the belief's mean into ``out`` (all but S). False if it cannot be measured or is a RAY."""
-    slot = row - fiducials.shape[0]
-    parameters = fiducials[row] if slot < 0 else belief.feature[slot]
-    is_point = slot < 0 or belief.kind[slot] == POINT
-    if is_point and depth_of(R_WC, belief.camera, parameters) < camera.minimum_depth:
-        return False  # most of a map is behind the camera: tell it apart cheaply
-    z, H_x, H_y = out.z_hat[row], out.H_camera[row], out.H_feature[row]
-    if is_point:
-        seen = point_measurement(camera, belief.camera, R_WC, parameters, z, H_x, H_y)
-        if slot < 0:
-            H_y[:, :] = 0.0
-        return seen
-    if belief.kind[slot] == INVERSE_DEPTH:
-        return inverse_depth_measurement(camera, belief.camera, R_WC, parameters, z, H_x, H_y)
-    return False
+    """The measurement of a feature of that ``kind`` with its Jacobians. False if it cannot be measured or is a RAY."""
+    if kind == POINT:
+        return point_measurement(camera, pose, R_WC, parameters, z, H_x, H_y)
+    return kind == INVERSE_DEPTH and inverse_depth_measurement(camera, pose, R_WC, parameters, z, H_x, H_y)
 
 
 @part
@@ -199,27 +195,26 @@ def own_innovation(
 @part
 def predict_measurements(camera: CameraModel, belief: Belief, fiducials: np.ndarray) -> Predictions:
     """Predict every fiducial and every feature but the rays."""
-    K = fiducials.shape[0]
+    K, pose, P, pixel_var = fiducials.shape[0], belief.camera, belief.covariance, camera.pixel_std**2
     out = empty_predictions(K + belief.kind.shape[0])
-    R_WC = rotation_matrix(belief.camera[QUATERNION])
-    for i in range(K + belief.size[FEATURES]):
-        row = i if i < K else K + belief.order[i - K]
-        if not measure_row(camera, belief, R_WC, fiducials, row, out):
+    visibility, z_hat, S, H_camera, H_feature = out.visibility, out.z_hat, out.S, out.H_camera, out.H_feature
+    R_WC = rotation_matrix(pose[QUATERNION])
+    for i in range(K + belief.size[FEATURES]):  # arrays, not tuples: handing on one counts the references of all in it
+        slot = belief.order[i - K] if i >= K else -1
+        row = K + slot if i >= K else i
+        kind, start = (belief.kind[slot], belief.start[slot]) if i >= K else (POINT, 0)
+        parameters = belief.feature[slot] if i >= K else fiducials[i]
+        if kind == POINT and depth_of(R_WC, pose, parameters) < camera.minimum_depth:
+            continue  # most of a map is behind the camera: tell it apart cheaply
+        if not measure(camera, pose, R_WC, kind, parameters, z_hat[row], H_camera[row], H_feature[row]):
             continue
-        slot = row - K
-        start, width = (0, 0) if slot < 0 else (belief.start[slot], KIND_DIM[belief.kind[slot]])
-        if not inside_image(camera, out.z_hat[row], camera.width):
+        if i < K:
+            H_feature[row] = 0.0
+        if not inside_image(camera, z_hat[row], camera.width):
             continue
-        own_innovation(
-            belief.covariance,
-            start,
-            width,
-            out.H_camera[row],
-            out.H_feature[row],
-            camera.pixel_std**2,
-            out.S[row],
-        )
-        out.visibility[row] = visibility_of(camera, out.z_hat[row], out.S[row])
+        width = KIND_DIM[kind] if i >= K else 0
+        own_innovation(P, start, width, H_camera[row], H_feature[row], pixel_var, S[row])
+        visibility[row] = visibility_of(camera, z_hat[row], S[row])
     return out
 
 

@@ -42,10 +42,11 @@ def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray
 def stack(belief: Belief, K: int, rows: np.ndarray, predictions: Predictions) -> np.ndarray:
     """H P (2 m, dim) of the stacked ``rows`` (m,)."""
     P, dim, m = belief.covariance, belief.size[DIM], 2 * rows.shape[0]
+    starts, kinds = belief.start, belief.kind
     HP = np.zeros((m, dim))
     for r in range(m):
         row, axis, target = rows[r // 2], r % 2, HP[r]
-        start, width = columns_of(belief, row - K)
+        start, width = columns_of(starts, kinds, row - K)
         for k in range(POSE_DIM + width):
             factor = (
                 predictions.H_camera[row, axis, k] if k < POSE_DIM else predictions.H_feature[row, axis, k - POSE_DIM]
@@ -61,11 +62,11 @@ def innovation_covariance(
     belief: Belief, K: int, rows: np.ndarray, predictions: Predictions, HP: np.ndarray, pixel_var: float
 ) -> np.ndarray:
     """S (2 m, 2 m) = H P H^T + R of the stacked ``rows`` (m,), from their ``HP``."""
-    m = 2 * rows.shape[0]
+    m, starts, kinds = 2 * rows.shape[0], belief.start, belief.kind
     S = np.empty((m, m))
     for c in range(m):
         row, axis = rows[c // 2], c % 2
-        start, width = columns_of(belief, row - K)
+        start, width = columns_of(starts, kinds, row - K)
         for r in range(c + 1):
             value = pixel_var if r == c else 0.0
             for k in range(POSE_DIM):
@@ -78,8 +79,8 @@ def innovation_covariance(
 
 
 @part
-def columns_of(belief: Belief, slot: int) -> tuple[int, int]:
+def columns_of(starts: np.ndarray, kinds: np.ndarray, slot: int) -> tuple[int, int]:
     """First covariance row and dimensions of a slot; (0, 0) for a fiducial (slot < 0)."""
     if slot < 0:
         return 0, 0
-    return belief.start[slot], KIND_DIM[belief.kind[slot]]
+    return starts[slot], KIND_DIM[kinds[slot]]

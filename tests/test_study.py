@@ -261,6 +261,21 @@ def test_measures_of_a_made_up_run() -> None:
     assert row["first_closure"] == pytest.approx(31 * 0.05)
 
 
+def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
+    env = Observer(environment(4.0))
+    episode = run_episode(env, baselines.make("stay", env), seed=5)
+    steps, closed = len(episode.actions), 40
+    slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
+    falling = np.concatenate(([0.0], np.cumsum(slopes)))
+    closures = np.zeros(steps, int)
+    closures[[closed, closed + 5]] = 1  # the second is the same event
+    notes = replace(env.notes, closures=closures)
+    row = measures(replace(episode, log2_det_camera=falling), notes)
+    assert (row["before_change_camera"], row["closure_change_camera"]) == (-20.0, -60.0)
+    closures[:] = 0
+    assert np.isnan(measures(episode, notes)["closure_change_camera"])
+
+
 # Conditions and runs ------------------------------------------------------------------------------------------------
 
 

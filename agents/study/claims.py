@@ -39,6 +39,8 @@ ALWAYS = 0.95
 LOST_BAR = 0.05
 """Most runs that may be lost under `clutter`."""
 LADDERS = {"ladder_log2_det": "unvisited counted", "ladder_visited": "visited alone"}
+FISHER_MOTIONS = {DEFAULT: "trace", "eigenvalue": "largest eigenvalue", "unpropagated": "trace of horizon 0"}
+"""Choice → what a motion by Fisher information is then chosen by."""
 SCENES = range(100)
 """Seeds of the scenes of figure 1."""
 OWN, OTHERS = "mi-fisher", ("mi-constant", "mi-mi")
@@ -148,8 +150,8 @@ def _closure_drop(rows: Rows) -> Iterator[Finding]:
     runs |= {name: rows[name, LIVE] for name in ("hand-held", "calm")}
     for part in ("camera", "total"):
         for name, those in runs.items():
-            pair = column(those, f"closure_change_{part}"), column(those, f"other_change_{part}")
-            measure = f"change of log₂\\|P\\| ({part}) in the second of a closure − in others, {name}"
+            pair = column(those, f"closure_change_{part}"), column(those, f"before_change_{part}")
+            measure = f"change of log₂\\|P\\| ({part}) in the second from a closure on − before it, {name}"
             yield difference("closure-drop", DEFAULT, measure, pair, "below")
 
 
@@ -179,10 +181,9 @@ def _approach(rows: Rows) -> Iterator[Finding]:
         "forward_share": ("% of motions that are `forward`", "above", 100.0, 1),
     }
     for name, (measure, side, scale, digits) in forms.items():
-        for choice in (DEFAULT, "eigenvalue"):
+        for choice, metric in FISHER_MOTIONS.items():
             pair = column(rows[choice, "fisher-fisher"], name), column(rows[choice, OWN], name)
             measure_here = f"{measure}, Fisher − MI motion"
-            metric = "trace" if choice == DEFAULT else "largest eigenvalue"
             yield difference("approach", metric, measure_here, pair, side, scale, digits)
 
 
@@ -235,7 +236,7 @@ def _figure_1(rows: Rows) -> Iterator[Finding]:
             inside = [toy.lies_between(toy.drawn(seed, isotropic, half_view)) for seed in SCENES]
             measure = "% of drawn scenes whose best move lies between landmarks 2 and 3 (more than half?)"
             yield level(
-                "figure-1", f"{view}, {shape}", measure, np.array(inside, float), "above", 0.5, 100.0, 0, "share"
+                "figure-1", f"{view} with {shape}", measure, np.array(inside, float), "above", 0.5, 100.0, 0, "share"
             )
 
 

@@ -125,6 +125,7 @@ PARTICLES_NOWHERE = "particles-nowhere"
 SINGLES: tuple[Condition, ...] = (
     Condition("default", "fisher-fisher", "fisher-fisher"),
     Condition("eigenvalue", "fisher-fisher", f"{HERE}:eigenvalue_eigenvalue", every_room=False),
+    Condition("unpropagated", "fisher-fisher", f"{HERE}:unpropagated_fisher_fisher", every_room=False),
     *(Condition("nowhere", name, name, place="nowhere") for name in STRATEGIES),
     *(
         Condition(PARTICLES_NOWHERE, name, name, fields=(_PARTICLES,), place="nowhere", every_room=False)

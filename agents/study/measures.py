@@ -14,14 +14,14 @@ from agents.study.observer import Notes
 
 Array = NDArray[Any]
 
-VERSION = 1
+VERSION = 2
 """To be raised with the meaning of a measure, so that kept rows of the old meaning are not taken."""
 TARGET = 14
 """The landmark whose time the paper tells."""
 LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)
 """Perpendicular to the optical axis."""
 CLOSURE_WINDOW = 1.0
-"""The drop of entropy at a loop closure is measured over so long [s]."""
+"""The drop of entropy at a loop closure is measured over so long, and over as long before it [s]."""
 FIRST_MINUTE = 60.0
 """What figure 5 b shows [s]."""
 POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02
@@ -75,20 +75,25 @@ def _sights(episode: Episode, notes: Notes) -> dict[str, float]:
 
 
 def _closures(episode: Episode, notes: Notes) -> dict[str, float]:
-    """Loop closures, and by how much log₂|P| changes in the second around one, against any other second."""
+    """Loop closures, and by how much log₂|P| changes in the second from one on, and in the second before it."""
     closed = np.flatnonzero(notes.closures)
-    width = min(round(CLOSURE_WINDOW / float(np.median(np.diff(episode.times)))), len(notes.closures))
-    window = np.lib.stride_tricks.sliding_window_view(notes.closures, width).any(axis=1)  # steps k … k + width - 1
+    width = round(CLOSURE_WINDOW / float(np.median(np.diff(episode.times))))
+    alone = _alone(closed, width, len(notes.closures))
     row = {
         "closures": float(notes.closures.sum()),
         "first_closure": float(episode.times[closed[0] + 1]) if len(closed) else np.nan,
     }
     for part in ("camera", "total"):
         values = getattr(episode, f"log2_det_{part}")
-        changes = values[width:] - values[:-width]
-        row[f"closure_change_{part}"] = _mean(changes[window])
-        row[f"other_change_{part}"] = _mean(changes[~window])
+        row[f"closure_change_{part}"] = _mean(values[alone + width] - values[alone])
+        row[f"before_change_{part}"] = _mean(values[alone] - values[alone - width])
     return row
+
+
+def _alone(closed: Array, width: int, steps: int) -> Array:
+    """Those of the steps `closed` that have `width` steps without a closure before them and `width` steps left."""
+    gaps = np.diff(closed, prepend=-1)
+    return closed[(gaps > width) & (closed >= width) & (closed + width <= steps)]
 
 
 def _commands(episode: Episode, notes: Notes) -> dict[str, float]:

@@ -37,8 +37,10 @@ note says how many. Everything else is measured until the run's end.
 
 **Measures.** *Visited alone*: log₂\\|P\\| of the camera and the oldest mapped landmarks, of the same dimension for both
 strategies; *unvisited counted*: with the others of the 27 at their prior. A *loop closure*: a fiducial or feature is
-matched again after 5 s without. *Lateral*: right, left, up, down, as four of seven commands are by chance. *After a
-birth / a mapping*: the command that follows a motion period in which a feature was born / reached σ/depth < 0.3.
+matched again after 5 s without; its drop is the change of log₂\\|P\\| in the second from it on against that in the
+second before, where that has no closure of its own. *Lateral*: right, left, up, down, as four of seven commands are by
+chance. *After a birth / a mapping*: the command that follows a motion period in which a feature was born / reached
+σ/depth < 0.3.
 `hand-held` is that scenario; `calm` is the same with 1 px of noise, ± 9° of swing, and a filter that assumes 2 m/s² and
 1 rad/s²: its detections have no appearance, by which the paper's live system tells its features apart."""
 

@@ -38,8 +38,14 @@ class Reading:
 class Reread(Greedy):
     """`Greedy` that scores its candidates itself, by another reading. Bound to a single environment."""
 
-    def __init__(self, env: Environment, reading: Reading, gaze_criterion: str | None = None) -> None:
-        super().__init__(env, gaze_criterion=gaze_criterion)
+    def __init__(
+        self,
+        env: Environment,
+        reading: Reading,
+        gaze_criterion: str | None = None,
+        motion_criterion: str | None = None,
+    ) -> None:
+        super().__init__(env, motion_criterion, gaze_criterion)
         self.reading = reading
         ahead = self.env.gaze_period if reading.gaze_ahead is None else reading.gaze_ahead
         self._gaze_frames = round(ahead / self.env.scenario.frame_time)
@@ -94,8 +100,10 @@ def capped(points: Array, P: Array, pose: Array, waiting: int, scenario: Scenari
     return out
 
 
-def _reread(reading: Reading, gaze_criterion: str | None, env: Environment) -> Greedy:
-    return Reread(env, reading, gaze_criterion)
+def _reread(
+    reading: Reading, gaze_criterion: str | None, env: Environment, motion_criterion: str | None = None
+) -> Greedy:
+    return Reread(env, reading, gaze_criterion, motion_criterion)
 
 
 UNPROPAGATED, GAZE_AHEAD, CAPPED = Reading(propagated=False), Reading(gaze_ahead=1.0), Reading(capped=True)
@@ -105,6 +113,7 @@ Factory = Callable[[Environment], Greedy]
 unpropagated_mi_constant: Factory = partial(_reread, UNPROPAGATED, None)
 unpropagated_mi_mi: Factory = partial(_reread, UNPROPAGATED, MI)
 unpropagated_mi_fisher: Factory = partial(_reread, UNPROPAGATED, FISHER)
+unpropagated_fisher_fisher: Factory = partial(_reread, UNPROPAGATED, FISHER, motion_criterion=FISHER)
 gaze_ahead_mi_mi: Factory = partial(_reread, GAZE_AHEAD, MI)
 gaze_ahead_mi_fisher: Factory = partial(_reread, GAZE_AHEAD, FISHER)
 capped_mi_constant: Factory = partial(_reread, CAPPED, None)

@@ -132,6 +132,8 @@ class Scenario:
     """First inverse depth of a feature [1/m]."""
     inverse_depth_std: float = 0.3
     """Its standard deviation [1/m]."""
+    inverse_depth_memory: float = 1.0
+    """An inverse-depth feature, which is no point yet, is deleted when it was not matched for so long [s]."""
     linearity_threshold: float = 0.2
     """Linearity index under which an inverse-depth feature becomes a point (Civera, Davison and Montiel 2008)."""
 
@@ -167,7 +169,7 @@ _POSITIVE = (
     "landmark_count frame_time image_width image_height focal_px minimum_depth pixel_std step_length turn_rate "
     "controller_frequency rate_loop_time orientation_std velocity_std angular_velocity_std birth_detections "
     "mapped_depth_ratio maximum_misses particle_baseline ray_capacity ray_age inverse_depth_mean inverse_depth_std "
-    "linearity_threshold scripted_gaze_period"
+    "inverse_depth_memory linearity_threshold scripted_gaze_period"
 ).split()
 _NOT_NEGATIVE = (
     "fiducial_count distortion clutter_rate acceleration_std angular_acceleration_std goal_margin wall_margin "

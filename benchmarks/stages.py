@@ -64,8 +64,8 @@ class Stages:
         HP = stack(belief, K, rows, predictions)
         S_with = (belief, K, rows, predictions, HP, camera.pixel_std**2)
         S = innovation_covariance(*S_with)
-        z_hat, waits = predictions.z_hat[rows].ravel(), np.zeros(predictions.visibility.shape[0], bool)
-        match_with = (models.filter, belief, rows, z_hat, S, rays, K, pixels, waits)
+        waits = np.zeros(predictions.visibility.shape[0], bool)
+        match_with = (models.filter, belief, rows, predictions, S, rays, K, pixels, waits)
         match = associate(*match_with)
         kept = np.flatnonzero(np.repeat(np.isin(rows, match), 2))
         self.HP, self.S = HP[kept], S[np.ix_(kept, kept)]

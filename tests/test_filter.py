@@ -12,7 +12,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.motion import motion_of
 from activeslam_gym.slam.association import NEW, REJECTED, associate
-from activeslam_gym.slam.belief import DIM, FEATURES, INVERSE_DEPTH, POINT, RAY, SERIAL, point_belief
+from activeslam_gym.slam.belief import DIM, FEATURES, INVERSE_DEPTH, POINT, RAY, SERIAL, convert_to_point, point_belief
 from activeslam_gym.slam.depth_particles import predict_rays
 from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.slam.measurement import INSIDE, predict_measurements
@@ -127,8 +127,7 @@ def match(belief, pixels, fiducials=NO_FIDUCIALS):
     _, _, S = batch(belief, fiducials, rows)
     waits = np.zeros(len(predictions.visibility), np.bool_)
     rays = predict_rays(CAMERA, belief)
-    z_hat = np.ravel(predictions.z_hat[rows])
-    found = associate(MODEL, belief, rows, z_hat, S, rays, len(fiducials), np.reshape(pixels, (-1, 2)), waits)
+    found = associate(MODEL, belief, rows, predictions, S, rays, len(fiducials), np.reshape(pixels, (-1, 2)), waits)
     return found, waits
 
 
@@ -169,6 +168,17 @@ def test_a_vague_row_is_matched_only_with_support() -> None:
     shift = np.array([8.0, 0.0])
     assert match(belief, z[:1] + shift)[0].tolist() == [REJECTED]
     np.testing.assert_array_equal(match(belief, z + shift)[0], [0, 1])
+
+
+def test_a_vague_row_at_the_edge_of_the_image_needs_more_support_than_one_inside() -> None:
+    """The same pair, once in the middle of the image and once where its ellipses reach over the edge."""
+    belief, z = two_points(60.0, 0.002)
+    belief.covariance[4, 4] = np.radians(3.0) ** 2
+    shift = np.array([8.0, 0.0])
+    assert (match(belief, z + shift)[0] >= 0).all()
+    belief.feature[:2, 1] -= 2.0 * (CAMERA.height - 10.0 - z[0, 1]) / CAMERA.focal
+    z = predict_measurements(CAMERA, belief, NO_FIDUCIALS).z_hat[:2]
+    assert (match(belief, z + shift)[0] == REJECTED).all()
 
 
 def test_a_ray_is_matched_along_its_particles() -> None:
@@ -227,6 +237,20 @@ def test_a_feature_that_should_be_seen_and_is_not_is_deleted() -> None:
     assert deletions == [0] * (PAPER.maximum_misses - 1) + [1]
     assert belief.size[FEATURES] == 0
     assert belief.size[DIM] == 12
+
+
+@pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
+def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: bool) -> None:
+    belief = still_belief()
+    frames = round(PAPER.inverse_depth_memory / PAPER.frame_time)
+    for _ in range(5):
+        frame(belief, [[160.0, 120.0]])
+    if kind == POINT:
+        convert_to_point(belief, belief.order[0])
+    belief.camera[3:7] = (0.0, 0.0, 1.0, 0.0)  # turned around
+    assert sum(frame(belief, [])[2] for _ in range(frames)) == 0
+    assert frame(belief, [])[2] == (0 if kept else 1)
+    assert belief.size[FEATURES] == int(kept)
 
 
 def test_a_full_map_gives_no_birth_and_no_error() -> None:

@@ -10,7 +10,8 @@ one wrong match makes the next ones. So a match must be more than near:
    them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and Tardos, "Data
    association in stochastic mapping using the joint compatibility test", 2001, ask for).
 3. A vaguely predicted row is matched only with support: given it, another row's detection falls into its gate; and only
-   if the pairing beats its rivals by a margin.
+   if the pairing beats its rivals by a margin. If its ellipse reaches over the image's edge, its own detection may be
+   outside while a stranger's lies near: then the support has to be strong. (Loops are closed at the edge of the image.)
 4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
 """
 
@@ -24,6 +25,7 @@ import numpy as np
 from activeslam_gym.compilation import part
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.depth_particles import Rays, ray_distance
+from activeslam_gym.slam.measurement import INSIDE, Predictions
 from activeslam_gym.slam.settings import FilterModel
 
 NEW, REJECTED = -1, -2
@@ -40,6 +42,8 @@ class Hypotheses(NamedTuple):
     """(2 m,) predicted pixels, given the matches so far [px]."""
     S: np.ndarray
     """(2 m, 2 m) their joint innovation covariance, given the matches so far [px^2]."""
+    inside: np.ndarray
+    """(m,) bool: rows whose ellipse is inside the image, as it was predicted."""
     open: np.ndarray
     """(m,) bool: rows without a match."""
     free: np.ndarray
@@ -55,7 +59,7 @@ def associate(
     model: FilterModel,
     belief: Belief,
     rows: np.ndarray,
-    z_hat: np.ndarray,
+    predictions: Predictions,
     S: np.ndarray,
     rays: Rays,
     K: int,
@@ -64,12 +68,18 @@ def associate(
 ) -> np.ndarray:
     """Match ``pixels`` (M, 2) to ``rows`` (m,) and to rays; returns (M,) the row of each, or NEW or REJECTED.
 
-    ``z_hat`` (2 m,) and ``S`` (2 m, 2 m) are the rows' joint prediction; ``waits`` (K + F,) bool is set for the rows
+    ``predictions`` and ``S`` (2 m, 2 m) are the rows' joint prediction; ``waits`` (K + F,) bool is set for the rows
     that a detection may be of without being clear enough to match.
     """
     m, M = rows.shape[0], pixels.shape[0]
     h = Hypotheses(
-        z_hat.copy(), S.copy(), np.ones(m, np.bool_), np.ones(M, np.bool_), np.empty((m, M)), np.empty((m, M))
+        _stacked_pixels(rows, predictions),
+        S.copy(),
+        predictions.visibility[rows] == INSIDE,
+        np.ones(m, np.bool_),
+        np.ones(M, np.bool_),
+        np.empty((m, M)),
+        np.empty((m, M)),
     )
     out = np.full(M, NEW)
     _measure_distances(h, pixels)
@@ -85,6 +95,15 @@ def associate(
                     waits[rows[a]] = True
     _match_rays(model, belief, rays, K, pixels, out)
     return out
+
+
+@part
+def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
+    """(2 m,) predicted pixels of ``rows``."""
+    z = np.empty(2 * rows.shape[0])
+    for i in range(z.shape[0]):
+        z[i] = predictions.z_hat[rows[i // 2], i % 2]
+    return z
 
 
 @part
@@ -203,7 +222,8 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
             if h.free[i] and h.d2[a, i] < model.birth_gate:
                 support = _support(model, h, a, i, pixels)
                 worth[a, i] = 0.5 * (model.clutter_cost - h.cost[a, i]) + support
-                if vague and support > 0.0 and (best_a < 0 or worth[a, i] > worth[best_a, best_i] + _TIE):
+                enough = support > 0.0 and (h.inside[a] or worth[a, i] > model.edge_worth)
+                if vague and enough and (best_a < 0 or worth[a, i] > worth[best_a, best_i] + _TIE):
                     best_a, best_i = a, i
     if best_a < 0:
         return False
@@ -224,7 +244,7 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
 @part
 def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarray) -> float:
     """Sum over the other open rows of their best log likelihood ratio, given that row ``a`` is detection ``i``."""
-    trial = Hypotheses(h.z.copy(), h.S.copy(), h.open.copy(), h.free.copy(), h.d2.copy(), h.cost.copy())
+    trial = Hypotheses(h.z.copy(), h.S.copy(), h.inside, h.open.copy(), h.free.copy(), h.d2.copy(), h.cost.copy())
     _close(trial, a, i)
     _condition(trial, a, pixels[i])
     _measure_distances(trial, pixels)

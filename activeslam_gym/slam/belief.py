@@ -65,6 +65,8 @@ class Belief(NamedTuple):
     """(F,) number of the birth, counted from 1: tells a slot's present feature from its former ones."""
     born: np.ndarray
     """(F,) frame of birth."""
+    seen: np.ndarray
+    """(F,) frame of the last match, or of the birth."""
     misses: np.ndarray
     """(F,) consecutive frames in which it should have been matched and was not."""
     order: np.ndarray
@@ -105,6 +107,7 @@ def empty_belief(scenario: Scenario) -> Belief:
         start=np.zeros(features, np.int64),
         serial=np.zeros(features, np.int64),
         born=np.zeros(features, np.int64),
+        seen=np.zeros(features, np.int64),
         misses=np.zeros(features, np.int64),
         order=np.zeros(features, np.int64),
         depth=np.zeros((features, 2)),
@@ -338,6 +341,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     belief.start[slot] = at
     belief.misses[slot] = 0
     belief.born[slot] = belief.size[FRAME]
+    belief.seen[slot] = belief.size[FRAME]
     belief.order[belief.size[FEATURES]] = slot
     belief.size[DIM] += width
     belief.size[FEATURES] += 1

@@ -8,7 +8,7 @@ from activeslam_gym.camera import CameraModel
 from activeslam_gym.compilation import part
 from activeslam_gym.motion import MotionModel
 from activeslam_gym.slam.association import REJECTED, associate
-from activeslam_gym.slam.belief import FEATURES, Belief
+from activeslam_gym.slam.belief import FEATURES, FRAME, Belief
 from activeslam_gym.slam.depth_particles import Rays, predict_rays, reweight, surely_in_view
 from activeslam_gym.slam.initialisation import delete_failed, follow_candidates, give_birth, mature
 from activeslam_gym.slam.measurement import INSIDE, UNSEEN, Predictions, predict_measurements
@@ -49,7 +49,7 @@ def filter_frame(
     waits = np.zeros(predictions.visibility.shape[0], np.bool_)
     match = given
     if given.shape[0] == 0:
-        match = associate(model, belief, rows, _stacked_pixels(rows, predictions), S, rays, K, pixels, waits)
+        match = associate(model, belief, rows, predictions, S, rays, K, pixels, waits)
     _count_misses(belief, predictions, rays, K, match, waits, counters)
     _reweight_rays(model, belief, rays, K, pixels, match)
     _update_by(belief, rows, predictions, HP, S, pixels, match)
@@ -73,15 +73,6 @@ def _rows_in_reach(predictions: Predictions) -> np.ndarray:
             rows[count] = row
             count += 1
     return rows[:count]
-
-
-@part
-def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
-    """(2 m,) predicted pixels of ``rows``."""
-    z = np.empty(2 * rows.shape[0])
-    for i in range(z.shape[0]):
-        z[i] = predictions.z_hat[rows[i // 2], i % 2]
-    return z
 
 
 @part(inline="always")
@@ -147,6 +138,7 @@ def _count_misses(
         slot = belief.order[k]
         if matched[K + slot]:
             belief.misses[slot] = 0
+            belief.seen[slot] = belief.size[FRAME]
         elif predictions.visibility[K + slot] == INSIDE and not waits[K + slot]:
             belief.misses[slot] += 1
     for r in range(rays.slot.shape[0]):

@@ -235,12 +235,24 @@ def linearity_index(belief: Belief, slot: int) -> float:
 
 @part
 def delete_failed(model: FilterModel, belief: Belief) -> int:
-    """Delete features that were missed too often, and rays that are too old; returns how many."""
+    """Delete features that were missed too often or are `_outdated`; returns how many."""
     count = 0
     for k in range(belief.size[FEATURES] - 1, -1, -1):
         slot = belief.order[k]
-        old = belief.kind[slot] == RAY and belief.size[FRAME] - belief.born[slot] > model.ray_age_frames
-        if old or belief.misses[slot] >= model.maximum_misses:
+        if belief.misses[slot] >= model.maximum_misses or _outdated(model, belief, slot):
             remove_feature(belief, slot)
             count += 1
     return count
+
+
+@part
+def _outdated(model: FilterModel, belief: Belief, slot: int) -> bool:
+    """Whether a feature that is no point yet is too old (RAY) or was out of sight for too long (INVERSE_DEPTH).
+
+    The long ellipse of a vague depth, met again after seconds, takes what another landmark's detection lies on it, and
+    that makes it a point, confidently wrong.
+    """
+    frame, kind = belief.size[FRAME], belief.kind[slot]
+    if kind == RAY:
+        return frame - belief.born[slot] > model.ray_age_frames
+    return kind == INVERSE_DEPTH and frame - belief.seen[slot] > model.inverse_depth_memory_frames

@@ -14,6 +14,8 @@ _CLEAR_MARGIN = 8.0
 """Lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood."""
 _SUPPORT_MARGIN = 12.0
 """The same for a match of a vague row, whose worth includes what it makes others explain."""
+_EDGE_WORTH = 18.0
+"""Worth that a match of a vague row needs where its ellipse reaches over the image's edge, in ln of the likelihood."""
 
 
 class FilterModel(NamedTuple):
@@ -24,6 +26,7 @@ class FilterModel(NamedTuple):
     sharp_std_px: float
     clear_margin: float
     support_margin: float
+    edge_worth: float
     clutter_cost: float
     birth_detections: int
     mapped_depth_ratio: float
@@ -31,6 +34,7 @@ class FilterModel(NamedTuple):
     inverse_depth: bool
     inverse_depth_mean: float
     inverse_depth_std: float
+    inverse_depth_memory_frames: int
     linearity_threshold: float
     particle_near: float
     particle_far: float
@@ -48,6 +52,7 @@ def filter_of(scenario: Scenario) -> FilterModel:
         sharp_std_px=_SHARP_STDS * scenario.pixel_std,
         clear_margin=_CLEAR_MARGIN,
         support_margin=_SUPPORT_MARGIN,
+        edge_worth=_EDGE_WORTH,
         clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
         birth_detections=scenario.birth_detections,
         mapped_depth_ratio=float(scenario.mapped_depth_ratio),
@@ -55,6 +60,7 @@ def filter_of(scenario: Scenario) -> FilterModel:
         inverse_depth=scenario.initialisation == config.INVERSE_DEPTH,
         inverse_depth_mean=float(scenario.inverse_depth_mean),
         inverse_depth_std=float(scenario.inverse_depth_std),
+        inverse_depth_memory_frames=round(scenario.inverse_depth_memory / scenario.frame_time),
         linearity_threshold=float(scenario.linearity_threshold),
         particle_near=float(scenario.particle_depth[0]),
         particle_far=float(scenario.particle_depth[1]),

@@ -8,13 +8,13 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from activeslam_gym.envs.workers import available_cores
+from agents.machine import processor
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
 
@@ -100,22 +100,12 @@ def machine() -> dict[str, Any]:
         except importlib.metadata.PackageNotFoundError:
             versions[name] = "not installed"
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "cores": available_cores(),
         "system": platform.platform(),
         "python": platform.python_version(),
         "packages": versions,
     }
-
-
-def _processor() -> str:
-    """Name of the processor, as far as the system tells it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or "unknown"
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or "unknown"
 
 
 def slope(sizes: list[int], seconds: list[float]) -> float:

@@ -30,8 +30,8 @@ results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it 
 figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
 	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
 
-bench: $(VENV)/.bench ## how fast is it, beside others in the same run (minutes): results/bench
-	$(RUN) -m benchmarks --out results/bench
+bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
+	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md README.md
 
 docs: $(VENV)/.docs ## the manual, in results/site; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict

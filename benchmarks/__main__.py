@@ -13,7 +13,7 @@ from typing import Literal
 
 from threadpoolctl import threadpool_limits
 
-from .report import Section, write_report
+from .report import Section, put_report, write_report
 from .timing import machine
 
 Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "start", "memory", "dgemm"]
@@ -31,6 +31,8 @@ class Args:
     """Small sizes and few repeats, to see that it runs; the figures mean little."""
     out: Path = Path("results/bench")
     """Folder of `bench.md` and `bench.json`."""
+    report: tuple[Path, ...] = ()
+    """Pages whose generated sections "bench" (all of it) and "speed" (the bars) are written anew."""
 
 
 def main(args: Args, command: str = "python -m benchmarks") -> int:
@@ -42,7 +44,10 @@ def main(args: Args, command: str = "python -m benchmarks") -> int:
             begin = time.perf_counter()
             sections.append(module.run(args.quick))
             print(f"{part}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
-    print(write_report(args.out, command, machine(), sections))
+    measured_on = machine()
+    print(write_report(args.out, command, measured_on, sections))
+    for page in args.report:
+        put_report(page, command, measured_on, sections)
     return 0
 
 

@@ -28,7 +28,7 @@ def run(quick: bool) -> Section:
         return section
     growth, episodes = _growth(frames)
     section.rows.append({"what": f"growth over {frames:,} frames, {episodes} resets", "value": growth, "unit": "MiB"})
-    section.bars.append(Bar(f"growth over {frames:,} frames with autoreset (issue 4: none)", growth, 8.0, "MiB"))
+    section.bars.append(Bar(f"growth over {frames:,} frames with autoreset", growth, 8.0, "MiB"))
     section.notes.append(
         f"{NUM_ENVS} environments in one batch, random actions; resident set after the whole less that after a tenth. "
         "8 MiB are allowed to the allocator: a leak of one number a frame would be as much over a million."

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from agents.files import write_json, write_text
+from agents.report import put_section
 
 
 @dataclass(frozen=True)
 class Bar:
-    """A number to reach: of DESIGN section 7 unless ``what`` says otherwise."""
+    """A number that the project set itself."""
 
     what: str
     measured: float
@@ -40,7 +41,7 @@ class Section:
 
 def write_report(out: Path, command: str, machine: dict[str, Any], sections: list[Section]) -> str:
     """Write ``bench.json`` and ``bench.md`` into ``out``; returns the latter."""
-    text = markdown(command, machine, sections)
+    text = f"# Benchmark\n\n{markdown(command, machine, sections)}"
     bars = [{**asdict(bar), "met": bar.met} for section in sections for bar in section.bars]
     value = {"command": command, "machine": machine, "bars": bars, "sections": [asdict(part) for part in sections]}
     write_json(out / "bench.json", value)
@@ -48,18 +49,45 @@ def write_report(out: Path, command: str, machine: dict[str, Any], sections: lis
     return text
 
 
+def put_report(page: Path, command: str, machine: dict[str, Any], sections: list[Section]) -> None:
+    """Write the report, or its bars alone, into the generated sections "bench" and "speed" of ``page``.
+
+    Raises ValueError if there is no such page.
+    """
+    put_section(page, "bench", markdown(command, machine, sections))
+    put_section(
+        page, "speed", f"```bash\n{command}\n```\n\n{description(machine)}\n\n" + "\n".join(bar_table(sections))
+    )
+
+
 def markdown(command: str, machine: dict[str, Any], sections: list[Section]) -> str:
-    """The whole report."""
-    packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
+    """The whole report, but for its title."""
     lines = [
-        "# Benchmark",
+        "```bash",
+        command,
+        "```",
         "",
-        f"    {command}",
-        "",
-        f"{machine['processor']}, {machine['cores']} cores; {machine['system']}; Python {machine['python']};",
-        f"{packages}.",
+        description(machine),
         "Each time is a median of several, each ratio is of one run. BLAS has one thread throughout.",
     ]
+    bars = bar_table(sections)
+    lines += ["", "## Bars", "", *bars] if bars else []
+    for section in sections:
+        lines += ["", f"## {section.title}", "", *table(section.rows)]
+        for note in section.notes:
+            lines += ["", note]
+    return "\n".join(lines) + "\n"
+
+
+def description(machine: dict[str, Any]) -> str:
+    """What it was measured on, in two lines."""
+    packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
+    where = f"{machine['processor']}, {machine['cores']} cores; {machine['system']}; Python {machine['python']};"
+    return f"{where}\n{packages}."
+
+
+def bar_table(sections: list[Section]) -> list[str]:
+    """Lines of the table of bars."""
     rows = [
         {
             "bar": bar.what,
@@ -70,12 +98,7 @@ def markdown(command: str, machine: dict[str, Any], sections: list[Section]) -> 
         for section in sections
         for bar in section.bars
     ]
-    lines += ["", "## Bars", "", *table(rows)] if rows else []
-    for section in sections:
-        lines += ["", f"## {section.title}", "", *table(section.rows)]
-        for note in section.notes:
-            lines += ["", note]
-    return "\n".join(lines) + "\n"
+    return table(rows)
 
 
 def table(rows: list[dict[str, Any]]) -> list[str]:

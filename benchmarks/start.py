@@ -43,8 +43,8 @@ def run(quick: bool) -> Section:
             raise RuntimeError("a cached start compiled something")
     section.rows += [_row("first run, empty cache", first), _row("cached", cached)]
     section.bars += [
-        Bar("first run, compilation included (issue 4)", sum(first), 30.0, "s"),
-        Bar("cached start: import, make, reset, first step (issue 4)", sum(cached), 2.0, "s"),
+        Bar("first run, compilation included", sum(first), 30.0, "s"),
+        Bar("cached start: import, make, reset, first step", sum(cached), 2.0, "s"),
     ]
     section.notes.append(
         f"Fresh processes, median of 5 (the first run: one). It filled an empty NUMBA_CACHE_DIR with {kernels} indices "

@@ -23,6 +23,7 @@ from agents import tables
 from agents.evaluate import Episode, run_episode
 from agents.figures import draw_all
 from agents.files import write_csv, write_json, write_text
+from agents.machine import sources
 from agents.outcome import outcome
 from agents.parallel import run_all
 from agents.report import provenance, put_section
@@ -66,7 +67,7 @@ class Args:
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
     resume: bool = False
-    """Take the finished episodes that `out` holds for the same settings instead of running them again."""
+    """Take the finished episodes that `out` holds for the same settings and code instead of running them again."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated sections "compare" (all tables) and "headline" (one) are made anew."""
     figures: bool = True
@@ -110,6 +111,11 @@ class Task:
     """Arguments of the environment, as JSON: what episodes must share to be compared."""
     whole: bool
     """Keep every sample (the room that is drawn) instead of one a second."""
+
+    @property
+    def key(self) -> str:
+        """What an episode of an earlier run must share to be this one."""
+        return f"{self.settings} {sources()}"
 
     def path(self, folder: Path) -> Path:
         """Where the finished episode is kept."""
@@ -199,7 +205,7 @@ def run_task(task: Task) -> Episode:
     """Run one episode, in whichever process."""
     env = make_environment(json.loads(task.settings))
     policy = policy_sources.resolve(task.policy, env, task.seed)
-    episode = run_episode(env, policy, task.seed, task.policy, task.settings)
+    episode = run_episode(env, policy, task.seed, task.policy, task.key)
     env.close()
     return episode if task.whole else episode.thinned()
 
@@ -247,11 +253,11 @@ def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None
 
 
 def _kept(task: Task, folder: Path) -> Episode | None:
-    """The episode of an earlier run with the same settings."""
+    """The episode of an earlier run with the same settings and the same code."""
     if not task.path(folder).exists():
         return None
     episode = Episode.load(task.path(folder))
-    return episode if episode.settings == task.settings else None
+    return episode if episode.settings == task.key else None
 
 
 def _settings(args: Args, complete: bool) -> dict[str, Any]:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+
+import activeslam_gym
+import baselines
+from agents import pretrained
 
 
 def machine() -> str:
@@ -26,3 +32,13 @@ def processor() -> str:
 def versions(packages: tuple[str, ...]) -> dict[str, str]:
     """Of these packages and of Python."""
     return {"python": platform.python_version()} | {package: version(package) for package in packages}
+
+
+@cache
+def sources() -> str:
+    """Digest of the environment, the baselines and the shipped weights: another filter's episodes are not this one's."""
+    digest = hashlib.sha256()
+    for package, pattern in ((activeslam_gym, "*.py"), (baselines, "*.py"), (pretrained, "*.npz")):
+        for path in sorted(Path(str(package.__file__)).parent.rglob(pattern)):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]

@@ -149,6 +149,6 @@ def watch(task: Task) -> WatchedRun:
     settings = json.loads(task.settings)
     env = Witness(make_environment(settings))
     policy = policy_sources.resolve(task.policy, env, task.seed)
-    episode = run_episode(env, policy, task.seed, task.policy, task.settings)
+    episode = run_episode(env, policy, task.seed, task.policy, task.key)
     env.close()
     return WatchedRun(episode.thinned(), env.testimony, settings["scenario"]["initialisation"])

@@ -293,6 +293,9 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
 
     monkeypatch.setattr("agents.compare.run_task", lambda task: pytest.fail("an episode was run again"))
     assert compare(replace(args, resume=True)) == summary
+    monkeypatch.setattr("agents.compare.sources", lambda: "another filter")
+    with pytest.raises(pytest.fail.Exception, match="run again"):
+        compare(replace(args, resume=True))
 
 
 def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import activeslam_gym
-import baselines
 from agents import policies
 from agents.compare import make_environment
 from agents.evaluate import Episode, run_episode
 from agents.files import write_json
+from agents.machine import sources
 from agents.parallel import run_all
 from agents.study.conditions import Condition
 from agents.study.measures import VERSION, measures
@@ -111,18 +108,8 @@ def _path(condition: Condition, folder: Path) -> Path:
 
 def _key(condition: Condition, seeds: Sequence[int]) -> dict[str, Any]:
     """What rows must share to be those of a condition."""
-    names = {"version": VERSION, "sources": _sources(), "settings": condition.settings()}
+    names = {"version": VERSION, "sources": sources(), "settings": condition.settings()}
     return {**names, "seeds": list(seeds), "curves": condition.curves}
-
-
-@cache
-def _sources() -> str:
-    """Digest of the environment's and the baselines' sources: another filter's rows are no rows of this one."""
-    digest = hashlib.sha256()
-    for package in (activeslam_gym, baselines):
-        for path in sorted(Path(str(package.__file__)).parent.rglob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def _keep(condition: Condition, rows: list[Row], seeds: Sequence[int], folder: Path) -> list[Row]:

@@ -36,7 +36,7 @@ def versions(packages: tuple[str, ...]) -> dict[str, str]:
 
 @cache
 def sources() -> str:
-    """Digest of the environment, the baselines and the shipped weights: another filter's episodes are not this one's."""
+    """Digest of the environment, the baselines and the shipped weights, on which every episode rests."""
     digest = hashlib.sha256()
     for package, pattern in ((activeslam_gym, "*.py"), (baselines, "*.py"), (pretrained, "*.npz")):
         for path in sorted(Path(str(package.__file__)).parent.rglob(pattern)):

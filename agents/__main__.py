@@ -12,8 +12,14 @@ COMMANDS = ("compare", "consistency", "generalise", "study", "train", "watch")
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name; the exit status, 2 for a bad value, 130 for Ctrl-C."""
-    import tyro
-
+    try:
+        import tyro
+    except ModuleNotFoundError:
+        hint = (
+            f"{sys.executable} lacks tyro; make demo installs all into .venv, or: pip install --editable '.[compare]'"
+        )
+        print(f"python -m agents: {hint}", file=sys.stderr)
+        return 2
     modules = {name: import_module(f"agents.{name}") for name in COMMANDS}
     commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
     try:

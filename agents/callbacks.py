@@ -13,7 +13,7 @@ from agents.learners import HELD_OUT_SEEDS, save_learner
 
 
 class HeldOutRooms(EvalCallback):
-    """The deterministic policy in the same held-out rooms, one episode in each, every `period` decisions.
+    """The deterministic policy in the same held-out rooms, an episode in each, every `period` decisions and at the end.
 
     `save_best` is called with the mean return, in the reward's own unit, where it is the best so far.
     """
@@ -23,10 +23,17 @@ class HeldOutRooms(EvalCallback):
         self.period = period
         self.best_mean_reward = best
         self.save_best = save_best
+        self.visited = 0
 
     def _on_step(self) -> bool:
-        if self.num_timesteps % self.period >= self.training_env.num_envs:
-            return True
+        return self.num_timesteps % self.period >= self.training_env.num_envs or self._visit()
+
+    def _on_training_end(self) -> None:
+        if self.visited < self.num_timesteps:
+            self._visit()
+
+    def _visit(self) -> bool:
+        self.visited = self.num_timesteps
         self.eval_env.seed(HELD_OUT_SEEDS)
         before = self.best_mean_reward
         going_on = super()._on_step()
@@ -45,7 +52,10 @@ class Progress(BaseCallback):
     def _on_training_start(self) -> None:
         from tqdm import tqdm
 
-        self.bar = tqdm(total=self.total_steps, initial=self.num_timesteps, unit="decision", unit_scale=True)
+        rollout = getattr(self.model, "n_steps", 1) * self.training_env.num_envs
+        left = -(-(self.total_steps - self.num_timesteps) // rollout) * rollout
+        total = self.num_timesteps + left
+        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
 
     def _on_step(self) -> bool:
         self.bar.update(self.training_env.num_envs)

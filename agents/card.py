@@ -27,13 +27,17 @@ LIMITS = (
 
 
 def card_of(learning: dict[str, Any], steps: int, seconds: float, held_out_rooms: int) -> dict[str, Any]:
-    """What is known of weights when they are kept, after `steps` decisions and `seconds` of training."""
+    """What is known of weights when they are kept, after `steps` decisions and `seconds` of training.
+
+    No `held_out_rooms`: they are the last ones, not chosen.
+    """
+    best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms"
     return {
         "command": command(learning),
         **learning,
         "steps": steps,
         "seconds": round(seconds, 1),
-        "chosen": f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms",
+        "chosen": best if held_out_rooms else "the last of an interrupted training, before any visit to held-out rooms",
         "machine": machine(),
         "versions": versions(PACKAGES),
         "limits": LIMITS,

@@ -135,6 +135,7 @@ def main(args: Args) -> int:
         print("Interrupted before the first episode was over: nothing to show.")
         return 130
     print(f"\n{tables.text(summary)}\n\nWritten to {args.out}/: {', '.join(written(args.out))}")
+    print(f"All tables (errors, NEES, paired differences): {args.out}/summary.md")
     return 0 if summary.settings["complete"] else 130
 
 

@@ -194,8 +194,9 @@ def _panels(count: int, size: tuple[float, float] = PANEL, **shared: Any) -> tup
     """A figure with `count` panels in rows; what a last row lacks stays empty."""
     columns = min(count, PANELS_A_ROW)
     figure, grid = grid_of_panels(-(-count // columns), columns, size, **shared)
-    for axes in grid.flat[count:]:
+    for above, axes in zip(grid.flat[count - columns :], grid.flat[count:]):
         axes.set_axis_off()
+        above.tick_params(labelbottom=True)  # shared axes have their numbers in the last row alone
     return figure, list(grid.flat[:count])
 
 

@@ -15,7 +15,7 @@ class Learning:
     reward: str = "log_score"
     """Reward of the environment."""
     total_steps: int = 2_000_000
-    """Decisions in all."""
+    """Decisions in all, rounded up to whole rollouts (PPO: an episode of every environment)."""
     decision_period: float = 0.25
     """Time between decisions, the environment's gaze_period [s]."""
     duration: float = 35.0

@@ -87,9 +87,9 @@ def tables(summary: Summary) -> list[Table]:
 
 
 def text(summary: Summary) -> str:
-    """The tables in aligned plain text, with the notes."""
-    parts = [f"{table.title}\n{aligned(table)}" for table in tables(summary)]
-    return "\n\n".join([*parts, legend(), *summary.notes])
+    """The first table in aligned plain text, with the notes."""
+    first = tables(summary)[0]
+    return "\n\n".join([f"{first.title}\n{aligned(first)}", legend(), *summary.notes])
 
 
 def markdown(summary: Summary) -> str:

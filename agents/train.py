@@ -129,8 +129,8 @@ class Keeper:
         """Write the present weights and their card."""
         from agents.learned import save
 
-        learning = self.args.learning()
-        card = card_of(learning, self.learner.num_timesteps, self.seconds(), self.args.held_out_rooms)
+        rooms = 0 if math.isnan(held_out_mean_return) else self.args.held_out_rooms
+        card = card_of(self.args.learning(), self.learner.num_timesteps, self.seconds(), rooms)
         save(self.path, self.learner.policy, card | {"held_out_mean_return": held_out_mean_return})
 
     def add_results(self) -> None:

@@ -40,6 +40,7 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
     assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in trained.iterdir()}
     card = json.loads((trained / "policy.json").read_text())
     assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40
+    assert card["held_out_mean_return"] is not None  # the end of a short training is judged too
     train(Args(out=trained, total_steps=80, **SMALL))
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80
 
@@ -143,7 +144,9 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
         patched.setattr(Progress, "_on_step", interrupt)
         assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in tmp_path.iterdir()}
+    assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
+    assert "2 held-out rooms" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
 
 
 def test_the_weights_of_a_file_are_a_policy_to_compare(trained: Path) -> None:

@@ -174,6 +174,13 @@ def test_time_limit_truncates_and_the_next_step_needs_a_reset() -> None:
         env.step((6, 2))
 
 
+def test_a_policy_before_the_first_reset_is_told_so() -> None:
+    for env in (gym.make("ActiveSLAM-v0").unwrapped, gym.make_vec("ActiveSLAM-v0", num_envs=2).unwrapped):
+        for scores in (env.motion_scores, env.gaze_scores, env.joint_scores, env.lookahead_scores):
+            with pytest.raises(gym.error.ResetNeeded, match="reset"):
+                scores()
+
+
 def test_motion_is_read_once_a_period_and_gaze_at_once() -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
     layout = activeslam_gym.observation_layout(env)

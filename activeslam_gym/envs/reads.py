@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from activeslam_gym.batching import row
@@ -14,6 +15,7 @@ from activeslam_gym.envs.step import STEPS, Run, play
 from activeslam_gym.envs.views import PublicBelief, PublicBeliefs, Truth
 from activeslam_gym.envs.workers import Workers
 from activeslam_gym.information import Prospect
+from activeslam_gym.slam.belief import DIM
 
 
 class Reads:
@@ -31,6 +33,12 @@ class Reads:
     def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
         """One step of every run: ``motions`` (B,) and ``gazes`` (B,) as `step.play` takes them."""
         self._workers.call(play, self.setting.models, self.setting.task, self._runs, motions, gazes)
+
+    def _begun_runs(self) -> Run:
+        """The runs; raises gymnasium.error.ResetNeeded before the first reset."""
+        if not self._runs.simulation.belief.size[:, DIM].all():
+            raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
+        return self._runs
 
     # Constants ------------------------------------------------------------------------------------------------------
 
@@ -79,40 +87,45 @@ class Reads:
 
         Raises:
             ValueError: there is no such criterion.
+            gymnasium.error.ResetNeeded: no run has begun.
         """
-        return self._given(planning.motion_scores(self.setting, self._workers, self._runs, criterion))
+        return self._given(planning.motion_scores(self.setting, self._workers, self._begun_runs(), criterion))
 
     def gaze_scores(self, criterion: str = "fisher_trace") -> np.ndarray:
         """(3,) what each turn would teach after one gaze period at the present position.
 
         Raises:
             ValueError: there is no such criterion.
+            gymnasium.error.ResetNeeded: no run has begun.
         """
-        return self._given(planning.gaze_scores(self.setting, self._workers, self._runs, criterion))
+        return self._given(planning.gaze_scores(self.setting, self._workers, self._begun_runs(), criterion))
 
     def joint_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7, 3) what each motion would teach with each gaze held for its whole period.
 
         Raises:
             ValueError: there is no such criterion.
+            gymnasium.error.ResetNeeded: no run has begun.
         """
-        return self._given(planning.joint_scores(self.setting, self._workers, self._runs, criterion))
+        return self._given(planning.joint_scores(self.setting, self._workers, self._begun_runs(), criterion))
 
     def motion_score(self, motion: int, criterion: str = "mutual_information") -> Any:
         """What one motion would teach; see `motion_scores`.
 
         Raises:
             ValueError: there is no such criterion or motion.
+            gymnasium.error.ResetNeeded: no run has begun.
         """
-        return self._given(planning.motion_score(self.setting, self._workers, self._runs, motion, criterion))
+        return self._given(planning.motion_score(self.setting, self._workers, self._begun_runs(), motion, criterion))
 
     def lookahead_scores(self, horizon: int = 2) -> np.ndarray:
         """(7,) mutual information [bit] of each motion and the best that may follow it, ``horizon`` motions in all.
 
         Raises:
             ValueError: ``horizon`` is not 1, 2, 3 or 4 (there are 7^horizon poses).
+            gymnasium.error.ResetNeeded: no run has begun.
         """
-        return self._given(planning.lookahead_scores(self.setting, self._workers, self._runs, horizon))
+        return self._given(planning.lookahead_scores(self.setting, self._workers, self._begun_runs(), horizon))
 
     # For referees ---------------------------------------------------------------------------------------------------
 

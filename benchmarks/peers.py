@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from activeslam_gym import Gaze, Motion
 from activeslam_gym.batching import batched, row
 from activeslam_gym.envs.setting import resolve
 from activeslam_gym.envs.step import advance_runs
@@ -60,18 +61,14 @@ def run(quick: bool) -> Section:
 
 
 def whole_frame(landmarks: int, frames: int, count: int) -> Timing:
-    """One of the ``frames`` of a step of a resting camera, in a map of points, each time from the same state."""
+    """One of the ``frames`` of a step FORWARD, turning LEFT, in a map of points, each time from the same state."""
     scenario, simulation = mapped_simulation(landmarks)
     setting = resolve(scenario, frames * scenario.frame_time, frames * scenario.frame_time, 35.0, "entropy", 0.5)
     simulations = batched(simulation, 1)
     restore(row(simulations, 0), simulation)
-    saved, status, stay, hold = (
-        copied(simulations),
-        np.zeros((1, 2), np.int64),
-        np.zeros(1, np.int64),
-        np.ones(1, np.int64),
-    )
-    step = partial(advance_runs, setting.models, setting.task, simulations, status, stay, hold, 0, 1)
+    saved, status = copied(simulations), np.zeros((1, 2), np.int64)
+    motions, gazes = np.array([Motion.FORWARD], np.int64), np.array([Gaze.LEFT], np.int64)
+    step = partial(advance_runs, setting.models, setting.task, simulations, status, motions, gazes, 0, 1)
     timing = restored(step, lambda: restore(simulations, saved), count)
     matched = int((simulations.match[0, : simulations.detections.used[0, 0]] >= 0).sum())
     features = int(simulations.belief.size[0, FEATURES])

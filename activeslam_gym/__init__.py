@@ -14,6 +14,7 @@ from activeslam_gym.motion import Gaze, Motion
 __version__ = "0.1.0"
 
 compilation.announce_compilation()
+compilation.hasten_compilation()
 compilation.discard_stale_kernels()  # before any kernel is called, which is when Numba looks for its cache
 
 __all__ = [

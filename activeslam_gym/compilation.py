@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import hashlib
 import os
 import subprocess
@@ -132,6 +133,35 @@ class _Announcement(event.Listener):
 def announce_compilation() -> None:
     """Tell the user, once a process, why the first step takes long."""
     event.register("numba:compile", _Announcement())
+
+
+class _CollectorPaused(event.Listener):
+    """Stops the collector of cyclic garbage while kernels are compiled: an eighth of the time, and nothing to find.
+
+    What it then does not find are 200 MB, until it goes on.
+    """
+
+    def __init__(self) -> None:
+        self._depth, self._paused = 0, False
+
+    def on_start(self, event: event.Event) -> None:
+        """Something begins to be compiled, perhaps a part of what is being compiled."""
+        if self._depth == 0 and gc.isenabled():
+            gc.disable()
+            self._paused = True
+        self._depth += 1
+
+    def on_end(self, event: event.Event) -> None:
+        """It ends, well or with an error."""
+        self._depth -= 1
+        if self._depth == 0 and self._paused:
+            gc.enable()
+            self._paused = False
+
+
+def hasten_compilation() -> None:
+    """Compile faster from now on, once a process."""
+    event.register("numba:compile", _CollectorPaused())
 
 
 # The second process -------------------------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.batching import batched, row
+from activeslam_gym.envs.frame import filter_entries
 from activeslam_gym.envs.setting import resolve
 from activeslam_gym.envs.step import advance_runs
 from activeslam_gym.motion import CAMERA_DIM
@@ -68,7 +69,8 @@ def whole_frame(landmarks: int, frames: int, count: int) -> Timing:
     restore(row(simulations, 0), simulation)
     saved, status = copied(simulations), np.zeros((1, 2), np.int64)
     motions, gazes = np.array([Motion.FORWARD], np.int64), np.array([Gaze.LEFT], np.int64)
-    step = partial(advance_runs, setting.models, setting.task, simulations, status, motions, gazes, 0, 1)
+    entries = filter_entries(with_rays=False)
+    step = partial(advance_runs, setting.models, setting.task, simulations, status, motions, gazes, 0, 1, entries)
     timing = restored(step, lambda: restore(simulations, saved), count)
     matched = int((simulations.match[0, : simulations.detections.used[0, 0]] >= 0).sum())
     features = int(simulations.belief.size[0, FEATURES])

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from activeslam_gym.envs.frame import filter_entries
 from activeslam_gym.envs.scoring import find_mapped
 from activeslam_gym.envs.step import advance_runs, evaluate_runs
 from activeslam_gym.information import gathered, update_expectation
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import DIM, FEATURES, FRAME, point_belief
-from activeslam_gym.slam.depth_particles import predict_rays
 from activeslam_gym.slam.initialisation import follow_candidates
 from activeslam_gym.slam.measurement import UNSEEN, predict_measurements
 from activeslam_gym.slam.prediction import predict
@@ -39,7 +39,8 @@ class Stages:
     def _wholes(self) -> dict[str, tuple[Callable, tuple]]:
         models, task, runs = self.setting.models, self.setting.task, self.runs
         motions, gazes = np.array([2]), np.array([1])
-        advance_with = (models, task, runs.simulation, runs.step.status, motions, gazes, 0, 1)
+        entries = filter_entries(with_rays=False)
+        advance_with = (models, task, runs.simulation, runs.step.status, motions, gazes, 0, 1, entries)
         return {
             "the frame (`advance_runs`)": (advance_runs, advance_with),
             "its worth (`evaluate_runs`)": (evaluate_runs, (models, task, runs, motions, 0, 1)),
@@ -59,13 +60,13 @@ class Stages:
         detect(*detect_with)
         pixels = s.detections.pixels[: s.detections.used[0]].copy()
         predict(models.motion, belief, u)
-        predictions, rays = predict_measurements(camera, belief, fiducials), predict_rays(camera, belief)
+        predictions = predict_measurements(camera, belief, fiducials)
         rows = np.flatnonzero(predictions.visibility != UNSEEN)
         HP = stack(belief, K, rows, predictions)
         S_with = (belief, K, rows, predictions, HP, camera.pixel_std**2)
         S = innovation_covariance(*S_with)
         waits = np.zeros(predictions.visibility.shape[0], bool)
-        match_with = (models.filter, belief, rows, predictions, S, rays, K, pixels, waits)
+        match_with = (models.filter, rows, predictions, S, pixels, waits)
         match = associate(*match_with)
         kept = np.flatnonzero(np.repeat(np.isin(rows, match), 2))
         self.HP, self.S = HP[kept], S[np.ix_(kept, kept)]

@@ -17,12 +17,13 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("activeslam_gym", "baselines", "agents")
 GYM = "activeslam_gym"
 
-MATHEMATICS = {"compilation", "config", "geometry", "linalg", "camera", "motion"}
+MATHEMATICS = {"compilation", "linking", "config", "geometry", "linalg", "camera", "motion"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "config": set(),
     "compilation": set(),
+    "linking": set(),
     "geometry": {"compilation"},
     "linalg": {"compilation"},
     "batching": set(),

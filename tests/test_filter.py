@@ -9,11 +9,12 @@ import pytest
 
 from activeslam_gym.config import INVERSE_DEPTH as BY_INVERSE_DEPTH
 from activeslam_gym.config import Scenario
+from activeslam_gym.envs.frame import filter_entries
 from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.motion import motion_of
 from activeslam_gym.slam.association import NEW, REJECTED, associate
 from activeslam_gym.slam.belief import DIM, FEATURES, INVERSE_DEPTH, POINT, RAY, SERIAL, convert_to_point, point_belief
-from activeslam_gym.slam.depth_particles import predict_rays
+from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
 from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.slam.measurement import INSIDE, predict_measurements
 from activeslam_gym.slam.prediction import predict, propagate
@@ -126,9 +127,7 @@ def match(belief, pixels, fiducials=NO_FIDUCIALS):
     rows = np.flatnonzero(predictions.visibility)
     _, _, S = batch(belief, fiducials, rows)
     waits = np.zeros(len(predictions.visibility), np.bool_)
-    rays = predict_rays(CAMERA, belief)
-    found = associate(MODEL, belief, rows, predictions, S, rays, len(fiducials), np.reshape(pixels, (-1, 2)), waits)
-    return found, waits
+    return associate(MODEL, rows, predictions, S, np.reshape(pixels, (-1, 2)), waits), waits
 
 
 def two_points(separation_px: float, std: float):
@@ -186,8 +185,9 @@ def test_a_ray_is_matched_along_its_particles() -> None:
     belief = random_belief(scenario, [RAY], np.random.default_rng(4))
     rays = predict_rays(CAMERA, belief)
     pixel = rays.z_hat[0, rays.z_hat.shape[1] // 2]
-    assert match(belief, pixel)[0].tolist() == [0]
-    assert match(belief, pixel + 150.0)[0].tolist() == [NEW]
+    found = np.array([REJECTED, NEW, NEW])
+    follow_rays(CAMERA, MODEL, belief, 0, np.stack((pixel, pixel, pixel + 150.0)), found)
+    assert found.tolist() == [REJECTED, 0, NEW]
 
 
 # Births and deaths --------------------------------------------------------------------------------------------------
@@ -206,8 +206,10 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     """Counters of one frame of a camera that stays."""
     counters = np.zeros(6, np.int64)
     quiet = replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
-    arguments = (NO_FIDUCIALS, np.zeros(6), np.reshape(np.array(pixels, float), (-1, 2)), NOTHING_GIVEN, counters)
-    filter_frame(CAMERA, motion_of(quiet, 1.0), filter_of(scenario), belief, *arguments)
+    z = np.reshape(np.array(pixels, float), (-1, 2))
+    arguments = (NO_FIDUCIALS, np.zeros(6), z, NOTHING_GIVEN, np.zeros(len(z), np.int64), counters)
+    rays = filter_entries(with_rays=True).follow_rays
+    filter_frame(CAMERA, motion_of(quiet, 1.0), filter_of(scenario), belief, *arguments, rays)
     return counters
 
 

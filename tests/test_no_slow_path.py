@@ -28,6 +28,10 @@ from numba.core.errors import NumbaWarning
 warnings.simplefilter("error", NumbaWarning)
 from numba.core.runtime import rtsys
 from activeslam_gym.envs.step import advance_runs, evaluate_runs
+from activeslam_gym.slam.depth_particles import follow_rays
+from activeslam_gym.slam.filter import filter_frame
+
+KERNELS = advance_runs, evaluate_runs, filter_frame, follow_rays
 
 def counts():
     return rtsys.get_allocation_stats()
@@ -55,9 +59,9 @@ for count in (1, 4):
     allocated[count] = (after.alloc - before.alloc) / (100 * count)
     left[count] = (after.alloc - before.alloc) - (after.free - before.free)
 print(json.dumps({
-    "signatures": [len(kernel.signatures) for kernel in (advance_runs, evaluate_runs)],
+    "signatures": [len(kernel.signatures) for kernel in KERNELS],
     "object_mode": [
-        str(s) for kernel in (advance_runs, evaluate_runs) for s, one in kernel.overloads.items() if one.objectmode
+        str(s) for kernel in KERNELS for s, one in kernel.overloads.items() if one.objectmode
     ],
     "allocated": allocated,
     "left": left,
@@ -76,7 +80,7 @@ def counted() -> dict:
 
 
 def test_one_compiled_step_serves_every_environment(counted: dict) -> None:
-    assert counted["signatures"] == [1, 1]
+    assert counted["signatures"] == [1, 1, 1, 1]
 
 
 def test_nothing_runs_in_object_mode(counted: dict) -> None:

@@ -20,6 +20,7 @@ from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMEnv, ActiveSLA
 from activeslam_gym.envs import ahead
 from activeslam_gym.envs.step import advance_runs, evaluate_runs
 from activeslam_gym.envs.workers import Workers, available_cores
+from activeslam_gym.slam.filter import filter_frame
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 """Some runs are lost on the way, the others end at their duration."""
@@ -426,7 +427,7 @@ def test_one_compiled_step_serves_all() -> None:
         rollout(ActiveSLAMVectorEnv(3, scenario=scenario, duration=30, num_threads=2), [])
         ActiveSLAMEnv(scenario).reset(seed=0)
     ahead.main()
-    assert [len(kernel.signatures) for kernel in (advance_runs, evaluate_runs)] == [1, 1]
+    assert [len(kernel.signatures) for kernel in (advance_runs, evaluate_runs, filter_frame)] == [1, 1, 1]
 
 
 # Bad input ------------------------------------------------------------------------------------------------------------

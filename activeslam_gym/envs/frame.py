@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.envs.scoring import Labels, vote
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information import Expectation, update_expectation
+from activeslam_gym.linking import NO_ENTRY, enter, entry_of
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -25,6 +27,7 @@ from activeslam_gym.motion import (
 )
 from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import FRAME, Belief, empty_belief, feature_capacity, reset_belief
+from activeslam_gym.slam.depth_particles import follow_rays
 from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.slam.settings import FilterModel, filter_of
 from activeslam_gym.world.room import draw_points, draw_start, uniform_points
@@ -153,6 +156,26 @@ def face_fiducials(scenario: Scenario, simulation: Simulation, rng: np.random.Ge
         belief.camera[QUATERNION] = rotation.as_quat(scalar_first=True)
 
 
+class Entries(NamedTuple):
+    """How the filter's kernels are entered; see `linking`."""
+
+    filter_frame: Any
+    follow_rays: Any
+
+
+@functools.cache
+def filter_entries(with_rays: bool) -> Entries:
+    """For the arrays of any run; ``with_rays``: of a scenario with depth particles. The first call compiles them."""
+    scenario = Scenario()
+    models, s = models_of(scenario, 1.0), empty_simulation(scenario)
+    camera, model, belief, points, pixels = models.camera, models.filter, s.belief, s.world.points, s.detections.pixels
+    given, u, rays = np.zeros(0, np.int64), np.zeros(6), NO_ENTRY
+    if with_rays:
+        rays = entry_of(follow_rays, camera, model, belief, 0, pixels, s.match)
+    arrays = belief, points, u, pixels, given, s.match, s.events
+    return Entries(entry_of(filter_frame, camera, models.motion, model, *arrays, rays), rays)
+
+
 @part
 def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: int) -> None:
     """Read a motion: its goal from the present estimate, clipped into the room."""
@@ -165,7 +188,7 @@ def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: i
 
 
 @part(inline="always")
-def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool) -> None:
+def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool, entries: Entries) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation.
 
     ``first_labels``: give the filter the labels of the fiducials, if this is the first frame.
@@ -188,11 +211,10 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
             given[i] = truth[i]
     if not motion.command_known:
         u[:] = 0.0
-    pixels = simulation.detections.pixels[:count]
-    counters = simulation.events
-    match = filter_frame(models.camera, motion, models.filter, belief, world.points[:K], u, pixels, given, counters)
-    for i in range(count):
-        simulation.match[i] = match[i]
-    simulation.events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
+    fiducials, pixels = world.points[:K], simulation.detections.pixels[:count]
+    match, events = simulation.match[:count], simulation.events
+    seen = belief, fiducials, u, pixels, given, match, events
+    enter(entries.filter_frame, (models.camera, motion, models.filter, *seen, entries.follow_rays))
+    events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
     update_expectation(simulation.expectation, belief)
     simulation.control.command[1] += 1

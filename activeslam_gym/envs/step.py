@@ -10,7 +10,16 @@ import numpy as np
 from activeslam_gym.batching import batched, row
 from activeslam_gym.compilation import SecondProcess, kernel, part
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.frame import Models, Simulation, advance, begin_motion, empty_simulation, reset_simulation
+from activeslam_gym.envs.frame import (
+    Entries,
+    Models,
+    Simulation,
+    advance,
+    begin_motion,
+    empty_simulation,
+    filter_entries,
+    reset_simulation,
+)
 from activeslam_gym.envs.observation import (
     GLOBAL_SIZE,
     TOKEN_SIZE,
@@ -37,6 +46,7 @@ from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, Motion
 from activeslam_gym.slam.belief import FEATURES, Belief, point_belief
+from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.world.simulator import World
 
 VALUES = (
@@ -139,11 +149,13 @@ BEGIN, REST = -1, -2
 def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
-    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes. Two kernels, which two
-    processes compile at the first run.
+    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
+
+    At the first run this process compiles the filter, and another one, `_ahead`, the two kernels that are here.
     """
-    advance_runs(models, task, runs.simulation, runs.step.status, motions, gazes, start, stop)
+    entries = filter_entries(with_rays=runs.simulation.belief.particles.shape[2] > 0)
     _ahead.wait()
+    advance_runs(models, task, runs.simulation, runs.step.status, motions, gazes, start, stop, entries)
     evaluate_runs(models, task, runs, motions, start, stop)
 
 
@@ -157,6 +169,7 @@ def advance_runs(
     gazes: np.ndarray,
     start: int,
     stop: int,
+    entries: Entries,
 ) -> None:
     """The frames of a step; ``status`` (B, 2) is that of the steps. Where a run begins, the camera is told to stay."""
     for i in range(start, stop):
@@ -166,7 +179,7 @@ def advance_runs(
         if motions[i] == BEGIN:
             begin_motion(models.motion, simulation.belief, simulation.control, STAY)
         else:
-            _play_frames(models, task, simulation, status[i], motions[i], gazes[i])
+            _play_frames(models, task, simulation, status[i], motions[i], gazes[i], entries)
 
 
 @kernel(nogil=True)
@@ -187,8 +200,8 @@ def evaluate_runs(models: Models, task: Task, runs: Run, motions: np.ndarray, st
         observe(models, task, simulation, step)
 
 
-_ahead = SecondProcess(advance_runs, "activeslam_gym.envs.ahead")
-"""Compiles `evaluate_runs` while this process compiles `advance_runs`."""
+_ahead = SecondProcess(filter_frame, "activeslam_gym.envs.ahead")
+"""Compiles `advance_runs` and `evaluate_runs` while this process compiles `filter_frame`."""
 
 
 @part(inline="always")
@@ -203,7 +216,7 @@ def _begin(step: Step) -> None:
 
 @part(inline="always")
 def _play_frames(
-    models: Models, task: Task, simulation: Simulation, status: np.ndarray, motion: int, gaze: int
+    models: Models, task: Task, simulation: Simulation, status: np.ndarray, motion: int, gaze: int, entries: Entries
 ) -> None:
     """The frames of one gaze period; the motion is read where its period begins."""
     if status[STEPS] % task.steps_per_motion == 0:
@@ -211,7 +224,7 @@ def _play_frames(
     for i in range(simulation.events.shape[0]):
         simulation.events[i] = 0
     for _ in range(task.frames_per_step):
-        advance(models, simulation, gaze, task.labelled_first_match)
+        advance(models, simulation, gaze, task.labelled_first_match, entries)
     status[STEPS] += 1
 
 

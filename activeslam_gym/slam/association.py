@@ -23,8 +23,6 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.compilation import part
-from activeslam_gym.slam.belief import Belief
-from activeslam_gym.slam.depth_particles import Rays, ray_distance
 from activeslam_gym.slam.measurement import INSIDE, Predictions
 from activeslam_gym.slam.settings import FilterModel
 
@@ -57,16 +55,13 @@ class Hypotheses(NamedTuple):
 @part
 def associate(
     model: FilterModel,
-    belief: Belief,
     rows: np.ndarray,
     predictions: Predictions,
     S: np.ndarray,
-    rays: Rays,
-    K: int,
     pixels: np.ndarray,
     waits: np.ndarray,
 ) -> np.ndarray:
-    """Match ``pixels`` (M, 2) to ``rows`` (m,) and to rays; returns (M,) the row of each, or NEW or REJECTED.
+    """Match ``pixels`` (M, 2) to ``rows`` (m,); returns (M,) the row of each, or NEW or REJECTED.
 
     ``predictions`` and ``S`` (2 m, 2 m) are the rows' joint prediction; ``waits`` (K + F,) bool is set for the rows
     that a detection may be of without being clear enough to match.
@@ -93,7 +88,6 @@ def associate(
                 out[i] = REJECTED
                 if h.open[a]:
                     waits[rows[a]] = True
-    _match_rays(model, belief, rays, K, pixels, out)
     return out
 
 
@@ -256,28 +250,3 @@ def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarr
                 best = max(best, 0.5 * (model.clutter_cost - trial.cost[r, j]))
         total += best
     return total
-
-
-@part
-def _match_rays(model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray) -> None:
-    """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
-
-    What is near a ray without being its match is REJECTED.
-    """
-    R, M = rays.slot.shape[0], pixels.shape[0]
-    cost = np.full((R, M), np.inf)
-    near = np.zeros(M, np.bool_)
-    for r in range(R):
-        for i in range(M):
-            if out[i] == NEW:
-                d2, value = ray_distance(belief, rays, r, pixels[i])
-                near[i] |= d2 < model.birth_gate
-                if d2 < model.gate:
-                    cost[r, i] = value
-    for i in range(M):
-        if not near[i]:
-            continue
-        out[i] = REJECTED
-        r = int(np.argmin(cost[:, i]))
-        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
-            out[i] = K + rays.slot[r]

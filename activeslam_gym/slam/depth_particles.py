@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CameraModel, inside_image
-from activeslam_gym.compilation import part
+from activeslam_gym.compilation import kernel, part
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION
-from activeslam_gym.slam.belief import FEATURES, KIND_DIM, RAY, Belief, bearing
+from activeslam_gym.slam.association import NEW, REJECTED
+from activeslam_gym.slam.belief import FEATURES, FRAME, KIND_DIM, RAY, Belief, bearing
 from activeslam_gym.slam.measurement import (
     INSIDE,
     UNSEEN,
@@ -25,6 +26,7 @@ from activeslam_gym.slam.measurement import (
     squared_distance,
     visibility_of,
 )
+from activeslam_gym.slam.settings import FilterModel
 
 
 class Rays(NamedTuple):
@@ -68,6 +70,30 @@ def _summarise(belief: Belief, slot: int) -> None:
     spacing = particles[1, 0] - particles[0, 0]
     belief.depth[slot, 0] = mean
     belief.depth[slot, 1] = max(square - mean * mean, 0.0) + spacing * spacing / 12.0
+
+
+@kernel(nogil=True)
+def follow_rays(
+    camera: CameraModel, model: FilterModel, belief: Belief, K: int, pixels: np.ndarray, match: np.ndarray
+) -> None:
+    """One frame of all rays: match them to those of ``pixels`` (M, 2) that are NEW in ``match`` (M,), and weigh them.
+
+    Writes their rows (``K`` + slot) into ``match``, and REJECTED where a detection is near a ray without being its
+    match. A miss counts when every particle was well in view; a ray whose particles explain nothing has missed enough.
+    """
+    rays = predict_rays(camera, belief)
+    _match_rays(model, belief, rays, K, pixels, match)
+    for r in range(rays.slot.shape[0]):
+        slot, matched = rays.slot[r], -1
+        for i in range(match.shape[0]):
+            if match[i] == K + slot:
+                matched = i
+        if matched >= 0:
+            explained = reweight(belief, rays, r, pixels[matched], model.particle_baseline, model.particle_prune)
+            belief.misses[slot] = 0 if explained else model.maximum_misses
+            belief.seen[slot] = belief.size[FRAME]
+        elif surely_in_view(belief, rays, r):
+            belief.misses[slot] += 1
 
 
 @part
@@ -117,6 +143,31 @@ def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: in
                     H_ray[i, 3 + j] += depth * H_point[i, k_axis] * m[1 + j, k_axis]
         own_innovation(belief.covariance, start, width, H_x, H_ray, camera.pixel_std**2, S)
         rays.visibility[r, k] = visibility_of(camera, z_hat, S)
+
+
+@part
+def _match_rays(model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray) -> None:
+    """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
+
+    What is near a ray without being its match is REJECTED.
+    """
+    R, M = rays.slot.shape[0], pixels.shape[0]
+    cost = np.full((R, M), np.inf)
+    near = np.zeros(M, np.bool_)
+    for r in range(R):
+        for i in range(M):
+            if out[i] == NEW:
+                d2, value = ray_distance(belief, rays, r, pixels[i])
+                near[i] |= d2 < model.birth_gate
+                if d2 < model.gate:
+                    cost[r, i] = value
+    for i in range(M):
+        if not near[i]:
+            continue
+        out[i] = REJECTED
+        r = int(np.argmin(cost[:, i]))
+        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
+            out[i] = K + rays.slot[r]
 
 
 @part

@@ -1,15 +1,22 @@
-"""One frame of the filter: predict, associate, update, initialise. The only order in which `slam` is used."""
+"""One frame of the filter: predict, associate, update, initialise. The only order in which `slam` is used.
+
+A kernel of its own, which its callers enter by address (see `linking`), and so does it `follow_rays`: it is compiled
+beside its callers, not into them, and what only a scenario with depth particles needs is compiled for such.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
 from activeslam_gym.camera import CameraModel
-from activeslam_gym.compilation import part
+from activeslam_gym.compilation import kernel, part
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.linking import enter
 from activeslam_gym.motion import MotionModel
 from activeslam_gym.slam.association import REJECTED, associate
-from activeslam_gym.slam.belief import FEATURES, FRAME, Belief
-from activeslam_gym.slam.depth_particles import Rays, predict_rays, reweight, surely_in_view
+from activeslam_gym.slam.belief import FEATURES, FRAME, RAY, Belief
 from activeslam_gym.slam.initialisation import delete_failed, follow_candidates, give_birth, mature
 from activeslam_gym.slam.measurement import INSIDE, UNSEEN, Predictions, predict_measurements
 from activeslam_gym.slam.prediction import predict
@@ -20,7 +27,7 @@ BIRTHS, CONVERSIONS, DELETIONS, REJECTIONS = 0, 1, 2, 3
 """Entries of the counters that a frame adds to."""
 
 
-@part(inline="always")
+@kernel(nogil=True)
 def filter_frame(
     camera: CameraModel,
     motion: MotionModel,
@@ -30,28 +37,31 @@ def filter_frame(
     u: np.ndarray,
     pixels: np.ndarray,
     given: np.ndarray,
+    match: np.ndarray,
     counters: np.ndarray,
-) -> np.ndarray:
-    """Advance the belief by one frame; returns the match (M,) of each of ``pixels`` (M, 2).
+    rays_entry: Any,
+) -> None:
+    """Advance the belief by one frame; writes the ``match`` (M,) of each of ``pixels`` (M, 2).
 
     A match is a row (a birth's included), NEW or REJECTED.
 
     ``u`` (6,) is what the filter knows of the accelerations. ``given`` is empty, or the (M,) known matches of a first
-    sight of the fiducials.
+    sight of the fiducials. ``rays_entry`` is `linking.entry_of` `depth_particles.follow_rays`; without particles it is
+    not used.
     """
     predict(motion, belief, u)
     predictions = predict_measurements(camera, belief, fiducials)
-    rays = predict_rays(camera, belief)
     K = fiducials.shape[0]
     rows = _rows_in_reach(predictions)
     HP = stack(belief, K, rows, predictions)
     S = innovation_covariance(belief, K, rows, predictions, HP, camera.pixel_std**2)
     waits = np.zeros(predictions.visibility.shape[0], np.bool_)
-    match = given
     if given.shape[0] == 0:
-        match = associate(model, belief, rows, predictions, S, rays, K, pixels, waits)
-    _count_misses(belief, predictions, rays, K, match, waits, counters)
-    _reweight_rays(model, belief, rays, K, pixels, match)
+        given = associate(model, rows, predictions, S, pixels, waits)
+    copy_into(match, given)
+    if belief.particles.shape[1] > 0:
+        enter(rays_entry, (camera, model, belief, K, pixels, match))
+    _count_misses(belief, predictions, K, match, waits, counters)
     _update_by(belief, rows, predictions, HP, S, pixels, match)
     counters[CONVERSIONS] += mature(model, belief, K, match)
     counters[DELETIONS] += delete_failed(model, belief)
@@ -60,7 +70,6 @@ def filter_frame(
         if slot >= 0:
             match[i] = K + slot
             counters[BIRTHS] += 1
-    return match
 
 
 @part
@@ -107,22 +116,9 @@ def _update_by(
 
 
 @part(inline="always")
-def _reweight_rays(
-    model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, match: np.ndarray
-) -> None:
-    """Carry the matches of rays to their particles; a ray whose particles explain nothing is due for deletion."""
-    for r in range(rays.slot.shape[0]):
-        for i in range(match.shape[0]):
-            if match[i] == K + rays.slot[r]:
-                if not reweight(belief, rays, r, pixels[i], model.particle_baseline, model.particle_prune):
-                    belief.misses[rays.slot[r]] = model.maximum_misses
-
-
-@part(inline="always")
 def _count_misses(
     belief: Belief,
     predictions: Predictions,
-    rays: Rays,
     K: int,
     match: np.ndarray,
     waits: np.ndarray,
@@ -136,11 +132,10 @@ def _count_misses(
         counters[REJECTIONS] += match[i] == REJECTED
     for k in range(belief.size[FEATURES]):
         slot = belief.order[k]
+        if belief.kind[slot] == RAY:
+            continue  # `follow_rays` has counted
         if matched[K + slot]:
             belief.misses[slot] = 0
             belief.seen[slot] = belief.size[FRAME]
         elif predictions.visibility[K + slot] == INSIDE and not waits[K + slot]:
             belief.misses[slot] += 1
-    for r in range(rays.slot.shape[0]):
-        if not matched[K + rays.slot[r]] and surely_in_view(belief, rays, r):
-            belief.misses[rays.slot[r]] += 1

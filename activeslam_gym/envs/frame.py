@@ -156,7 +156,7 @@ def face_fiducials(scenario: Scenario, simulation: Simulation, rng: np.random.Ge
         belief.camera[QUATERNION] = rotation.as_quat(scalar_first=True)
 
 
-class Entries(NamedTuple):
+class FilterEntries(NamedTuple):
     """How the filter's kernels are entered; see `linking`."""
 
     filter_frame: Any
@@ -164,7 +164,7 @@ class Entries(NamedTuple):
 
 
 @functools.cache
-def filter_entries(with_rays: bool) -> Entries:
+def filter_entries(with_rays: bool) -> FilterEntries:
     """For the arrays of any run; ``with_rays``: of a scenario with depth particles. The first call compiles them."""
     scenario = Scenario()
     models, s = models_of(scenario, 1.0), empty_simulation(scenario)
@@ -173,7 +173,7 @@ def filter_entries(with_rays: bool) -> Entries:
     if with_rays:
         rays = entry_of(follow_rays, camera, model, belief, 0, pixels, s.match)
     arrays = belief, points, u, pixels, given, s.match, s.events
-    return Entries(entry_of(filter_frame, camera, models.motion, model, *arrays, rays), rays)
+    return FilterEntries(entry_of(filter_frame, camera, models.motion, model, *arrays, rays), rays)
 
 
 @part
@@ -188,7 +188,7 @@ def begin_motion(motion: MotionModel, belief: Belief, control: Control, index: i
 
 
 @part(inline="always")
-def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool, entries: Entries) -> None:
+def advance(models: Models, simulation: Simulation, gaze: int, first_labels: bool, filtering: FilterEntries) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation.
 
     ``first_labels``: give the filter the labels of the fiducials, if this is the first frame.
@@ -214,7 +214,7 @@ def advance(models: Models, simulation: Simulation, gaze: int, first_labels: boo
     fiducials, pixels = world.points[:K], simulation.detections.pixels[:count]
     match, events = simulation.match[:count], simulation.events
     seen = belief, fiducials, u, pixels, given, match, events
-    enter(entries.filter_frame, (models.camera, motion, models.filter, *seen, entries.follow_rays))
+    enter(filtering.filter_frame, (models.camera, motion, models.filter, *seen, filtering.follow_rays))
     events[WRONG_MATCHES] += vote(simulation.labels, belief, K, match, truth)
     update_expectation(simulation.expectation, belief)
     simulation.control.command[1] += 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from activeslam_gym.batching import batched, row
 from activeslam_gym.compilation import SecondProcess, kernel, part
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.frame import (
-    Entries,
+    FilterEntries,
     Models,
     Simulation,
     advance,
@@ -43,6 +43,7 @@ from activeslam_gym.information import (
     waiting_count,
 )
 from activeslam_gym.linalg import cholesky_in_place, count_true
+from activeslam_gym.linking import enter, entry_of
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, Motion
 from activeslam_gym.slam.belief import FEATURES, Belief, point_belief
@@ -146,17 +147,54 @@ BEGIN, REST = -1, -2
 """In place of a motion: evaluate a run that has just been reset; leave it alone."""
 
 
+class Entries(NamedTuple):
+    """How the two halves of a step are entered, and the filter; see `linking`."""
+
+    advance_runs: Any
+    evaluate_runs: Any
+    filter: FilterEntries
+
+
+def entries_of(models: Models, task: Task, runs: Run, motions: np.ndarray, filtering: FilterEntries) -> Entries:
+    """For runs of these types, which are those of all runs; compiles both halves if need be."""
+    frames = models, task, runs.simulation, runs.step.status, motions, motions, 0, 0, filtering
+    worth = models, task, runs, motions, 0, 0
+    return Entries(entry_of(advance_runs, *frames), entry_of(evaluate_runs, *worth), filtering)
+
+
 def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
-    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
-
-    At the first run this process compiles the filter, and another one, `_ahead`, the two kernels that are here.
+    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes. At the first run this
+    process compiles the filter, and another one, `_ahead`, the kernels that are here.
     """
-    entries = filter_entries(with_rays=runs.simulation.belief.particles.shape[2] > 0)
-    _ahead.wait()
-    advance_runs(models, task, runs.simulation, runs.step.status, motions, gazes, start, stop, entries)
-    evaluate_runs(models, task, runs, motions, start, stop)
+    with_rays = runs.simulation.belief.particles.shape[2] > 0
+    if with_rays not in _entries:
+        filtering = filter_entries(with_rays)
+        _ahead.wait()
+        _entries[with_rays] = entries_of(models, task, runs, motions, filtering)
+    play_runs(models, task, runs, motions, gazes, start, stop, _entries[with_rays])
+
+
+_entries: dict[bool, Entries] = {}
+"""What has been compiled, without and with rays."""
+
+
+@kernel(nogil=True)
+def play_runs(
+    models: Models,
+    task: Task,
+    runs: Run,
+    motions: np.ndarray,
+    gazes: np.ndarray,
+    start: int,
+    stop: int,
+    entries: Entries,
+) -> None:
+    """Both halves of a step, so that Python hands over the arrays of the runs, which takes its time, only once."""
+    simulations, status, filtering = runs.simulation, runs.step.status, entries.filter
+    enter(entries.advance_runs, (models, task, simulations, status, motions, gazes, start, stop, filtering))
+    enter(entries.evaluate_runs, (models, task, runs, motions, start, stop))
 
 
 @kernel(nogil=True)
@@ -169,7 +207,7 @@ def advance_runs(
     gazes: np.ndarray,
     start: int,
     stop: int,
-    entries: Entries,
+    filtering: FilterEntries,
 ) -> None:
     """The frames of a step; ``status`` (B, 2) is that of the steps. Where a run begins, the camera is told to stay."""
     for i in range(start, stop):
@@ -179,7 +217,7 @@ def advance_runs(
         if motions[i] == BEGIN:
             begin_motion(models.motion, simulation.belief, simulation.control, STAY)
         else:
-            _play_frames(models, task, simulation, status[i], motions[i], gazes[i], entries)
+            _play_frames(models, task, simulation, status[i], motions[i], gazes[i], filtering)
 
 
 @kernel(nogil=True)
@@ -201,7 +239,7 @@ def evaluate_runs(models: Models, task: Task, runs: Run, motions: np.ndarray, st
 
 
 _ahead = SecondProcess(filter_frame, "activeslam_gym.envs.ahead")
-"""Compiles `advance_runs` and `evaluate_runs` while this process compiles `filter_frame`."""
+"""Compiles the kernels that are here while this process compiles `filter_frame`."""
 
 
 @part(inline="always")
@@ -216,7 +254,13 @@ def _begin(step: Step) -> None:
 
 @part(inline="always")
 def _play_frames(
-    models: Models, task: Task, simulation: Simulation, status: np.ndarray, motion: int, gaze: int, entries: Entries
+    models: Models,
+    task: Task,
+    simulation: Simulation,
+    status: np.ndarray,
+    motion: int,
+    gaze: int,
+    filtering: FilterEntries,
 ) -> None:
     """The frames of one gaze period; the motion is read where its period begins."""
     if status[STEPS] % task.steps_per_motion == 0:
@@ -224,7 +268,7 @@ def _play_frames(
     for i in range(simulation.events.shape[0]):
         simulation.events[i] = 0
     for _ in range(task.frames_per_step):
-        advance(models, simulation, gaze, task.labelled_first_match, entries)
+        advance(models, simulation, gaze, task.labelled_first_match, filtering)
     status[STEPS] += 1
 
 

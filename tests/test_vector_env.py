@@ -18,7 +18,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 import baselines
 from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
 from activeslam_gym.envs import ahead
-from activeslam_gym.envs.step import advance_runs, evaluate_runs
+from activeslam_gym.envs.step import advance_runs, evaluate_runs, play_runs
 from activeslam_gym.envs.workers import Workers, available_cores
 from activeslam_gym.slam.filter import filter_frame
 
@@ -427,7 +427,8 @@ def test_one_compiled_step_serves_all() -> None:
         rollout(ActiveSLAMVectorEnv(3, scenario=scenario, duration=30, num_threads=2), [])
         ActiveSLAMEnv(scenario).reset(seed=0)
     ahead.main()
-    assert [len(kernel.signatures) for kernel in (advance_runs, evaluate_runs, filter_frame)] == [1, 1, 1]
+    kernels = play_runs, advance_runs, evaluate_runs, filter_frame
+    assert [len(kernel.signatures) for kernel in kernels] == [1, 1, 1, 1]
 
 
 # Bad input ------------------------------------------------------------------------------------------------------------

@@ -4,8 +4,8 @@ Kernels are compiled when they are first called. `kernel` marks those that Pytho
 are made of. Numba checks the source of the kernel that it loads, not of its parts; after an edit or a ``git pull``, a
 kernel in an untouched file would still hold their old code.
 
-Numba compiles one function at a time, whatever the threads, so at the first run a second process compiles a second
-kernel into the same cache.
+Numba compiles one function at a time, whatever the threads, so at the first run a second process compiles other kernels
+into the same cache.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import hashlib
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -143,6 +144,8 @@ class _CollectorPaused(event.Listener):
 
     def __init__(self) -> None:
         self._depth, self._paused = 0, False
+        if hasattr(os, "register_at_fork"):  # in the child, whoever was compiling is gone
+            os.register_at_fork(after_in_child=self._go_on)
 
     def on_start(self, event: event.Event) -> None:
         """Something begins to be compiled, perhaps a part of what is being compiled."""
@@ -154,13 +157,17 @@ class _CollectorPaused(event.Listener):
     def on_end(self, event: event.Event) -> None:
         """It ends, well or with an error."""
         self._depth -= 1
-        if self._depth == 0 and self._paused:
+        if self._depth <= 0:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        if self._paused:
             gc.enable()
-            self._paused = False
+        self._depth, self._paused = 0, False
 
 
 def hasten_compilation() -> None:
-    """Compile faster from now on, once a process."""
+    """Pause the collector of cyclic garbage in every compilation by Numba from now on; once a process."""
     event.register("numba:compile", _CollectorPaused())
 
 
@@ -174,18 +181,19 @@ def available_cores() -> int:
 
 
 class SecondProcess(event.Listener):
-    """Runs ``python -m module`` while this process compiles ``kernel``, if it does: what the cache holds it does not.
+    """Runs the function ``main`` of ``module`` while this process compiles ``kernel``, if it does (see the cache).
 
-    The module compiles another kernel into the cache; `wait` before that is called. Nothing depends on it: where the
-    process cannot be started, fails or hangs, the other kernel is simply compiled here, later.
+    It compiles other kernels into the cache; `wait` before those are called. Nothing depends on it: where the process
+    cannot be started, fails or hangs, the other kernels are simply compiled here, later.
     """
 
-    _PATIENCE = 300.0
+    _GRACE = 10.0
     """[s]."""
 
     def __init__(self, kernel: Any, module: str) -> None:
         self._kernel, self._module = kernel, module
         self._process: subprocess.Popen[bytes] | None = None
+        self._started = 0.0
         if not _CONFIG.DISABLE_JIT:
             event.register("numba:compile", self)
 
@@ -194,7 +202,7 @@ class SecondProcess(event.Listener):
         dispatcher = event.data.get("dispatcher") if isinstance(event.data, dict) else None
         if dispatcher is self._kernel and self._process is None and self._helps():
             with contextlib.suppress(OSError):
-                self._process = self._start()
+                self._process, self._started = self._start(), time.monotonic()
 
     def on_end(self, event: event.Event) -> None:
         """Nothing to do."""
@@ -205,21 +213,23 @@ class SecondProcess(event.Listener):
         return is_python and not _Cache.missing and available_cores() > 1
 
     def _start(self) -> subprocess.Popen[bytes]:
-        paths = [os.path.abspath(path) for path in sys.path]  # "" is here
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
-        if _CONFIG.CACHE_DIR:
-            environment["NUMBA_CACHE_DIR"] = _CONFIG.CACHE_DIR
+        """The process, which imports from where this one does, and from nowhere else."""
+        paths = [os.path.abspath(path) for path in sys.path if isinstance(path, str)]  # "" is here
+        code = f"import sys; sys.path[:] = {paths!r}; from {self._module} import main; main()"
+        cache = {"NUMBA_CACHE_DIR": _CONFIG.CACHE_DIR} if _CONFIG.CACHE_DIR else {}
         nowhere = subprocess.DEVNULL
-        command = [sys.executable, "-m", self._module]
-        return subprocess.Popen(command, env=environment, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+        return subprocess.Popen(
+            [sys.executable, "-c", code], env={**os.environ, **cache}, stdin=nowhere, stdout=nowhere, stderr=nowhere
+        )
 
     def wait(self) -> None:
-        """Until it is done, if it runs at all."""
+        """Until it is done, if it runs at all; but not much longer than twice the time that it has had."""
         process = self._process
         if process is None:
             return
         try:
-            process.wait(self._PATIENCE)
+            process.wait(self._GRACE + 2.0 * (time.monotonic() - self._started))
         except subprocess.TimeoutExpired:
             process.kill()
+            process.wait()
         self._process = None

@@ -179,6 +179,7 @@ _PROBABILITY = "missed_detection_probability gate_probability birth_gate_probabi
 _INTEGER = (
     "landmark_count fiducial_count image_width image_height birth_detections maximum_misses particle_count ray_capacity"
 ).split()
+_TRUE_OR_FALSE = "command_known labelled_first_match amortised_decision".split()
 
 
 def _check(scenario: Scenario) -> None:
@@ -195,6 +196,8 @@ def _check(scenario: Scenario) -> None:
         demand(name, _is_number(getattr(scenario, name)) and getattr(scenario, name) >= 0, "zero or a positive number")
     for name in _PROBABILITY:
         demand(name, _is_number(getattr(scenario, name)) and 0 <= getattr(scenario, name) < 1, "in [0, 1)")
+    for name in _TRUE_OR_FALSE:
+        demand(name, isinstance(getattr(scenario, name), bool), "True or False")
     for name in ("filter_acceleration_std", "filter_angular_acceleration_std"):
         value = getattr(scenario, name)
         demand(name, value is None or (_is_number(value) and value > 0), "a positive number or None")

@@ -21,12 +21,19 @@ def entry_of(kernel: Any, *arguments: Any) -> Any:
     """What `enter` needs in order to call ``kernel`` with ``arguments`` of these types; compiles it if need be.
 
     A pair of numbers that holds in this process and its forks: address, and fingerprint of the types.
+
+    Raises:
+        TypeError: ``kernel`` returns something.
     """
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         return kernel
     kinds = tuple(typeof(argument) for argument in arguments)
     kernel.compile(kinds)
     compiled = kernel.overloads[kinds]
+    if compiled.signature.return_type != types.none:
+        raise TypeError(
+            f"kernel must return nothing, {compiled.fndesc.qualname} returns {compiled.signature.return_type}"
+        )
     return compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name), _fingerprint(kinds)
 
 

@@ -41,7 +41,8 @@ class Stages:
         motions, gazes = np.array([2]), np.array([1])
         filtering = filter_entries(with_rays=False)
         advance_with = (models, task, runs.simulation, runs.step.status, motions, gazes, 0, 1, filtering)
-        self.step_with = (models, task, runs, motions, gazes, 0, 1, entries_of(models, task, runs, motions, filtering))
+        entries = entries_of(models, task, runs, motions, gazes, filtering)
+        self.step_with = (models, task, runs, motions, gazes, 0, 1, entries)
         return {
             "the frame (`advance_runs`)": (advance_runs, advance_with),
             "its worth (`evaluate_runs`)": (evaluate_runs, (models, task, runs, motions, 0, 1)),

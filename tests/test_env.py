@@ -339,6 +339,7 @@ def test_rendering_is_an_image() -> None:
         ({"scenario": "attic"}, "scenario must be one of paper.*'attic'"),
         ({"scenario": {"walls": 3}}, "no field walls"),
         ({"scenario": {"pixel_std": -1.0}}, r"scenario.pixel_std must be a positive number, got -1.0"),
+        ({"scenario": {"labelled_first_match": 1}}, "scenario.labelled_first_match must be True or False, got 1"),
         ({"scenario": 3}, "scenario must be a name.*got 3"),
         ({"gaze_period": 0.07}, r"gaze_period must be a whole multiple of the frame \(0.05 s\), got 0.07"),
         ({"gaze_period": float("nan")}, "gaze_period must be a positive number of seconds, got nan"),

@@ -36,6 +36,12 @@ def add_twice(scale: float, pair: Pair, out: np.ndarray, entry: Any) -> None:
     enter(entry, (scale, Pair(pair.left[half:], pair.right[half:]), out[half:]))
 
 
+@kernel
+def total(values: np.ndarray) -> float:
+    """A kernel that returns something."""
+    return values.sum()
+
+
 def arguments(scale: float = 2.0) -> tuple[float, Pair, np.ndarray]:
     """Of both kernels."""
     return scale, Pair(np.arange(4.0), np.ones(4)), np.zeros(4)
@@ -59,3 +65,9 @@ def test_an_entry_for_other_types_is_not_entered() -> None:
         with pytest.raises(TypeError, match="made for arguments of other types"):
             add_twice(scale, pair, out, entry)
     np.testing.assert_array_equal(out, 0.0)
+
+
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="types are Python's")  # type: ignore[attr-defined]
+def test_a_kernel_that_returns_something_has_no_entry() -> None:
+    with pytest.raises(TypeError, match="kernel must return nothing, total returns float64"):
+        entry_of(total, np.ones(3))

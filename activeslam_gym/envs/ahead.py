@@ -18,7 +18,7 @@ def main() -> None:
     setting = resolve("paper", None, 1.0, 35.0, "entropy", 0.5)
     without_filter = FilterEntries(NO_ENTRY, NO_ENTRY)
     models, task, runs, rest = setting.models, setting.task, empty_runs(setting.scenario, 1), np.full(1, REST, np.int64)
-    play_runs(models, task, runs, rest, rest, 0, 0, entries_of(models, task, runs, rest, without_filter))
+    play_runs(models, task, runs, rest, rest, 0, 0, entries_of(models, task, runs, rest, rest, without_filter))
 
 
 if __name__ == "__main__":

@@ -169,11 +169,11 @@ def filter_entries(with_rays: bool) -> FilterEntries:
     scenario = Scenario()
     models, s = models_of(scenario, 1.0), empty_simulation(scenario)
     camera, model, belief, points, pixels = models.camera, models.filter, s.belief, s.world.points, s.detections.pixels
-    given, u, rays = np.zeros(0, np.int64), np.zeros(6), NO_ENTRY
-    if with_rays:
-        rays = entry_of(follow_rays, camera, model, belief, 0, pixels, s.match)
-    arrays = belief, points, u, pixels, given, s.match, s.events
-    return FilterEntries(entry_of(filter_frame, camera, models.motion, model, *arrays, rays), rays)
+    arrays = belief, points, np.zeros(6), pixels, np.zeros(0, np.int64), s.match, s.events
+    frame = entry_of(filter_frame, camera, models.motion, model, *arrays, NO_ENTRY)
+    return FilterEntries(
+        frame, entry_of(follow_rays, camera, model, belief, 0, pixels, s.match) if with_rays else NO_ENTRY
+    )
 
 
 @part

@@ -155,9 +155,11 @@ class Entries(NamedTuple):
     filter: FilterEntries
 
 
-def entries_of(models: Models, task: Task, runs: Run, motions: np.ndarray, filtering: FilterEntries) -> Entries:
-    """For runs of these types, which are those of all runs; compiles both halves if need be."""
-    frames = models, task, runs.simulation, runs.step.status, motions, motions, 0, 0, filtering
+def entries_of(
+    models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.ndarray, filtering: FilterEntries
+) -> Entries:
+    """For arguments of these types; compiles both halves if need be."""
+    frames = models, task, runs.simulation, runs.step.status, motions, gazes, 0, 0, filtering
     worth = models, task, runs, motions, 0, 0
     return Entries(entry_of(advance_runs, *frames), entry_of(evaluate_runs, *worth), filtering)
 
@@ -172,12 +174,12 @@ def play(models: Models, task: Task, runs: Run, motions: np.ndarray, gazes: np.n
     if with_rays not in _entries:
         filtering = filter_entries(with_rays)
         _ahead.wait()
-        _entries[with_rays] = entries_of(models, task, runs, motions, filtering)
+        _entries[with_rays] = entries_of(models, task, runs, motions, gazes, filtering)
     play_runs(models, task, runs, motions, gazes, start, stop, _entries[with_rays])
 
 
 _entries: dict[bool, Entries] = {}
-"""What has been compiled, without and with rays."""
+"""What has been compiled, without and with rays; all else in which scenarios differ are numbers, not types."""
 
 
 @kernel(nogil=True)

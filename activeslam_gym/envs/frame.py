@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -163,9 +162,8 @@ class FilterEntries(NamedTuple):
     follow_rays: Any
 
 
-@functools.cache
 def filter_entries(with_rays: bool) -> FilterEntries:
-    """For the arrays of any run; ``with_rays``: of a scenario with depth particles. The first call compiles them."""
+    """For the arrays of any run; ``with_rays``: of a scenario with depth particles. Compiles them if need be."""
     scenario = Scenario()
     models, s = models_of(scenario, 1.0), empty_simulation(scenario)
     camera, model, belief, points, pixels = models.camera, models.filter, s.belief, s.world.points, s.detections.pixels

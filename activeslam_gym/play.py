@@ -7,15 +7,17 @@ period. Beside the picture stands what every action promises, by mutual informat
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium
 import numpy as np
 
-from activeslam_gym.envs.views import Snapshot
 from activeslam_gym.motion import Gaze, Motion
+
+if TYPE_CHECKING:
+    from activeslam_gym.rendering import Cockpit
 
 CRITERIA = {"mutual_information": "Mutual information [bit]", "fisher_trace": "Fisher information"}
 """What is shown of every action, and under which title."""
@@ -96,18 +98,28 @@ def pilot_after(key: str, pilot: Pilot) -> Pilot:
     return replace(pilot, command=command_after(key, pilot.command))
 
 
-class Cockpit(Protocol):
-    """What `fly` needs of a window: `rendering.Cockpit` on a screen, something simpler in a test."""
+class Flight:
+    """A room that is being flown, from its first moment."""
 
-    def show(self, snapshot: Snapshot, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
-        """Draw; ``scores`` has, by title, the seven motions' and then the three gazes', (10,), of which two chosen."""
+    def __init__(self, env: gymnasium.Env, seed: int, caption: str) -> None:
+        self.env, self.seed, self.caption = env, seed, caption
+        self.core: Any = env.unwrapped
+        _, info = env.reset(seed=seed)
+        self.first_entropy = info["entropy"]
+        self.scores = action_scores(self.core)
+        self.summary: str | None = None
+        """One line on the episode, once it is over."""
 
-    def keys(self, seconds: float) -> list[str]:
-        """The keys pressed since the last call, after waiting so long."""
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the user has left the window open."""
+    def step(self, command: Command) -> None:
+        """One gaze period under the command; the scores stay those of the last moment before the end."""
+        _, _, terminated, truncated, info = self.env.step(np.array(command))
+        bits = self.first_entropy - info["entropy"]
+        if terminated or truncated:
+            self.summary = summary(self.seed, bits, info)
+            self.caption = f"{self.summary} (n: another room)"
+        else:
+            self.scores = action_scores(self.core)
+            self.caption = f"{bits:.0f} bits removed"
 
 
 def action_scores(core: Any) -> dict[str, np.ndarray]:
@@ -132,41 +144,32 @@ def fly(env: gymnasium.Env, cockpit: Cockpit, seed: int = 0, speed: float = 1.0)
 
     Args:
         env: ``ActiveSLAM-v0``, with ``render_mode="rgb_array"`` so that it keeps the history that is drawn.
-        cockpit: Where to draw and whence the keys come.
+        cockpit: Where to draw and whence the keys come; anything with its `show`, `keys` and `is_open` will do.
         seed: Of the first room.
         speed: Seconds of the episode in a second.
     """
-    core: Any = env.unwrapped
     told: list[str] = []
-    _, info = env.reset(seed=seed)
-    pilot, over, first_entropy = Pilot(), False, info["entropy"]
-    scores, caption, changed = action_scores(core), "Any key that moves or turns starts the clock", True
+    flight = Flight(env, seed, "Any key that moves or turns starts the clock")
+    pilot, changed = Pilot(), True
     while True:
         begun = time.monotonic()
         if changed:
-            cockpit.show(core.snapshot(), scores, (pilot.command.motion, len(Motion) + pilot.command.gaze), caption)
-        drawn = time.monotonic() - begun
-        keys = cockpit.keys(max(core.gaze_period / speed - drawn, 1e-3) if pilot.running and not over else 0.05)
+            chosen = pilot.command.motion, len(Motion) + pilot.command.gaze
+            cockpit.show(flight.core.snapshot(), flight.scores, chosen, flight.caption)
+        left = flight.core.gaze_period / speed - (time.monotonic() - begun)
+        keys = cockpit.keys(max(left, 1e-3) if pilot.running and not flight.summary else 0.05)
         for key in keys:
             pilot = pilot_after(key, pilot)
         if pilot.quit or not cockpit.is_open:
             return told
         changed = bool(keys)
         if pilot.new_room:
-            seed += 1
-            _, info = env.reset(seed=seed)
-            pilot, over, first_entropy = Pilot(), False, info["entropy"]
-            scores, caption = action_scores(core), f"Room {seed}"
-        elif not over and (pilot.running or pilot.one_step):
-            _, _, terminated, truncated, info = env.step(np.array(pilot.command))
-            pilot, over, changed = replace(pilot, one_step=False), terminated or truncated, True
-            bits = first_entropy - info["entropy"]
-            caption = f"{bits:.0f} bits removed"
-            if over:
-                told.append(summary(seed, bits, info))
-                caption = f"{told[-1]} (n: another room)"
-            else:
-                scores = action_scores(core)
+            flight = Flight(env, flight.seed + 1, f"Room {flight.seed + 1}")
+            pilot = Pilot()
+        elif not flight.summary and (pilot.running or pilot.one_step):
+            flight.step(pilot.command)
+            pilot, changed = replace(pilot, one_step=False), True
+            told += [flight.summary] if flight.summary else []
 
 
 def play(seed: int = 0, scenario: str = "paper", gaze_period: float = 0.25, speed: float = 1.0) -> list[str]:
@@ -191,11 +194,11 @@ def play(seed: int = 0, scenario: str = "paper", gaze_period: float = 0.25, spee
 
 def labels() -> tuple[list[str], list[str]]:
     """The names of motions and gazes with a key for each, as the scores are ordered."""
-    keys: dict[Any, str] = {}
-    for key, motion in MOTION_KEYS.items():
-        keys.setdefault(("move", motion), key)
-    for key, gaze in GAZE_KEYS.items():
-        keys.setdefault(("turn", gaze), key)
-    moves = [f"{motion.name}  {keys.get(('move', motion), 'space')}" for motion in Motion]
-    turns = [f"gaze {gaze.name}  {keys.get(('turn', gaze), 'space')}" for gaze in Gaze]
-    return moves, turns
+
+    def key_of(action: Motion | Gaze, keys: Mapping[str, Motion | Gaze]) -> str:
+        return next((key for key, what in keys.items() if what == action), "space")
+
+    return (
+        [f"{motion.name}  {key_of(motion, MOTION_KEYS)}" for motion in Motion],
+        [f"gaze {gaze.name}  {key_of(gaze, GAZE_KEYS)}" for gaze in Gaze],
+    )

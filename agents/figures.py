@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from activeslam_gym import Gaze, Motion
+from activeslam_gym.rendering.geometry import ellipses
 from agents.evaluate import Episode
 from agents.files import written_whole
 from agents.outcome import gaze_counts, motion_counts
@@ -133,14 +134,6 @@ def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
     return 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_offset
 
 
-def ellipse(covariance: np.ndarray, points: int = 40) -> np.ndarray:
-    """Outline (points, 2) of the `SIGMAS`-σ ellipse of a 2 × 2 covariance around the origin."""
-    values, vectors = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, 2.0 * np.pi, points)
-    circle = np.stack((np.cos(angle), np.sin(angle)))
-    return SIGMAS * (vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T
-
-
 def _map(axes: Axes, run: Episode) -> None:
     """X to the right and Z upwards: the room, truth in black, the estimate in blue."""
     across, along = 0, 2
@@ -152,8 +145,10 @@ def _map(axes: Axes, run: Episode) -> None:
     axes.plot(
         run.estimated_landmarks[:, across], run.estimated_landmarks[:, along], "+", color=ESTIMATE, label="mapped"
     )
-    for centre, covariance in zip(run.estimated_landmarks, run.landmark_covariance):
-        outline = centre[[across, along]] + ellipse(covariance[np.ix_([across, along], [across, along])])
+    plane = np.array([across, along])
+    for outline in ellipses(
+        run.estimated_landmarks[:, plane], run.landmark_covariance[:, plane[:, None], plane], SIGMAS
+    ):
         axes.plot(*outline.T, color=ESTIMATE, linewidth=0.6)
     axes.plot(run.true_position[:, across], run.true_position[:, along], color=TRUTH, lw=1.0, label="true path")
     axes.plot(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym import rendering
+from activeslam_gym.rendering.scene import TEXT
 from agents.files import written_whole
 
 SUFFIXES = (".gif", ".webp", ".png")
@@ -73,5 +74,5 @@ def _strip(name: str, width: int) -> Picture:
     from PIL import Image, ImageDraw, ImageFont
 
     strip = Image.new("RGB", (width, STRIP_PX), "white")
-    ImageDraw.Draw(strip).text((0.022 * width, 6), name, fill=rendering.TEXT, font=ImageFont.load_default(16))
+    ImageDraw.Draw(strip).text((0.022 * width, 6), name, fill=TEXT, font=ImageFont.load_default(16))
     return np.asarray(strip)

@@ -15,19 +15,19 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym import Scenario
-from activeslam_gym.rendering import (
+from activeslam_gym.rendering.geometry import ellipses
+from activeslam_gym.rendering.scene import (
     CAMERA,
     ELLIPSOID_SIGMAS,
     EXPECTED,
     FIDUCIAL,
     GATE_SIGMAS,
-    INITIALISED,
     MAPPED,
     MUTED,
     TRUTH,
+    believed_points,
     command_text,
-    ellipses,
-    landmark_covariances,
+    predicted_pixels,
 )
 from agents.evaluate import Episode, run_episode
 
@@ -157,14 +157,11 @@ class Recording:
 
     def _log_map(self, snapshot: Snapshot) -> None:
         """Ellipsoids of the landmarks and of the camera's position; the landmarks that are still expected."""
-        means = np.concatenate((np.reshape(snapshot.landmarks, (-1, 3)), snapshot.position[None]))
-        covariances = np.concatenate((landmark_covariances(snapshot.covariance), snapshot.covariance[None, :3, :3]))
-        colours = np.array([MAPPED if mapped else INITIALISED for mapped in snapshot.mapped] + [CAMERA])
-        finite = np.isfinite(means).all(1) & np.isfinite(covariances).all((1, 2))
-        half_sizes, quaternions = ellipsoid_axes(covariances[finite], ELLIPSOID_SIGMAS)
+        means, covariances, colours = believed_points(snapshot)
+        half_sizes, quaternions = ellipsoid_axes(covariances, ELLIPSOID_SIGMAS)
         rr = self._rr
         ellipsoids = rr.Ellipsoids3D(
-            centers=means[finite], half_sizes=half_sizes, quaternions=quaternions, colors=_rgb(*colours[finite])
+            centers=means, half_sizes=half_sizes, quaternions=quaternions, colors=_rgb(*colours)
         )
         self._stream.log("world/belief/ellipsoids", ellipsoids)
         expected = rr.Points3D(snapshot.expected_landmarks, colors=_rgb(EXPECTED), radii=[0.015])
@@ -173,10 +170,7 @@ class Recording:
     def _log_image(self, snapshot: Snapshot) -> None:
         """Detected pixels over the predicted ellipses."""
         rr = self._rr
-        means = np.reshape(snapshot.predicted, (-1, 2))
-        covariances = np.reshape(snapshot.predicted_covariance, (-1, 2, 2))
-        finite = np.isfinite(means).all(1) & np.isfinite(covariances).all((1, 2))
-        gates = ellipses(means[finite], covariances[finite], GATE_SIGMAS)
+        gates = ellipses(*predicted_pixels(snapshot), GATE_SIGMAS)
         self._stream.log("world/belief/camera/predicted", rr.LineStrips2D(gates, colors=_rgb(MAPPED)))
         pixels = np.reshape(snapshot.detections, (-1, 2))
         self._stream.log("world/belief/camera/detected", rr.Points2D(pixels, colors=_rgb(TRUTH), radii=[2.0]))

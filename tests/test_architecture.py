@@ -33,9 +33,9 @@ MAY_IMPORT: dict[str, set[str]] = {
     "slam": MATHEMATICS,
     "information": MATHEMATICS | {"slam.belief", "slam.measurement", "slam.prediction"},
     "metrics": MATHEMATICS | {"slam.belief", "information"},
-    "rendering": MATHEMATICS | {"slam.belief", "information", "metrics", "envs.views"},  # draws a snapshot
+    "rendering": {"envs.views"},  # draws a snapshot
     "envs": MATHEMATICS | {"batching", "world", "slam", "information", "metrics", "rendering"},
-    "play": {"motion", "envs.views", "rendering"},
+    "play": {"motion", "rendering"},
     "__main__": {"play"},
     "__init__": MATHEMATICS | {"slam.belief", "information", "metrics", "envs"},
 }
@@ -57,6 +57,9 @@ NEVER: dict[str, set[str]] = {
 
 SLOW_TO_IMPORT = {"torch", "matplotlib", "stable_baselines3", "scipy.stats"}
 """Imported inside the functions that use them, in ``activeslam_gym`` and ``baselines``."""
+
+PANELS = "activeslam_gym.rendering.panels"
+"""Imports matplotlib at its top, and is itself imported inside the functions that draw."""
 
 DRAWING = {"matplotlib", "PIL", "pygame", "cv2"}
 """Imported by ``activeslam_gym.rendering`` alone within ``activeslam_gym``, inside functions too."""
@@ -155,7 +158,10 @@ def reads_the_truth(found: Import) -> str | None:
 
 def is_slow_at_the_top(found: Import) -> str | None:
     lazy = is_under(found.importer, GYM) or is_under(found.importer, "baselines")
-    if lazy and found.at_top and is_under_any(found.target, SLOW_TO_IMPORT | {f"{GYM}.rendering"}):
+    slow = SLOW_TO_IMPORT | {PANELS if is_under(found.importer, f"{GYM}.rendering") else f"{GYM}.rendering"}
+    if found.importer == PANELS:
+        slow = slow - {"matplotlib"}
+    if lazy and found.at_top and is_under_any(found.target, slow):
         return f"{found.target} belongs inside the function that uses it"
     return None
 
@@ -238,7 +244,11 @@ KNOWN = {GYM, *(f"{GYM}.{name}" for name in MAY_IMPORT), f"{GYM}.slam.belief", f
         ("activeslam_gym.__init__", "from .world import Room"),
         ("baselines.greedy", "from activeslam_gym import world"),
         ("activeslam_gym.envs.active_slam", "from activeslam_gym.rendering import draw"),
-        ("activeslam_gym.rendering", "import matplotlib.pyplot as plt"),
+        ("activeslam_gym.rendering.__init__", "import matplotlib.pyplot as plt"),
+        ("activeslam_gym.rendering.window", "from matplotlib import pyplot"),
+        ("activeslam_gym.rendering.window", "from activeslam_gym.rendering.panels import MapPanel"),
+        ("activeslam_gym.rendering.panels", "import torch"),
+        ("activeslam_gym.rendering.panels", "from activeslam_gym.slam.belief import Belief"),
         ("activeslam_gym.metrics", "def f():\n    import matplotlib"),
         ("activeslam_gym.metrics", "from scipy import stats"),
         ("activeslam_gym.metrics", "try:\n    from scipy.stats import chi2\nexcept ImportError:\n    pass"),
@@ -260,7 +270,10 @@ def test_a_violation_is_caught(importer: str, source: str) -> None:
         ("activeslam_gym.information", "from activeslam_gym.slam import belief"),
         ("activeslam_gym.envs.active_slam", "def render():\n    from activeslam_gym import rendering"),
         ("activeslam_gym.envs.frame", "from ..world import room\nfrom ..slam import filter"),
-        ("activeslam_gym.rendering", "def draw():\n    import matplotlib.pyplot as plt"),
+        ("activeslam_gym.rendering.picture", "def draw():\n    import matplotlib.pyplot as plt"),
+        ("activeslam_gym.rendering.picture", "def draw():\n    from activeslam_gym.rendering import panels"),
+        ("activeslam_gym.rendering.panels", "from matplotlib import lines\nfrom activeslam_gym.rendering import scene"),
+        ("activeslam_gym.rendering.__init__", "from activeslam_gym.rendering.window import Window"),
         ("activeslam_gym.metrics", "def chi2():\n    from scipy import stats\nfrom scipy import linalg"),
         ("activeslam_gym.metrics", "if TYPE_CHECKING:\n    import torch"),
         ("activeslam_gym.__init__", "from activeslam_gym.envs import ActiveSLAM"),

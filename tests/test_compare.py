@@ -22,7 +22,7 @@ from agents import policies, tables
 from agents.__main__ import main
 from agents.compare import Args, compare
 from agents.evaluate import SAMPLED, Episode, _rotation_offset, run_episode
-from agents.figures import ellipse, over_rooms, quaternion_error
+from agents.figures import over_rooms, quaternion_error
 from agents.files import write_csv, write_json, written_whole
 from agents.outcome import honesty, outcome
 from agents.statistics import estimate, paired_rmse
@@ -200,12 +200,6 @@ def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:
     times, values = over_rooms([cut, whole], "entropy")
     assert times.tolist() == [0.0, 1.0, 2.0]
     np.testing.assert_array_equal(np.isnan(values), [[False, False, True], [False, False, False]])
-
-
-def test_ellipse_lies_at_two_sigmas() -> None:
-    covariance = np.array([[4.0, 1.0], [1.0, 2.0]])
-    outline = ellipse(covariance)
-    np.testing.assert_allclose(np.einsum("ni,ni->n", outline @ np.linalg.inv(covariance), outline), 4.0)
 
 
 # Files

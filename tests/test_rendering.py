@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("matplotlib")
 
 from activeslam_gym import rendering
+from activeslam_gym.rendering import geometry, scene
 
 Motion = IntEnum("Motion", "FORWARD BACKWARDS RIGHT LEFT UP DOWN STAY", start=0)
 Gaze = IntEnum("Gaze", "RIGHT LEFT STAY", start=0)
@@ -164,7 +165,7 @@ def test_each_field_shows(change):
 @pytest.mark.parametrize("motion", Motion)
 @pytest.mark.parametrize("gaze", Gaze)
 def test_command_names_motion_and_gaze(motion, gaze):
-    text = rendering.command_text(motion.name, gaze.name)
+    text = scene.command_text(motion.name, gaze.name)
     assert motion.name in text and f"gaze {gaze.name}" in text
 
 
@@ -195,7 +196,7 @@ def test_a_lost_belief_that_is_nan_still_draws_the_truth():
 
 def test_view_is_right_handed_and_up_is_up():
     """A mirrored room would show a gaze to the LEFT turning right."""
-    axes = rendering.view_axes(0.4, 0.6)
+    axes = geometry.view_axes(0.4, 0.6)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[0] @ [1, 0, 0] < 0 and axes[1] @ [0, 1, 0] > 0 and axes[0] @ [0, 1, 0] == pytest.approx(0.0)
@@ -203,7 +204,7 @@ def test_view_is_right_handed_and_up_is_up():
 
 def test_ellipses_and_great_circles_lie_at_their_sigmas():
     rng = np.random.default_rng(0)
-    for dimension, curves in ((2, rendering.ellipses), (3, rendering.great_circles)):
+    for dimension, curves in ((2, geometry.ellipses), (3, geometry.great_circles)):
         means, covariances = rng.normal(size=(4, dimension)), random_spd(rng, 4, dimension, np.ones(4))
         points = curves(means, covariances, 2.0)
         points = points.reshape(4, -1, dimension) - means[:, None]
@@ -215,8 +216,8 @@ def test_great_circles_stay_within_the_outline():
     """The outline of an ellipsoid under an orthographic view V is the ellipse of V P Vᵀ."""
     rng = np.random.default_rng(1)
     covariance = random_spd(rng, 1, 3, np.ones(1))
-    circles = rendering.screen_from_world(rendering.great_circles(np.zeros((1, 3)), covariance, 2.0))
-    outline = rendering.VIEW @ covariance[0] @ rendering.VIEW.T
+    circles = geometry.screen_from_world(geometry.great_circles(np.zeros((1, 3)), covariance, 2.0))
+    outline = geometry.VIEW @ covariance[0] @ geometry.VIEW.T
     mahalanobis = np.einsum("cki,ij,ckj->ck", circles, np.linalg.inv(outline), circles)
     assert mahalanobis.max() <= 4.0 + 1e-9
 
@@ -224,7 +225,7 @@ def test_great_circles_stay_within_the_outline():
 def test_frustum_corners_project_back_to_the_image_corners():
     rng = np.random.default_rng(2)
     position, quaternion = rng.normal(size=3), np.array([0.5, -0.5, 0.1, 0.7])
-    corners = rendering.camera_frustum(SCENARIO, (320, 240), position, quaternion, 0.7)[-1]
+    corners = geometry.camera_frustum(SCENARIO, (320, 240), position, quaternion, 0.7)[-1]
     pixels = pixels_and_visibility(corners, position, quaternion)[0]
     np.testing.assert_allclose(pixels, [(0, 0), (320, 0), (320, 240), (0, 240)], atol=1e-9)
 

@@ -1,0 +1,119 @@
+"""Where things lie on the page: the orthographic view, ellipses of covariances, the camera's frustum, the room.
+
+The room is seen in orthographic projection, from behind and above the start, and not mirrored: the camera's left is
+to the left. Under such a projection V (2 x 3), an ellipsoid of covariance P has an elliptic outline of covariance
+V P Vᵀ, exactly; so the picture needs no 3-D engine, and a frame costs a few tens of milliseconds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+# The view -----------------------------------------------------------------------------------------------------------
+
+
+def view_axes(azimuth: float, elevation: float) -> np.ndarray:
+    """Rows right, up, towards the viewer, (3, 3), of a viewer behind the start (at -Z) and above it; radians.
+
+    A positive azimuth moves the viewer to the right, which is -X, since the camera's x points left.
+    """
+    towards = np.array([-np.sin(azimuth) * np.cos(elevation), np.sin(elevation), -np.cos(azimuth) * np.cos(elevation)])
+    right = np.cross([0.0, 1.0, 0.0], towards)
+    right /= np.linalg.norm(right)
+    return np.stack((right, np.cross(towards, right), towards))
+
+
+_AXES = view_axes(np.deg2rad(25.0), np.deg2rad(37.0))
+VIEW, TOWARDS_VIEWER = _AXES[:2], _AXES[2]
+
+
+def screen_from_world(points: np.ndarray) -> np.ndarray:
+    """Orthographic projection of world points (..., 3) in metres to the page (..., 2), in metres too."""
+    points = np.asarray(points, dtype=float)
+    return points.reshape(*points.shape[:-1], 3) @ VIEW.T if points.size else np.zeros((0, 2))
+
+
+# Ellipses and frustums ----------------------------------------------------------------------------------------------
+
+
+def principal_axes(covariances: np.ndarray) -> np.ndarray:
+    """A (n, d, d) with A Aᵀ = P, its columns the semi-axes of one sigma; tiny negative eigenvalues count as zero."""
+    eigenvalues, eigenvectors = np.linalg.eigh(covariances)
+    return eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
+
+
+def ellipses(means: np.ndarray, covariances: np.ndarray, sigmas: float, points: int = 48) -> np.ndarray:
+    """Outlines (n, points, 2) of the ellipses of means (n, 2) and covariances (n, 2, 2), at so many sigmas."""
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    circle = np.stack((np.cos(angle), np.sin(angle)))
+    return means[:, None] + sigmas * np.swapaxes(principal_axes(covariances) @ circle, 1, 2)
+
+
+def ellipsoid_outlines(means: np.ndarray, covariances: np.ndarray, sigmas: float) -> np.ndarray:
+    """Outlines (n, points, 2) on the page of the ellipsoids of means (n, 3) and covariances (n, 3, 3) [m, m²]."""
+    return ellipses(screen_from_world(means), VIEW @ covariances @ VIEW.T, sigmas)
+
+
+def great_circles(means: np.ndarray, covariances: np.ndarray, sigmas: float, points: int = 32) -> np.ndarray:
+    """Three principal circles (3n, points, 3) on each ellipsoid of means (n, 3), covariances (n, 3, 3)."""
+    angle = np.linspace(0.0, 2.0 * np.pi, points)
+    cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros(points)
+    circles = np.array([(cosine, sine, zero), (zero, cosine, sine), (sine, zero, cosine)])
+    on_ellipsoid = np.swapaxes(principal_axes(covariances)[:, None] @ circles, 2, 3)
+    return (means[:, None, None] + sigmas * on_ellipsoid).reshape(-1, points, 3)
+
+
+def camera_frustum(scenario, image_size, position, quaternion, depth: float) -> list[np.ndarray]:
+    """Four triangles (3, 3) and the image rectangle (4, 3) in the world, m: a pinhole's view, distortion left out.
+
+    `position` (3,) p_WC in m, `quaternion` (4,) q_WC, scalar first, `depth` of the rectangle in m.
+    """
+    width, height = image_size
+    u, v = np.array([0, width, width, 0]), np.array([0, 0, height, height])
+    # x left and y up, while u grows to the right and v downwards.
+    x, y = (scenario.principal_x_px - u) / scenario.focal_px, (scenario.principal_y_px - v) / scenario.focal_px
+    corners_C = depth * np.stack((x, y, np.ones(4)), axis=1)
+    corners_W = position + Rotation.from_quat(quaternion, scalar_first=True).apply(corners_C)
+    return [np.stack((position, corners_W[i], corners_W[i - 1])) for i in range(4)] + [corners_W]
+
+
+# The room: `size` (3,) is its extent along X, Y, Z [m] --------------------------------------------------------------
+
+
+def room_planes(size: np.ndarray) -> np.ndarray:
+    """Floor, far wall (+Z) and left wall (+X), (3, 4, 3): what the viewer sees from within."""
+    signs = [
+        [(-1, -1, -1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)],
+        [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
+        [(1, -1, -1), (1, -1, 1), (1, 1, 1), (1, 1, -1)],
+    ]
+    return np.array(signs) * size / 2
+
+
+def room_edges(size: np.ndarray) -> np.ndarray:
+    """The edges (9, 2, 3) of those planes; the three that would cross the foreground are left out."""
+    edges = {
+        tuple(sorted((tuple(plane[i]), tuple(plane[i - 1])))) for plane in room_planes(size).tolist() for i in range(4)
+    }
+    return np.array(sorted(edges))
+
+
+def floor_grid(size: np.ndarray) -> np.ndarray:
+    """Lines (k, 2, 3) on the floor, 1 m apart, or as many metres as keep them fewer than about twenty."""
+    spacing = max(1.0, np.ceil(max(size) / 20))
+    half_x, floor, half_z = size[0] / 2, -size[1] / 2, size[2] / 2
+    xs, zs = (np.arange(np.ceil(-half / spacing), half / spacing) * spacing for half in (half_x, half_z))
+    along_z = [[(x, floor, -half_z), (x, floor, half_z)] for x in xs]
+    along_x = [[(-half_x, floor, z), (half_x, floor, z)] for z in zs]
+    return np.array(along_z + along_x)
+
+
+def room_labels(size: np.ndarray) -> list[tuple[np.ndarray, str, str]]:
+    """(place (3,), text, horizontal alignment) of the lengths, beside the near edges."""
+    half, off = size / 2, 0.025 * max(size)
+    return [
+        (np.array([0, -half[1], -half[2] - off]), f"X  {size[0]:g} m", "right"),
+        (np.array([-half[0] - off, -half[1], 0]), f"Z  {size[2]:g} m", "left"),
+        (np.array([half[0], -half[1] - 0.6 * off, -half[2]]), f"Y  {size[1]:g} m", "center"),
+    ]

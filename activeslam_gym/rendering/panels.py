@@ -1,0 +1,306 @@
+"""What matplotlib draws: the map, the camera's image, the entropy, and the scores of the actions.
+
+A panel's artists are made once and moved from frame to frame. The only module that imports matplotlib at its top; so it
+is itself imported when something is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgba_array
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from activeslam_gym.rendering import geometry, scene
+from activeslam_gym.rendering.geometry import screen_from_world
+from activeslam_gym.rendering.scene import (
+    CAMERA,
+    ELLIPSOID_SIGMAS,
+    EXPECTED,
+    FIDUCIAL,
+    FLOOR,
+    GATE_SIGMAS,
+    GRID,
+    INITIALISED,
+    MAPPED,
+    MUTED,
+    TEXT,
+    TRUTH,
+    WALL,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+    from activeslam_gym.envs.views import Snapshot
+
+
+class MapPanel:
+    """The room, the belief's landmarks with their ellipsoids, the truth, both trajectories and both cameras."""
+
+    def __init__(self, axes: Axes):
+        axes.set_axis_off()
+        self._axes = axes
+        self._room_size = np.zeros(3)
+        self._room_artists: list[Any] = []
+        self._plumbs = _added(axes, LineCollection([], colors=EXPECTED, linewidths=0.5, zorder=2))
+        self._shadow = _line(axes, color=EXPECTED, linewidth=1.0, zorder=2)
+        self._expected = _markers(axes, ".", color=EXPECTED, markersize=5.0, zorder=3)
+        self._outlines = _added(axes, PolyCollection([], linewidths=0.9, zorder=4))
+        self._circles = _added(axes, LineCollection([], linewidths=0.45, zorder=4))
+        self._fiducials = _markers(axes, "s", color=FIDUCIAL, markeredgecolor=TRUTH, markeredgewidth=0.6, zorder=5)
+        self._true_landmarks = _markers(axes, "x", color=TRUTH, markersize=4.0, markeredgewidth=0.9, zorder=6)
+        self._true_path = _line(axes, color=TRUTH, linewidth=0.9, linestyle=(0, (4, 2)), zorder=7)
+        self._path = _line(axes, color=CAMERA, linewidth=1.5, zorder=7)
+        self._frustums = _added(axes, PolyCollection([], linewidths=[0.7] * 5 + [1.2] * 5, joinstyle="round", zorder=8))
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Moves the artists; builds the room again where its size has changed."""
+        if not np.array_equal(self._room_size, snapshot.room_size):
+            self._build_room(np.array(snapshot.room_size, dtype=float))
+        for artist, points in (
+            (self._expected, snapshot.expected_landmarks),
+            (self._fiducials, snapshot.fiducials),
+            (self._true_landmarks, snapshot.true_landmarks),
+            (self._true_path, snapshot.true_trajectory),
+            (self._path, snapshot.estimated_trajectory),
+            (self._shadow, self._on_floor(snapshot.estimated_trajectory)),
+        ):
+            artist.set_data(*screen_from_world(points).T)
+        self._update_ellipsoids(snapshot)
+        self._update_frustums(snapshot)
+        self._fit_room()
+
+    def _update_ellipsoids(self, snapshot: Snapshot) -> None:
+        """Outline and three great circles for each landmark and for the camera, far ones first."""
+        means, covariances, colours = scene.believed_points(snapshot)
+        order = np.argsort(means @ geometry.TOWARDS_VIEWER)
+        means, covariances, colours = means[order], covariances[order], colours[order]
+        self._outlines.set_verts(geometry.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS))
+        self._outlines.set_facecolor(_faded(colours, 0.16))
+        self._outlines.set_edgecolor(_faded(colours, 0.95))
+        self._circles.set_segments(screen_from_world(geometry.great_circles(means, covariances, ELLIPSOID_SIGMAS)))
+        self._circles.set_color(_faded(np.repeat(colours, 3), 0.55))
+        self._plumbs.set_segments(screen_from_world(np.stack((means, self._on_floor(means)), axis=1)))
+
+    def _update_frustums(self, snapshot: Snapshot) -> None:
+        """The truth in faint black, then the estimate over it (left out where a lost filter has none)."""
+        depth = 0.3 * min(snapshot.room_size)
+        faces: list[np.ndarray] = []
+        styles: list[tuple[str, float, float]] = []
+        for position, quaternion, style in (
+            (snapshot.true_position, snapshot.true_quaternion, (TRUTH, 0.0, 0.4)),
+            (snapshot.position, snapshot.quaternion, (CAMERA, 0.10, 1.0)),
+        ):
+            if np.isfinite(position).all() and np.isfinite(quaternion).all():
+                faces += geometry.camera_frustum(snapshot.scenario, snapshot.image_size, position, quaternion, depth)
+                styles += [style] * 5
+        colours, face_alpha, edge_alpha = zip(*styles)
+        self._frustums.set_verts([screen_from_world(face) for face in faces])
+        self._frustums.set_facecolor(_faded(colours, face_alpha))
+        self._frustums.set_edgecolor(_faded(colours, edge_alpha))
+
+    def _on_floor(self, points: np.ndarray) -> np.ndarray:
+        """The feet of points (n, 3) on the floor."""
+        floor = -self._room_size[1] / 2
+        return np.reshape(points, (-1, 3)) * (1, 0, 1) + (0, floor, 0)
+
+    def _build_room(self, size: np.ndarray) -> None:
+        """Floor with a grid of 1 m (coarser in a hall), the two far walls, the near edges, the lengths."""
+        for artist in self._room_artists:
+            artist.remove()
+        self._room_size = size
+        planes, grid, edges = (
+            list(screen_from_world(part(size)))
+            for part in (geometry.room_planes, geometry.floor_grid, geometry.room_edges)
+        )
+        self._room_artists = [
+            _added(self._axes, PolyCollection(planes, facecolors=[FLOOR, WALL, WALL], zorder=0)),
+            _added(self._axes, LineCollection(grid, colors=GRID, linewidths=0.6, zorder=1)),
+            _added(self._axes, LineCollection(edges, colors=EXPECTED, linewidths=0.8, zorder=1)),
+        ]
+        for place, text, alignment in geometry.room_labels(size):
+            x, y = screen_from_world(place)
+            self._room_artists.append(self._axes.text(x, y, text, color=MUTED, size=7.5, ha=alignment, va="top"))
+
+    def _fit_room(self) -> None:
+        """Centres the room, with one scale on both axes whatever the shape of the panel (a window may be resized)."""
+        corners = screen_from_world(geometry.room_edges(self._room_size)).reshape(-1, 2)
+        centre, extent = (corners.max(0) + corners.min(0)) / 2, 1.09 * np.ptp(corners, axis=0)
+        panel = np.array([self._axes.bbox.width, self._axes.bbox.height])
+        half = panel * np.max(extent / panel) / 2
+        self._axes.set(xlim=centre[0] + half[0] * np.array([-1, 1]), ylim=centre[1] + half[1] * np.array([-1, 1]))
+
+
+class ImagePanel:
+    """What the camera sees (u to the right, v down), what was predicted, and the command."""
+
+    def __init__(self, axes: Axes):
+        axes.set(xticks=[], yticks=[], facecolor=WALL, aspect="equal", anchor="S")
+        axes.set_title("Camera image", loc="left", size=9.5, pad=6)
+        self._axes = axes
+        self._gates = _added(
+            axes, PolyCollection([], facecolors=_faded([MAPPED], 0.10), edgecolors=MAPPED, linewidths=0.9)
+        )
+        self._detections = _markers(axes, "o", color=TRUTH, markersize=3.2, zorder=4)
+        self._gaze = _markers(axes, "<", color=CAMERA, markersize=9, zorder=5, clip_on=False)
+        self._command = axes.text(0.5, -0.055, "", transform=axes.transAxes, size=9.5, weight="bold", color=CAMERA,
+                                  ha="center", va="top")  # fmt: skip
+        _legend_above(axes, {"detected": _key("o", TRUTH, 3.2), "predicted, 3σ": _key("o", MAPPED, 7, fill=False)})
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Moves the artists to the snapshot."""
+        width, height = (float(pixels) for pixels in snapshot.image_size)
+        self._axes.set(xlim=(0, width), ylim=(height, 0))
+        self._gates.set_verts(geometry.ellipses(*scene.predicted_pixels(snapshot), GATE_SIGMAS))
+        self._detections.set_data(*np.reshape(snapshot.detections, (-1, 2)).T)
+        self._command.set_text(scene.command_text(snapshot.motion.name, snapshot.gaze.name))
+        marker, place = {"LEFT": ("<", 0.035), "RIGHT": (">", 0.965)}.get(snapshot.gaze.name, ("", 0.5))
+        self._gaze.set_marker(marker)
+        self._gaze.set_data([place * width], [height / 2])
+
+
+class EntropyPanel:
+    """The entropy so far in bits, and when landmarks became mapped."""
+
+    def __init__(self, axes: Axes):
+        axes.spines[["top", "right"]].set_visible(False)
+        self._title = axes.set_title("Entropy", loc="left", size=9.5, pad=6)
+        axes.set_ylabel("bits", size=8, labelpad=1)
+        axes.set_xlabel("time (s)", size=8, labelpad=2)
+        axes.xaxis.set_major_locator(MaxNLocator(7))
+        axes.yaxis.set_major_locator(MaxNLocator(4))
+        axes.tick_params(labelcolor=TEXT)
+        self._axes = axes
+        self._marks = _added(
+            axes, LineCollection([], colors=INITIALISED, linewidths=0.8, transform=axes.get_xaxis_transform(), zorder=1)
+        )
+        self._curve = _line(axes, color=MAPPED, linewidth=1.6, zorder=3)
+        self._now = _markers(axes, "o", color=MAPPED, markersize=4.5, zorder=4, clip_on=False)
+        self._nothing = axes.text(
+            0.5, 0.5, "no history kept", transform=axes.transAxes, color=MUTED, ha="center", va="center"
+        )
+        _legend_above(axes, {"landmark mapped": _key("|", INITIALISED, 8)})
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Moves the curve; the axis of time spans the whole episode, so that frames compare."""
+        times, entropy = np.reshape(snapshot.times, -1), np.reshape(snapshot.entropy, -1)
+        finite = np.isfinite(entropy)
+        times, entropy = times[finite], entropy[finite]
+        self._curve.set_data(times, entropy)
+        self._now.set_data(times[-1:], entropy[-1:])
+        self._marks.set_segments([[(time, 0), (time, 1)] for time in np.reshape(snapshot.landmark_times, -1)])
+        self._axes.set_xlim(0, max(snapshot.duration, snapshot.time, 1e-3))
+        self._nothing.set_visible(len(entropy) == 0)
+        self._axes.yaxis.set_visible(len(entropy) > 0)
+        self._title.set_text(f"Entropy   {entropy[-1]:.0f} bits".replace("-", "−") if len(entropy) else "Entropy")
+        if len(entropy):
+            pad = 0.08 * max(np.ptp(entropy), 10.0)
+            self._axes.set_ylim(entropy.min() - pad, entropy.max() + pad)
+
+
+class ScorePanel:
+    """A bar for each action under each of two criteria; the chosen actions are marked, the best numbers bold.
+
+    Actions come in groups (motions, gazes), each with a scale of its own: they look ahead over different times.
+    """
+
+    _COLUMNS = ((0.30, 0.27), (0.66, 0.27))
+    """Left edge and width of the two columns."""
+
+    def __init__(self, figure: Figure | SubFigure, groups: Sequence[Sequence[str]]):
+        figure.set_facecolor("white")
+        figure.text(0.02, 0.952, "What each action promises", size=11.5, weight="bold", va="center")
+        self._caption = figure.text(0.02, 0.062, "", size=9.5, va="center", wrap=True)
+        self._group = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
+        places = -np.arange(len(self._group)) - 0.6 * self._group
+        self._columns = []
+        for left, width in self._COLUMNS:
+            axes = figure.add_axes((left, 0.115, width, 0.745))
+            axes.set(yticks=[], xticks=[], xlim=(0.0, 1.45), ylim=(places[-1] - 0.6, 0.6))
+            axes.spines[["top", "right", "bottom"]].set_visible(False)
+            bars = list(axes.barh(places, np.zeros(len(places)), height=0.62))
+            numbers = [axes.text(0.0, y, "", size=7.5, va="center") for y in places]
+            self._columns.append((axes, bars, numbers))
+        first = self._columns[0][0]
+        names = [name for group in groups for name in group]
+        self._names = [
+            first.text(-0.06, y, name, size=8, ha="right", va="center") for y, name in zip(places, names, strict=True)
+        ]
+
+    def update(self, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
+        """Moves the bars, of titles and values (n,) of all groups in a row."""
+        marked = set(chosen)
+        for (axes, bars, numbers), (title, values) in zip(self._columns, scores.items(), strict=True):
+            axes.set_title(title, loc="left", size=8, pad=4)
+            finite = np.where(np.isfinite(values), values, 0.0)
+            greatest = np.array([finite[self._group == group].max() for group in self._group])
+            lengths = np.maximum(finite, 0.0) / np.maximum(greatest, 1e-12)
+            for i, (bar, number) in enumerate(zip(bars, numbers, strict=True)):
+                bar.set_width(lengths[i])
+                bar.set_color(CAMERA if i in marked else INITIALISED)
+                number.set_text(f"{values[i]:.3g}")
+                number.set_x(lengths[i] + 0.04)
+                number.set_fontweight("bold" if finite[i] == greatest[i] else "normal")
+        for i, name in enumerate(self._names):
+            name.set_color(CAMERA if i in marked else TEXT)
+            name.set_fontweight("bold" if i in marked else "normal")
+        self._caption.set_text(caption)
+
+
+def _added(axes: Axes, collection: Any) -> Any:
+    """The collection, on these axes (what `add_collection` returns, without its narrower type)."""
+    axes.add_collection(collection)
+    return collection
+
+
+def _line(axes: Axes, **properties: Any):
+    """A line without points yet."""
+    return axes.plot([], [], **properties)[0]
+
+
+def _markers(axes: Axes, marker: str, **properties: Any):
+    """Markers without points yet."""
+    return axes.plot([], [], marker, **({"markersize": 5.5} | properties))[0]
+
+
+def _key(
+    marker: str, colour: str, size: float, *, fill: bool = True, edge: str | None = None, line: Any = "none"
+) -> Line2D:
+    """A sample for a legend."""
+    face = _faded([colour], 0.18)[0] if not fill else colour
+    return Line2D([], [], marker=marker, color=colour, markersize=size, linestyle=line, markerfacecolor=face,
+                  markeredgecolor=edge or colour, markeredgewidth=0.9)  # fmt: skip
+
+
+def _legend_above(axes: Axes, samples: dict[str, Line2D]) -> None:
+    """The samples by their labels, in a row at the right over a panel."""
+    axes.legend(list(samples.values()), list(samples), loc="lower right", bbox_to_anchor=(1.015, 0.99), frameon=False,
+                fontsize=7, ncols=len(samples), columnspacing=1.0, handletextpad=0.1, borderpad=0.2)  # fmt: skip
+
+
+def map_legend() -> dict[str, list]:
+    """Handles and labels, column by column: the belief, the truth, the prior, the camera."""
+    entries = {
+        "mapped landmark, 2σ": _key("o", MAPPED, 8, fill=False),
+        "being initialised, 2σ": _key("o", INITIALISED, 8, fill=False),
+        "true landmark": _key("x", TRUTH, 4.5),
+        "expected landmark": _key(".", EXPECTED, 6),
+        "fiducial": _key("s", FIDUCIAL, 5.5, edge=TRUTH),
+        "floor shadow": _key("", EXPECTED, 1, line="-"),
+        "estimated camera": _key("", CAMERA, 1, line="-"),
+        "true camera": _key("", TRUTH, 1, line=(0, (4, 2))),
+    }
+    return {"handles": list(entries.values()), "labels": list(entries)}
+
+
+def _faded(colours, alpha) -> np.ndarray:
+    """RGBA (n, 4) of colour names with an opacity, one or one each."""
+    rgba = to_rgba_array(list(colours))
+    rgba[:, 3] = alpha
+    return rgba

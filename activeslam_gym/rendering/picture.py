@@ -1,0 +1,118 @@
+"""The picture of a snapshot: three panels on one figure, and that figure as an array of pixels."""
+
+from __future__ import annotations
+
+import functools
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+
+from activeslam_gym.rendering.scene import MUTED, TEXT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+    from activeslam_gym.envs.views import Snapshot
+
+REFERENCE_SIZE = (960, 640)
+"""Pixels at which the lettering has its nominal size; other sizes scale it."""
+
+_STYLE = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8.0,
+    "text.color": TEXT,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.7,
+    "axes.labelcolor": TEXT,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+}
+
+
+def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE) -> np.ndarray:
+    """The picture of a snapshot, (H, W, 3) uint8, for size = (W, H) in pixels.
+
+    Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
+    """
+    width, height = (int(pixels) for pixels in size)
+    picture = _offscreen_picture(width, height)
+    picture.update(snapshot)
+    canvas: Any = picture.figure.canvas
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+class Picture:
+    """Three panels on one figure, whose artists are kept from frame to frame."""
+
+    def __init__(self, figure: Figure | SubFigure):
+        self.figure = figure
+        with our_style():
+            from activeslam_gym.rendering.panels import EntropyPanel, ImagePanel, MapPanel, map_legend
+
+            figure.set_facecolor("white")
+            self._title = figure.text(0.022, 0.952, "", size=11.5, weight="bold", va="center")
+            self._summary = figure.text(0.977, 0.952, "", size=9.5, va="center", ha="right")
+            self._panels = (
+                MapPanel(figure.add_axes((0.012, 0.115, 0.625, 0.79))),
+                ImagePanel(figure.add_axes((0.682, 0.530, 0.295, 0.332))),
+                EntropyPanel(figure.add_axes((0.682, 0.115, 0.295, 0.275))),
+            )
+            figure.legend(**map_legend(), loc="center", bbox_to_anchor=(0.325, 0.062), frameon=False, fontsize=7.5,
+                          ncols=4, columnspacing=1.8, handletextpad=0.6, labelspacing=0.55)  # fmt: skip
+
+    def update(self, snapshot: Snapshot) -> None:
+        """Moves every artist to the snapshot; the caller draws the canvas."""
+        error_cm = 100 * np.linalg.norm(snapshot.position - snapshot.true_position)
+        self._title.set_text(f"Active SLAM   t = {snapshot.time:.1f} s")
+        self._summary.set_text(
+            f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)} landmarks mapped"
+            f"   ·   position error {error_cm:.1f} cm"
+        )
+        for panel in self._panels:
+            panel.update(snapshot)
+
+
+def the_matplotlib() -> ModuleType:
+    """The library, or an error that says how to get it."""
+    try:
+        import matplotlib
+        import matplotlib.style
+    except ImportError as error:
+        raise gymnasium.error.DependencyNotInstalled(
+            'matplotlib is needed to render: pip install "activeslam-gym[plot]"'
+        ) from error
+    return matplotlib
+
+
+def our_style() -> Any:
+    """A context in which new artists have our lettering, whatever the user's settings are, and leave these alone."""
+    return the_matplotlib().style.context(["default", _STYLE])
+
+
+def figure_shape(width: int, height: int) -> dict[str, Any]:
+    """matplotlib's figsize (inches) and dpi for a size in pixels."""
+    dpi = 100 * min(width / REFERENCE_SIZE[0], height / REFERENCE_SIZE[1])
+    # A thousandth of a pixel more, since the canvas truncates.
+    return {"figsize": ((width + 1e-3) / dpi, (height + 1e-3) / dpi), "dpi": dpi}
+
+
+@functools.lru_cache(maxsize=4)
+def _offscreen_picture(width: int, height: int) -> Picture:
+    """The picture of a size in pixels, kept: building a figure costs more than drawing one."""
+    the_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(**figure_shape(width, height))
+    FigureCanvasAgg(figure)
+    return Picture(figure)

@@ -1,0 +1,59 @@
+"""What is shown of a snapshot, and in which colours; no drawing library needed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from activeslam_gym.envs.views import Snapshot
+
+# Okabe and Ito's colours, safe for colour-blind readers: blue is believed, black is true, vermillion is the camera.
+MAPPED, INITIALISED, EXPECTED = "#0072B2", "#7CC4F0", "#B0B4B8"
+TRUTH, FIDUCIAL, CAMERA = "#1A1A1A", "#E69F00", "#D55E00"
+TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F9FAFB"
+
+ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0
+"""Standard deviations drawn: of a landmark in the map, of a prediction in the image."""
+
+CAMERA_DIMENSION = 12
+"""Rows of the camera in the snapshot's covariance; three of each landmark follow."""
+
+
+def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The landmarks and, last, the camera: means (n, 3) [m], covariances (n, 3, 3) [m²] and colours (n,).
+
+    What a lost filter has no finite belief of is left out.
+    """
+    means = np.concatenate((np.reshape(snapshot.landmarks, (-1, 3)), snapshot.position[None]))
+    covariances = np.concatenate((landmark_covariances(snapshot.covariance), snapshot.covariance[None, :3, :3]))
+    colours = np.array([MAPPED if mapped else INITIALISED for mapped in snapshot.mapped] + [CAMERA])
+    finite = are_finite(means, covariances)
+    return means[finite], covariances[finite], colours[finite]
+
+
+def predicted_pixels(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray]:
+    """Where detections were predicted, as far as finite: means (m, 2) [px] and covariances (m, 2, 2) [px²]."""
+    means = np.reshape(snapshot.predicted, (-1, 2))
+    covariances = np.reshape(snapshot.predicted_covariance, (-1, 2, 2))
+    finite = are_finite(means, covariances)
+    return means[finite], covariances[finite]
+
+
+def landmark_covariances(covariance: np.ndarray) -> np.ndarray:
+    """The landmarks' own blocks (n, 3, 3), m², of the joint covariance (12 + 3n, 12 + 3n)."""
+    part = covariance[CAMERA_DIMENSION:, CAMERA_DIMENSION:]
+    count = len(part) // 3
+    return part.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count), :]
+
+
+def are_finite(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """Which (n,) of the means (n, d) and covariances (n, d, d) have no NaN and no infinity."""
+    return np.isfinite(means).all(1) & np.isfinite(covariances).all((1, 2))
+
+
+def command_text(motion: str, gaze: str) -> str:
+    """'⊗ FORWARD · gaze LEFT': an arrow as seen in the image, ⊗ into it and ⊙ out of it, and the command's names."""
+    arrow = {"FORWARD": "⊗ ", "BACKWARDS": "⊙ ", "RIGHT": "→ ", "LEFT": "← ", "UP": "↑ ", "DOWN": "↓ "}.get(motion, "")
+    return f"{arrow}{motion} · gaze {gaze}"

@@ -1,0 +1,130 @@
+"""Windows on the screen: one to watch an episode in, and one to fly in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+
+from activeslam_gym.rendering.picture import REFERENCE_SIZE, Picture, figure_shape, our_style, the_matplotlib
+
+if TYPE_CHECKING:
+    from activeslam_gym.envs.views import Snapshot
+
+COCKPIT_SIZE = (1360, 640)
+"""Pixels of the window to fly in: the picture, and the actions' scores beside it."""
+
+
+class Window:
+    """A window on the screen. A user who closes it is not shown another: the run goes on without."""
+
+    def __init__(self, size: tuple[int, int] = REFERENCE_SIZE):
+        self.size = size
+        self._figure: Any = None
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Draws the snapshot now; the first call opens the window.
+
+        Raises gymnasium.error.Error where there is no screen, DependencyNotInstalled where matplotlib is missing.
+        """
+        if self._figure is None:
+            figure = _figure_on_screen(
+                self.size, "render_mode='human' needs a screen and none was found; use render_mode='rgb_array' instead"
+            )
+            self._picture, self._figure = Picture(figure), figure
+        if _is_open(self._figure):
+            self._picture.update(snapshot)
+            self._figure.canvas.draw()
+            self._figure.canvas.flush_events()
+
+    def close(self) -> None:
+        """Closes the window; harmless where none is open."""
+        if self._figure is not None:
+            _pyplot().close(self._figure)
+        self._figure = None
+
+
+class Cockpit:
+    """A window to fly in: the picture, what every action promises, and the keys that are pressed in it.
+
+    Args:
+        actions: A label for each score, in groups.
+        size: Of the window in pixels.
+
+    Raises:
+        gymnasium.error.Error: there is no screen.
+        gymnasium.error.DependencyNotInstalled: matplotlib is missing.
+    """
+
+    def __init__(self, actions: Sequence[Sequence[str]], size: tuple[int, int] = COCKPIT_SIZE):
+        self._figure = figure = _figure_on_screen(size, "flying by hand needs a screen and none was found")
+        with our_style():
+            from activeslam_gym.rendering.panels import ScorePanel
+
+            ratios = (REFERENCE_SIZE[0], COCKPIT_SIZE[0] - REFERENCE_SIZE[0])
+            left, right = figure.subfigures(1, 2, width_ratios=ratios)
+            self._picture = Picture(left)
+            self._scores = ScorePanel(right, actions)
+        self._pressed: list[str] = []
+        own_keys = getattr(figure.canvas.manager, "key_press_handler_id", None)
+        if own_keys is not None:  # matplotlib's own, among them the arrows and "q"
+            figure.canvas.mpl_disconnect(own_keys)
+        figure.canvas.mpl_connect(
+            "key_press_event", lambda event: self._pressed.append(getattr(event, "key", "") or "")
+        )
+
+    @property
+    def is_open(self) -> bool:
+        """False once the user has closed the window."""
+        return _is_open(self._figure)
+
+    def show(self, snapshot: Snapshot, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
+        """Draws now: the scores (n,) of all actions by their title, the chosen actions marked, and a line of text."""
+        if self.is_open:
+            self._picture.update(snapshot)
+            self._scores.update(scores, chosen, caption)
+            self._figure.canvas.draw()
+
+    def keys(self, seconds: float) -> list[str]:
+        """The keys pressed since the last call, after waiting so long for more; matplotlib's names."""
+        if self.is_open:
+            self._figure.canvas.start_event_loop(seconds)
+        pressed, self._pressed = self._pressed, []
+        return pressed
+
+    def close(self) -> None:
+        """Closes the window; harmless where it is closed."""
+        _pyplot().close(self._figure)
+
+
+def _pyplot() -> ModuleType:
+    """matplotlib's interface with windows."""
+    the_matplotlib()
+    import matplotlib.pyplot
+
+    return matplotlib.pyplot
+
+
+def _is_open(figure: Any) -> bool:
+    """Whether the user has left the figure's window open."""
+    return bool(_pyplot().fignum_exists(figure.number))
+
+
+def _figure_on_screen(size: tuple[int, int], hint: str) -> Any:
+    """A figure in a window of its own; where none can be opened, an error that says `hint`."""
+    pyplot = _pyplot()
+    from matplotlib.backend_bases import FigureManagerBase
+
+    try:
+        figure = pyplot.figure(**figure_shape(*size))
+    except Exception as error:  # each GUI toolkit has its own way to say that there is no screen
+        raise gymnasium.error.Error(hint) from error
+    if type(figure.canvas.manager) is FigureManagerBase:  # a backend without windows, such as Agg
+        pyplot.close(figure)
+        raise gymnasium.error.Error(hint)
+    figure.canvas.manager.set_window_title("Active SLAM")
+    figure.show()
+    return figure

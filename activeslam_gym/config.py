@@ -1,4 +1,6 @@
-"""Scenarios: every physical and filter setting of an experiment, as one frozen dataclass with units.
+"""Scenarios: every physical and filter setting of an experiment, as one frozen dataclass with units and bounds.
+
+A field's type is its bound too: ``PositiveFloat``, ``Probability``, ... are defined above `Scenario`.
 
 Angles are in radians, lengths in metres and times in seconds unless a suffix says otherwise. World axes: Y is up, X and
 Z are horizontal, the origin is the centre of the room. Camera axes: x left, y up, z forward (the paper's equation 1).
@@ -9,13 +11,64 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 DEPTH_PARTICLES = "depth_particles"
 INVERSE_DEPTH = "inverse_depth"
 INITIALISATIONS = (DEPTH_PARTICLES, INVERSE_DEPTH)
+
+
+class Bound(NamedTuple):
+    """What a field may be."""
+
+    allowed: str
+    """In words: "scenario.pixel_std must be <allowed>"."""
+    holds: Callable[[Any], bool]
+    """Of a value of any type. Where a field has several bounds, it is asked only if those to the left hold."""
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is an int or a float, finite, and not so large that it is no float."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def _number(allowed: str, holds: Callable[[Any], bool] = lambda x: True) -> Bound:
+    return Bound(allowed, lambda value: is_number(value) and holds(value))
+
+
+def _positive_numbers(count: int) -> Bound:
+    def holds(value: Any) -> bool:
+        return isinstance(value, tuple) and len(value) == count and all(map(_POSITIVE.holds, value))
+
+    return Bound(f"{count} positive numbers", holds)
+
+
+def _one_of(*words: str) -> Bound:
+    return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
+
+
+_WHOLE = _number("a whole number", lambda x: isinstance(x, int))
+_POSITIVE = _number("a positive number", lambda x: x > 0)
+_NOT_NEGATIVE = _number("zero or a positive number", lambda x: x >= 0)
+_POSITIVE_OR_NONE = Bound("a positive number or None", lambda value: value is None or _POSITIVE.holds(value))
+_INCREASING = Bound("in increasing order", lambda pair: pair[0] < pair[1])
+
+FiniteFloat = Annotated[float, _number("a finite number")]
+PositiveFloat = Annotated[float, _POSITIVE]
+NonNegativeFloat = Annotated[float, _NOT_NEGATIVE]
+PositiveFloatOrNone = Annotated[float | None, _POSITIVE_OR_NONE]
+Probability = Annotated[float, _number("in [0, 1)", lambda x: 0 <= x < 1)]
+PositiveXYZ = Annotated[tuple[float, float, float], _positive_numbers(3)]
+PositiveRange = Annotated[tuple[float, float], _positive_numbers(2), _INCREASING]
+PositiveInt = Annotated[int, _WHOLE, _POSITIVE]
+NonNegativeInt = Annotated[int, _WHOLE, _NOT_NEGATIVE]
+TwoOrMore = Annotated[int, _WHOLE, _number("at least 2", lambda x: x >= 2)]
+Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
+String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
+Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
 
 
 @dataclass(frozen=True)
@@ -26,128 +79,138 @@ class Scenario:
         ValueError: a field is outside its range; the message names the field, its value and what is allowed.
     """
 
-    name: str = "paper"
+    name: String = "paper"
     """What the scenario is called in tables."""
 
     # The room -------------------------------------------------------------------------------------------------------
-    room_size: tuple[float, float, float] = (6.0, 2.0, 6.0)
+    room_size: PositiveXYZ = (6.0, 2.0, 6.0)
     """Extent along X, Y (height) and Z [m]."""
-    landmark_count: int = 27
+    landmark_count: PositiveInt = 27
     """Unknown point landmarks, uniform in the room."""
-    fiducial_count: int = 6
+    fiducial_count: NonNegativeInt = 6
     """Points of known position, in view of the first pose."""
-    fiducial_distance: tuple[float, float] = (1.2, 2.0)
+    fiducial_distance: PositiveRange = (1.2, 2.0)
     """Nearest and farthest depth of a fiducial from the first pose [m]."""
-    goal_margin: float = 0.4
+    goal_margin: NonNegativeFloat = 0.4
     """Goals are clipped to stay this far from the walls [m]."""
-    wall_margin: float = 0.1
+    wall_margin: NonNegativeFloat = 0.1
     """The physical wall: the camera's centre comes no closer [m]."""
 
     # The camera -----------------------------------------------------------------------------------------------------
-    frame_time: float = 0.05
+    frame_time: PositiveFloat = 0.05
     """Time between images [s]."""
-    image_width: int = 320
+    image_width: PositiveInt = 320
     """[px]"""
-    image_height: int = 240
+    image_height: PositiveInt = 240
     """[px]"""
-    focal_px: float = 195.0
+    focal_px: PositiveFloat = 195.0
     """f k_u = f k_v [px]."""
-    principal_x_px: float = 162.0
+    principal_x_px: FiniteFloat = 162.0
     """u0 [px]."""
-    principal_y_px: float = 125.0
+    principal_y_px: FiniteFloat = 125.0
     """v0 [px]."""
-    distortion: float = 1.8e-5
+    distortion: NonNegativeFloat = 1.8e-5
     """K_d of equation 1 [1/px^2]."""
-    minimum_depth: float = 0.1
+    minimum_depth: PositiveFloat = 0.1
     """Points nearer than this along the optical axis are not seen [m]."""
-    pixel_std: float = 2.0
+    pixel_std: PositiveFloat = 2.0
     """Standard deviation of the image noise, each axis [px]."""
-    missed_detection_probability: float = 0.0
+    missed_detection_probability: Probability = 0.0
     """Chance that a visible point yields no detection in a frame."""
-    clutter_rate: float = 0.0
+    clutter_rate: NonNegativeFloat = 0.0
     """Mean number of false detections in a frame (Poisson, uniform in the image)."""
 
     # The motion -----------------------------------------------------------------------------------------------------
-    step_length: float = 0.3
+    step_length: PositiveFloat = 0.3
     """Length of one commanded translation [m]."""
-    turn_rate: float = 0.2
+    turn_rate: PositiveFloat = 0.2
     """Rate of a commanded turn about the vertical [rad/s]."""
-    controller_frequency: float = 5.8
+    controller_frequency: PositiveFloat = 5.8
     """Natural frequency of the critically damped PD controller [rad/s]."""
-    rate_loop_time: float = 0.1
+    rate_loop_time: PositiveFloat = 0.1
     """Time constant of the loop on the angular velocity [s]."""
-    acceleration_std: float = 0.5
+    acceleration_std: NonNegativeFloat = 0.5
     """True disturbance of the linear acceleration, each axis, held for a frame [m/s^2]."""
-    angular_acceleration_std: float = 0.5
+    angular_acceleration_std: NonNegativeFloat = 0.5
     """True disturbance of the angular acceleration, each axis, held for a frame [rad/s^2]."""
-    filter_acceleration_std: float | None = None
+    filter_acceleration_std: PositiveFloatOrNone = None
     """What the filter assumes [m/s^2]; None: the truth."""
-    filter_angular_acceleration_std: float | None = None
+    filter_angular_acceleration_std: PositiveFloatOrNone = None
     """What the filter assumes [rad/s^2]; None: the truth."""
-    command_known: bool = True
+    command_known: Switch = True
     """Whether the filter knows the commanded acceleration (False: it assumes zero, as with a hand-held camera)."""
-    scripted_gaze_amplitude: float = 0.0
+    scripted_gaze_amplitude: NonNegativeFloat = 0.0
     """If positive, the gaze swings by this angle to each side by itself and gaze actions have no effect [rad]."""
-    scripted_gaze_period: float = 20.0
+    scripted_gaze_period: PositiveFloat = 20.0
     """Period of that swing [s]."""
 
     # The prior ------------------------------------------------------------------------------------------------------
-    position_std: tuple[float, float, float] = (0.06, 0.046, 0.06)
+    position_std: PositiveXYZ = (0.06, 0.046, 0.06)
     """Prior of the first position along X, Y, Z [m]."""
-    orientation_std: float = math.radians(2.0)
+    orientation_std: PositiveFloat = math.radians(2.0)
     """Prior of the first orientation, each axis [rad]."""
-    velocity_std: float = 0.01
+    velocity_std: PositiveFloat = 0.01
     """Prior of the first velocity, each axis [m/s]."""
-    angular_velocity_std: float = 0.01
+    angular_velocity_std: PositiveFloat = 0.01
     """Prior of the first angular velocity, each axis [rad/s]."""
-    labelled_first_match: bool = False
+    labelled_first_match: Switch = False
     """Whether the first match of the fiducials is given with its labels (needed for a large ``orientation_std``)."""
 
     # The filter -----------------------------------------------------------------------------------------------------
-    initialisation: str = INVERSE_DEPTH
+    initialisation: Initialisation = INVERSE_DEPTH
     """``inverse_depth`` (undelayed, Montiel, Civera and Davison 2006) or ``depth_particles`` (the paper's)."""
-    gate_probability: float = 0.99
+    gate_probability: Probability = 0.99
     """Mass of the chi-square gate of a match (2 dof)."""
-    birth_gate_probability: float = 0.9999
+    birth_gate_probability: Probability = 0.9999
     """A new feature must lie outside this gate of every predicted feature."""
-    birth_detections: int = 3
+    birth_detections: PositiveInt = 3
     """Consecutive detections that give birth to a feature."""
-    mapped_depth_ratio: float = 0.3
+    mapped_depth_ratio: PositiveFloat = 0.3
     """A feature is mapped when the standard deviation of its depth over its depth is under this."""
-    maximum_misses: int = 10
+    maximum_misses: PositiveInt = 10
     """A feature predicted well inside the image and not matched in so many consecutive frames is deleted."""
-    particle_count: int = 100
+    particle_count: TwoOrMore = 100
     """Depth particles of a ray."""
-    particle_depth: tuple[float, float] = (0.3, 9.0)
+    particle_depth: PositiveRange = (0.3, 9.0)
     """Nearest and farthest depth of a particle [m]."""
-    particle_prune: float = 0.05
+    particle_prune: NonNegativeFloat = 0.05
     """A particle with less than this share of the mean weight is dropped."""
-    particle_baseline: float = 0.1
+    particle_baseline: PositiveFloat = 0.1
     """Motion between two re-weightings of the same ray [m]."""
-    ray_capacity: int = 8
+    ray_capacity: PositiveInt = 8
     """Rays that may be followed at the same time."""
-    ray_age: float = 10.0
+    ray_age: PositiveFloat = 10.0
     """A ray that is no point after this time is deleted [s]."""
-    inverse_depth_mean: float = 0.5
+    inverse_depth_mean: PositiveFloat = 0.5
     """First inverse depth of a feature [1/m]."""
-    inverse_depth_std: float = 0.3
+    inverse_depth_std: PositiveFloat = 0.3
     """Its standard deviation [1/m]."""
-    inverse_depth_memory: float = 1.0
+    inverse_depth_memory: PositiveFloat = 1.0
     """An inverse-depth feature, which is no point yet, is deleted when it was not matched for so long [s]."""
-    linearity_threshold: float = 0.2
+    linearity_threshold: PositiveFloat = 0.2
     """Linearity index under which an inverse-depth feature becomes a point (Civera, Davison and Montiel 2008)."""
 
     # The policies' metrics ------------------------------------------------------------------------------------------
-    motion_criterion: str = "mutual_information"
+    motion_criterion: String = "mutual_information"
     """Criterion of the paper's strategies for motion in this scenario."""
-    amortised_decision: bool = False
+    amortised_decision: Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""
 
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):  # JSON turns tuples into lists
-            if isinstance(getattr(self, field.name), list):
-                object.__setattr__(self, field.name, tuple(getattr(self, field.name)))
-        _check(self)
+        for name, bounds in BOUNDS.items():
+            object.__setattr__(self, name, _plain(getattr(self, name)))
+            for bound in bounds:
+                self._demand(name, bound.holds(getattr(self, name)), bound.allowed)
+        self._check_together()
+
+    def _check_together(self) -> None:
+        """What binds several fields to each other."""
+        self._demand("goal_margin", 2 * self.goal_margin < min(self.room_size), "less than half of the smallest side")
+        self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
+
+    def _demand(self, name: str, holds: bool, allowed: str) -> None:
+        if not holds:
+            raise ValueError(f"scenario.{name} must be {allowed}, got {getattr(self, name)!r}")
 
     @property
     def filter_acceleration_stds(self) -> tuple[float, float]:
@@ -165,56 +228,17 @@ class Scenario:
         return x * x / 12.0, y * y / 12.0, z * z / 12.0
 
 
-_POSITIVE = (
-    "landmark_count frame_time image_width image_height focal_px minimum_depth pixel_std step_length turn_rate "
-    "controller_frequency rate_loop_time orientation_std velocity_std angular_velocity_std birth_detections "
-    "mapped_depth_ratio maximum_misses particle_baseline ray_capacity ray_age inverse_depth_mean inverse_depth_std "
-    "inverse_depth_memory linearity_threshold scripted_gaze_period"
-).split()
-_NOT_NEGATIVE = (
-    "fiducial_count distortion clutter_rate acceleration_std angular_acceleration_std goal_margin wall_margin "
-    "scripted_gaze_amplitude particle_prune"
-).split()
-_PROBABILITY = "missed_detection_probability gate_probability birth_gate_probability".split()
-_INTEGER = (
-    "landmark_count fiducial_count image_width image_height birth_detections maximum_misses particle_count ray_capacity"
-).split()
-_TRUE_OR_FALSE = "command_known labelled_first_match amortised_decision".split()
+BOUNDS: dict[str, tuple[Bound, ...]] = {
+    name: hint.__metadata__ for name, hint in get_type_hints(Scenario, include_extras=True).items()
+}
+"""The bounds of each field, as its type states them."""
 
 
-def _check(scenario: Scenario) -> None:
-    def demand(name: str, holds: bool, allowed: str) -> None:
-        if not holds:
-            raise ValueError(f"scenario.{name} must be {allowed}, got {getattr(scenario, name)!r}")
-
-    for name in _INTEGER:
-        value = getattr(scenario, name)
-        demand(name, isinstance(value, int) and not isinstance(value, bool), "a whole number")
-    for name in _POSITIVE:
-        demand(name, _is_number(getattr(scenario, name)) and getattr(scenario, name) > 0, "a positive number")
-    for name in _NOT_NEGATIVE:
-        demand(name, _is_number(getattr(scenario, name)) and getattr(scenario, name) >= 0, "zero or a positive number")
-    for name in _PROBABILITY:
-        demand(name, _is_number(getattr(scenario, name)) and 0 <= getattr(scenario, name) < 1, "in [0, 1)")
-    for name in _TRUE_OR_FALSE:
-        demand(name, isinstance(getattr(scenario, name), bool), "True or False")
-    for name in ("filter_acceleration_std", "filter_angular_acceleration_std"):
-        value = getattr(scenario, name)
-        demand(name, value is None or (_is_number(value) and value > 0), "a positive number or None")
-    for name, length in (("room_size", 3), ("position_std", 3), ("particle_depth", 2), ("fiducial_distance", 2)):
-        value = getattr(scenario, name)
-        positive = isinstance(value, tuple) and len(value) == length and all(_is_number(x) and x > 0 for x in value)
-        demand(name, positive, f"{length} positive numbers")
-    for name in ("particle_depth", "fiducial_distance"):
-        demand(name, getattr(scenario, name)[0] < getattr(scenario, name)[1], "in increasing order")
-    demand("initialisation", scenario.initialisation in INITIALISATIONS, f"one of {', '.join(INITIALISATIONS)}")
-    demand("particle_count", scenario.particle_count >= 2, "at least 2")
-    demand("goal_margin", 2 * scenario.goal_margin < min(scenario.room_size), "less than half of the smallest side")
-    demand("wall_margin", scenario.wall_margin <= scenario.goal_margin, "at most goal_margin")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+def _plain(value: Any) -> Any:
+    """The value as JSON would hold it, but for tuples: of JSON's lists, and of NumPy's scalars Python's own numbers."""
+    if isinstance(value, (list, tuple)):
+        return tuple(map(_plain, value))
+    return value.item() if getattr(value, "shape", None) == () else value
 
 
 SCENARIOS: dict[str, Scenario] = {
@@ -271,9 +295,9 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float) -> int:
     Raises:
         ValueError: ``value`` is no positive finite number, or no whole multiple of ``unit``.
     """
-    if not _is_number(value) or value <= 0:
+    if not is_number(value) or value <= 0:
         raise ValueError(f"{name} must be a positive number of seconds, got {value!r}")
-    count = round(value / unit)
+    count = round(min(value / unit, sys.float_info.max))  # the quotient of two floats may be infinite
     if count < 1 or abs(value / unit - count) > 1e-6 * count:
         raise ValueError(f"{name} must be a whole multiple of {unit_name} ({unit:g} s), got {value!r}")
     return count

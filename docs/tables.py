@@ -24,10 +24,13 @@ def scenarios() -> str:
 
 
 def fields() -> str:
-    """Every field of a scenario with its default, and the docstring under it."""
+    """Every field of a scenario with its default, its bounds, and the docstring under it."""
     told = _field_docstrings(config.Scenario)
-    rows = [(f"`{f.name}`", _shown(f.default), told[f.name]) for f in dataclasses.fields(config.Scenario)]
-    return _table(("Field", "Default", "What it is"), rows)
+    allowed = {name: ", ".join(bound.allowed for bound in bounds) for name, bounds in config.BOUNDS.items()}
+    rows = [
+        (f"`{f.name}`", _shown(f.default), allowed[f.name], told[f.name]) for f in dataclasses.fields(config.Scenario)
+    ]
+    return _table(("Field", "Default", "Allowed", "What it is"), rows)
 
 
 TABLES = {"scenarios": scenarios, "fields": fields}

@@ -1,0 +1,100 @@
+"""A scenario's fields: each within its bounds, and plain enough for JSON whatever it was given as."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from activeslam_gym.config import BOUNDS, SCENARIOS, Scenario, scenario_from, whole_multiple
+
+PAPER = asdict(Scenario())
+NUMERIC = [name for name, value in PAPER.items() if name not in ("name", "initialisation", "motion_criterion")]
+
+
+def refusal(name: str, value: Any) -> str:
+    """What is said of a value of a field."""
+    with pytest.raises(ValueError) as error:
+        Scenario(**{name: value})
+    return str(error.value)
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_every_field_has_a_bound_and_says_it(name: str) -> None:
+    for value in (object(), [object()], {}):
+        plain = tuple(value) if isinstance(value, list) else value
+        assert refusal(name, value) == f"scenario.{name} must be {BOUNDS[name][0].allowed}, got {plain!r}"
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed", "values"),
+    [
+        ("pixel_std", "a positive number", (0.0, -1.0, float("nan"), float("inf"), True, "2", None)),
+        ("wall_margin", "zero or a positive number", (-0.1, float("nan"))),
+        ("gate_probability", "in [0, 1)", (1.0, -0.1)),
+        ("principal_x_px", "a finite number", (float("nan"), float("inf"), "162")),
+        ("principal_y_px", "a finite number", (float("nan"), None)),
+        ("landmark_count", "a whole number", (2.5, 27.0, True, np.float64(27.0))),
+        ("landmark_count", "a positive number", (0, -3)),
+        ("fiducial_count", "zero or a positive number", (-1,)),
+        ("particle_count", "at least 2", (1, -1)),
+        ("filter_acceleration_std", "a positive number or None", (0.0, -1.0, False)),
+        ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(3))),
+        ("particle_depth", "in increasing order", ((9.0, 0.3), (1.0, 1.0))),
+        ("fiducial_distance", "in increasing order", ([2.0, 1.2],)),
+        ("initialisation", "one of depth_particles, inverse_depth", ("guess", 1, ["inverse_depth"])),
+        ("command_known", "True or False", (1, None, "yes")),
+        ("name", "a string", (3, None)),
+        ("motion_criterion", "a string", (3, None)),
+        ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
+        ("wall_margin", "at most goal_margin", (0.5,)),
+    ],
+)
+def test_what_is_out_of_bounds_is_named(name: str, allowed: str, values: tuple[Any, ...]) -> None:
+    for value in values:
+        assert refusal(name, value).startswith(f"scenario.{name} must be {allowed}, got ")
+
+
+@pytest.mark.parametrize("name", NUMERIC)
+def test_a_number_beyond_any_float_is_refused_like_any_other(name: str) -> None:
+    assert re.match(rf"scenario\.{name} must be .*, got 10000", refusal(name, 10**400))
+
+
+def test_a_period_beyond_any_float_is_refused_like_any_other() -> None:
+    with pytest.raises(ValueError, match="duration must be a positive number of seconds, got 10000"):
+        whole_multiple("duration", 10**400, "gaze_period", 0.05)
+    with pytest.raises(ValueError, match="duration must be a whole multiple of gaze_period"):
+        whole_multiple("duration", 1e308, "gaze_period", 0.05)
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=SCENARIOS)
+def test_json_and_numpy_hand_back_the_same_scenario(scenario: Scenario) -> None:
+    fields = asdict(scenario)
+    assert scenario_from(json.loads(json.dumps(fields))) == scenario
+
+    def as_numpy(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return [np.float64(part) for part in value]
+        return value if value is None else np.array(value)[()]
+
+    given = scenario_from({name: as_numpy(value) for name, value in fields.items()})
+    assert given == scenario
+    for name, value in asdict(given).items():
+        assert type(value) is type(fields[name])
+        assert not isinstance(value, tuple) or {type(part) for part in value} == {float}
+
+
+@pytest.mark.parametrize("number", [np.float32(2.5), np.float16(2.5), np.int16(2), np.uint8(2), np.array(2.5)])
+def test_numpy_scalars_become_plain_numbers(number: Any) -> None:
+    pixel_std = Scenario(pixel_std=number).pixel_std
+    assert pixel_std == number and type(pixel_std) in (int, float)
+
+
+def test_a_replaced_field_is_checked() -> None:
+    assert replace(Scenario(), pixel_std=np.float64(3.0)).pixel_std == 3.0
+    with pytest.raises(ValueError, match="^scenario.pixel_std must be a positive number, got 0$"):
+        replace(Scenario(), pixel_std=0)

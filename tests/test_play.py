@@ -11,7 +11,6 @@ import pytest
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.__main__ import main
-from activeslam_gym.envs.views import Snapshot
 from activeslam_gym.play import (
     GAZE_KEYS,
     HELP,
@@ -100,9 +99,9 @@ class Scripted:
     def __init__(self, *script: Iterable[str]) -> None:
         self.script: Iterator[Iterable[str]] = iter(script)
         self.is_open = True
-        self.shown: list[tuple[Snapshot, Mapping[str, np.ndarray], list[int], str]] = []
+        self.shown: list[tuple[Any, Mapping[str, np.ndarray], list[int], str]] = []
 
-    def show(self, snapshot: Snapshot, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
+    def show(self, snapshot: Any, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
         self.shown.append((snapshot, scores, list(chosen), caption))
 
     def keys(self, seconds: float) -> list[str]:
@@ -120,6 +119,13 @@ def make(**kwargs: Any) -> gym.Env:
     return gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array", **kwargs)
 
 
+def room(seed: int) -> Any:
+    """The environment itself, at the start of a room."""
+    env = make()
+    env.reset(seed=seed)
+    return env.unwrapped
+
+
 def test_it_flies_what_the_keys_say() -> None:
     cockpit = Scripted([], ["up"], [], ["left"], [])
     assert fly(make(), cockpit, seed=4) == []
@@ -129,23 +135,21 @@ def test_it_flies_what_the_keys_say() -> None:
     assert chosen == [Motion.FORWARD, len(Motion) + Gaze.LEFT]
     assert len(last.true_trajectory) == 5
 
-    env = make()
-    env.reset(seed=4)
+    core = room(4)
     for action in [(0, 2), (0, 2), (0, 1), (0, 1)]:
-        env.step(np.array(action))
-    np.testing.assert_array_equal(last.true_position, env.unwrapped.truth.position)  # type: ignore[attr-defined]
+        core.step(np.array(action))
+    np.testing.assert_array_equal(last.true_position, core.truth.position)
 
 
 def test_each_action_s_scores_are_shown_of_the_present_moment() -> None:
     cockpit = Scripted(["right"], [])
     fly(make(), cockpit, seed=4)
-    env = make()
-    env.reset(seed=4)
+    core = room(4)
     for step in range(2):
-        for title, values in action_scores(env.unwrapped).items():
+        for title, values in action_scores(core).items():
             np.testing.assert_array_equal(cockpit.shown[step][1][title], values)
             assert values.shape == (10,) and values.max() > 0.0
-        env.step(np.array([6, 0]))
+        core.step(np.array([6, 0]))
 
 
 def test_a_pause_holds_the_time_and_a_single_step_moves_it() -> None:
@@ -160,9 +164,7 @@ def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
     assert len(told) == 1
     assert told[0].startswith("Room 7: ") and "bits removed" in told[0]
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]
-    env = make()
-    env.reset(seed=8)
-    np.testing.assert_array_equal(cockpit.shown[-1][0].true_landmarks, env.unwrapped.truth.landmarks)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(cockpit.shown[-1][0].true_landmarks, room(8).truth.landmarks)
 
 
 def test_a_lost_run_is_called_lost() -> None:
@@ -172,22 +174,6 @@ def test_a_lost_run_is_called_lost() -> None:
 
 
 # The window and the command line ------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def screen(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A stand-in for a GUI: a manager of its own, as every backend with windows has."""
-    pyplot = pytest.importorskip("matplotlib.pyplot")
-    from matplotlib.backend_bases import FigureManagerBase
-
-    class Manager(FigureManagerBase):
-        def show(self) -> None:
-            pass
-
-    pyplot.switch_backend("agg")
-    monkeypatch.setattr("matplotlib.backends.backend_agg.FigureCanvasAgg.manager_class", Manager)
-    yield pyplot
-    pyplot.close("all")
 
 
 def press(pyplot: Any, *keys: str) -> None:
@@ -202,10 +188,7 @@ def press(pyplot: Any, *keys: str) -> None:
 def test_the_window_shows_the_scores_and_hears_the_keys(screen: Any) -> None:
     from activeslam_gym import rendering
 
-    env = make()
-    env.reset(seed=1)
-    core: Any = env.unwrapped
-    cockpit = rendering.Cockpit(labels())
+    core, cockpit = room(1), rendering.Cockpit(labels())
     scores = action_scores(core)
     pictures = []
     for chosen in ((0, 9), (3, 8)):
@@ -245,8 +228,8 @@ def test_the_command_flies_until_the_window_is_closed(
     assert not screen.get_fignums()
 
 
+@pytest.mark.usefixtures("no_screen")
 def test_without_a_screen_the_command_says_so_and_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("matplotlib.pyplot").switch_backend("agg")
     assert main(["play"]) == 1
     error = capsys.readouterr().err
     assert "screen" in error and HELP in error

@@ -1,7 +1,6 @@
 """The picture of a snapshot: its shape, that it shows what changes, and that nothing degenerate breaks it."""
 
 import sys
-from enum import IntEnum
 from types import SimpleNamespace
 
 import gymnasium
@@ -11,12 +10,10 @@ from scipy.spatial.transform import Rotation
 
 pytest.importorskip("matplotlib")
 
-from activeslam_gym import rendering
+from activeslam_gym import Gaze, Motion, Scenario, rendering
 from activeslam_gym.rendering import geometry, scene
 
-Motion = IntEnum("Motion", "FORWARD BACKWARDS RIGHT LEFT UP DOWN STAY", start=0)
-Gaze = IntEnum("Gaze", "RIGHT LEFT STAY", start=0)
-SCENARIO = SimpleNamespace(focal_px=195.0, principal_x_px=162.0, principal_y_px=125.0)
+SCENARIO = Scenario()
 
 
 def pixels_and_visibility(points, position, quaternion):
@@ -33,17 +30,6 @@ def random_spd(rng, count, dimension, scale):
     rotations = np.linalg.qr(rng.normal(size=(count, dimension, dimension)))[0]
     stds = scale[:, None] * np.sort(rng.uniform(0.15, 1.0, (count, dimension)), axis=1)
     return np.einsum("nij,nj,nkj->nik", rotations, stds**2, rotations)
-
-
-def predictions(rng, estimates, blocks, position, quaternion):
-    """Pixels (m, 2) and covariances (m, 2, 2) of the estimates in view, by sampling each landmark's belief."""
-    seen = np.flatnonzero(pixels_and_visibility(estimates, position, quaternion)[1])
-    means, covariances = np.zeros((len(seen), 2)), np.zeros((len(seen), 2, 2))
-    for row, i in enumerate(seen):
-        samples = rng.multivariate_normal(estimates[i], 0.1 * blocks[i], 60)
-        pixels = pixels_and_visibility(samples, position, quaternion)[0]
-        means[row], covariances[row] = pixels.mean(axis=0), np.cov(pixels.T) + 4.0 * np.eye(2)
-    return means, covariances
 
 
 def make_snapshot(seed=0, landmarks=20, steps=300, time=15.0, motion=Motion.FORWARD, gaze=Gaze.LEFT, history=True):
@@ -68,7 +54,7 @@ def make_snapshot(seed=0, landmarks=20, steps=300, time=15.0, motion=Motion.FORW
     estimates = true_landmarks[:landmarks] + noise
 
     detections, seen = pixels_and_visibility(true_landmarks, path[-1], true_quaternion)
-    predicted, predicted_covariance = predictions(rng, estimates, blocks, path[-1] + drift[-1], quaternion)
+    predicted, expected = pixels_and_visibility(estimates, path[-1] + drift[-1], quaternion)
     times = np.linspace(0.0, time, steps) if history else np.zeros(0)
     landmark_times = np.sort(rng.uniform(0.5, time, mapped.sum())) if history else np.zeros(0)
     learned = 14 * (times[:, None] > landmark_times).sum(axis=1) if history else np.zeros(0)
@@ -90,8 +76,8 @@ def make_snapshot(seed=0, landmarks=20, steps=300, time=15.0, motion=Motion.FORW
         mapped=mapped,
         expected_landmarks=rng.uniform(-0.47, 0.47, (max(27 - landmarks, 0), 3)) * room_size,
         detections=detections[seen] + rng.normal(0, 2, (seen.sum(), 2)),
-        predicted=predicted,
-        predicted_covariance=predicted_covariance,
+        predicted=predicted[expected],
+        predicted_covariance=random_spd(rng, expected.sum(), 2, np.full(expected.sum(), 8.0)),
         true_trajectory=path if history else np.zeros((0, 3)),
         estimated_trajectory=path + drift if history else np.zeros((0, 3)),
         times=times,
@@ -101,18 +87,16 @@ def make_snapshot(seed=0, landmarks=20, steps=300, time=15.0, motion=Motion.FORW
     )
 
 
-def test_shape_and_type():
-    picture = rendering.draw(make_snapshot())
-    assert picture.shape == (640, 960, 3)
-    assert picture.dtype == np.uint8
-    assert picture.flags.writeable and picture.flags.c_contiguous
-
-
-@pytest.mark.parametrize("size", [(480, 320), (333, 217), (640, 480), (1200, 700)])
+@pytest.mark.parametrize("size", [(960, 640), (480, 320), (333, 217), (640, 480), (1200, 700)])
 def test_every_size_is_met_to_the_pixel(size):
     picture = rendering.draw(make_snapshot(), size)
-    assert picture.shape == (size[1], size[0], 3)
+    assert picture.shape == (size[1], size[0], 3) and picture.dtype == np.uint8
+    assert picture.flags.writeable and picture.flags.c_contiguous
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 50
+
+
+def test_the_size_is_960_by_640_unless_told():
+    assert rendering.draw(make_snapshot()).shape == (640, 960, 3)
 
 
 def test_not_blank_in_any_panel():
@@ -127,15 +111,11 @@ def test_not_blank_in_any_panel():
 
 def test_same_snapshot_same_picture_whatever_came_between():
     first = rendering.draw(make_snapshot(seed=1))
-    rendering.draw(make_snapshot(seed=2, landmarks=3, gaze=Gaze.STAY, history=False))
-    np.testing.assert_array_equal(rendering.draw(make_snapshot(seed=1)), first)
-
-
-def test_pictures_are_not_views_of_one_buffer():
-    first = rendering.draw(make_snapshot(seed=1))
-    kept = first.copy()
-    assert not np.array_equal(rendering.draw(make_snapshot(seed=2)), first)
+    kept = first.copy()  # pictures are not views of one buffer
+    between = rendering.draw(make_snapshot(seed=2, landmarks=3, gaze=Gaze.STAY, history=False))
+    assert not np.array_equal(between, first)
     np.testing.assert_array_equal(first, kept)
+    np.testing.assert_array_equal(rendering.draw(make_snapshot(seed=1)), first)
 
 
 @pytest.mark.parametrize(
@@ -216,10 +196,11 @@ def test_great_circles_stay_within_the_outline():
     """The outline of an ellipsoid under an orthographic view V is the ellipse of V P Vᵀ."""
     rng = np.random.default_rng(1)
     covariance = random_spd(rng, 1, 3, np.ones(1))
+    outline = np.linalg.inv(geometry.VIEW @ covariance[0] @ geometry.VIEW.T)
     circles = geometry.screen_from_world(geometry.great_circles(np.zeros((1, 3)), covariance, 2.0))
-    outline = geometry.VIEW @ covariance[0] @ geometry.VIEW.T
-    mahalanobis = np.einsum("cki,ij,ckj->ck", circles, np.linalg.inv(outline), circles)
-    assert mahalanobis.max() <= 4.0 + 1e-9
+    assert np.einsum("cki,ij,ckj->ck", circles, outline, circles).max() <= 4.0 + 1e-9
+    drawn = geometry.ellipsoid_outlines(np.zeros((1, 3)), covariance, 2.0)
+    np.testing.assert_allclose(np.einsum("cki,ij,ckj->ck", drawn, outline, drawn), 4.0)
 
 
 def test_frustum_corners_project_back_to_the_image_corners():
@@ -240,42 +221,29 @@ def test_drawing_leaves_the_users_settings_and_pyplot_alone():
     assert pyplot.get_fignums() == figures
 
 
-def test_window_without_a_screen_names_the_alternative():
-    import matplotlib.pyplot as pyplot
-
-    pyplot.switch_backend("agg")
+def test_window_without_a_screen_names_the_alternative(no_screen):
     window = rendering.Window()
     with pytest.raises(gymnasium.error.Error, match="rgb_array"):
         window.show(make_snapshot())
-    assert not pyplot.get_fignums()
+    assert not no_screen.get_fignums()
     window.close()
     window.close()
 
 
-def test_window_shows_redraws_and_closes(monkeypatch):
-    """With a stand-in for a GUI: a manager of its own, as every backend with windows has."""
-    import matplotlib.pyplot as pyplot
-    from matplotlib.backend_bases import FigureManagerBase
-
-    class Manager(FigureManagerBase):
-        def show(self):
-            pass
-
-    pyplot.switch_backend("agg")
-    monkeypatch.setattr("matplotlib.backends.backend_agg.FigureCanvasAgg.manager_class", Manager)
+def test_window_shows_redraws_and_closes(screen):
     window = rendering.Window()
     window.show(make_snapshot(seed=1))
     window.show(make_snapshot(seed=2))
-    assert len(pyplot.get_fignums()) == 1
-    pyplot.close("all")  # the user's click
+    assert len(screen.get_fignums()) == 1
+    screen.close("all")  # the user's click
     window.show(make_snapshot(seed=3))
-    assert not pyplot.get_fignums()
+    assert not screen.get_fignums()
     window.close()
     window.close()
     window.show(make_snapshot(seed=3))
-    assert len(pyplot.get_fignums()) == 1
+    assert len(screen.get_fignums()) == 1
     window.close()
-    assert not pyplot.get_fignums()
+    assert not screen.get_fignums()
 
 
 def test_without_matplotlib_the_error_says_what_to_install(monkeypatch):

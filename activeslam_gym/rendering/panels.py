@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from activeslam_gym.envs.views import Snapshot
+    from activeslam_gym.rendering.scene import Snapshot
 
 
 class MapPanel:

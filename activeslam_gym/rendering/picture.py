@@ -14,7 +14,7 @@ from activeslam_gym.rendering.scene import MUTED, TEXT
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
-    from activeslam_gym.envs.views import Snapshot
+    from activeslam_gym.rendering.scene import Snapshot
 
 REFERENCE_SIZE = (960, 640)
 """Pixels at which the lettering has its nominal size; other sizes scale it."""

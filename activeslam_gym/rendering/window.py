@@ -12,7 +12,7 @@ import numpy as np
 from activeslam_gym.rendering.picture import REFERENCE_SIZE, Picture, figure_shape, our_style, the_matplotlib
 
 if TYPE_CHECKING:
-    from activeslam_gym.envs.views import Snapshot
+    from activeslam_gym.rendering.scene import Snapshot
 
 COCKPIT_SIZE = (1360, 640)
 """Pixels of the window to fly in: the picture, and the actions' scores beside it."""

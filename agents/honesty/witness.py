@@ -1,7 +1,6 @@
 """What the hidden labels say of a run, frame by frame: depth errors at conversion, wrong associations, duplicates.
 
-Everything is read between the steps from the arrays behind the environment, so the kernels know nothing of it. A step
-must be one frame, or conversions would be seen some frames late.
+A step must be one frame, or conversions would be seen some frames late.
 """
 
 from __future__ import annotations
@@ -10,16 +9,13 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.envs.frame import Simulation
-from activeslam_gym.motion import POSITION
-from activeslam_gym.slam.belief import FEATURES, INVERSE_DEPTH, POINT, RAY, Belief
-from agents import policies as policy_sources
-from agents.compare import Task, make_environment
-from agents.evaluate import Episode, run_episode
+from activeslam_gym.motion import CAMERA_DIM
+from agents.episode import Episode
+from agents.task import Task
+from agents.tools import inside
 
 Array = NDArray[Any]
 
@@ -51,50 +47,47 @@ class WatchedRun:
     initialisation: str
 
 
-class Witness(gym.Wrapper):
-    """Passes everything on, and takes down what the labels say after each frame."""
+class Witness:
+    """Takes down what the labels say after each frame; see `look`."""
 
-    def __init__(self, env: gym.Env) -> None:
-        super().__init__(env)
-        core: Any = env.unwrapped
-        if core.setting.task.frames_per_step != 1:
-            raise ValueError(f"gaze_period: {core.gaze_period!r}; allowed: one frame, or conversions are seen late")
-        self._simulation: Simulation = core._run.simulation  # a referee's look inside: there is no public way
-        self._start()
+    def __init__(self) -> None:
+        self._begin()
 
-    def _start(self) -> None:
+    def _begin(self) -> None:
         self._depth_errors: list[float] = []
         self._counts = {"conversions": 0, "matches": 0, "wrong_matches": 0}
         self._owned: set[int] = set()
         self._doubles: set[int] = set()
+        self._anchors: dict[int, Array] = {}
 
-    def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
-        """Begin anew."""
-        self._start()
-        return self.env.reset(**arguments)
+    def look(self, core: Any, info: dict[str, Any]) -> None:
+        """See what there is to say of a frame; a reset begins anew. Raises ValueError for steps of several frames."""
+        if round(core.gaze_period / core.scenario.frame_time) != 1:
+            raise ValueError(f"gaze_period: {core.gaze_period!r}; allowed: one frame, or conversions are seen late")
+        features = inside.features(core)
+        if core.time == 0.0:
+            self._begin()
+        else:
+            self._note_conversions(core, features)
+            self._count(inside.matches(core), info["events"])
+            self._note_owners(features)
+        waiting = ~features.is_point
+        self._anchors = dict(zip(features.serial[waiting].tolist(), features.anchor[waiting]))
 
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """One frame, and what there is to say of it."""
-        belief = self._simulation.belief
-        kind, serial, feature = belief.kind.copy(), belief.serial.copy(), belief.feature.copy()
-        result = self.env.step(action)
-        unfinished = (kind == RAY) | (kind == INVERSE_DEPTH)
-        converted = unfinished & (belief.kind == POINT) & (belief.serial == serial)
-        for slot in np.flatnonzero(converted):
-            self._depth_errors.append(depth_error(self._simulation, int(slot), feature[slot, :3]))
-        self._count(result[-1]["events"])
-        self._note_owners()
-        return result
+    def _note_conversions(self, core: Any, features: inside.Features) -> None:
+        for k in np.flatnonzero(features.is_point):
+            if (serial := int(features.serial[k])) in self._anchors:
+                error = depth_error(core.belief, core.truth, int(k), int(features.owner[k]), self._anchors[serial])
+                self._depth_errors.append(error)
 
-    def _count(self, events: dict[str, int]) -> None:
-        matched = self._simulation.match[: self._simulation.detections.used[0]] >= 0
-        self._counts["matches"] += int(np.count_nonzero(matched)) - events["births"]
+    def _count(self, matches: list[inside.Key], events: dict[str, int]) -> None:
+        self._counts["matches"] += len(matches) - events["births"]
         self._counts["conversions"] += events["conversions"]
         self._counts["wrong_matches"] += events["wrong_matches"]
 
-    def _note_owners(self) -> None:
+    def _note_owners(self, features: inside.Features) -> None:
         seen: set[int] = set()
-        for owner, serial in owners_by_age(self._simulation):
+        for owner, serial in owners_by_age(features):
             self._owned.add(serial)
             if owner in seen:
                 self._doubles.add(serial)
@@ -112,43 +105,32 @@ class Witness(gym.Wrapper):
         )
 
 
-def depth_error(simulation: Simulation, slot: int, anchor: Array) -> float:
-    """Standardised error of the depth of the POINT in `slot`, along the line of sight from its `anchor` (3,) [m].
+def depth_error(belief: Any, truth: Any, k: int, owner: int, anchor: Array) -> float:
+    """Standardised error of the depth of the belief's landmark `k`, along the line of sight from `anchor` (3,) [m].
 
     With m the unit vector from the anchor (as it was estimated before the frame) to the estimated point ŷ, depth is
     the distance along m between point and camera, both at this moment: the true one, mᵀ(y − p), minus the estimated
     one, mᵀ(ŷ − p̂), over its standard deviation √(mᵀ (P_yy − P_yp − P_py + P_pp) m). Taken after the update and the
-    conversion of the frame. NaN for a feature that belongs to no true landmark.
+    conversion of the frame. `owner` is the true landmark; NaN where there is none (−1).
     """
-    world, belief, owner = simulation.world, simulation.belief, int(simulation.labels.owner[slot])
     if owner < 0:
         return np.nan
-    y = world.points[len(world.points) - len(simulation.expectation.points) + owner]
-    y_hat, p_hat = belief.feature[slot, :3], belief.camera[POSITION]
+    y, y_hat = truth.landmarks[owner], belief.landmarks[k]
     m = (y_hat - anchor) / np.linalg.norm(y_hat - anchor)
-    error = m @ ((y - world.camera[POSITION]) - (y_hat - p_hat))
-    return float(error / np.sqrt(m @ _relative_covariance(belief, slot) @ m))
+    error = m @ ((y - truth.position) - (y_hat - belief.position))
+    P, camera, point = belief.covariance, slice(0, 3), slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
+    relative = P[point, point] - P[point, camera] - P[camera, point] + P[camera, camera]
+    return float(error / np.sqrt(m @ relative @ m))
 
 
-def _relative_covariance(belief: Belief, slot: int) -> Array:
-    """(3, 3) covariance of point minus camera position [m²]."""
-    P, camera, at = belief.covariance, slice(0, 3), int(belief.start[slot])
-    point = slice(at, at + 3)
-    return P[point, point] - P[point, camera] - P[camera, point] + P[camera, camera]
-
-
-def owners_by_age(simulation: Simulation) -> list[tuple[int, int]]:
+def owners_by_age(features: inside.Features) -> list[tuple[int, int]]:
     """(owner, serial number) of the features that have an owner, oldest first."""
-    slots = simulation.belief.order[: simulation.belief.size[FEATURES]]
-    owners, serials = simulation.labels.owner[slots], simulation.belief.serial[slots]
-    return [(owner, serial) for owner, serial in zip(owners.tolist(), serials.tolist()) if owner >= 0]
+    pairs = zip(features.owner.tolist(), features.serial.tolist())
+    return [(owner, serial) for owner, serial in pairs if owner >= 0]
 
 
 def watch(task: Task) -> WatchedRun:
     """Run one episode under the witness's eyes, in whichever process."""
-    settings = json.loads(task.settings)
-    env = Witness(make_environment(settings))
-    policy = policy_sources.resolve(task.policy, env, task.seed)
-    episode = run_episode(env, policy, task.seed, task.policy, task.key)
-    env.close()
-    return WatchedRun(episode.thinned(), env.testimony, settings["scenario"]["initialisation"])
+    witness = Witness()
+    episode = task.run([witness.look])
+    return WatchedRun(episode, witness.testimony, json.loads(task.settings)["scenario"]["initialisation"])

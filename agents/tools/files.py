@@ -1,33 +1,19 @@
-"""Files that are whole or absent, whenever the program is stopped."""
+"""Results as CSV, JSON and text, each whole or not at all."""
 
 from __future__ import annotations
 
 import csv
 import json
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-
-@contextmanager
-def written_whole(path: Path, mode: str = "w") -> Iterator[IO[Any]]:
-    """Open a file beside `path` for writing, and put it in the place of `path` once it is complete."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    encoding, newline = (None, None) if "b" in mode else ("utf-8", "")
-    try:
-        with open(unfinished, mode, encoding=encoding, newline=newline) as file:
-            yield file
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+from activeslam_gym.files import written_whole
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     """Write `rows`, which share their keys; a value that is not finite is left empty."""
-    with written_whole(path) as file:
+    with written_whole(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows({key: _plain(value, "") for key, value in row.items()} for row in rows)
@@ -35,15 +21,18 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 def write_json(path: Path, value: Any) -> None:
     """Write `value` as JSON; a number that is not finite becomes null."""
-    with written_whole(path) as file:
-        json.dump(_plain(value, None), file, indent=2, ensure_ascii=False, allow_nan=False)
-        file.write("\n")
+    write_text(path, json.dumps(_plain(value, None), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text`."""
-    with written_whole(path) as file:
-        file.write(text)
+    """Write `text`, its line ends as they are."""
+    with written_whole(path) as unfinished:
+        unfinished.write_text(text, encoding="utf-8", newline="")
+
+
+def written(folder: Path) -> list[str]:
+    """Names of the results in `folder`."""
+    return sorted(path.name for path in folder.iterdir() if path.is_file())
 
 
 def _plain(value: Any, missing: Any) -> Any:

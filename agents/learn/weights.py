@@ -139,11 +139,7 @@ def _action_values(network: DQNPolicy) -> Logits:
 
 
 def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
-    """The learned policy of that name (a file's stem in ``folder``), bound to ``env``.
-
-    Raises:
-        ValueError: there is no such policy, or its weights do not fit the environment's observation.
-    """
+    """See `agents.load`."""
     known = pretrained.names(folder)
     if name not in known:
         raise ValueError(

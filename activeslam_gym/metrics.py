@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import os
-from pathlib import Path
 
 import numpy as np
 
 from activeslam_gym.compilation import part
+from activeslam_gym.files import written_whole
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector, sum_of_squares
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
@@ -50,7 +50,7 @@ def log2_normal_of_factor(error: np.ndarray, U: np.ndarray) -> float:
 def write_tum(path: str | os.PathLike[str], times: np.ndarray, positions: np.ndarray, quaternions: np.ndarray) -> None:
     """Write a trajectory in TUM format, a line a pose: time x y z qx qy qz qw (scalar *last* in the file).
 
-    ``times`` (T,) [s], ``positions`` (T, 3) [m], ``quaternions`` (T, 4) scalar first. Written atomically.
+    ``times`` (T,) [s], ``positions`` (T, 3) [m], ``quaternions`` (T, 4) scalar first. Written whole or not at all.
 
     Raises:
         ValueError: the lengths differ.
@@ -62,7 +62,5 @@ def write_tum(path: str | os.PathLike[str], times: np.ndarray, positions: np.nda
             f"got {positions.shape} and {quaternions.shape}"
         )
     table = np.column_stack([times, positions, quaternions[:, [1, 2, 3, 0]]])
-    target = Path(path)
-    partial = target.with_name(target.name + ".partial")
-    np.savetxt(partial, table, fmt="%.9f")
-    os.replace(partial, target)
+    with written_whole(path) as unfinished:
+        np.savetxt(unfinished, table, fmt="%.9f")

@@ -1,4 +1,9 @@
-"""The top floor: the study that compares policies (`python -m agents compare`), and the policies that learn."""
+"""The top floor: what compares policies, and the policies that learn. `python -m agents --help` lists the commands.
+
+Every episode is run by `evaluate.run_episode` into an `episode.Episode`. On these stand `compare` (policies in the same
+rooms), `learn` (training, and learned weights as a policy), `honesty` (is the filter consistent?), `study` (the paper's
+claims) and `watching`; `tools` is what they share.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ from agents.pretrained import FOLDER
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from agents.learned import LearnedPolicy
+    from agents.learn.weights import LearnedPolicy
     from baselines.policy import Environment
 
 
@@ -24,6 +29,6 @@ def load(name: str, env: Environment, folder: Path = FOLDER) -> LearnedPolicy:
     Raises:
         ValueError: there is no such policy, or its weights do not fit the environment's observation.
     """
-    from agents.learned import load as load_learned
+    from agents.learn.weights import load as load_learned
 
     return load_learned(name, env, folder)

@@ -6,8 +6,15 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-COMMANDS = ("compare", "consistency", "generalise", "study", "train", "watch")
-"""Each is a module of this package with `Args`, a dataclass, and `main(args) -> exit status`."""
+COMMANDS = {
+    "compare": "agents.compare.command",
+    "consistency": "agents.honesty.command",
+    "generalise": "agents.compare.generalise",
+    "study": "agents.study.command",
+    "train": "agents.train",
+    "watch": "agents.watching.command",
+}
+"""Name → module with `Args`, a dataclass, and `main(args) -> exit status`."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -20,7 +27,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         print(f"python -m agents: {hint}", file=sys.stderr)
         return 2
-    modules = {name: import_module(f"agents.{name}") for name in COMMANDS}
+    modules = {name: import_module(module) for name, module in COMMANDS.items()}
     commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
     try:
         args = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m agents", args=arguments)

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from activeslam_gym import Gaze, Motion
+from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
-from agents.evaluate import Episode
-from agents.files import written_whole
-from agents.outcome import gaze_counts, motion_counts
+from agents.episode import Episode, gaze_counts, motion_counts
 from agents.summary import grouped
 
 if TYPE_CHECKING:
@@ -210,6 +209,6 @@ def _first_seed(by_policy: dict[str, list[Episode]]) -> int:
 
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> Path:
     """Write the figure as a PNG."""
-    with written_whole(path, "wb") as file:
-        figure.savefig(file, format="png", dpi=dpi)
+    with written_whole(path) as unfinished:
+        figure.savefig(unfinished, format="png", dpi=dpi)
     return path

@@ -8,6 +8,7 @@ image's points, which are pixels as detected, lie a little inside of where its r
 from __future__ import annotations
 
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym import Scenario
+from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
 from activeslam_gym.rendering.scene import (
     CAMERA,
@@ -29,7 +31,8 @@ from activeslam_gym.rendering.scene import (
     command_text,
     predicted_pixels,
 )
-from agents.evaluate import Episode, run_episode
+from agents.episode import Episode
+from agents.evaluate import run_episode
 
 if TYPE_CHECKING:
     import gymnasium
@@ -69,16 +72,16 @@ class Recording:
         except ImportError as error:
             raise ImportError("rerun-sdk is needed to record: pip install 'activeslam-gym[rerun]'") from error
         self.path = Path(path)
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self._unfinished = self.path.with_name(f".{self.path.name}.{os.getpid()}")
         self._rr: Any = rerun
         self._stream = rerun.RecordingStream("activeslam_gym", send_properties=True)
-        self._stream.save(self._unfinished, default_blueprint=_layout_of_views())
+        self._at_close = ExitStack()  # the last to enter is the first to be done
+        self._stream.save(self._at_close.enter_context(written_whole(self.path)), default_blueprint=_layout_of_views())
+        self._at_close.callback(self._stream.disconnect)
+        self._at_close.callback(self._stream.flush)
         self._stream.send_recording_name(name)
         self._log_setting(scenario)
         self._paths: dict[str, list[np.ndarray]] = {"truth": [], "belief": []}
         self._command = ""
-        self._closed = False
 
     def __enter__(self) -> Recording:
         return self
@@ -106,11 +109,7 @@ class Recording:
 
     def close(self) -> None:
         """Complete the file; harmless when it is closed already."""
-        if not self._closed:
-            self._closed = True
-            self._stream.flush()
-            self._stream.disconnect()
-            os.replace(self._unfinished, self.path)
+        self._at_close.close()
 
     # What stands still ----------------------------------------------------------------------------------------------
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import baselines
-from agents.evaluate import Episode
-from agents.outcome import honesty, outcome
-from agents.statistics import Estimate, Statistic, estimate, paired_rmse
+from agents.episode import Episode, honesty, outcome
+from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
 
 FEW_ROOMS = 20
 """With fewer rooms the intervals are a hint: the summary says so."""
@@ -62,10 +61,6 @@ class Summary:
     """The baseline with the most bits, if one was run."""
     notes: list[str]
     """What a reader has to know beside the figures."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain dicts, lists and numbers."""
-        return asdict(self)
 
 
 def summarise(

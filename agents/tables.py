@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.statistics import CONFIDENCE, Estimate
 from agents.summary import FEW_ROOMS, Summary, by_log_score
+from agents.tools.statistics import CONFIDENCE, Estimate
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.card import card_of, results
-from agents.files import write_json
-from agents.learning import Learning
+from agents.learn.card import card_of, read_card, results
+from agents.learn.recipe import Recipe
+from agents.tools.arguments import at_least
+from agents.tools.files import write_json
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -23,7 +24,7 @@ WEIGHTS = "policy.npz"
 
 
 @dataclass(frozen=True)
-class Args(Learning):
+class Args(Recipe):
     """Train a policy. --out gets the weights that did best in held-out rooms, their card, a checkpoint, and logs."""
 
     out: Path = Path("results/train")
@@ -38,13 +39,11 @@ class Args(Learning):
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
         super().check()
-        for name, least in (("period", 1), ("held_out_rooms", 1), ("unseen_rooms", 0)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
+        at_least(self, period=1, held_out_rooms=1, unseen_rooms=0)
 
-    def learning(self) -> dict[str, Any]:
+    def recipe(self) -> dict[str, Any]:
         """The arguments that decide what is learned."""
-        return {field.name: getattr(self, field.name) for field in fields(Learning)}
+        return {field.name: getattr(self, field.name) for field in fields(Recipe)}
 
 
 def main(args: Args) -> int:
@@ -66,17 +65,19 @@ def train(args: Args) -> bool:
     Raises:
         ValueError: as `Args.check`, or the folder holds a training with other arguments.
     """
-    from agents import learners
-    from agents.callbacks import Checkpoints, HeldOutRooms, Progress
+    from agents.learn import algorithms
+    from agents.learn.callbacks import Checkpoints, HeldOutRooms, Progress
 
     args.check()
     _claim(args)
-    env = learners.make_batch(args, args.num_envs, learners.TRAINING_SEEDS + args.num_envs * args.seed)
-    rooms = learners.make_batch(args, args.held_out_rooms, learners.HELD_OUT_SEEDS)
+    env = algorithms.make_batch(args, args.num_envs, algorithms.TRAINING_SEEDS + args.num_envs * args.seed)
+    rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.HELD_OUT_SEEDS)
     checkpoint = args.out / CHECKPOINT
     goes_on = checkpoint.exists()
     learner = (
-        learners.load_learner(args, env, checkpoint) if goes_on else learners.make_learner(args, env, args.out / "logs")
+        algorithms.load_learner(args, env, checkpoint)
+        if goes_on
+        else algorithms.make_learner(args, env, args.out / "logs")
     )
     keeper = Keeper(args, learner)
     callbacks = [
@@ -93,7 +94,7 @@ def train(args: Args) -> bool:
         finished = False
     finally:
         learner.seconds = keeper.seconds()  # goes into the checkpoint
-        learners.save_learner(learner, checkpoint)
+        algorithms.save_learner(learner, checkpoint)
         if not (args.out / WEIGHTS).exists():
             keeper.keep(math.nan)
         env.close()
@@ -118,8 +119,6 @@ class Keeper:
 
     def best(self) -> float:
         """The best mean return in the held-out rooms that an earlier call reached."""
-        from agents.learned import read_card
-
         if not self.path.exists():
             return -math.inf
         value = read_card(self.path)["held_out_mean_return"]
@@ -127,16 +126,14 @@ class Keeper:
 
     def keep(self, held_out_mean_return: float) -> None:
         """Write the present weights and their card."""
-        from agents.learned import save
+        from agents.learn.weights import save
 
         rooms = 0 if math.isnan(held_out_mean_return) else self.args.held_out_rooms
-        card = card_of(self.args.learning(), self.learner.num_timesteps, self.seconds(), rooms)
+        card = card_of(self.args.recipe(), self.learner.num_timesteps, self.seconds(), rooms)
         save(self.path, self.learner.policy, card | {"held_out_mean_return": held_out_mean_return})
 
     def add_results(self) -> None:
         """Complete the card: the whole training's length and time, and what the weights reach in unseen rooms."""
-        from agents.learned import read_card
-
         card = read_card(self.path)
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
         card["results"] = results(self.path, self.args.unseen_rooms)
@@ -146,7 +143,7 @@ class Keeper:
 def _claim(args: Args) -> None:
     """Write what the folder's training is, or see that it is the same; `total_steps` alone may differ."""
     path = args.out / ARGUMENTS
-    wanted = args.learning()
+    wanted = args.recipe()
     if path.exists():
         held = json.loads(path.read_text(encoding="utf-8"))
         other = [name for name in wanted if name != "total_steps" and held.get(name) != wanted[name]]

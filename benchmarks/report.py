@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from agents.files import write_json, write_text
-from agents.report import put_section
+from agents.tools.files import write_json, write_text
+from agents.tools.sections import put_section
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.envs.workers import available_cores
-from agents.machine import processor
+from agents.tools.machine import processor
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
 

@@ -22,6 +22,7 @@ MATHEMATICS = {"compilation", "linking", "config", "geometry", "linalg", "camera
 MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "config": set(),
+    "files": set(),
     "compilation": set(),
     "linking": set(),
     "geometry": {"compilation"},
@@ -32,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "world": MATHEMATICS,
     "slam": MATHEMATICS,
     "information": MATHEMATICS | {"slam.belief", "slam.measurement", "slam.prediction"},
-    "metrics": MATHEMATICS | {"slam.belief", "information"},
+    "metrics": MATHEMATICS | {"files", "slam.belief", "information"},
     "rendering": {"envs.views"},  # draws a snapshot
     "envs": MATHEMATICS | {"batching", "world", "slam", "information", "metrics", "rendering"},
     "play": {"motion", "rendering"},
@@ -50,10 +51,19 @@ FLOORS: dict[str, set[str]] = {
 
 NEVER: dict[str, set[str]] = {
     "baselines": {"activeslam_gym.world"},
-    "agents.encoder": {"activeslam_gym.world"},
+    "agents.learn.encoder": {"activeslam_gym.world"},
     "agents.pretrained": {"activeslam_gym.world"},
 }
 """Exceptions from ``FLOORS``: a policy reads observations and beliefs, never the truth."""
+
+PUBLIC = {"config", "files", "geometry", "information", "metrics", "motion", "rendering", "envs.views"}
+"""What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
+
+BEHIND: dict[str, set[str]] = {
+    "agents.tools.inside": {"slam.belief"},
+    "agents.sb3_vec_env": {"envs.readout"},
+}
+"""Exceptions from ``PUBLIC``: the one module that looks behind an environment, and the batch for SB3."""
 
 SLOW_TO_IMPORT = {"torch", "matplotlib", "stable_baselines3", "scipy.stats"}
 """Imported inside the functions that use them, in ``activeslam_gym`` and ``baselines``."""
@@ -156,6 +166,17 @@ def reads_the_truth(found: Import) -> str | None:
     return None
 
 
+def looks_behind(found: Import, modules: set[str]) -> str | None:
+    """Above ``activeslam_gym``, against ``PUBLIC``."""
+    target = found.target
+    if is_under(found.importer, GYM) or not is_under(target, GYM) or target == GYM:
+        return None
+    if target.count(".") == 1 and target not in modules:  # a name of the package itself
+        return None
+    allowed = PUBLIC | BEHIND.get(found.importer, set())
+    return None if is_under_any(target.removeprefix(GYM + "."), allowed) else f"{found.importer} looks behind {target}"
+
+
 def is_slow_at_the_top(found: Import) -> str | None:
     lazy = is_under(found.importer, GYM) or is_under(found.importer, "baselines")
     slow = SLOW_TO_IMPORT | {PANELS if is_under(found.importer, f"{GYM}.rendering") else f"{GYM}.rendering"}
@@ -178,6 +199,7 @@ def wrong(found: Import, modules: set[str]) -> list[str]:
     answers = [
         goes_up_a_floor(found),
         crosses_a_wall(found, modules),
+        looks_behind(found, modules),
         reads_the_truth(found),
         is_slow_at_the_top(found),
         draws(found),
@@ -221,6 +243,13 @@ def test_no_baseline_asks_for_the_truth(module: str) -> None:
     assert not lines, f"{module} reads .truth in lines {lines}"
 
 
+@pytest.mark.parametrize("module", [name for name in SOURCES if is_under_any(name, {"agents", "baselines"})])
+def test_one_module_alone_looks_behind_an_environment(module: str) -> None:
+    tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
+    lines = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr == "_run"]
+    assert not lines or module == "agents.tools.inside", f"{module} reads _run in lines {lines}"
+
+
 KNOWN = {GYM, *(f"{GYM}.{name}" for name in MAY_IMPORT), f"{GYM}.slam.belief", f"{GYM}.slam.update"}
 
 
@@ -228,7 +257,7 @@ KNOWN = {GYM, *(f"{GYM}.{name}" for name in MAY_IMPORT), f"{GYM}.slam.belief", f
     ("importer", "source"),
     [
         ("activeslam_gym.envs.active_slam", "import baselines"),
-        ("baselines.greedy", "from agents.encoder import Encoder"),
+        ("baselines.greedy", "from agents.learn.encoder import Encoder"),
         ("activeslam_gym.geometry", "from activeslam_gym.config import Scenario"),
         ("activeslam_gym.camera", "from activeslam_gym import motion"),
         ("activeslam_gym.camera", "from . import motion"),
@@ -254,6 +283,8 @@ KNOWN = {GYM, *(f"{GYM}.{name}" for name in MAY_IMPORT), f"{GYM}.slam.belief", f
         ("activeslam_gym.metrics", "try:\n    from scipy.stats import chi2\nexcept ImportError:\n    pass"),
         ("activeslam_gym.envs.reward", "class A:\n    import torch"),
         ("baselines.greedy", "import torch.nn as nn"),
+        ("agents.study.observer", "from activeslam_gym.slam.belief import POINT"),
+        ("agents.compare.command", "from activeslam_gym.envs.frame import Simulation"),
     ],
 )
 def test_a_violation_is_caught(importer: str, source: str) -> None:
@@ -277,6 +308,7 @@ def test_a_violation_is_caught(importer: str, source: str) -> None:
         ("activeslam_gym.metrics", "def chi2():\n    from scipy import stats\nfrom scipy import linalg"),
         ("activeslam_gym.metrics", "if TYPE_CHECKING:\n    import torch"),
         ("activeslam_gym.__init__", "from activeslam_gym.envs import ActiveSLAM"),
+        ("agents.tools.inside", "from activeslam_gym.slam.belief import POINT"),
     ],
 )
 def test_what_is_allowed_passes(importer: str, source: str) -> None:

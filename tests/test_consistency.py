@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -14,12 +15,14 @@ import baselines
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
 from activeslam_gym.slam.belief import POINT, RAY, convert_to_point
 from agents.__main__ import main
-from agents.calibration import Bar, chi2_bounds, depth_sums, judged, lost_bar, nees_bar
-from agents.consistency import Args
 from agents.evaluate import run_episode
-from agents.statistics import estimate, estimate_from_sums
-from agents.witness import Witness, depth_error, owners_by_age
-from tests.support import random_belief, scenario_for, simulation_of, slots_of
+from agents.honesty import command
+from agents.honesty.calibration import Bar, chi2_bounds, depth_sums, judged, lost_bar, nees_bar
+from agents.honesty.command import Args
+from agents.honesty.witness import Witness, depth_error, owners_by_age
+from agents.tools import inside
+from agents.tools.statistics import estimate, estimate_from_sums
+from tests.support import joint_covariance, random_belief, scenario_for, simulation_of, slots_of
 
 DURATION = 4.0
 
@@ -80,29 +83,21 @@ def test_a_verdict_needs_a_bar_and_a_figure() -> None:
 def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
     """Truths drawn from the belief give errors of mean 0 and deviation 1."""
     rng = np.random.default_rng(3)
-    env = gym.make("ActiveSLAM-v0", scenario={"initialisation": DEPTH_PARTICLES})
-    env.reset(seed=0)
-    simulation = simulation_of(env)
     belief = random_belief(scenario_for([RAY]), [kind], rng, point_std=0.2)
     anchor = belief.camera[:3] + 0.1
-    slot = slots_of(belief)[0]
+    (slot,) = slots_of(belief)
     if kind == RAY:
         convert_to_point(belief, slot)
-    simulation = simulation._replace(belief=belief)
-    at = belief.start[slot]
-    rows = np.r_[0:3, at : at + 3]
-    draws = rng.multivariate_normal(np.zeros(6), belief.covariance[np.ix_(rows, rows)], size=2000)
-    landmark = len(simulation.world.points) - 1
-    simulation.labels.owner[slot] = len(simulation.expectation.points) - 1
+    p_hat, y_hat, P = belief.camera[:3], belief.feature[slot, :3], joint_covariance(belief)
+    estimate = SimpleNamespace(position=p_hat, landmarks=y_hat[None], covariance=P)
+    rows = np.r_[0:3, 12:15]
     errors = []
-    for draw in draws:
-        simulation.world.camera[:3] = belief.camera[:3] + draw[:3]
-        simulation.world.points[landmark] = belief.feature[slot, :3] + draw[3:]
-        errors.append(depth_error(simulation, slot, anchor))
+    for draw in rng.multivariate_normal(np.zeros(6), P[np.ix_(rows, rows)], size=2000):
+        truth = SimpleNamespace(position=p_hat + draw[:3], landmarks=[None, y_hat + draw[3:]])
+        errors.append(depth_error(estimate, truth, 0, 1, anchor))
     assert np.mean(errors) == pytest.approx(0.0, abs=0.07)
     assert np.std(errors) == pytest.approx(1.0, abs=0.05)
-    simulation.labels.owner[slot] = -1
-    assert np.isnan(depth_error(simulation, slot, anchor))
+    assert np.isnan(depth_error(estimate, truth, 0, -1, anchor))
 
 
 def test_owners_come_by_age() -> None:
@@ -112,30 +107,32 @@ def test_owners_come_by_age() -> None:
     belief = random_belief(scenario_for([POINT]), [POINT] * 3, np.random.default_rng(4))
     simulation = simulation._replace(belief=belief)
     simulation.labels.owner[:3] = 7, -1, 7
-    assert owners_by_age(simulation) == [(7, 1), (7, 3)]
+    core = SimpleNamespace(_run=SimpleNamespace(simulation=simulation))
+    assert owners_by_age(inside.features(core)) == [(7, 1), (7, 3)]
 
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
 def test_witness_sees_every_conversion(initialisation: str) -> None:
-    env = Witness(gym.make("ActiveSLAM-v0", scenario={"initialisation": initialisation}, duration=DURATION))
-    episode = run_episode(env, baselines.make("mi-mi", env), seed=3)
-    said = env.testimony
+    env, witness = gym.make("ActiveSLAM-v0", scenario={"initialisation": initialisation}, duration=DURATION), Witness()
+    episode = run_episode(env, baselines.make("mi-mi", env), seed=3, looks=[witness.look])
+    said = witness.testimony
     assert not episode.lost
-    assert 0 < len(said.depth_errors) <= said.conversions == len(env._depth_errors)
+    assert 0 < len(said.depth_errors) <= said.conversions == len(witness._depth_errors)
     assert 0 <= said.duplicates <= said.features and said.features >= len(said.depth_errors)
     assert said.wrong_matches <= said.matches
-    env.reset(seed=3)
-    assert env.testimony.matches == 0
+    witness.look(env.unwrapped, env.reset(seed=3)[1])
+    assert witness.testimony.matches == 0
 
 
 def test_witness_wants_steps_of_a_frame() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.1)
     with pytest.raises(ValueError, match="gaze_period"):
-        Witness(gym.make("ActiveSLAM-v0", gaze_period=0.1))
+        run_episode(env, baselines.make("stay", env), seed=3, looks=[Witness().look])
 
 
 def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["consistency", "--policies", "mi-mi", "sweep", "--episodes", "2", "--duration", f"{DURATION}"]
-    assert main([*command, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    line = ["consistency", "--policies", "mi-mi", "sweep", "--episodes", "2", "--duration", f"{DURATION}"]
+    assert main([*line, "--jobs", "1", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert "bars met" in printed and "fewer than 20" in printed
     assert {path.name for path in tmp_path.iterdir()} == {"report.md", "report.json", "runs.csv", "nees.png"}
@@ -151,35 +148,16 @@ def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert report.startswith("# Consistency") and "| mi-mi, inverse_depth |" in report
 
 
-@pytest.mark.parametrize(
-    ("flags", "named"),
-    [
-        (["--initialisations", "guess"], "guess"),
-        (["--policies", "nobody"], "nobody"),
-    ],
-)
-def test_bad_argument_is_named(flags: list[str], named: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["consistency", *flags]) == 2
-    assert named in capsys.readouterr().err
-
-
-def test_bad_number_is_named() -> None:
-    with pytest.raises(ValueError, match="episodes"):
-        Args(episodes=0)
-
-
 def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from agents import consistency
+    watch = command.watch
 
-    watch = consistency.watch
-
-    def interrupted(task: consistency.Task) -> consistency.WatchedRun:
+    def interrupted(task: command.Task) -> command.WatchedRun:
         if task.seed > 0:
             raise KeyboardInterrupt
         return watch(task)
 
-    monkeypatch.setattr(consistency, "watch", interrupted)
+    monkeypatch.setattr(command, "watch", interrupted)
     args = Args(("random",), (INVERSE_DEPTH,), 3, seed=0, out=tmp_path, duration=1.0, jobs=1, figures=False)
-    calibrations, complete = consistency.report(args)
+    calibrations, complete = command.report(args)
     assert (calibrations[0].runs, complete) == (1, False)
     assert "Interrupted" in (tmp_path / "report.md").read_text()

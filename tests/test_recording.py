@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 import activeslam_gym  # noqa: F401
 import baselines
-from agents import recording, watch
-from agents.evaluate import Episode
+from agents import recording
+from agents.episode import Episode
 from agents.recording import Recording, ellipsoid_axes, record
+from agents.watching import command as watch
 
 SHORT: dict[str, Any] = {"gaze_period": 0.5, "duration": 3.0}
 

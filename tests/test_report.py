@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from agents import generalise
-from agents.compare import scenario_argument
-from agents.report import put_section
+from agents.compare import generalise
+from agents.tools.arguments import scenario_argument
+from agents.tools.sections import put_section
 
 
 def test_a_section_is_replaced_and_the_rest_is_left_alone(tmp_path: Path) -> None:

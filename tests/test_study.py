@@ -15,13 +15,12 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs import planning
 from activeslam_gym.information import MUTUAL_INFORMATION
 from activeslam_gym.motion import CAMERA_DIM
 from agents import policies
 from agents.__main__ import main
+from agents.episode import Episode
 from agents.evaluate import run_episode
-from agents.statistics import Estimate
 from agents.study import runs, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
 from agents.study.command import median_room
@@ -30,6 +29,9 @@ from agents.study.measures import measures
 from agents.study.observer import CLOSURE_GAP, Notes, Observer
 from agents.study.places import PLACES, Placed
 from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
+from agents.tools import inside
+from agents.tools.statistics import Estimate
+from tests.support import simulation_of
 
 ROOMS = 40
 SCENARIO = Scenario()
@@ -176,7 +178,7 @@ def test_the_default_reading_is_the_baseline(gaze_criterion: str | None) -> None
 def test_a_cap_touches_expected_landmarks_alone_and_lowers_them() -> None:
     env: Any = environment().unwrapped
     env.reset(seed=5)
-    prospect = planning.prospect(env._run.simulation)
+    prospect = env.prospect
     P, waiting = prospect.covariance, SCENARIO.landmark_count
     capped = strategies.capped(prospect.points, P, prospect.camera, waiting, SCENARIO)
     assert (np.diag(capped) <= np.diag(P)).all()
@@ -189,7 +191,7 @@ def test_a_cap_touches_expected_landmarks_alone_and_lowers_them() -> None:
 def test_expected_landmarks_move_and_nothing_else(place: str) -> None:
     plain, placed = environment(), Placed(environment(), place)
     plain.reset(seed=5), placed.reset(seed=5)
-    one, other = plain.unwrapped._run.simulation, placed.unwrapped._run.simulation  # type: ignore[attr-defined]
+    one, other = simulation_of(plain), simulation_of(placed)
     assert not np.array_equal(one.expectation.points, other.expectation.points)
     np.testing.assert_array_equal(one.world.points, other.world.points)
     assert plain.unwrapped.belief.log2_det() == placed.unwrapped.belief.log2_det()  # type: ignore[attr-defined]
@@ -199,7 +201,7 @@ def test_landmarks_that_are_nowhere_are_in_no_score() -> None:
     env = Placed(environment(), "nowhere")
     env.reset(seed=5)
     core: Any = env.unwrapped
-    simulation = core._run.simulation
+    simulation = simulation_of(env)
     for criterion in ("mutual_information", "fisher_trace"):
         nowhere = core.motion_scores(criterion)
         simulation.expectation.slot[:] = 0  # as if all had been retired
@@ -223,18 +225,21 @@ def test_there_is_no_such_place() -> None:
 
 
 def test_a_loop_closes_after_the_gap_and_not_before() -> None:
-    env = Observer(environment())
-    env.reset(seed=5)
-    env._last_match[True, 0] = -CLOSURE_GAP  # the time is 0
-    env._last_match[True, 1] = 0.1 - CLOSURE_GAP
-    assert env._closures(np.array([0, 1, 2])) == 1
-    assert env._closures(np.array([0, 1, 2])) == 0
+    observer, fiducials = Observer(), [(inside.FIDUCIAL, i) for i in range(3)]
+    observer._last_match[fiducials[0]] = -CLOSURE_GAP
+    observer._last_match[fiducials[1]] = 0.1 - CLOSURE_GAP
+    assert observer._closures(fiducials, now=0.0) == 1
+    assert observer._closures(fiducials, now=0.0) == 0
+
+
+def observed(name: str) -> tuple[Episode, Notes]:
+    """Four seconds of a baseline, and what the observer notes of them."""
+    env, observer = environment(4.0), Observer()
+    return run_episode(env, baselines.make(name, env), seed=5, looks=[observer.look]), observer.notes
 
 
 def test_notes_of_a_run() -> None:
-    env = Observer(environment(4.0))
-    episode = run_episode(env, baselines.make("mi-mi", env), seed=5)
-    notes = env.notes
+    episode, notes = observed("mi-mi")
     assert len(notes.fiducials) == len(notes.births) == len(notes.nearest) == len(episode.actions)
     assert 0 < notes.fiducials.max() <= SCENARIO.fiducial_count
     assert len(notes.visited_log2_det) == len(episode.landmark_times) > 0
@@ -242,8 +247,7 @@ def test_notes_of_a_run() -> None:
 
 
 def test_measures_of_a_made_up_run() -> None:
-    env = Observer(environment(4.0))
-    episode = run_episode(env, baselines.make("stay", env), seed=5)
+    episode, _ = observed("stay")
     period = round(1.0 / 0.05)
     actions = episode.actions.copy()
     for second, motion in enumerate((Motion.STAY, Motion.UP, Motion.FORWARD, Motion.STAY)):
@@ -262,14 +266,13 @@ def test_measures_of_a_made_up_run() -> None:
 
 
 def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
-    env = Observer(environment(4.0))
-    episode = run_episode(env, baselines.make("stay", env), seed=5)
+    episode, notes = observed("stay")
     steps, closed = len(episode.actions), 40
     slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
     falling = np.concatenate(([0.0], np.cumsum(slopes)))
     closures = np.zeros(steps, int)
     closures[[closed, closed + 5]] = 1  # the second is the same event
-    notes = replace(env.notes, closures=closures)
+    notes = replace(notes, closures=closures)
     row = measures(replace(episode, log2_det_camera=falling), notes)
     assert (row["before_change_camera"], row["closure_change_camera"]) == (-20.0, -60.0)
     closures[:] = 0
@@ -298,9 +301,9 @@ def test_conditions_have_names_of_their_own_and_known_policies() -> None:
 def test_complete_conditions_are_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played: list[int] = []
 
-    def row_of(task: runs.Task) -> runs.Row:
-        played.append(task.seed)
-        return {"seed": task.seed, "first_closure": np.nan, "lost": 0}
+    def row_of(run: runs.Run) -> runs.Row:
+        played.append(run.seed)
+        return {"seed": run.seed, "first_closure": np.nan, "lost": 0}
 
     monkeypatch.setattr(runs, "row_of", row_of)
     twins = [Condition("a", "mi-mi", "mi-mi"), Condition("b", "mi-mi", "mi-mi")]
@@ -336,9 +339,3 @@ def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str
     if (tmp_path / "images").exists():
         pictures = {path.name for path in (tmp_path / "images" / "study").iterdir()}
         assert all(f"images/study/{name}" in page for name in pictures)
-
-
-def test_the_command_refuses_nonsense() -> None:
-    with pytest.raises(SystemExit) as exit_:
-        main(["study", "--episodes", "0"])
-    assert exit_.value.code == 2

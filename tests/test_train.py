@@ -18,8 +18,9 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO  # noqa: E402
 
 from agents import policies  # noqa: E402
-from agents.encoder import SetEncoder  # noqa: E402
-from agents.learned import load, read_card, save  # noqa: E402
+from agents.learn.card import read_card  # noqa: E402
+from agents.learn.encoder import SetEncoder  # noqa: E402
+from agents.learn.weights import load, save  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
 SMALL: dict[str, Any] = {
@@ -133,7 +134,7 @@ def test_the_quick_decision_is_that_of_the_learner(trained: Path, tmp_path: Path
 
 
 def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from agents.callbacks import Progress
+    from agents.learn.callbacks import Progress
 
     def interrupt(self: Progress) -> bool:
         if self.num_timesteps >= 20:

@@ -1,4 +1,4 @@
-"""`python -m agents watch`: animations, trajectories, and what it says to bad arguments."""
+"""`python -m agents watch`: animations and trajectories."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ pytest.importorskip("matplotlib")
 
 from PIL import Image  # noqa: E402
 
-from agents import watch  # noqa: E402
-from agents.film import side_by_side  # noqa: E402
+from agents.watching import command as watch  # noqa: E402
+from agents.watching.film import side_by_side  # noqa: E402
 
 
 def test_two_policies_are_shown_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -36,17 +36,3 @@ def test_a_shorter_film_stands_still_at_its_end() -> None:
     together = side_by_side([pictures, pictures[:1]], ["a", "b"])
     assert len(together) == 3
     assert together[2][-1, 0, 0] == 30 and together[2][-1, -1, 0] == 10
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        ({"policy": ("absent",)}, "policy: 'absent' is unknown"),
-        ({"save": Path("clip.avi")}, "save must end in .gif"),
-        ({"every": 0.0}, "every must be positive, got 0.0"),
-        ({"scenario": "absent", "tum": Path("nowhere")}, "scenario must be one of"),
-    ],
-)
-def test_a_bad_argument_is_named(wrong: dict, said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert watch.main(watch.Args(**({"tum": Path("unused")} | wrong))) == 2
-    assert said in capsys.readouterr().err

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from agents.statistics import estimate
 from agents.study import toy
 from agents.study.conditions import CHOICES, DEFAULT, HAND_HELD_SECONDS, LIVE, PARTICLES_NOWHERE, STRATEGIES
 from agents.study.measures import TARGET
@@ -21,8 +21,8 @@ from agents.study.verdicts import (
     at_rung,
     column,
     difference,
-    judge_draw,
     level,
+    one_draw,
     restricted,
     restricted_time,
     while_alive,
@@ -59,69 +59,57 @@ class Claim:
     """The main choice of each measure first."""
 
 
-def findings_of(rows: Rows, claims: Sequence[Claim] | None = None) -> list[Finding]:
+def findings_of(rows: Rows) -> list[Finding]:
     """What the rows say of every claim."""
-    return [finding for claim in claims or CLAIMS for finding in claim.findings(rows)]
+    return [finding for claim in CLAIMS for finding in claim.findings(rows)]
 
 
 # Simulation: the three strategies -----------------------------------------------------------------------------------
 
 
-Judge = Callable[[Rows], Iterator[Finding]]
+Pair = Callable[[Sequence[Row], Sequence[Row], float], tuple[Array, Array]]
+"""(runs of one, runs of another, duration) → (rooms,) of each."""
 
 
-def _against(
-    key: str, other: str, what: str, values: Callable[[Sequence[Row], float], Array], side: Side, digits: int = 1
-) -> Judge:
-    """Findings on (iii) minus another strategy, under every choice; `values` of runs and the duration."""
+def _each(values: Callable[[Sequence[Row], float], Array]) -> Pair:
+    """The same `values` of runs and the duration, for both."""
+    return lambda ours, theirs, end: (values(ours, end), values(theirs, end))
+
+
+def _at_rung(ladder: str) -> Pair:
+    """log₂|P| at the same number of landmarks, by a ladder."""
+    return lambda ours, theirs, _: at_common_rung(ours, theirs, ladder, TARGET)
+
+
+def _against(other: str, key: str, words: str, where: str, what: str, pair: Pair, side: Side, digits: int = 1) -> Claim:
+    """The claim on (iii) minus another strategy, under every choice; `{}` is its name in `key`, and its numeral."""
+    key, numeral = key.format(other), STRATEGIES[other]
 
     def findings(rows: Rows) -> Iterator[Finding]:
-        measure = f"{what}, (iii) − {STRATEGIES[other]}"
         for choice in CHOICES:
-            ours, theirs = rows[choice.name, OWN], rows[choice.name, other]
-            pair = values(ours, rows.duration), values(theirs, rows.duration)
-            yield difference(key, choice.name, measure, pair, side, digits=digits)
+            values = pair(rows[choice.name, OWN], rows[choice.name, other], rows.duration)
+            yield difference(key, choice.name, f"{what}, (iii) − {numeral}", values, side, digits=digits)
 
-    return findings
-
-
-def _entropy_at(key: str, other: str, ladder: str) -> Judge:
-    def findings(rows: Rows) -> Iterator[Finding]:
-        measure = f"log₂\\|P\\| at the 14th landmark, {LADDERS[ladder]}, (iii) − {STRATEGIES[other]}"
-        for choice in CHOICES:
-            pair = at_common_rung(rows[choice.name, OWN], rows[choice.name, other], ladder, TARGET)
-            yield difference(key, choice.name, measure, pair, "below", digits=0)
-
-    return findings
+    return Claim(key, words.format(numeral), where, findings)
 
 
 def _stated_times(rows: Rows) -> Iterator[Finding]:
     for strategy, (time, _) in STATED.items():
         times = restricted_time(rows[DEFAULT, strategy], TARGET, rows.duration)
-        reached = int(np.sum(times < rows.duration))
-        yield Finding(
-            "stated-times",
-            DEFAULT,
-            f"median time of the 14th landmark, s, {STRATEGIES[strategy]} (the paper: {time:g})",
-            estimate(times, "median"),
-            judge_draw(times.tolist(), time),
-            note=f"{_spread(times)}, {int(np.sum(times <= time))} as early; reached in {reached} of {len(times)}",
-        )
+        early, reached = int(np.sum(times <= time)), int(np.sum(times < rows.duration))
+        measure = f"median time of the 14th landmark, s, {STRATEGIES[strategy]} (the paper: {time:g})"
+        note = f"{_spread(times)}, {early} as early; reached in {reached} of {len(times)}"
+        yield one_draw("stated-times", DEFAULT, measure, times, time, note)
 
 
 def _stated_entropies(rows: Rows) -> Iterator[Finding]:
     for ladder, counted in LADDERS.items():
         for strategy, (_, log2_det) in STATED.items():
             values = at_rung(rows[DEFAULT, strategy], ladder, TARGET)
-            yield Finding(
-                "stated-entropies",
-                DEFAULT,
-                f"median log₂\\|P\\| at the 14th landmark, {counted}, {STRATEGIES[strategy]} (paper: {log2_det:.0f})",
-                estimate(values, "median"),
-                judge_draw(values.tolist(), log2_det),
-                digits=0,
-                note=f"{int(np.sum(~np.isnan(values)))} rooms reached it; {_spread(values)}",
-            )
+            numeral, reached = STRATEGIES[strategy], int(np.sum(~np.isnan(values)))
+            measure = f"median log₂\\|P\\| at the 14th landmark, {counted}, {numeral} (paper: {log2_det:.0f})"
+            note = f"{reached} rooms reached it; {_spread(values)}"
+            yield one_draw("stated-entropies", DEFAULT, measure, values, log2_det, note, digits=0)
 
 
 def _spread(values: Array) -> str:
@@ -212,15 +200,9 @@ def _live_entropy(rows: Rows) -> Iterator[Finding]:
         those = rows[name, LIVE]
         values = while_alive(those, "final_log2_det")
         alive = int(np.sum(~np.isnan(values)))
-        yield Finding(
-            "live-entropy",
-            name,
-            f"median log₂\\|P\\| after {HAND_HELD_SECONDS:g} s, {name} (the paper: about {STATED_LIVE:.0f})",
-            estimate(values, "median"),
-            judge_draw(values.tolist(), STATED_LIVE),
-            digits=0,
-            note=f"{alive} of {len(values)} runs were not lost by then",
-        )
+        measure = f"median log₂\\|P\\| after {HAND_HELD_SECONDS:g} s, {name} (the paper: about {STATED_LIVE:.0f})"
+        note = f"{alive} of {len(values)} runs were not lost by then"
+        yield one_draw("live-entropy", name, measure, values, STATED_LIVE, note, digits=0)
 
 
 def _clutter(rows: Rows) -> Iterator[Finding]:
@@ -243,60 +225,31 @@ def _figure_1(rows: Rows) -> Iterator[Finding]:
 def _claims() -> Iterator[Claim]:
     yield Claim("figure-1", "moving between landmarks 2 and 3 maximises the mutual information", "Fig. 1", _figure_1)
     for other in OTHERS:
-        numeral = STRATEGIES[other]
-        against = _against(
-            f"faster-{other}",
-            other,
-            "time of the 14th landmark, s",
-            lambda runs, end: restricted_time(runs, TARGET, end),
-            "above",
-        )
-        yield Claim(f"faster-{other}", f"{numeral} inserts landmarks faster than (iii)", "IV-B, Fig. 2", against)
+        words, what = "{} inserts landmarks faster than (iii)", "time of the 14th landmark, s"
+        reached = _each(lambda runs, end: restricted_time(runs, TARGET, end))
+        yield _against(other, "faster-{}", words, "IV-B, Fig. 2", what, reached, "above")
     yield Claim("stated-times", "the 14th landmark is added after 19, 18 and 30 s", "IV-B", _stated_times)
     yield Claim("stated-entropies", "log₂\\|P\\| is then −530, −550 and −610", "IV-B", _stated_entropies)
+    for other, (ladder, counted) in product(OTHERS, LADDERS.items()):
+        words = "at the same number of landmarks (iii) has lower entropy than {}"
+        what = f"log₂\\|P\\| at the 14th landmark, {counted}"
+        yield _against(other, f"entropy-{{}}-{ladder}", words, "IV-B, Fig. 2", what, _at_rung(ladder), "below", 0)
     for other in OTHERS:
-        for ladder in LADDERS:
-            key = f"entropy-{other}-{ladder}"
-            words = f"at the same number of landmarks (iii) has lower entropy than {STRATEGIES[other]}"
-            yield Claim(key, words, "IV-B, Fig. 2", _entropy_at(key, other, ladder))
+        words, what = "(iii) needs more time to reduce entropy than {}", "log₂\\|P\\| at 35 s"
+        final = _each(lambda runs, _: while_alive(runs, "final_log2_det"))
+        yield _against(other, "slower-{}", words, "IV-B", what, final, "above", 0)
     for other in OTHERS:
-        numeral, key = STRATEGIES[other], f"slower-{other}"
-        final = _against(
-            key, other, "log₂\\|P\\| at 35 s", lambda runs, _: while_alive(runs, "final_log2_det"), "above", digits=0
-        )
-        yield Claim(key, f"(iii) needs more time to reduce entropy than {numeral}", "IV-B", final)
+        words, what = "(iii) estimates orientation much better than {}", "RMS orientation error, °"
+        rms = _each(lambda runs, _: np.degrees(while_alive(runs, "orientation_rms")))
+        yield _against(other, "orientation-{}", words, "IV-B, Fig. 3", what, rms, "below", 2)
     for other in OTHERS:
-        key = f"orientation-{other}"
-        rms = _against(
-            key,
-            other,
-            "RMS orientation error, °",
-            lambda runs, _: np.degrees(while_alive(runs, "orientation_rms")),
-            "below",
-            digits=2,
-        )
-        yield Claim(key, f"(iii) estimates orientation much better than {STRATEGIES[other]}", "IV-B, Fig. 3", rms)
+        words, what = "(iii) revisits the fiducials more often than {}", "fiducials matched in a frame"
+        seen = _each(lambda runs, _: column(runs, "fiducials_a_frame"))
+        yield _against(other, "fiducials-{}", words, "IV-B", what, seen, "above", 2)
     for other in OTHERS:
-        key = f"fiducials-{other}"
-        seen = _against(
-            key,
-            other,
-            "fiducials matched in a frame",
-            lambda runs, _: column(runs, "fiducials_a_frame"),
-            "above",
-            digits=2,
-        )
-        yield Claim(key, f"(iii) revisits the fiducials more often than {STRATEGIES[other]}", "IV-B", seen)
-    for other in OTHERS:
-        key = f"loops-{other}"
-        first = _against(
-            key,
-            other,
-            "time of the first loop closure, s",
-            lambda runs, end: restricted(runs, "first_closure", end),
-            "below",
-        )
-        yield Claim(key, f"(iii) closes loops sooner than {STRATEGIES[other]}", "IV-B", first)
+        words, what = "(iii) closes loops sooner than {}", "time of the first loop closure, s"
+        first = _each(lambda runs, end: restricted(runs, "first_closure", end))
+        yield _against(other, "loops-{}", words, "IV-B", what, first, "below")
     yield Claim("closure-drop", "entropy drops where a loop closes", "V, Fig. 5 a", _closure_drop)
     yield Claim("honest-errors", "errors stay within their axes and 2σ bounds", "Fig. 3", _honest_errors)
     yield Claim("homeostasis", "without unvisited landmarks the best action is always `stay`", "IV-A", _homeostasis)

@@ -9,16 +9,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.metrics import write_tum
-from agents.compare import PACKAGES
-from agents.evaluate import Episode
-from agents.files import write_csv, write_json, write_text
-from agents.machine import machine, versions
-from agents.study import page, pictures
+from agents.episode import Episode
+from agents.study import drawing, page
 from agents.study.claims import findings_of
 from agents.study.conditions import DEFAULT, LIVE, STRATEGIES, Condition, conditions
-from agents.study.runs import Row, Rows, Task, play, rehearse, run_conditions
+from agents.study.runs import Row, Rows, Run, play, run_conditions
 from agents.study.verdicts import Finding
+from agents.task import rehearse
+from agents.tools.arguments import at_least
+from agents.tools.files import write_csv, write_json, write_text
+from agents.tools.machine import RESULTS_REST_ON, machine, versions
 
 RULE = (
     "the simulation's room {room} has the median of the log score gained by the three strategies together, among the "
@@ -46,9 +46,7 @@ class Args:
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        for name, least in (("episodes", 1), ("choice_episodes", 1), ("seed", 0), ("jobs", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: {getattr(self, name)}; allowed: {least} or more")
+        at_least(self, episodes=1, choice_episodes=1, seed=0, jobs=1)
 
     def plan(self) -> dict[Condition, list[int]]:
         """What is run, and the seeds of its rooms."""
@@ -65,7 +63,7 @@ class Study:
 
     rows: Rows
     findings: list[Finding]
-    drawn: pictures.Drawn
+    drawn: drawing.Drawn
     settings: dict[str, Any]
 
 
@@ -87,14 +85,15 @@ def main(args: Args) -> int:
 def run(args: Args) -> Study:
     """Run what is missing, judge, and run the chosen rooms once more, whole, to be drawn."""
     plan = args.plan()
-    rehearse(list(plan), args.seed)
+    for one in {one.source: one for one in plan}.values():
+        rehearse([one.source], [one.environment()], args.seed)
     rows = run_conditions(plan, args.out, args.jobs)
     rows.duration = args.duration or rows.duration
     room = median_room(rows)
     by_key = {(one.choice, one.policy): one for one in plan}
-    strategies = {name: play(Task(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
-    live = {choice: _median_run(rows, by_key[choice, LIVE]) for choice in pictures.LIVE_CHOICES}
-    return Study(rows, findings_of(rows), pictures.Drawn(strategies, live), _settings(args, room))
+    strategies = {name: play(Run(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
+    live = {choice: _median_run(rows, by_key[choice, LIVE]) for choice in drawing.LIVE_CHOICES}
+    return Study(rows, findings_of(rows), drawing.Drawn(strategies, live), _settings(args, room))
 
 
 def median_room(rows: Rows) -> int:
@@ -107,7 +106,7 @@ def median_room(rows: Rows) -> int:
 
 def _median_run(rows: Rows, condition: Condition) -> Episode:
     scores = [(row["log_score_gain"], row["seed"]) for row in rows[condition.choice, condition.policy]]
-    return play(Task(condition, _median(scores)))[0]
+    return play(Run(condition, _median(scores)))[0]
 
 
 def _median(scored: Sequence[tuple[float, int]]) -> int:
@@ -121,19 +120,11 @@ def write(study: Study, args: Args) -> None:
     write_json(args.out / "study.json", {"settings": study.settings, "findings": findings})
     write_csv(args.out / "study.csv", [_flat(finding) for finding in study.findings])
     write_csv(args.out / "rows.csv", [row for pair, rows in study.rows.items() for row in _plain_rows(pair, rows)])
-    _write_trajectories(study, args.out / "trajectories")
-    if args.figures and find_spec("matplotlib") is not None:
-        pictures.draw_all(study.rows, study.findings, study.drawn, args.out / "images" / "study")
-    write_text(args.out / "STUDY.md", page.markdown(study.rows, study.findings, study.settings))
-
-
-def _write_trajectories(study: Study, folder: Path) -> None:
-    """True and estimated trajectories of the drawn runs, for `evo`."""
-    folder.mkdir(parents=True, exist_ok=True)
     for name, episode in (study.drawn.strategies | study.drawn.live).items():
-        for kind in ("true", "estimated"):
-            positions, quaternions = getattr(episode, f"{kind}_position"), getattr(episode, f"{kind}_quaternion")
-            write_tum(folder / f"{name}-{kind}.tum", episode.times, positions, quaternions)
+        episode.write_trajectories(args.out / "trajectories", name)
+    if args.figures and find_spec("matplotlib") is not None:
+        drawing.draw_all(study.rows, study.findings, study.drawn, args.out / "images" / "study")
+    write_text(args.out / "STUDY.md", page.markdown(study.rows, study.findings, study.settings))
 
 
 def _flat(finding: Finding) -> dict[str, Any]:
@@ -163,5 +154,5 @@ def _settings(args: Args, room: int) -> dict[str, Any]:
         "chosen": RULE.format(room=room),
         "choice_episodes": min(args.choice_episodes, args.episodes),
         "machine": machine(),
-        "versions": versions(PACKAGES),
+        "versions": versions(RESULTS_REST_ON),
     }

@@ -47,8 +47,11 @@ class Condition:
 
     def settings(self) -> str:
         """What decides the result, as JSON."""
-        environment = {"scenario": self.scenario_fields(), "duration": self.duration}
-        return json.dumps({"source": self.source, "place": self.place, **environment}, sort_keys=True)
+        return json.dumps({"source": self.source, "place": self.place, **self.environment()}, sort_keys=True)
+
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment."""
+        return {"scenario": self.scenario_fields(), "duration": self.duration}
 
     def scenario_fields(self) -> dict[str, Any]:
         """The scenario, as plain fields."""

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion
-from agents.evaluate import Episode
-from agents.outcome import gaze_counts, motion_counts, outcome
+from agents.episode import Episode, gaze_counts, motion_counts, outcome
 from agents.study.observer import Notes
 
 Array = NDArray[Any]

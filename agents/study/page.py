@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from agents.statistics import estimate
 from agents.study.claims import CLAIMS
 from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES
 from agents.study.runs import Rows
 from agents.study.verdicts import FEWEST_ROOMS, Finding, column, under_choices, while_alive
+from agents.tools.statistics import estimate
 
 PICTURES = {
     "figure1": "Figure 1. A camera with two degrees of freedom and three landmarks (`agents/study/toy.py`).",
@@ -81,10 +81,7 @@ def _what_was_run(settings: dict[str, Any]) -> str:
 
 def _claims_table(findings: Sequence[Finding]) -> str:
     """A line for each measure of each claim: the main choice, and the verdicts under the others."""
-    lines = [
-        "| The paper says | Where | Ours | Figure [95 %] | Verdict | Over the choices |",
-        "|---|---|---|---|---|---|",
-    ]
+    rows = []
     for claim in CLAIMS:
         own = [finding for finding in findings if finding.claim == claim.key]
         for i, measure in enumerate(dict.fromkeys(finding.measure for finding in own)):
@@ -92,13 +89,18 @@ def _claims_table(findings: Sequence[Finding]) -> str:
             first = same[0]
             words, where = (claim.words, claim.where) if i == 0 else ("", "")
             figure = first.text + (f" ({first.note})" if first.note else "")
-            lines.append(f"| {words} | {where} | {measure} | {figure} | **{first.verdict}** | {under_choices(same)} |")
-    return "\n".join(lines)
+            rows.append([words, where, measure, figure, f"**{first.verdict}**", under_choices(same)])
+    return _table(["The paper says", "Where", "Ours", "Figure [95 %]", "Verdict", "Over the choices"], rows)
+
+
+def _table(header: list[str], rows: list[list[str]]) -> str:
+    """A table in Markdown, everything to the left."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
+    return "\n".join([lines[0], "|---" * len(header) + "|", *lines[1:]])
 
 
 def _choices_table() -> str:
-    lines = ["| Choice | What it is |", "|---|---|"]
-    return "\n".join(lines + [f"| `{choice.name}` | {choice.meaning} |" for choice in CHOICES])
+    return _table(["Choice", "What it is"], [[f"`{choice.name}`", choice.meaning] for choice in CHOICES])
 
 
 def _sensitivity_tables(findings: Sequence[Finding]) -> str:
@@ -109,11 +111,9 @@ def _sensitivity_tables(findings: Sequence[Finding]) -> str:
     tables = []
     for half in (keys[::2], keys[1::2]):  # against (i), against (ii)
         heads = [by_key[key, names[0]].measure for key in half]
-        lines = ["| Choice | " + " | ".join(heads) + " |", "|---" * (len(half) + 1) + "|"]
-        for name in names:
-            cells = [f"{by_key[key, name].text}: {by_key[key, name].verdict}" for key in half]
-            lines.append(f"| `{name}` | " + " | ".join(cells) + " |")
-        tables.append("\n".join(lines))
+        of_choice = {name: [by_key[key, name] for key in half] for name in names}
+        rows = [[f"`{name}`", *(f"{one.text}: {one.verdict}" for one in found)] for name, found in of_choice.items()]
+        tables.append(_table(["Choice", *heads], rows))
     return "\n\n".join(tables)
 
 
@@ -121,20 +121,20 @@ def _conditions_table(rows: Rows) -> str:
     """Lost runs and the usual figures of everything that was run."""
     pairs = [(choice.name, strategy) for choice in CHOICES for strategy in STRATEGIES]
     pairs += [(one.choice, one.policy) for one in SINGLES if (one.choice, one.policy) not in pairs]
-    lines = [
-        "| Choice | Policy | % lost | Landmarks mapped | Log score, bits (median) | Orientation RMS, ° (alive) | "
-        "`stay`, % of motions |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    header = ["Choice", "Policy", "% lost", "Landmarks mapped", "Log score, bits (median)"]
+    header += ["Orientation RMS, ° (alive)", "`stay`, % of motions"]
+    lines = []
     for choice, policy in pairs:
         those = rows[choice, policy]
+        role = "mi (gaze scripted)" if policy == LIVE else policy
         cells = [
+            f"`{choice}`",
+            role,
             estimate(column(those, "lost"), "share").text(100.0, 0),
             estimate(column(those, "landmarks_mapped"), "mean").text(),
             estimate(column(those, "log_score_gain"), "median").text(1.0, 0),
             estimate(np.degrees(while_alive(those, "orientation_rms")), "mean").text(1.0, 2),
             estimate(column(those, "stay_share"), "mean").text(100.0, 0),
         ]
-        role = "mi (gaze scripted)" if policy == LIVE else policy
-        lines.append(f"| `{choice}` | {role} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return _table(header, lines)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.frame import Simulation
+from agents.tools.inside import move_expected_landmarks
 
 Array = NDArray[np.float64]
 
@@ -56,13 +56,11 @@ class Placed(gym.Wrapper):
         super().__init__(env)
         if place not in PLACES:
             raise ValueError(f"place must be one of {', '.join(PLACES)}, got {place!r}")
-        core: Any = env.unwrapped
-        self._scenario: Scenario = core.scenario
-        self._simulation: Simulation = core._run.simulation  # there is no public way to move them
         self._place = PLACES[place]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin anew with the expected landmarks elsewhere; the room and the noise are the same."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._simulation.expectation.points[:] = self._place(self._scenario, seed or 0)
+        core: Any = self.env.unwrapped
+        move_expected_landmarks(core, self._place(core.scenario, seed or 0))
         return observation, info

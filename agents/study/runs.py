@@ -5,22 +5,21 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from agents import policies
-from agents.compare import make_environment
-from agents.evaluate import Episode, run_episode
-from agents.files import write_json
-from agents.machine import sources
-from agents.parallel import run_all
+from agents.episode import Episode
 from agents.study.conditions import Condition
 from agents.study.measures import VERSION, measures
 from agents.study.observer import Notes, Observer
 from agents.study.places import Placed
+from agents.task import make_environment, run_policy
+from agents.tools.files import write_json
+from agents.tools.machine import sources
+from agents.tools.parallel import run_all
 
 Row = dict[str, Any]
 
@@ -29,7 +28,7 @@ CURVES = ("log2_det_camera", "log2_det_map", "log2_det_total")
 
 
 @dataclass(frozen=True)
-class Task:
+class Run:
     """One run."""
 
     condition: Condition
@@ -43,22 +42,22 @@ class Rows(dict[tuple[str, str], list[Row]]):
     """Of the simulation [s]: the paper's, or shorter for a quick look."""
 
 
-def play(task: Task) -> tuple[Episode, Notes]:
-    """Run one episode, in whichever process."""
-    condition = task.condition
-    env = make_environment({"scenario": condition.scenario_fields(), "duration": condition.duration})
-    watched = Observer(Placed(env, condition.place) if condition.place else env)
-    policy = policies.resolve(condition.source, watched, task.seed)
-    episode = run_episode(watched, policy, task.seed, condition.policy, condition.settings())
-    watched.close()
-    return episode, watched.notes
+def play(run: Run) -> tuple[Episode, Notes]:
+    """Play one episode, in whichever process."""
+    condition, observer = run.condition, Observer()
+    env = make_environment(condition.environment())
+    if condition.place:
+        env = Placed(env, condition.place)
+    looks = [observer.look]
+    episode = run_policy(condition.source, env, run.seed, condition.policy, condition.settings(), looks)
+    return episode, observer.notes
 
 
-def row_of(task: Task) -> Row:
+def row_of(run: Run) -> Row:
     """The numbers of one run."""
-    episode, notes = play(task)
+    episode, notes = play(run)
     row = measures(episode, notes)
-    if task.condition.curves:
+    if run.condition.curves:
         thin = episode.thinned()
         row["curve_time"] = thin.times.tolist()
         row |= {f"curve_{name}": getattr(thin, name).tolist() for name in CURVES}
@@ -80,26 +79,18 @@ def run_conditions(plan: Mapping[Condition, Sequence[int]], folder: Path, jobs: 
                 missing.append(one)
             else:
                 rows[one.choice, one.policy] = kept
-    tasks = [Task(one, seed) for one in missing for seed in plan[one]]
+    tasks = [Run(one, seed) for one in missing for seed in plan[one]]
     gathered: dict[Condition, list[Row]] = {one: [] for one in missing}
     with closing(run_all(row_of, tasks, jobs)) as finished:
-        for task, row in finished:
-            condition = task.condition
-            gathered[condition].append(row)
-            if len(gathered[condition]) == len(plan[condition]):
-                rows[condition.choice, condition.policy] = _keep(
-                    condition, gathered[condition], plan[condition], folder
-                )
+        for run, row in finished:
+            one = run.condition
+            gathered[one].append(row)
+            if len(gathered[one]) == len(plan[one]):
+                rows[one.choice, one.policy] = _keep(one, gathered[one], plan[one], folder)
     for one, seeds in plan.items():
         first = by_settings[one.settings()]
         rows[one.choice, one.policy] = [row for row in rows[first.choice, first.policy] if row["seed"] in seeds]
     return rows
-
-
-def rehearse(conditions: Sequence[Condition], seed: int) -> None:
-    """A second of every source in this process, so that the kernels are compiled once, before processes start."""
-    for one in {one.source: one for one in conditions}.values():
-        play(Task(replace(one, duration=1.0), seed))
 
 
 def _path(condition: Condition, folder: Path) -> Path:
@@ -114,8 +105,7 @@ def _key(condition: Condition, seeds: Sequence[int]) -> dict[str, Any]:
 
 def _keep(condition: Condition, rows: list[Row], seeds: Sequence[int], folder: Path) -> list[Row]:
     ordered = sorted(rows, key=lambda row: row["seed"])
-    contents = {**_key(condition, seeds), "rows": ordered}
-    write_json(_path(condition, folder), contents)
+    write_json(_path(condition, folder), {**_key(condition, seeds), "rows": ordered})
     return ordered
 
 

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, information
 from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information import Prospect, criterion_number, waiting_count
-from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION
+from activeslam_gym.geometry import rotate_left, rotation_matrix
+from activeslam_gym.information import Prospect, criterion_number
+from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION, turn_of
+from agents.tools.inside import waiting_count
 from baselines.greedy import Greedy, greedy
 from baselines.policy import Actions, Environment, best
 
@@ -67,17 +68,16 @@ class Reread(Greedy):
     def _gaze_score(self, prospect: Prospect, gaze: int) -> float:
         """The present position, turned for as long as the reading says."""
         motion, frames = self.env.setting.models.motion, self._gaze_frames
-        turn = information.turn_of(motion, gaze, self.env.time)
+        turn = turn_of(motion, gaze, self.env.time)
         P = information.propagated(motion, prospect.covariance, turn, frames)
         turned = np.array((0.0, turn * motion.dt * frames, 0.0))
         pose = prospect.camera.copy()
-        pose[QUATERNION] = information.rotate_left(turned, pose[QUATERNION])
+        pose[QUATERNION] = rotate_left(turned, pose[QUATERNION])
         return self._score(prospect, P, pose, self.gaze_criterion or "")
 
     def _score(self, prospect: Prospect, P: Array, pose: Array, criterion: str) -> float:
         if self.reading.capped:
-            waiting = waiting_count(self.env._run.simulation.expectation)  # there is no public way
-            P = capped(prospect.points, P, pose, waiting, self.env.scenario)
+            P = capped(prospect.points, P, pose, waiting_count(self.env), self.env.scenario)
         return information.score(self.env.setting.models.camera, prospect, P, pose, criterion_number(criterion))
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.statistics import CONFIDENCE, Estimate, Statistic, estimate
+from agents.tools.statistics import CONFIDENCE, Estimate, Statistic, estimate
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -78,11 +78,6 @@ def while_alive(rows: Sequence[Row], name: str) -> Array:
     return np.where(column(rows, "lost") == 1.0, np.nan, column(rows, name))
 
 
-def paired(ours: Array, theirs: Array, statistic: Statistic = "mean") -> Estimate:
-    """The difference in the same rooms, over the rooms in which both are known."""
-    return estimate(ours - theirs, statistic)
-
-
 def restricted_time(rows: Sequence[Row], rung: int, duration: float) -> Array:
     """(rooms,) s until `rung` landmarks were mapped, but `duration` where that was not seen: lost before, or never.
 
@@ -131,13 +126,13 @@ def difference(
     side: Side,
     scale: float = 1.0,
     digits: int = 1,
-    statistic: Statistic = "mean",
 ) -> Finding:
-    """The finding on a paired difference, first minus second, which the claim puts on one `side` of zero."""
-    figure = paired(*values, statistic)
-    left_out = len(values[0]) - figure.rooms
-    note = f"{left_out} of {len(values[0])} rooms left out" if left_out else ""
-    return Finding(claim, choice, measure, figure, judge(figure, side), scale, digits, note)
+    """The finding on a difference in the same rooms, first minus second, which the claim puts on one `side` of zero.
+
+    It is over the rooms in which both are known.
+    """
+    ours, theirs = values
+    return level(claim, choice, measure, ours - theirs, side, 0.0, scale, digits)
 
 
 def level(
@@ -156,6 +151,14 @@ def level(
     left_out = len(values) - figure.rooms
     note = f"{left_out} of {len(values)} rooms left out" if left_out else ""
     return Finding(claim, choice, measure, figure, judge(figure, side, bound), scale, digits, note)
+
+
+def one_draw(
+    claim: str, choice: str, measure: str, values: Array, stated: float, note: str, digits: int = 1
+) -> Finding:
+    """The finding on a number that the paper states of its one run, beside the median of our rooms."""
+    verdict = judge_draw(values.tolist(), stated)
+    return Finding(claim, choice, measure, estimate(values, "median"), verdict, digits=digits, note=note)
 
 
 def under_choices(findings: Sequence[Finding]) -> str:

@@ -13,6 +13,9 @@ import activeslam_gym
 import baselines
 from agents import pretrained
 
+RESULTS_REST_ON = ("gymnasium", "numba", "numpy", "scipy")
+"""Packages whose versions are written beside results."""
+
 
 def machine() -> str:
     """Processor and cores, for people."""
@@ -31,7 +34,12 @@ def processor() -> str:
 
 def versions(packages: tuple[str, ...]) -> dict[str, str]:
     """Of these packages and of Python."""
-    return {"python": platform.python_version()} | {package: version(package) for package in packages}
+    return {"python": platform.python_version()} | package_versions(packages)
+
+
+def package_versions(packages: tuple[str, ...]) -> dict[str, str]:
+    """Of these packages alone."""
+    return {package: version(package) for package in packages}
 
 
 @cache

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.outcome import honesty, outcome
-from agents.statistics import CONFIDENCE, Estimate, estimate, estimate_from_sums
-from agents.witness import WatchedRun
+from agents.episode import honesty, outcome
+from agents.honesty.witness import WatchedRun
+from agents.tools.statistics import CONFIDENCE, Estimate, estimate, estimate_from_sums
 
 Array = NDArray[np.float64]
 QUANTITIES = {"position": "position_nees", "orientation": "orientation_nees", "landmarks": "landmark_nees"}
@@ -94,10 +94,6 @@ class Calibration:
         nees = {f"NEES of {q} at {t} s": found for t, row in self.nees.items() for q, found in row.items()}
         rest = {"depth error, mean": self.depth_mean, "depth error, std": self.depth_std}
         return nees | rest | {"wrong associations": self.wrong, "lost": self.lost}
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain dicts, lists and numbers."""
-        return asdict(self)
 
 
 def nees_bar(strategy: str, time: float) -> Bar | None:

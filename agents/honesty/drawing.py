@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.calibration import BAR_TIMES, QUANTITIES, Calibration, nees_bar
 from agents.figures import grid_of_panels, save_figure
+from agents.honesty.calibration import BAR_TIMES, QUANTITIES, Calibration, nees_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

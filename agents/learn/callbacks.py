@@ -9,7 +9,7 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.learners import HELD_OUT_SEEDS, save_learner
+from agents.learn.algorithms import HELD_OUT_SEEDS, save_learner
 
 
 class HeldOutRooms(EvalCallback):

@@ -4,34 +4,25 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shlex
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
-from importlib.metadata import version
+from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-
-import activeslam_gym  # noqa: F401  (registers the environment)
-from agents import policies as policy_sources
 from agents import tables
-from agents.evaluate import Episode, run_episode
+from agents.episode import Episode, outcome
 from agents.figures import draw_all
-from agents.files import write_csv, write_json, write_text
-from agents.machine import sources
-from agents.outcome import outcome
-from agents.parallel import run_all
-from agents.report import provenance, put_section
 from agents.summary import Summary, summarise
-
-ENVIRONMENT = "ActiveSLAM-v0"
-PACKAGES = ("gymnasium", "numba", "numpy", "scipy")
-"""Their versions are written beside the results."""
+from agents.task import Task, check, rehearse
+from agents.tools.arguments import at_least, scenario_argument, times_within
+from agents.tools.files import write_csv, write_json, write_text, written
+from agents.tools.machine import RESULTS_REST_ON, package_versions
+from agents.tools.parallel import run_all
+from agents.tools.sections import provenance, put_section
 
 
 @dataclass(frozen=True)
@@ -74,9 +65,7 @@ class Args:
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        for name, least in (("episodes", 1), ("seed", 0), ("jobs", 1), ("target_landmarks", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: {getattr(self, name)}; allowed: {least} or more")
+        at_least(self, episodes=1, seed=0, jobs=1, target_landmarks=1)
         if not self.names:
             raise ValueError("policies: none given; allowed: one name or more")
 
@@ -101,31 +90,10 @@ class Args:
         )
 
 
-@dataclass(frozen=True)
-class Task:
-    """One episode to run."""
-
-    policy: str
-    seed: int
-    settings: str
-    """Arguments of the environment, as JSON: what episodes must share to be compared."""
-    whole: bool
-    """Keep every sample (the room that is drawn) instead of one a second."""
-
-    @property
-    def key(self) -> str:
-        """What an episode of an earlier run must share to be this one."""
-        return f"{self.settings} {sources()}"
-
-    def path(self, folder: Path) -> Path:
-        """Where the finished episode is kept."""
-        return folder / "episodes" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', self.policy)}-{self.seed}.npz"
-
-
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
     try:
-        check(args)
+        check(args.names, [args.environment])
     except ValueError as error:
         print(f"compare: {error}", file=sys.stderr)
         return 2
@@ -145,8 +113,8 @@ def compare(args: Args) -> Summary | None:
     Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
     policy or a bad argument of the environment, before anything is run.
     """
-    check(args)
-    rehearse(args)
+    check(args.names, [args.environment])
+    rehearse(args.names, [args.environment], args.seed)
     tasks = _tasks(args)
     episodes = _run_until_interrupted(tasks, args)
     if not episodes:
@@ -160,7 +128,7 @@ def compare(args: Args) -> Summary | None:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
     if args.figures and not drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install matplotlib).")
-    write_json(args.out / "summary.json", summary.as_dict())
+    write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", tables.markdown(summary))
     for page in args.report:
         put_section(page, "compare", f"{provenance(args.command)}\n\n{tables.markdown(summary)}")
@@ -168,47 +136,6 @@ def compare(args: Args) -> Summary | None:
     if drawn:
         draw_all(episodes, args.out)
     return summary
-
-
-def scenario_argument(text: str) -> str | dict[str, Any]:
-    """A scenario as the command line gives it: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
-    if not text.lstrip().startswith("{"):
-        return text
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"scenario: {text!r} is no JSON object ({error})") from error
-
-
-def make_environment(settings: dict[str, Any]) -> gym.Env:
-    """The environment of the study."""
-    return gym.make(ENVIRONMENT, **settings)
-
-
-def check(args: Args) -> None:
-    """Raise ValueError for an unknown policy or a bad argument of the environment."""
-    for name in args.names:
-        policy_sources.factory(name)
-    make_environment(args.environment).close()
-
-
-def rehearse(args: Args) -> None:
-    """One step of every policy, so that the kernels are compiled once, before processes start."""
-    env = make_environment(args.environment)
-    for name in args.names:
-        observation, _ = env.reset(seed=args.seed)
-        action, _ = policy_sources.resolve(name, env, args.seed).predict(observation)
-        env.step(action)
-    env.close()
-
-
-def run_task(task: Task) -> Episode:
-    """Run one episode, in whichever process."""
-    env = make_environment(json.loads(task.settings))
-    policy = policy_sources.resolve(task.policy, env, task.seed)
-    episode = run_episode(env, policy, task.seed, task.policy, task.key)
-    env.close()
-    return episode if task.whole else episode.thinned()
 
 
 def _tasks(args: Args) -> list[Task]:
@@ -247,7 +174,7 @@ def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None
     kept = {task: episode for task in tasks if args.resume and (episode := _kept(task, args.out))}
     missing = [task for task in tasks if task not in kept]
     yield from kept.values()
-    with closing(run_all(run_task, missing, args.jobs, finished=len(kept))) as finished:
+    with closing(run_all(Task.run, missing, args.jobs, finished=len(kept))) as finished:
         for task, episode in finished:
             episode.save(task.path(args.out))
             yield episode
@@ -270,20 +197,5 @@ def _settings(args: Args, complete: bool) -> dict[str, Any]:
         "target_landmarks": args.target_landmarks,
         **args.environment,
         "complete": complete,
-        "versions": versions(),
+        "versions": package_versions(RESULTS_REST_ON),
     }
-
-
-def versions() -> dict[str, str]:
-    """Of the packages that the results rest on."""
-    return {package: version(package) for package in PACKAGES}
-
-
-def times_within(times: Sequence[float], duration: float) -> list[float]:
-    """Those within the duration, and its end."""
-    return sorted({*(time for time in times if time < duration), duration})
-
-
-def written(folder: Path) -> list[str]:
-    """Names of the results in `folder`."""
-    return sorted(path.name for path in folder.iterdir() if path.is_file())

@@ -7,17 +7,15 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import gymnasium as gym
 
-import activeslam_gym  # noqa: F401  (registers the environment)
-from activeslam_gym.config import scenario_from
-from activeslam_gym.metrics import write_tum
-from agents import policies
-from agents.compare import scenario_argument
-from agents.evaluate import Episode, Look, run_episode
-from agents.film import SUFFIXES, Film, side_by_side, write_animation
-from agents.outcome import outcome
+from agents.episode import Episode, outcome
+from agents.evaluate import Look
+from agents.task import make_environment, run_policy
+from agents.tools.arguments import given, positive, scenario_argument
+from agents.watching.film import SUFFIXES, Film, side_by_side, write_animation
 
 
 @dataclass(frozen=True)
@@ -49,18 +47,21 @@ class Args:
 
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-        if not self.policy:
-            raise ValueError("policy: none given; allowed: one name or more")
-        for name in ("every", "speed", "width"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        given(self, "policy")
+        positive(self, "every", "speed", "width")
         if self.save is not None and self.save.suffix not in SUFFIXES:
             raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
 
     @property
-    def in_window(self) -> bool:
-        """Nothing is to be written."""
-        return self.save is None and self.rerun is None and self.tum is None
+    def environment(self) -> dict[str, Any]:
+        """Arguments of the environment; it draws in a window where nothing is to be written."""
+        in_window = self.save is None and self.rerun is None and self.tum is None
+        return {
+            "scenario": scenario_argument(self.scenario),
+            "gaze_period": self.gaze_period,
+            "duration": self.duration,
+            "render_mode": "human" if in_window else "rgb_array",  # which keeps the history that a picture shows
+        }
 
 
 def main(args: Args) -> int:
@@ -85,6 +86,7 @@ def watch(args: Args) -> Iterator[Path]:
     films = []
     for name in args.policy:
         film = Film(args.every, args.width)
+        env = make_environment(args.environment)
         with ExitStack() as stack:
             looks: list[Look] = [film.look] if args.save else []
             if args.rerun:
@@ -92,14 +94,14 @@ def watch(args: Args) -> Iterator[Path]:
 
                 several = len(args.policy) > 1
                 path = args.rerun.with_stem(f"{args.rerun.stem}-{label(name)}") if several else args.rerun
-                scenario = scenario_from(scenario_argument(args.scenario))
+                scenario = cast(Any, env.unwrapped).scenario
                 looks.append(stack.enter_context(Recording(path, scenario, name)).log)
-            episode = _episode(args, name, looks)
+            episode = run_policy(name, env, args.seed, looks=looks)
         print(summary_line(episode))
         if args.rerun:
             yield path
         if args.tum:
-            yield from write_trajectories(args.tum, episode)
+            yield from episode.write_trajectories(args.tum, f"{label(name)}-{args.seed}")
         films.append(film.pictures)
     if args.save:
         pictures = side_by_side(films, [label(name) for name in args.policy])
@@ -120,28 +122,3 @@ def summary_line(episode: Episode) -> str:
         f"{label(episode.policy)}, room {episode.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
         f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
     )
-
-
-def write_trajectories(folder: Path, episode: Episode) -> tuple[Path, Path]:
-    """The true and the estimated trajectory, for `evo_ape tum …`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    stem = f"{label(episode.policy)}-{episode.seed}"
-    truth, estimate = folder / f"{stem}-true.tum", folder / f"{stem}-estimated.tum"
-    write_tum(truth, episode.times, episode.true_position, episode.true_quaternion)
-    write_tum(estimate, episode.times, episode.estimated_position, episode.estimated_quaternion)
-    return truth, estimate
-
-
-def _episode(args: Args, name: str, looks: list[Look]) -> Episode:
-    """Run one policy's episode."""
-    env = gym.make(
-        "ActiveSLAM-v0",
-        scenario=scenario_argument(args.scenario),
-        gaze_period=args.gaze_period,
-        duration=args.duration,
-        render_mode="human" if args.in_window else "rgb_array",  # which keeps the history that a picture shows
-    )
-    try:
-        return run_episode(env, policies.resolve(name, env, args.seed), args.seed, name, looks=looks)
-    finally:
-        env.close()

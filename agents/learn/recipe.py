@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from agents.tools.arguments import positive
+
 
 @dataclass(frozen=True)
-class Learning:
+class Recipe:
     """What is learned, and how."""
 
     algorithm: Literal["ppo", "a2c", "dqn"] = "ppo"
@@ -41,18 +43,8 @@ class Learning:
 
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-        for name in (
-            "total_steps",
-            "num_envs",
-            "width",
-            "decision_period",
-            "duration",
-            "learning_rate",
-            "reward_scale",
-            "reward_clip",
-        ):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)!r}")
+        positive(self, "total_steps", "num_envs", "width", "decision_period", "duration")
+        positive(self, "learning_rate", "reward_scale", "reward_clip")
         if not 0.0 < self.gamma <= 1.0:
             raise ValueError(f"gamma must be in (0, 1], got {self.gamma!r}")
 

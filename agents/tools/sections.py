@@ -6,8 +6,8 @@ import re
 from datetime import datetime, timezone
 from pathlib import Path
 
-from agents.files import write_text
-from agents.machine import machine, versions
+from agents.tools.files import write_text
+from agents.tools.machine import machine, versions
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
 

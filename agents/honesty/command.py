@@ -7,21 +7,22 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from activeslam_gym.config import INITIALISATIONS, scenario_from
-from agents import consistency_tables, nees_figure
-from agents import policies as policy_sources
-from agents.calibration import Calibration, calibrate
-from agents.compare import Task, make_environment, times_within, versions, written
-from agents.files import write_csv, write_json, write_text
-from agents.outcome import honesty, outcome
-from agents.parallel import run_all
-from agents.report import provenance, put_section
-from agents.witness import WatchedRun, watch
+from agents.episode import honesty, outcome
+from agents.honesty import drawing, page
+from agents.honesty.calibration import Calibration, calibrate
+from agents.honesty.witness import WatchedRun, watch
+from agents.task import Task, check, rehearse
+from agents.tools.arguments import at_least, given, times_within
+from agents.tools.files import write_csv, write_json, write_text, written
+from agents.tools.machine import RESULTS_REST_ON, package_versions
+from agents.tools.parallel import run_all
+from agents.tools.sections import provenance, put_section
 
 
 @dataclass(frozen=True)
@@ -52,28 +53,26 @@ class Args:
     """Draw the figure (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        for name, least in (("episodes", 1), ("seed", 0), ("jobs", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name}: {getattr(self, name)}; allowed: {least} or more")
-        for name in ("policies", "initialisations"):
-            if not getattr(self, name):
-                raise ValueError(f"{name}: none given; allowed: one name or more")
+        at_least(self, episodes=1, seed=0, jobs=1)
+        given(self, "policies", "initialisations")
 
     @property
     def command(self) -> str:
         """What runs this."""
         return f"python -m agents consistency --episodes {self.episodes} --seed {self.seed} --scenario {self.scenario}"
 
-    def environment(self, initialisation: str) -> dict[str, Any]:
-        """Arguments of the environment: the scenario's fields, with this initialiser."""
-        fields = {**asdict(scenario_from(self.scenario)), "initialisation": initialisation}
-        return {"scenario": fields, "duration": self.duration}
+    @property
+    def environments(self) -> list[dict[str, Any]]:
+        """Arguments of the environments: the scenario's fields, with each initialiser."""
+        fields = asdict(scenario_from(self.scenario))
+        scenarios = [{**fields, "initialisation": initialisation} for initialisation in self.initialisations]
+        return [{"scenario": scenario, "duration": self.duration} for scenario in scenarios]
 
 
 def main(args: Args) -> int:
     """Make the report and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
     try:
-        check(args)
+        check(args.policies, args.environments)
     except ValueError as error:
         print(f"consistency: {error}", file=sys.stderr)
         return 2
@@ -83,7 +82,7 @@ def main(args: Args) -> int:
     if not calibrations:
         print("Interrupted before the first episode was over: nothing to show.")
         return 130
-    print(f"\n{consistency_tables.text(calibrations)}\n\nWritten to {args.out}/: {', '.join(written(args.out))}")
+    print(f"\n{page.text(calibrations)}\n\nWritten to {args.out}/: {', '.join(written(args.out))}")
     return 0 if complete else 130
 
 
@@ -93,9 +92,9 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
     Ctrl-C ends it early, with a report of the episodes that are over. Raises ValueError for an unknown policy or
     initialiser or a bad argument of the environment, before anything is run.
     """
-    check(args)
+    check(args.policies, args.environments)
+    rehearse(args.policies, args.environments, args.seed)
     tasks = _tasks(args)
-    _rehearse(args)
     runs = _run_until_interrupted(tasks, args.jobs)
     times = times_within(args.times, args.duration)
     calibrations = [calibrate(group, times, args.scenario) for group in grouped(runs, args)]
@@ -103,14 +102,6 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
     if runs:
         _write(calibrations, runs, times, args, complete)
     return calibrations, complete
-
-
-def check(args: Args) -> None:
-    """Raise ValueError for an unknown policy or initialiser, or a bad argument of the environment."""
-    for name in args.policies:
-        policy_sources.factory(name)
-    for initialisation in args.initialisations:
-        make_environment(args.environment(initialisation)).close()
 
 
 def grouped(runs: Sequence[WatchedRun], args: Args) -> list[list[WatchedRun]]:
@@ -139,15 +130,9 @@ def row(run: WatchedRun, times: Sequence[float]) -> dict[str, Any]:
 
 def _tasks(args: Args) -> list[Task]:
     """Room by room, so that an interrupted study has seen the same rooms with everything."""
-    settings = [json.dumps(args.environment(name), sort_keys=True) for name in args.initialisations]
+    settings = [json.dumps(arguments, sort_keys=True) for arguments in args.environments]
     seeds = range(args.seed, args.seed + args.episodes)
-    return [Task(policy, seed, one, whole=False) for seed in seeds for policy in args.policies for one in settings]
-
-
-def _rehearse(args: Args) -> None:
-    """A second of everything in this process, so that the kernels are compiled once, before processes start."""
-    for task in _tasks(replace(args, episodes=1, duration=min(args.duration, 1.0))):
-        watch(task)
+    return [Task(policy, seed, one) for seed in seeds for policy in args.policies for one in settings]
 
 
 def _run_until_interrupted(tasks: Sequence[Task], jobs: int) -> list[WatchedRun]:
@@ -171,18 +156,18 @@ def _write(
     settings = {
         **asdict(args),
         "out": str(args.out),
-        "report": [str(page) for page in args.report],
+        "report": [str(path) for path in args.report],
         "complete": complete,
-        "versions": versions(),
+        "versions": package_versions(RESULTS_REST_ON),
     }
-    write_json(args.out / "report.json", {"settings": settings, "results": [c.as_dict() for c in calibrations]})
-    text = consistency_tables.markdown(calibrations, settings)
+    write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
+    text = page.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)
     drawn = args.figures and find_spec("matplotlib") is not None
     if drawn:
-        nees_figure.draw(calibrations, args.out / "nees.png")
-    for page in args.report:
+        drawing.draw(calibrations, args.out / "nees.png")
+    for path in args.report:
         section = text.replace("# ", "## ").replace("(nees.png)", "(images/nees.png)")
-        put_section(page, "consistency", f"{provenance(args.command)}\n\n{section}")
+        put_section(path, "consistency", f"{provenance(args.command)}\n\n{section}")
         if drawn:
-            nees_figure.draw(calibrations, page.parent / "images" / "nees.png")
+            drawing.draw(calibrations, path.parent / "images" / "nees.png")

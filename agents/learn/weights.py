@@ -6,7 +6,6 @@ to be; the network is built anew for the environment at hand.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,9 +19,11 @@ from stable_baselines3.dqn.policies import DQNPolicy
 
 from activeslam_gym import Gaze, Motion, ObservationLayout, observation_layout
 from activeslam_gym.config import whole_multiple
+from activeslam_gym.files import written_whole
 from agents import pretrained
-from agents.encoder import SetEncoder
-from agents.files import write_json, written_whole
+from agents.learn.card import read_card
+from agents.learn.encoder import SetEncoder
+from agents.tools.files import write_json
 from baselines.policy import Environment
 
 Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
@@ -40,14 +41,9 @@ def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
 
 def save(path: Path, policy: torch.nn.Module, card: dict[str, Any]) -> None:
     """Write a policy's weights to ``path`` (.npz) and its card beside it (.json), each whole or not at all."""
-    with written_whole(path, "wb") as file:
-        np.savez(file, **{name: value.cpu().numpy() for name, value in policy.state_dict().items()})
+    with written_whole(path) as unfinished:
+        np.savez(unfinished, **{name: value.cpu().numpy() for name, value in policy.state_dict().items()})
     write_json(path.with_suffix(".json"), card)
-
-
-def read_card(path: Path) -> dict[str, Any]:
-    """The card of the weights at ``path`` (.npz)."""
-    return json.loads(path.with_suffix(".json").read_text(encoding="utf-8"))
 
 
 class LearnedPolicy:
@@ -143,11 +139,7 @@ def _action_values(network: DQNPolicy) -> Logits:
 
 
 def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
-    """The learned policy of that name (a file's stem in ``folder``), bound to ``env``.
-
-    Raises:
-        ValueError: there is no such policy, or its weights do not fit the environment's observation.
-    """
+    """See `agents.load`."""
     known = pretrained.names(folder)
     if name not in known:
         raise ValueError(

@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym import Motion
 from agents import figures
-from agents.evaluate import Episode
+from agents.episode import Episode
 from agents.study import toy
 from agents.study.claims import STATED
 from agents.study.conditions import CHOICES, DEFAULT, LIVE, STRATEGIES
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
 LIVE_CHOICES = ("hand-held", "calm")
 FOREST = {
     "faster-mi-constant": "14th landmark, s\n(iii) − (i)",
@@ -152,7 +151,7 @@ def curves(rows: Sequence[Row], name: str) -> tuple[Array, Array]:
 
 def _entropies(axes: Axes, episode: Episode, rows: Sequence[Row]) -> None:
     """Lines of one run with a mark at each new landmark, and bands over the rooms."""
-    for part, colour in PARTS.items():
+    for part, colour in figures.PARTS.items():
         times, values = curves(rows, f"log2_det_{part}")
         enough = np.sum(~np.isnan(values), axis=0) >= max(1, len(rows) // 10)
         band = np.nanpercentile(values[:, enough], (10.0, 90.0), axis=0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import activeslam_gym
 from activeslam_gym.config import Scenario
-from agents.calibration import FAR, QUANTITIES, Calibration
+from agents.honesty.calibration import FAR, QUANTITIES, Calibration
 from agents.summary import FEW_ROOMS
 from agents.tables import Table, aligned, legend, pipes
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-
-from agents import policies
-from agents.evaluate import Episode, run_episode
-from agents.machine import machine, versions
-from agents.outcome import outcome
-from agents.parallel import run_all
-from agents.statistics import estimate
+from agents.episode import outcome
 from agents.summary import STATISTICS
+from agents.task import Task
+from agents.tools.machine import machine, versions
+from agents.tools.parallel import run_all
+from agents.tools.statistics import estimate
 
 UNSEEN_SEEDS = 4_000_000
 """The rooms of the card's results: none of training, of the choice of weights, or of the study."""
@@ -26,15 +24,15 @@ LIMITS = (
 )
 
 
-def card_of(learning: dict[str, Any], steps: int, seconds: float, held_out_rooms: int) -> dict[str, Any]:
+def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: int) -> dict[str, Any]:
     """What is known of weights when they are kept, after `steps` decisions and `seconds` of training.
 
     No `held_out_rooms`: they are the last ones, not chosen.
     """
     best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms"
     return {
-        "command": command(learning),
-        **learning,
+        "command": command(recipe),
+        **recipe,
         "steps": steps,
         "seconds": round(seconds, 1),
         "chosen": best if held_out_rooms else "the last of an interrupted training, before any visit to held-out rooms",
@@ -44,23 +42,19 @@ def card_of(learning: dict[str, Any], steps: int, seconds: float, held_out_rooms
     }
 
 
-def command(learning: dict[str, Any]) -> str:
+def command(recipe: dict[str, Any]) -> str:
     """The command that trains with these arguments."""
-    return "python -m agents train " + " ".join(f"--{k.replace('_', '-')} {v}" for k, v in learning.items())
+    return "python -m agents train " + " ".join(f"--{k.replace('_', '-')} {v}" for k, v in recipe.items())
+
+
+def read_card(weights: Path) -> dict[str, Any]:
+    """The card of the weights in a file (.npz)."""
+    return json.loads(weights.with_suffix(".json").read_text(encoding="utf-8"))
 
 
 def results(weights: Path, rooms: int) -> dict[str, Any]:
     """What the weights reach in `rooms` unseen rooms of the default scenario: figures with 95 % intervals."""
-    tasks = [(str(weights), UNSEEN_SEEDS + j) for j in range(rooms)]
-    rows = [outcome(episode, target_landmarks=14) for _, episode in run_all(_episode, tasks, jobs=1)]
+    tasks = [Task(str(weights), UNSEEN_SEEDS + j, settings="{}") for j in range(rooms)]
+    rows = [outcome(episode, target_landmarks=14) for _, episode in run_all(Task.run, tasks, jobs=1)]
     figures = {name: asdict(estimate([row[name] for row in rows], STATISTICS[name])) for name in COLUMNS}
     return {"first_seed": UNSEEN_SEEDS, "rooms": rooms, **figures}
-
-
-def _episode(task: tuple[str, int]) -> Episode:
-    """One episode of the weights."""
-    weights, seed = task
-    env = gym.make("ActiveSLAM-v0")
-    episode = run_episode(env, policies.resolve(weights, env), seed)
-    env.close()
-    return episode

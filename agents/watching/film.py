@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym import rendering
+from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import TEXT
-from agents.files import written_whole
 
 SUFFIXES = (".gif", ".webp", ".png")
 """What Pillow writes as an animation."""
@@ -65,8 +65,10 @@ def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> 
         images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [round(1000 * seconds)] * (len(images) - 1) + [2000]
     form = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}[path.suffix]
-    with written_whole(path, "wb") as file:
-        images[0].save(file, form, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True)
+    with written_whole(path) as unfinished:
+        images[0].save(
+            unfinished, form, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
+        )
 
 
 def _strip(name: str, width: int) -> Picture:

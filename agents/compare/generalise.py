@@ -8,11 +8,11 @@ import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from agents import compare
-from agents.files import write_json, write_text
-from agents.report import provenance, put_section
+from agents.compare import command
 from agents.summary import Summary
 from agents.tables import ERRORS, LEARNED, Table, legend, pipes, titled
+from agents.tools.files import write_json, write_text
+from agents.tools.sections import provenance, put_section
 
 CONDITIONS: dict[str, str] = {
     "default": "paper",
@@ -55,7 +55,7 @@ def main(args: Args) -> int:
     try:
         for name, scenario in CONDITIONS.items():
             print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
-            summary = compare.compare(_comparison(args, name, scenario))
+            summary = command.compare(_comparison(args, name, scenario))
             if summary is None or not summary.settings["complete"]:
                 print("Interrupted; the same command goes on.")
                 return 130
@@ -85,9 +85,9 @@ def table(summaries: dict[str, Summary]) -> Table:
     return Table("Where they were not trained", header, rows)
 
 
-def _comparison(args: Args, name: str, scenario: str) -> compare.Args:
+def _comparison(args: Args, name: str, scenario: str) -> command.Args:
     """The comparison in one condition."""
-    return compare.Args(
+    return command.Args(
         policies=args.policies,
         episodes=args.episodes,
         seed=args.seed,

@@ -1,0 +1,24 @@
+"""Files that are whole or absent, whenever the program is stopped."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A path to write to beside ``path``, whose folder is made; when the block is over, that file becomes ``path``.
+
+    Where the block fails, what was at ``path`` stays and the unfinished file is removed.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = target.with_name(f".{os.getpid()}.{target.name}")  # ends alike: some writers go by the suffix
+    try:
+        yield unfinished
+        unfinished.replace(target)
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -1,0 +1,184 @@
+"""One episode: its record, and what it came to."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym import Gaze, Motion
+from activeslam_gym.files import written_whole
+from activeslam_gym.metrics import write_tum
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode of one policy. T samples in time (the start's is the first), K = T − 1 steps, L true landmarks."""
+
+    policy: str
+    """Name of the policy."""
+    seed: int
+    """Seed of the reset."""
+    settings: str
+    """What the environment was made with, as JSON: episodes with equal settings belong to one study."""
+    lost: bool
+    """The belief was lost, which ended the episode."""
+    room_size: Array
+    """(3,) m, along X, Y, Z."""
+
+    times: Array
+    """(T,) s."""
+    entropy: Array
+    """(T,) bits."""
+    log2_det_camera: Array
+    """(T,) log₂|P| of the camera."""
+    log2_det_map: Array
+    """(T,) log₂|P| of the map, at constant dimension."""
+    log2_det_total: Array
+    """(T,) log₂|P| of both."""
+    log_score: Array
+    """(T,) bits: log₂ N(truth | belief)."""
+    landmarks_mapped: Array
+    """(T,) features that are mapped."""
+    distinct_landmarks: Array
+    """(T,) true landmarks among them."""
+    position_error: Array
+    """(T,) m."""
+    orientation_error: Array
+    """(T,) rad."""
+    landmark_rmse: Array
+    """(T,) m; inf until something is mapped."""
+    position_nees: Array
+    """(T,) of the position, per degree of freedom: 1 where the filter is honest."""
+    orientation_nees: Array
+    """(T,) of the orientation, per degree of freedom."""
+    landmark_nees: Array
+    """(T,) mean over the mapped landmarks, per degree of freedom; NaN before there are any."""
+    position_offset: Array
+    """(T, 3) m, true − estimated."""
+    position_std: Array
+    """(T, 3) m, the filter's own."""
+    rotation_offset: Array
+    """(T, 3) rad: δθ of R_true = Exp(δθ) R_estimated, in the world frame."""
+    rotation_std: Array
+    """(T, 3) rad, the filter's own."""
+    true_position: Array
+    """(T, 3) m."""
+    true_quaternion: Array
+    """(T, 4), scalar first."""
+    estimated_position: Array
+    """(T, 3) m."""
+    estimated_quaternion: Array
+    """(T, 4), scalar first."""
+
+    actions: Array
+    """(K, 2) motion and gaze."""
+    motion_read: Array
+    """(K,) bool: the step read its motion; elsewhere the one under way went on."""
+    rewards: Array
+    """(K,)."""
+    decision_us: Array
+    """(K,) microseconds of `predict`."""
+
+    landmark_times: Array
+    """(J,) s: when the number of mapped landmarks first reached 1 … J."""
+    landmark_log2_det: Array
+    """(J,) log₂|P| of camera and map then."""
+
+    true_landmarks: Array
+    """(L, 3) m."""
+    fiducials: Array
+    """(F, 3) m."""
+    landmark_errors: Array
+    """(L,) m, at the end; NaN for a landmark that is not mapped."""
+    estimated_landmarks: Array
+    """(n, 3) m, the mapped features at the end."""
+    landmark_covariance: Array
+    """(n, 3, 3) m², theirs."""
+
+    def thinned(self, period: float = 1.0) -> Episode:
+        """The same with samples every `period` s and at the end; steps and final values stay whole."""
+        ticks = np.arange(0.0, self.times[-1] + period, period)
+        kept = np.unique(np.abs(self.times[None, :] - ticks[:, None]).argmin(axis=1))
+        kept = np.union1d(kept, len(self.times) - 1)
+        return replace(self, **{name: getattr(self, name)[kept] for name in SAMPLED})
+
+    def save(self, path: Path) -> None:
+        """Write to `path` (.npz), whole or not at all."""
+        with written_whole(path) as unfinished:
+            np.savez_compressed(unfinished, **asdict(self))
+
+    def write_trajectories(self, folder: Path, stem: str) -> list[Path]:
+        """Write the true and the estimated trajectory into `folder`, for `evo_ape tum …`; the files."""
+        files = {kind: folder / f"{stem}-{kind}.tum" for kind in ("true", "estimated")}
+        for kind, path in files.items():
+            write_tum(path, self.times, getattr(self, f"{kind}_position"), getattr(self, f"{kind}_quaternion"))
+        return list(files.values())
+
+    @classmethod
+    def load(cls, path: Path) -> Episode:
+        """Read what `save` wrote."""
+        with np.load(path) as data:
+            return cls(**{f.name: data[f.name][()] if data[f.name].ndim else data[f.name].item() for f in fields(cls)})
+
+
+_NAMES = [f.name for f in fields(Episode)]
+SAMPLED = tuple(_NAMES[_NAMES.index("times") : _NAMES.index("actions")])
+"""The fields with one entry for each time."""
+
+
+def outcome(episode: Episode, target_landmarks: int) -> dict[str, Any]:
+    """A row of episodes.csv: names, bits learned, errors at the end [m, rad], times [s], counts of the commands.
+
+    A lost belief has removed no bits of entropy; its log score stands as it is, for the score itself punishes it.
+    What did not happen (no landmark mapped, `target_landmarks` not reached) is NaN.
+    """
+    reached = len(episode.landmark_times) >= target_landmarks
+    return {
+        "policy": episode.policy,
+        "seed": episode.seed,
+        "steps": len(episode.actions),
+        "end_time": float(episode.times[-1]),
+        "lost": int(episode.lost),
+        "bits": 0.0 if episode.lost else float(episode.entropy[0] - episode.entropy[-1]),
+        "log_score_gain": float(episode.log_score[-1] - episode.log_score[0]),
+        "reward": float(episode.rewards.sum()),
+        "landmarks_mapped": int(episode.landmarks_mapped[-1]),
+        "distinct_landmarks": int(episode.distinct_landmarks[-1]),
+        "landmark_rmse": float(episode.landmark_rmse[-1]) if np.isfinite(episode.landmark_rmse[-1]) else np.nan,
+        "position_error": float(episode.position_error[-1]),
+        "orientation_error": float(episode.orientation_error[-1]),
+        "target_reached": int(reached),
+        "target_time": float(episode.landmark_times[target_landmarks - 1]) if reached else np.nan,
+        "target_log2_det": float(episode.landmark_log2_det[target_landmarks - 1]) if reached else np.nan,
+        "decision_us": float(episode.decision_us.mean()),
+        **{f"motion_{motion.name.lower()}": count for motion, count in zip(Motion, motion_counts(episode))},
+        **{f"gaze_{gaze.name.lower()}": count for gaze, count in zip(Gaze, gaze_counts(episode))},
+    }
+
+
+def motion_counts(episode: Episode) -> list[int]:
+    """How often each motion was commanded: one command a motion period, in the enum's order."""
+    return np.bincount(episode.actions[episode.motion_read, 0], minlength=len(Motion)).tolist()
+
+
+def gaze_counts(episode: Episode) -> list[int]:
+    """How often each gaze was commanded, in the enum's order."""
+    return np.bincount(episode.actions[:, 1], minlength=len(Gaze)).tolist()
+
+
+def honesty(episode: Episode, time: float) -> dict[str, float]:
+    """NEES per degree of freedom of position, orientation and landmarks at `time` [s]; NaN where the run is over.
+
+    A run that was lost by then is over too: these are the figures of the runs alive.
+    """
+    names = ("position_nees", "orientation_nees", "landmark_nees")
+    half_sample = 0.5 * float(np.median(np.diff(episode.times)))
+    alive = time <= episode.times[-1] + half_sample and not (episode.lost and time >= episode.times[-1])
+    index = int(np.abs(episode.times - time).argmin())
+    return {name: float(getattr(episode, name)[index]) if alive else np.nan for name in names}

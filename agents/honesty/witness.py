@@ -1,0 +1,136 @@
+"""What the hidden labels say of a run, frame by frame: depth errors at conversion, wrong associations, duplicates.
+
+A step must be one frame, or conversions would be seen some frames late.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym.motion import CAMERA_DIM
+from agents.episode import Episode
+from agents.task import Task
+from agents.tools import inside
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Testimony:
+    """What the hidden labels said of one run."""
+
+    depth_errors: Array
+    """(C,) standardised depth errors of the features that became points, see `depth_error`."""
+    conversions: int
+    """Features that became points, those without an owner too: C of them have one."""
+    matches: int
+    """Detections matched to a fiducial or to a feature that was there before (births are none)."""
+    wrong_matches: int
+    """Wrong ones, as the environment counts them (a feature born of clutter is one)."""
+    features: int
+    """Features that ever had an owner: a true landmark that more than half of their detections were of."""
+    duplicates: int
+    """Those of them that, at some frame, had their owner in common with an older feature of the map."""
+
+
+@dataclass(frozen=True)
+class WatchedRun:
+    """One episode with what was said of it."""
+
+    episode: Episode
+    testimony: Testimony
+    initialisation: str
+
+
+class Witness:
+    """Takes down what the labels say after each frame; see `look`."""
+
+    def __init__(self) -> None:
+        self._begin()
+
+    def _begin(self) -> None:
+        self._depth_errors: list[float] = []
+        self._counts = {"conversions": 0, "matches": 0, "wrong_matches": 0}
+        self._owned: set[int] = set()
+        self._doubles: set[int] = set()
+        self._anchors: dict[int, Array] = {}
+
+    def look(self, core: Any, info: dict[str, Any]) -> None:
+        """See what there is to say of a frame; a reset begins anew. Raises ValueError for steps of several frames."""
+        if round(core.gaze_period / core.scenario.frame_time) != 1:
+            raise ValueError(f"gaze_period: {core.gaze_period!r}; allowed: one frame, or conversions are seen late")
+        features = inside.features(core)
+        if core.time == 0.0:
+            self._begin()
+        else:
+            self._note_conversions(core, features)
+            self._count(inside.matches(core), info["events"])
+            self._note_owners(features)
+        waiting = ~features.is_point
+        self._anchors = dict(zip(features.serial[waiting].tolist(), features.anchor[waiting]))
+
+    def _note_conversions(self, core: Any, features: inside.Features) -> None:
+        for k in np.flatnonzero(features.is_point):
+            if (serial := int(features.serial[k])) in self._anchors:
+                error = depth_error(core.belief, core.truth, int(k), int(features.owner[k]), self._anchors[serial])
+                self._depth_errors.append(error)
+
+    def _count(self, matches: list[inside.Key], events: dict[str, int]) -> None:
+        self._counts["matches"] += len(matches) - events["births"]
+        self._counts["conversions"] += events["conversions"]
+        self._counts["wrong_matches"] += events["wrong_matches"]
+
+    def _note_owners(self, features: inside.Features) -> None:
+        seen: set[int] = set()
+        for owner, serial in owners_by_age(features):
+            self._owned.add(serial)
+            if owner in seen:
+                self._doubles.add(serial)
+            seen.add(owner)
+
+    @property
+    def testimony(self) -> Testimony:
+        """What has been said since the reset."""
+        errors = np.array(self._depth_errors)
+        return Testimony(
+            depth_errors=errors[~np.isnan(errors)],
+            features=len(self._owned),
+            duplicates=len(self._doubles),
+            **self._counts,
+        )
+
+
+def depth_error(belief: Any, truth: Any, k: int, owner: int, anchor: Array) -> float:
+    """Standardised error of the depth of the belief's landmark `k`, along the line of sight from `anchor` (3,) [m].
+
+    With m the unit vector from the anchor (as it was estimated before the frame) to the estimated point ŷ, depth is
+    the distance along m between point and camera, both at this moment: the true one, mᵀ(y − p), minus the estimated
+    one, mᵀ(ŷ − p̂), over its standard deviation √(mᵀ (P_yy − P_yp − P_py + P_pp) m). Taken after the update and the
+    conversion of the frame. `owner` is the true landmark; NaN where there is none (−1).
+    """
+    if owner < 0:
+        return np.nan
+    y, y_hat = truth.landmarks[owner], belief.landmarks[k]
+    m = (y_hat - anchor) / np.linalg.norm(y_hat - anchor)
+    error = m @ ((y - truth.position) - (y_hat - belief.position))
+    P, camera, point = belief.covariance, slice(0, 3), slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
+    relative = P[point, point] - P[point, camera] - P[camera, point] + P[camera, camera]
+    return float(error / np.sqrt(m @ relative @ m))
+
+
+def owners_by_age(features: inside.Features) -> list[tuple[int, int]]:
+    """(owner, serial number) of the features that have an owner, oldest first."""
+    pairs = zip(features.owner.tolist(), features.serial.tolist())
+    return [(owner, serial) for owner, serial in pairs if owner >= 0]
+
+
+def watch(task: Task) -> WatchedRun:
+    """Run one episode under the witness's eyes, in whichever process."""
+    witness = Witness()
+    episode = task.run([witness.look])
+    return WatchedRun(episode, witness.testimony, json.loads(task.settings)["scenario"]["initialisation"])

@@ -1,0 +1,85 @@
+"""An episode to run, by names: of the policy, of the environment's arguments, of the file that keeps it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import activeslam_gym  # noqa: F401  (registers the environment)
+from agents import policies
+from agents.episode import Episode
+from agents.evaluate import Look, run_episode
+from agents.tools.machine import sources
+
+ENVIRONMENT = "ActiveSLAM-v0"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One episode to run."""
+
+    policy: str
+    seed: int
+    settings: str
+    """Arguments of the environment, as JSON: what episodes must share to be compared."""
+    whole: bool = False
+    """Keep every sample (the room that is drawn) instead of one a second."""
+
+    @property
+    def key(self) -> str:
+        """What an episode of an earlier run must share to be this one."""
+        return f"{self.settings} {sources()}"
+
+    def path(self, folder: Path) -> Path:
+        """Where the finished episode is kept."""
+        return folder / "episodes" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', self.policy)}-{self.seed}.npz"
+
+    def run(self, looks: Sequence[Look] = ()) -> Episode:
+        """Run it, in whichever process."""
+        env = make_environment(json.loads(self.settings))
+        episode = run_policy(self.policy, env, self.seed, settings=self.key, looks=looks)
+        return episode if self.whole else episode.thinned()
+
+
+def make_environment(arguments: dict[str, Any]) -> gym.Env:
+    """The environment of every study."""
+    return gym.make(ENVIRONMENT, **arguments)
+
+
+def run_policy(
+    source: str,
+    env: gym.Env,
+    seed: int,
+    name: str | None = None,
+    settings: str = "{}",
+    looks: Sequence[Look] = (),
+) -> Episode:
+    """The episode of `seed` of the policy that `source` names (see `policies.factory`); `env` is closed at its end.
+
+    `name` is what the record calls it, `source` if not given.
+    """
+    try:
+        return run_episode(env, policies.resolve(source, env, seed), seed, name or source, settings, looks)
+    finally:
+        env.close()
+
+
+def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
+    """Raise ValueError for an unknown policy or a bad argument of an environment."""
+    for name in names:
+        policies.factory(name)
+    for arguments in environments:
+        make_environment(arguments).close()
+
+
+def rehearse(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int) -> None:
+    """One step of every policy in every environment, so that kernels are compiled once, before processes start."""
+    for arguments in environments:
+        for name in names:
+            run_policy(name, gym.wrappers.TimeLimit(make_environment(arguments), 1), seed)

@@ -1,0 +1,1 @@
+"""What every command needs: estimates over rooms, files, processes, and where a number comes from."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gymnasium
 
-from activeslam_gym import compilation
 from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMDiscreteEnv, ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
@@ -12,10 +11,6 @@ from activeslam_gym.envs.observation import ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
 __version__ = "0.1.0"
-
-compilation.announce_compilation()
-compilation.hasten_compilation()
-compilation.discard_stale_kernels()  # before any kernel is called, which is when Numba looks for its cache
 
 __all__ = [
     "SCENARIOS",
@@ -28,6 +23,7 @@ __all__ = [
     "ObservationLayout",
     "Scenario",
     "observation_layout",
+    "warm_up",
 ]
 
 for _id, _name in (("ActiveSLAM-v0", "ActiveSLAM"), ("ActiveSLAMDiscrete-v0", "ActiveSLAMDiscrete")):
@@ -36,6 +32,17 @@ for _id, _name in (("ActiveSLAM-v0", "ActiveSLAM"), ("ActiveSLAMDiscrete-v0", "A
         entry_point=f"activeslam_gym.envs.active_slam:{_name}Env",
         vector_entry_point=f"activeslam_gym.envs.active_slam_vector:{_name}VectorEnv",
     )
+
+
+def warm_up() -> None:
+    """Compile the kernels of steps and scores, or load them: what the first step and the first score would do.
+
+    For programs that fork, or that must not wait later.
+    """
+    env = ActiveSLAMEnv()
+    env.reset(seed=0)
+    env.step((Motion.STAY, Gaze.STAY))
+    env.motion_scores()
 
 
 def observation_layout(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> ObservationLayout:

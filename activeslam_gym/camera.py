@@ -7,45 +7,45 @@ Camera axes are x left, y up, z forward, hence the minus signs; u runs to the ri
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
+from activeslam_gym.kernels import Record, compiled, filled, record
 
 Vector = np.ndarray | tuple[float, float, float]
 """Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
 
 
-class CameraModel(NamedTuple):
-    """Intrinsics, in pixels; lengths in metres."""
+CAMERA = record(
+    focal="f8",  # f k_u = f k_v [px]
+    u0="f8",
+    v0="f8",
+    distortion="f8",  # K_d [1/px^2]
+    width="f8",
+    height="f8",
+    minimum_depth="f8",  # points nearer than this are not seen [m]
+    pixel_std="f8",  # of the image noise, each axis [px]
+)
+"""Intrinsics; in pixels where nothing else is said."""
 
-    focal: float
-    u0: float
-    v0: float
-    distortion: float
-    width: float
-    height: float
-    minimum_depth: float
-    pixel_std: float
 
-
-def camera_of(scenario: Scenario) -> CameraModel:
-    """The camera of a scenario."""
-    return CameraModel(
-        float(scenario.focal_px),
-        float(scenario.principal_x_px),
-        float(scenario.principal_y_px),
-        float(scenario.distortion),
-        float(scenario.image_width),
-        float(scenario.image_height),
-        float(scenario.minimum_depth),
-        float(scenario.pixel_std),
+def camera_of(scenario: Scenario) -> Record:
+    """The camera of a scenario, a CAMERA record."""
+    return filled(
+        CAMERA,
+        focal=scenario.focal_px,
+        u0=scenario.principal_x_px,
+        v0=scenario.principal_y_px,
+        distortion=scenario.distortion,
+        width=scenario.image_width,
+        height=scenario.image_height,
+        minimum_depth=scenario.minimum_depth,
+        pixel_std=scenario.pixel_std,
     )
 
 
-@part
+@compiled
 def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, float]:
     """R_WC^T v_W: the world vector (3,) in camera axes. A tuple, since this is where a frame spends its time."""
     return (
@@ -55,14 +55,14 @@ def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, floa
     )
 
 
-@part
+@compiled
 def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """p_C = R_WC^T (y - p) of the world point ``y`` (3,); ``pose`` begins with the position p."""
     return camera_from_world(R_WC, (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
 
 
-@part
-def pixel_from_camera_point(camera: CameraModel, p_C: Vector, z: np.ndarray) -> bool:
+@compiled
+def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
     """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
     if p_C[2] <= 0.0:
         return False
@@ -74,14 +74,58 @@ def pixel_from_camera_point(camera: CameraModel, p_C: Vector, z: np.ndarray) -> 
     return True
 
 
-@part
-def inside_image(camera: CameraModel, z: np.ndarray, margin: float) -> bool:
+@compiled
+def inside_image(camera: Record, z: np.ndarray, margin: float) -> bool:
     """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
     return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
 
 
-@part
-def pixel_jacobian(camera: CameraModel, p_C: Vector, J: np.ndarray) -> None:
+@compiled
+def visible(
+    camera: Record,
+    boxes: np.ndarray,
+    R_WC: np.ndarray,
+    pose: np.ndarray,
+    y: np.ndarray,
+    margin: float,
+    z: np.ndarray,
+) -> bool:
+    """Whether the camera at ``pose`` sees the world point ``y`` (>= 3,): the one test of visibility.
+
+    It does where the point lies in front of it, its pixel in the image grown by ``margin`` [px] on each side, and none
+    of the ``boxes`` (B, 2, 3) (see `hidden`) between them. Writes the pixel into ``z`` (2,). ``pose`` begins with the
+    position; R_WC is its rotation.
+    """
+    p_C = camera_point(R_WC, pose, y)
+    if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
+        return False
+    return inside_image(camera, z, margin) and not hidden(boxes, pose, y)
+
+
+@compiled
+def hidden(boxes: np.ndarray, p: np.ndarray, y: np.ndarray) -> bool:
+    """Whether one of the ``boxes`` (B, 2, 3), lowest and highest corner [m], cuts the way from ``p`` to ``y`` (>= 3,).
+
+    The way p + t (y - p) is in a box between two planes of each axis; it cuts the box where the three intervals of t
+    and [0, 1] have more than a point in common, so that a point on a face is not hidden by its own box.
+    """
+    for b in range(boxes.shape[0]):
+        near, far = 0.0, 1.0
+        for i in range(3):
+            way = y[i] - p[i]
+            if abs(way) < 1e-12:
+                if p[i] <= boxes[b, 0, i] or p[i] >= boxes[b, 1, i]:
+                    far = -1.0
+                continue
+            first, second = (boxes[b, 0, i] - p[i]) / way, (boxes[b, 1, i] - p[i]) / way
+            near, far = max(near, min(first, second)), min(far, max(first, second))
+        if far - near > 1e-9:
+            return True
+    return False
+
+
+@compiled
+def pixel_jacobian(camera: Record, p_C: Vector, J: np.ndarray) -> None:
     """Write d z / d p_C (2, 3) [px/m] at ``p_C``, which lies in front of the camera, into ``J``."""
     f_z = camera.focal / p_C[2]
     u_c, v_c = f_z * p_C[0], f_z * p_C[1]
@@ -95,8 +139,8 @@ def pixel_jacobian(camera: CameraModel, p_C: Vector, J: np.ndarray) -> None:
     J[1, 0], J[1, 1], J[1, 2] = u_vc * f_z, v_vc * f_z, -(u_vc * u_c + v_vc * v_c) / p_C[2]
 
 
-@part
-def ray_from_pixel(camera: CameraModel, z: np.ndarray) -> np.ndarray:
+@compiled
+def ray_from_pixel(camera: Record, z: np.ndarray) -> np.ndarray:
     """Back-project the pixel ``z`` (2,) to the camera point (x, y, 1) (3,) on its line of sight.
 
     With u_d = u0 - u and v_d = v0 - v: u_c = u_d / sqrt(1 - K_d (u_d^2 + v_d^2)), the inverse of equation 1. A pixel
@@ -108,8 +152,8 @@ def ray_from_pixel(camera: CameraModel, z: np.ndarray) -> np.ndarray:
     return np.array((u_d * scale, v_d * scale, 1.0))
 
 
-@part
-def ray_jacobian(camera: CameraModel, z: np.ndarray) -> np.ndarray:
+@compiled
+def ray_jacobian(camera: Record, z: np.ndarray) -> np.ndarray:
     """d ray_from_pixel / d z, (3, 2) [1/px]; its last row is zero."""
     u_d, v_d = camera.u0 - z[0], camera.v0 - z[1]
     e = max(1.0 - camera.distortion * (u_d * u_d + v_d * v_d), 1e-6)

@@ -50,15 +50,31 @@ def _one_of(*words: str) -> Bound:
     return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
 
+def _is_box(value: Any) -> bool:
+    """Whether it is two corners, the lowest and the highest along X, Y and Z."""
+    if not (isinstance(value, tuple) and len(value) == 2 and all(isinstance(corner, tuple) for corner in value)):
+        return False
+    low, high = value
+    return len(low) == len(high) == 3 and all(map(is_number, low + high)) and all(a < b for a, b in zip(low, high))
+
+
+_BOXES = Bound(
+    "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each",
+    lambda value: isinstance(value, tuple) and all(map(_is_box, value)),
+)
 _WHOLE = _number("a whole number", lambda x: isinstance(x, int))
 _POSITIVE = _number("a positive number", lambda x: x > 0)
 _NOT_NEGATIVE = _number("zero or a positive number", lambda x: x >= 0)
 _POSITIVE_OR_NONE = Bound("a positive number or None", lambda value: value is None or _POSITIVE.holds(value))
+_NOT_NEGATIVE_OR_NONE = Bound(
+    "zero, a positive number or None", lambda value: value is None or _NOT_NEGATIVE.holds(value)
+)
 _INCREASING = Bound("in increasing order", lambda pair: pair[0] < pair[1])
 
 FiniteFloat = Annotated[float, _number("a finite number")]
 PositiveFloat = Annotated[float, _POSITIVE]
 NonNegativeFloat = Annotated[float, _NOT_NEGATIVE]
+NonNegativeFloatOrNone = Annotated[float | None, _NOT_NEGATIVE_OR_NONE]
 PositiveFloatOrNone = Annotated[float | None, _POSITIVE_OR_NONE]
 Probability = Annotated[float, _number("in [0, 1)", lambda x: 0 <= x < 1)]
 PositiveXYZ = Annotated[tuple[float, float, float], _positive_numbers(3)]
@@ -66,6 +82,7 @@ PositiveRange = Annotated[tuple[float, float], _positive_numbers(2), _INCREASING
 PositiveInt = Annotated[int, _WHOLE, _POSITIVE]
 NonNegativeInt = Annotated[int, _WHOLE, _NOT_NEGATIVE]
 TwoOrMore = Annotated[int, _WHOLE, _number("at least 2", lambda x: x >= 2)]
+Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...], _BOXES]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
 Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
@@ -95,6 +112,10 @@ class Scenario:
     """Goals are clipped to stay this far from the walls [m]."""
     wall_margin: NonNegativeFloat = 0.1
     """The physical wall: the camera's centre comes no closer [m]."""
+    boxes: Boxes = ()
+    """What hides the points behind it, lowest and highest corner of each [m]. Nothing is kept from being inside."""
+    boxes_known: Switch = False
+    """Whether the belief knows the boxes, so that filter, scores and observation reckon with what they hide."""
 
     # The camera -----------------------------------------------------------------------------------------------------
     frame_time: PositiveFloat = 0.05
@@ -111,6 +132,10 @@ class Scenario:
     """v0 [px]."""
     distortion: NonNegativeFloat = 1.8e-5
     """K_d of equation 1 [1/px^2]."""
+    true_focal_px: PositiveFloatOrNone = None
+    """The true camera's, where the calibration is wrong [px]; None: ``focal_px``."""
+    true_distortion: NonNegativeFloatOrNone = None
+    """The true camera's [1/px^2]; None: ``distortion``."""
     minimum_depth: PositiveFloat = 0.1
     """Points nearer than this along the optical axis are not seen [m]."""
     pixel_std: PositiveFloat = 2.0

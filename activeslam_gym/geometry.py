@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
-from activeslam_gym.compilation import part
+from activeslam_gym.kernels import compiled
 
 _SMALL_ANGLE = 1e-4
 """Below this angle [rad] the series are exact to double precision and the closed forms lose digits."""
 
 
-@part
+@compiled
 def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Hamilton product a b of two quaternions (4,), scalar first."""
     out = np.empty(4)
@@ -23,7 +23,7 @@ def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-@part
+@compiled
 def quaternion_exp(phi: np.ndarray) -> np.ndarray:
     """Unit quaternion (4,) of the rotation vector ``phi`` (3,) [rad]."""
     angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
@@ -31,7 +31,7 @@ def quaternion_exp(phi: np.ndarray) -> np.ndarray:
     return np.array((math.cos(0.5 * angle), scale * phi[0], scale * phi[1], scale * phi[2]))
 
 
-@part
+@compiled
 def rotate_left(phi: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Exp(phi) q, normalised: the paper's left-multiplied quaternion transition."""
     out = quaternion_product(quaternion_exp(phi), q)
@@ -41,7 +41,7 @@ def rotate_left(phi: np.ndarray, q: np.ndarray) -> np.ndarray:
     return out
 
 
-@part
+@compiled
 def rotation_error(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
     """Log(R_true R_hat^T) (3,) [rad], the shorter way round: the tangent error of an orientation estimate."""
     conjugate = np.array((q_hat[0], -q_hat[1], -q_hat[2], -q_hat[3]))
@@ -53,7 +53,7 @@ def rotation_error(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
     return np.array((scale * q[1], scale * q[2], scale * q[3]))
 
 
-@part
+@compiled
 def rotation_matrix(q: np.ndarray) -> np.ndarray:
     """R_WC (3, 3) of a unit quaternion q_WC (4,)."""
     w, x, y, z = q[0], q[1], q[2], q[3]
@@ -70,7 +70,7 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
     return R
 
 
-@part
+@compiled
 def skew(v: np.ndarray) -> np.ndarray:
     """The matrix [v]x (3, 3) with [v]x w = v x w."""
     out = np.zeros((3, 3))
@@ -80,7 +80,7 @@ def skew(v: np.ndarray) -> np.ndarray:
     return out
 
 
-@part
+@compiled
 def _so3_series(phi: np.ndarray, identity: float, linear: float, quadratic: float) -> np.ndarray:
     """identity I + linear [phi]x + quadratic [phi]x^2, with [phi]x^2 = phi phi^T - |phi|^2 I."""
     out = skew(phi)
@@ -92,7 +92,7 @@ def _so3_series(phi: np.ndarray, identity: float, linear: float, quadratic: floa
     return out
 
 
-@part
+@compiled
 def so3_exp(phi: np.ndarray) -> np.ndarray:
     """Rotation matrix (3, 3) of the rotation vector ``phi`` (3,) [rad] (Rodrigues)."""
     angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
@@ -101,7 +101,7 @@ def so3_exp(phi: np.ndarray) -> np.ndarray:
     return _so3_series(phi, 1.0, math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle))
 
 
-@part
+@compiled
 def so3_left_jacobian(phi: np.ndarray) -> np.ndarray:
     """J_l (3, 3) with Exp(phi + d) = Exp(J_l(phi) d) Exp(phi) to first order in d."""
     angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])

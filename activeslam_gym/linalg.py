@@ -11,13 +11,13 @@ import math
 
 import numpy as np
 
-from activeslam_gym.compilation import part
+from activeslam_gym.kernels import compiled
 
 _FUSE = {"contract"}
 """Let a product and a sum become one fused operation; sums are never reordered."""
 
 
-@part(fastmath=_FUSE)
+@compiled(fastmath=_FUSE)
 def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
@@ -45,7 +45,7 @@ def cholesky_in_place(A: np.ndarray) -> bool:
     return True
 
 
-@part(fastmath=_FUSE)
+@compiled(fastmath=_FUSE)
 def _subtract_four(A: np.ndarray, start: int, n: int, W: np.ndarray, first: int) -> None:
     """A -= w^T w for the rows w ``first`` … ``first + 3`` of ``W``, in A's upper triangle from ``start`` to ``n``.
 
@@ -69,7 +69,7 @@ def _subtract_four(A: np.ndarray, start: int, n: int, W: np.ndarray, first: int)
             lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
 
 
-@part
+@compiled
 def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     """log2 of the squared product of the diagonal entries ``start`` to ``stop`` of a factor: of a determinant."""
     total = 0.0
@@ -78,7 +78,7 @@ def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     return 2.0 * total
 
 
-@part(fastmath=_FUSE)
+@compiled(fastmath=_FUSE)
 def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     """Overwrite ``B`` (n, m) with U^{-T} B."""
     n, m = B.shape
@@ -93,7 +93,7 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
             row[j] *= inverse
 
 
-@part(fastmath=_FUSE)
+@compiled(fastmath=_FUSE)
 def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
     """Overwrite the vector ``b`` (n,) with U^{-T} b; U may have more rows than b."""
     n = b.shape[0]
@@ -104,7 +104,7 @@ def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
             rest[j] -= factor * row[j]
 
 
-@part
+@compiled
 def log2_det(A: np.ndarray) -> float:
     """log2 |A| of a symmetric matrix (n, n), or NaN where it is not positive definite."""
     U = A.copy()
@@ -113,7 +113,7 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@part(fastmath=_FUSE)
+@compiled(fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
     m = W.shape[0]
@@ -126,13 +126,21 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
             factor = w[0]
             for j in range(n - i):
                 row[j] -= factor * w[j]
-    for i in range(1, n):
-        row = P[i]
-        for j in range(i):
-            row[j] = P[j, i]
+    _copy_upper_to_lower(P, n)
 
 
-@part
+@compiled
+def _copy_upper_to_lower(P: np.ndarray, n: int) -> None:
+    """P[i, j] = P[j, i] for j < i < n, eight columns at a time: what a cache line holds is used while it is at hand."""
+    for first in range(0, n, 8):
+        last = min(first + 8, n)
+        for i in range(first + 1, n):
+            row = P[i]
+            for j in range(first, min(i, last)):
+                row[j] = P[j, i]
+
+
+@compiled
 def log2_det_3(A: np.ndarray) -> float:
     """log2 |A| of a symmetric 3 x 3 matrix in closed form, or NaN where the determinant is not positive."""
     det = (
@@ -143,41 +151,54 @@ def log2_det_3(A: np.ndarray) -> float:
     return math.log2(det) if det > 0.0 else np.nan
 
 
-@part
-def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A B for small matrices."""
-    out = np.zeros((A.shape[0], B.shape[1]))
+@compiled(fastmath=_FUSE)
+def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
+    """out += A B, for A (n, k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""
     for i in range(A.shape[0]):
+        target = out[i]
         for k in range(A.shape[1]):
-            for j in range(B.shape[1]):
-                out[i, j] += A[i, k] * B[k, j]
+            factor, source = A[i, k], B[k]
+            if factor != 0.0:
+                for j in range(out.shape[1]):
+                    target[j] += factor * source[j]
+
+
+@compiled
+def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """A B."""
+    out = np.zeros((A.shape[0], B.shape[1]))
+    add_product(A, B, out)
     return out
 
 
-@part
+@compiled
 def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
-    """F P F^T for a small symmetric ``P``, symmetric to the bit."""
-    FP = product(F, P)
-    n = F.shape[0]
-    out = np.empty((n, n))
-    for i in range(n):
+    """F P F^T for a symmetric ``P``, symmetric to the bit."""
+    out = np.zeros((F.shape[0], F.shape[0]))
+    add_symmetric_product(product(F, P), F, out)
+    return out
+
+
+@compiled
+def add_symmetric_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
+    """out += A B^T (n, n) where that is symmetric: the lower triangle, whose copy is the upper; A, B (>= n, k)."""
+    for i in range(out.shape[0]):
         for j in range(i + 1):
-            value = 0.0
-            for k in range(F.shape[1]):
-                value += FP[i, k] * F[j, k]
+            value = out[i, j]
+            for k in range(B.shape[1]):
+                value += A[i, k] * B[j, k]
             out[i, j] = value
             out[j, i] = value
-    return out
 
 
-@part
+@compiled
 def copy_into(out: np.ndarray, values: np.ndarray) -> None:
     """out = ``values`` (n,). Written out, since Numba compiles ten functions for the assignment to a slice."""
     for i in range(values.shape[0]):
         out[i] = values[i]
 
 
-@part
+@compiled
 def copy_block(source: np.ndarray, out: np.ndarray) -> None:
     """out = ``source`` (n, m); ``out`` may have more rows."""
     for i in range(source.shape[0]):
@@ -185,7 +206,7 @@ def copy_block(source: np.ndarray, out: np.ndarray) -> None:
             out[i, j] = source[i, j]
 
 
-@part
+@compiled
 def count_true(flags: np.ndarray) -> int:
     """How many of ``flags`` (n,) are true."""
     count = 0
@@ -195,7 +216,7 @@ def count_true(flags: np.ndarray) -> int:
     return count
 
 
-@part
+@compiled
 def sum_of_squares(v: np.ndarray) -> float:
     """v^T v of a vector (n,)."""
     total = 0.0

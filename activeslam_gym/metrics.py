@@ -7,14 +7,14 @@ import os
 
 import numpy as np
 
-from activeslam_gym.compilation import part
 from activeslam_gym.files import written_whole
 from activeslam_gym.geometry import rotation_error
+from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector, sum_of_squares
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 
 
-@part
+@compiled
 def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
     """Tangent error (12,) of an estimated camera (13,): truth minus estimate, the rotation by Log(R R_hat^T)."""
     out = np.empty(CAMERA_DIM)
@@ -27,7 +27,7 @@ def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
     return out
 
 
-@part
+@compiled
 def nees(error: np.ndarray, covariance: np.ndarray) -> float:
     """Normalised estimation error squared e^T P^-1 e; inf where P (n, n) is not positive definite."""
     U = covariance.copy()
@@ -38,7 +38,7 @@ def nees(error: np.ndarray, covariance: np.ndarray) -> float:
     return sum_of_squares(e)
 
 
-@part
+@compiled
 def log2_normal_of_factor(error: np.ndarray, U: np.ndarray) -> float:
     """log2 N(error; 0, P) [bit] of ``error`` (n,), which is overwritten; P = U^T U, of which U may have more rows."""
     n = error.shape[0]

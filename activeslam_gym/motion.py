@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
+from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import congruence, copy_into, product
 
 CAMERA_SIZE = 13
@@ -49,59 +48,55 @@ MOTION_COUNT = len(Motion)
 GAZE_COUNT = len(Gaze)
 
 
-class MotionModel(NamedTuple):
-    """Constants of the motion model and the controller (SI units)."""
-
-    dt: float
-    acceleration_std: float
-    angular_acceleration_std: float
-    filter_acceleration_std: float
-    filter_angular_acceleration_std: float
-    command_known: bool
-    step_length: float
-    turn_rate: float
-    frequency: float
-    rate_loop_time: float
-    period: float
-    half_x: float
-    half_y: float
-    half_z: float
-    goal_margin: float
-    wall_margin: float
-    script_amplitude: float
-    script_period: float
+MOTION = record(
+    dt="f8",
+    acceleration_std="f8",
+    angular_acceleration_std="f8",
+    filter_acceleration_std="f8",
+    filter_angular_acceleration_std="f8",
+    command_known="b1",
+    step_length="f8",
+    turn_rate="f8",
+    frequency="f8",
+    rate_loop_time="f8",
+    period="f8",
+    half=("f8", 3),
+    goal_margin="f8",
+    wall_margin="f8",
+    script_amplitude="f8",
+    script_period="f8",
+)
+"""Constants of the motion model and the controller (SI units); see the fields of `Scenario`. ``half`` of the room."""
 
 
-def motion_of(scenario: Scenario, motion_period: float) -> MotionModel:
-    """The motion constants of a scenario whose commanded translations take ``motion_period`` seconds."""
+def motion_of(scenario: Scenario, motion_period: float) -> Record:
+    """The MOTION record of a scenario whose commanded translations take ``motion_period`` seconds."""
     linear, angular = scenario.filter_acceleration_stds
-    x, y, z = scenario.room_size
-    return MotionModel(
-        float(scenario.frame_time),
-        float(scenario.acceleration_std),
-        float(scenario.angular_acceleration_std),
-        float(linear),
-        float(angular),
-        bool(scenario.command_known),
-        float(scenario.step_length),
-        float(scenario.turn_rate),
-        float(scenario.controller_frequency),
-        float(scenario.rate_loop_time),
-        float(motion_period),
-        0.5 * x,
-        0.5 * y,
-        0.5 * z,
-        float(scenario.goal_margin),
-        float(scenario.wall_margin),
-        float(scenario.scripted_gaze_amplitude),
-        float(scenario.scripted_gaze_period),
+    return filled(
+        MOTION,
+        dt=scenario.frame_time,
+        acceleration_std=scenario.acceleration_std,
+        angular_acceleration_std=scenario.angular_acceleration_std,
+        filter_acceleration_std=linear,
+        filter_angular_acceleration_std=angular,
+        command_known=scenario.command_known,
+        step_length=scenario.step_length,
+        turn_rate=scenario.turn_rate,
+        frequency=scenario.controller_frequency,
+        rate_loop_time=scenario.rate_loop_time,
+        period=motion_period,
+        half=0.5 * np.array(scenario.room_size),
+        goal_margin=scenario.goal_margin,
+        wall_margin=scenario.wall_margin,
+        script_amplitude=scenario.scripted_gaze_amplitude,
+        script_period=scenario.scripted_gaze_period,
     )
 
 
 # The model ----------------------------------------------------------------------------------------------------------
 
 
-@part
+@compiled
 def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     """The camera's next mean (13,) under the accelerations ``u`` = [a, alpha] (6,) held for ``dt`` (appendix).
 
@@ -110,17 +105,18 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     """
     p, q, v, w = x[POSITION], x[QUATERNION], x[VELOCITY], x[ANGULAR_VELOCITY]
     out = np.empty(CAMERA_SIZE)
+    p_next, v_next, w_next = out[POSITION], out[VELOCITY], out[ANGULAR_VELOCITY]
     turned = np.empty(3)
     for i in range(3):
-        out[7 + i] = v[i] + dt * u[i]
-        out[i] = p[i] + dt * out[7 + i]
-        out[10 + i] = w[i] + dt * u[3 + i]
-        turned[i] = dt * out[10 + i]
+        v_next[i] = v[i] + dt * u[i]
+        p_next[i] = p[i] + dt * v_next[i]
+        w_next[i] = w[i] + dt * u[3 + i]
+        turned[i] = dt * w_next[i]
     copy_into(out[QUATERNION], rotate_left(turned, q))
     return out
 
 
-@part
+@compiled
 def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
     """F_x (12, 12) of `transition` in the tangent, at the *new* angular velocity (3,) [rad/s].
 
@@ -131,30 +127,35 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
     F_x = np.zeros((CAMERA_DIM, CAMERA_DIM))
     for i in range(CAMERA_DIM):
         F_x[i, i] = 1.0
+    p_by_v, theta_by_theta, theta_by_w = (
+        F_x[D_POSITION, D_VELOCITY],
+        F_x[D_ROTATION, D_ROTATION],
+        F_x[D_ROTATION, D_ANGULAR],
+    )
     for i in range(3):
-        F_x[i, 6 + i] = dt
+        p_by_v[i, i] = dt
         for j in range(3):
-            F_x[3 + i, 3 + j] = turn[i, j]
-            F_x[3 + i, 9 + j] = dt * spread[i, j]
+            theta_by_theta[i, j] = turn[i, j]
+            theta_by_w[i, j] = dt * spread[i, j]
     return F_x
 
 
-@part
-def process_covariance(motion: MotionModel, F_x: np.ndarray) -> np.ndarray:
-    """Q (12, 12) of one frame: the noise enters v and w first and reaches p and theta as they do, Q = F_x Q_u F_x^T."""
-    dt = motion.dt
+@compiled
+def process_covariance(motion: Record, F_x: np.ndarray, dt: float) -> np.ndarray:
+    """Q (12, 12) = F_x Q_u F_x^T of ``dt`` seconds: the noise enters v and w, and reaches p and theta as they do."""
     Q_u = np.zeros((CAMERA_DIM, CAMERA_DIM))
+    Q_v, Q_w = Q_u[D_VELOCITY, D_VELOCITY], Q_u[D_ANGULAR, D_ANGULAR]
     for i in range(3):
-        Q_u[6 + i, 6 + i] = (dt * motion.filter_acceleration_std) ** 2
-        Q_u[9 + i, 9 + i] = (dt * motion.filter_angular_acceleration_std) ** 2
+        Q_v[i, i] = (dt * motion.filter_acceleration_std) ** 2
+        Q_w[i, i] = (dt * motion.filter_angular_acceleration_std) ** 2
     return congruence(F_x, Q_u)
 
 
-@part
-def open_loop(motion: MotionModel, turn: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
+@compiled
+def open_loop(motion: Record, turn: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """(F, Q), each (12, 12), of ``frames`` frames of turning about the vertical at ``turn`` [rad/s] unobserved."""
     F_x = transition_jacobian(np.array((0.0, turn, 0.0)), motion.dt)
-    Q_1 = process_covariance(motion, F_x)
+    Q_1 = process_covariance(motion, F_x, motion.dt)
     F, Q = F_x.copy(), Q_1.copy()
     for _ in range(frames - 1):
         F = product(F_x, F)
@@ -166,8 +167,8 @@ def open_loop(motion: MotionModel, turn: float, frames: int) -> tuple[np.ndarray
 # The controller -----------------------------------------------------------------------------------------------------
 
 
-@part
-def displacement(motion: MotionModel, index: int) -> np.ndarray:
+@compiled
+def displacement(motion: Record, index: int) -> np.ndarray:
     """The commanded translation (3,) [m] in camera axes of the motion with that index (FORWARD … STAY)."""
     out = np.zeros(3)
     if index < MOTION_COUNT - 1:  # z forward; x is to the left, so RIGHT is -x; y up
@@ -176,19 +177,18 @@ def displacement(motion: MotionModel, index: int) -> np.ndarray:
     return out
 
 
-@part
-def clipped_goal(motion: MotionModel, goal: np.ndarray) -> np.ndarray:
+@compiled
+def clipped_goal(motion: Record, goal: np.ndarray) -> np.ndarray:
     """``goal`` (3,) moved to the nearest place that is ``goal_margin`` inside the room."""
-    half = (motion.half_x, motion.half_y, motion.half_z)
     out = np.empty(3)
     for i in range(3):
-        reach = half[i] - motion.goal_margin
+        reach = motion.half[i] - motion.goal_margin
         out[i] = min(max(goal[i], -reach), reach)
     return out
 
 
-@part
-def goal_of(motion: MotionModel, camera: np.ndarray, index: int) -> np.ndarray:
+@compiled
+def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
     """The clipped goal (3,) of a motion that begins at the camera's estimate ``camera`` (>= 7)."""
     R_WC, d = rotation_matrix(camera[QUATERNION]), displacement(motion, index)
     goal = np.empty(3)
@@ -197,8 +197,8 @@ def goal_of(motion: MotionModel, camera: np.ndarray, index: int) -> np.ndarray:
     return clipped_goal(motion, goal)
 
 
-@part
-def turn_of(motion: MotionModel, gaze: int, time: float) -> float:
+@compiled
+def turn_of(motion: Record, gaze: int, time: float) -> float:
     """Reference of the turn rate about the vertical [rad/s]: RIGHT is negative, LEFT positive (Y is up)."""
     if motion.script_amplitude > 0.0:
         pulse = 2.0 * math.pi / motion.script_period
@@ -206,9 +206,9 @@ def turn_of(motion: MotionModel, gaze: int, time: float) -> float:
     return (-motion.turn_rate, motion.turn_rate, 0.0)[gaze]
 
 
-@part
+@compiled
 def accelerations(
-    motion: MotionModel, x: np.ndarray, start: np.ndarray, goal: np.ndarray, elapsed: float, turn: float
+    motion: Record, x: np.ndarray, start: np.ndarray, goal: np.ndarray, elapsed: float, turn: float
 ) -> np.ndarray:
     """The commanded accelerations u (6,) [m/s^2, rad/s^2] at the estimated camera ``x`` (13,).
 
@@ -220,10 +220,11 @@ def accelerations(
     speed = 30.0 * s * s * (1.0 - s) * (1.0 - s) / motion.period
     push = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (motion.period * motion.period)
     w_n = motion.frequency
+    p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     u = np.empty(6)
     for i in range(3):
         step = goal[i] - start[i]
-        u[i] = w_n * w_n * (start[i] + place * step - x[i]) + 2.0 * w_n * (speed * step - x[7 + i]) + push * step
+        u[i] = w_n * w_n * (start[i] + place * step - p[i]) + 2.0 * w_n * (speed * step - v[i]) + push * step
         w_ref = turn if i == 1 else 0.0
-        u[3 + i] = (w_ref - x[10 + i]) / motion.rate_loop_time
+        u[3 + i] = (w_ref - w[i]) / motion.rate_loop_time
     return u

@@ -65,6 +65,12 @@ def run_episode(
     )
 
 
+def matched_ids(core: Any) -> list[int]:
+    """What the detections of the last frame were taken for: ids of features, births too, and −1 − k of fiducial k."""
+    matched = core.labels.matched
+    return matched[(matched != 0) & (matched >= -core.scenario.fiducial_count)].tolist()
+
+
 def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
     """What is recorded at one time; the rotation offset follows from the quaternions, for all times at once."""
     belief, truth, nees = core.belief, core.truth, core.nees()

@@ -37,7 +37,7 @@ from agents.evaluate import run_episode
 if TYPE_CHECKING:
     import gymnasium
 
-    from activeslam_gym.envs.views import Snapshot
+    from activeslam_gym.envs.snapshot import Snapshot
     from baselines.policy import Predictor
 
 TIMELINE = "time"

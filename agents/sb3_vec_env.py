@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
-from activeslam_gym.envs.readout import info_at
+from activeslam_gym.envs.episode import info_at
 
 _MISSING = object()
 

@@ -7,8 +7,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg.blas import dgemm
 
-from activeslam_gym.slam.belief import DIM
-from activeslam_gym.slam.update import update
+from activeslam_gym.slam.kalman import update
 
 from .filtering import PointFilter
 from .report import Section
@@ -25,7 +24,7 @@ def run(quick: bool) -> Section:
     count, repeats, at_least = (100, 3, 0.01) if quick else (1000, 9, 0.1)
     for landmarks in LANDMARKS:
         belief = PointFilter(landmarks).belief
-        n = int(belief.size[DIM])
+        n = int(belief.state.dim)
         flops = 2.0 * M * n * n + M * M * n + 2.0 * M * n
         HP = 1e-6 * np.random.default_rng(0).standard_normal((M, n))
         S, nu = 4.0 * np.eye(M), np.zeros(M)

@@ -1,34 +1,39 @@
-"""Predict + update of our filter alone, without association, on a map of points: what a plain EKF does too."""
+"""The filter without association on a map of points, which a plain EKF does too; and its frames with all they do."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from activeslam_gym.camera import CameraModel, camera_of
-from activeslam_gym.motion import MotionModel, motion_of
-from activeslam_gym.slam.belief import Belief, empty_belief
-from activeslam_gym.slam.measurement import UNSEEN, predict_measurements
-from activeslam_gym.slam.prediction import predict
-from activeslam_gym.slam.update import innovation_covariance, stack, update
+from activeslam_gym.envs.simulation import Run, advance, begin_motion, run_at
+from activeslam_gym.kernels import compiled
+from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.sight import sight_of_belief
 
 from .setups import SEEN, fill_with_points, map_scenario, points_around
 
 
-@njit  # no cache: it would not notice an edit of the kernels inside
+@compiled
+def advance_frames(runs: Run, motion: int, gaze: int, frames: int) -> None:
+    """Begin a motion of the first of ``runs``, and go on for so many frames, as a step does, without their worth."""
+    run = run_at(runs, 0)
+    begin_motion(run, motion)
+    for _ in range(frames):
+        advance(run, gaze)
+
+
+@compiled
 def predict_and_update(
-    camera: CameraModel, motion: MotionModel, belief: Belief, fiducials: np.ndarray, u: np.ndarray, frames: int
+    camera: np.record, motion: np.record, belief: Belief, fiducials: np.ndarray, boxes: np.ndarray, frames: int
 ) -> int:
     """``frames`` times predict, and update by everything in view at its predicted pixel; how much was seen at last."""
     seen = 0
     for _ in range(frames):
-        predict(motion, belief, u)
-        predictions = predict_measurements(camera, belief, fiducials)
-        rows = np.flatnonzero(predictions.visibility != UNSEEN)
-        HP = stack(belief, fiducials.shape[0], rows, predictions)
-        S = innovation_covariance(belief, fiducials.shape[0], rows, predictions, HP, camera.pixel_std**2)
-        update(belief, HP, S, np.zeros(HP.shape[0]))
-        seen = rows.shape[0]
+        predict(motion, belief, np.zeros(6), motion.dt)
+        sight = sight_of_belief(camera, belief, fiducials, boxes)
+        seen = sight.thing.shape[0]
+        update(belief, sight.HP, sight.S, np.zeros(2 * seen))
     return seen
 
 
@@ -36,13 +41,13 @@ class PointFilter:
     """`predict_and_update` on a map of ``landmarks`` points, `SEEN` of them in view."""
 
     def __init__(self, landmarks: int) -> None:
-        scenario, rng = map_scenario(landmarks), np.random.default_rng(landmarks)
-        self.camera, self.motion = camera_of(scenario), motion_of(scenario, 1.0)
-        self.belief = empty_belief(scenario)
-        fill_with_points(self.belief, scenario, points_around(landmarks, rng), rng)
-        if self.run(1) != SEEN:
-            raise RuntimeError(f"{self.run(1)} points in view instead of {SEEN}")
+        rng, self._filter = np.random.default_rng(landmarks), Filter(map_scenario(landmarks))
+        self.belief = self._filter.belief
+        fill_with_points(self.belief, points_around(landmarks, rng), rng)
+        if (seen := self.run(1)) != SEEN:
+            raise RuntimeError(f"{seen} points in view instead of {SEEN}")
 
     def run(self, frames: int) -> int:
         """So many frames; the points seen in the last."""
-        return predict_and_update(self.camera, self.motion, self.belief, np.zeros((0, 3)), np.zeros(6), frames)
+        f = self._filter
+        return predict_and_update(f.camera, f.motion, f.belief, f.fiducials, f.boxes, frames)

@@ -7,7 +7,6 @@ from functools import partial
 import numpy as np
 
 from activeslam_gym.linalg import log2_det
-from activeslam_gym.slam.belief import DIM
 
 from .filtering import PointFilter
 from .report import Bar, Section
@@ -25,7 +24,7 @@ def run(quick: bool) -> Section:
     for landmarks in SIZES:
         points = PointFilter(landmarks)
         steps.append(repeated(partial(points.run, frames), repeats, at_least).seconds / frames)
-        dim = int(points.belief.size[DIM])
+        dim = int(points.belief.state.dim)
         P = np.ascontiguousarray(points.belief.covariance[:dim, :dim])
         entropies.append(repeated(partial(log2_det, P), repeats, at_least).seconds)
         section.rows.append(

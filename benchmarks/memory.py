@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium
 
 from activeslam_gym import Scenario
-from activeslam_gym.envs.step import empty_runs
+from activeslam_gym.envs.simulation import empty_runs
 
 from .report import Bar, Section
 

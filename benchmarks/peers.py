@@ -9,16 +9,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.batching import batched, row
-from activeslam_gym.envs.frame import filter_entries
-from activeslam_gym.envs.setting import resolve
-from activeslam_gym.envs.step import advance_runs
+from activeslam_gym.kernels import row
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.belief import FEATURES
 
-from .filtering import PointFilter
+from .filtering import PointFilter, advance_frames
 from .report import Bar, Section
-from .setups import SEEN, copied, mapped_simulation, restore
+from .setups import SEEN, copied, mapped_runs, restore
 from .timing import Timing, repeated, restored
 
 LANDMARKS = {93: 27, 129: 39}
@@ -63,19 +59,13 @@ def run(quick: bool) -> Section:
 
 def whole_frame(landmarks: int, frames: int, count: int) -> Timing:
     """One of the ``frames`` of a step FORWARD, turning LEFT, in a map of points, each time from the same state."""
-    scenario, simulation = mapped_simulation(landmarks)
-    setting = resolve(scenario, frames * scenario.frame_time, frames * scenario.frame_time, 35.0, "entropy", 0.5)
-    simulations = batched(simulation, 1)
-    restore(row(simulations, 0), simulation)
-    saved, status = copied(simulations), np.zeros((1, 2), np.int64)
-    motions, gazes = np.array([Motion.FORWARD], np.int64), np.array([Gaze.LEFT], np.int64)
-    filtering = filter_entries(with_rays=False)
-    step = partial(advance_runs, setting.models, setting.task, simulations, status, motions, gazes, 0, 1, filtering)
-    timing = restored(step, lambda: restore(simulations, saved), count)
-    matched = int((simulations.match[0, : simulations.detections.used[0, 0]] >= 0).sum())
-    features = int(simulations.belief.size[0, FEATURES])
-    if matched != SEEN or features != landmarks:
-        raise RuntimeError(f"{matched} of {SEEN} points were matched, {features} features")
+    runs = mapped_runs(landmarks)
+    run, saved = row(runs, 0), copied(runs)
+    step = partial(advance_frames, runs, int(Motion.FORWARD), int(Gaze.LEFT), frames)
+    timing = restored(step, lambda: restore(runs, saved), count)
+    matched = int((run.candidate["match"][: run.episode.detections] > 0).sum())
+    if matched != SEEN or run.belief.state.count != landmarks:
+        raise RuntimeError(f"{matched} of {SEEN} points were matched, {run.belief.state.count} features")
     return Timing(timing.seconds / frames, timing.fastest / frames, timing.slowest / frames, timing.repeats)
 
 

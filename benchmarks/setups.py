@@ -8,10 +8,11 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, Scenario
-from activeslam_gym.envs.frame import Simulation, empty_simulation, reset_simulation
+from activeslam_gym.envs.simulation import Run, empty_runs, reset_run, resolve
+from activeslam_gym.kernels import row
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam import belief as layout
-from activeslam_gym.slam.belief import DIM, POINT, Belief
+from activeslam_gym.slam.belief import POINT, Belief
+from activeslam_gym.slam.map import append_feature
 
 WARM_UP = 20.0
 """The sweep goes on for so long before anything is timed [s]: most of the room is then mapped."""
@@ -41,12 +42,6 @@ def swept(seed: int, **arguments: Any) -> tuple[gymnasium.Env, int]:
         seed += 1
 
 
-def simulation_of(env: gymnasium.Env) -> Simulation:
-    """The arrays behind a single environment: the one place where the benchmark looks inside it."""
-    inner: Any = env.unwrapped
-    return inner._run.simulation
-
-
 def restore(live: Any, saved: Any) -> None:
     """Copy the arrays of ``saved``, a nested named tuple, into those of ``live``."""
     for one, other in zip(live, saved, strict=True):
@@ -74,27 +69,25 @@ def points_around(landmarks: int, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate((ahead, behind))
 
 
-def fill_with_points(belief: Belief, scenario: Scenario, points: np.ndarray, rng: np.random.Generator) -> None:
-    """Give ``belief`` the mean ``points`` and a covariance of about 1 cm with all correlations."""
-    layout.reset_belief(belief, scenario)
+def fill_with_points(belief: Belief, points: np.ndarray, rng: np.random.Generator) -> None:
+    """Give ``belief``, which has no feature, the mean ``points`` and a covariance of about 1 cm, all correlated."""
     for y in points:
         mean = np.concatenate((y, np.zeros(3)))
-        layout.append_feature(belief, POINT, mean, np.zeros((3, CAMERA_DIM)), np.eye(3))
-    dim = int(belief.size[DIM])
+        append_feature(belief, POINT, mean, np.zeros((3, CAMERA_DIM)), np.eye(3))
+    dim = int(belief.state.dim)
     A = 0.01 * rng.standard_normal((dim, 3 * dim)) / np.sqrt(3 * dim)
     P = A @ A.T
     belief.covariance[:dim, :dim] = 0.5 * (P + P.T)
 
 
-def mapped_simulation(landmarks: int, seed: int = 0) -> tuple[Scenario, Simulation]:
-    """A run at rest at the origin of which every landmark is mapped as a POINT and `SEEN` are in view."""
-    rng = np.random.default_rng(seed)
-    scenario = map_scenario(landmarks)
-    simulation = empty_simulation(scenario)
-    reset_simulation(simulation, scenario, seed)
-    points = points_around(landmarks, rng)
-    simulation.world.camera[:] = 0.0
-    simulation.world.camera[3] = 1.0
-    simulation.world.points[:] = points
-    fill_with_points(simulation.belief, scenario, points, rng)
-    return scenario, simulation
+def mapped_runs(landmarks: int, seed: int = 0) -> Run:
+    """A batch of one run, at rest at the origin: every landmark is mapped as a POINT and `SEEN` are in view."""
+    rng, scenario = np.random.default_rng(seed), map_scenario(landmarks)
+    setting = resolve(scenario, None, 1.0, 35.0, "entropy", 0.5)
+    runs = empty_runs(scenario, 1)
+    reset_run(setting, runs, 0, seed)
+    run, points = row(runs, 0), points_around(landmarks, rng)
+    run.world.state.camera[:] = run.belief.state.camera
+    run.world.landmarks[:] = points
+    fill_with_points(run.belief, points, rng)
+    return runs

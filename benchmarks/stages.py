@@ -7,22 +7,29 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.envs.frame import filter_entries
-from activeslam_gym.envs.scoring import find_mapped
-from activeslam_gym.envs.step import advance_runs, entries_of, evaluate_runs
-from activeslam_gym.information import gathered, update_expectation
+from activeslam_gym.envs.episode import evaluate, observe
+from activeslam_gym.envs.simulation import Run, advance, known_boxes
+from activeslam_gym.information.entropy import gathered
+from activeslam_gym.information.expectation import update_expectation
+from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.slam.association import associate
-from activeslam_gym.slam.belief import DIM, FEATURES, FRAME, point_belief
-from activeslam_gym.slam.initialisation import follow_candidates
-from activeslam_gym.slam.measurement import UNSEEN, predict_measurements
-from activeslam_gym.slam.prediction import predict
-from activeslam_gym.slam.update import innovation_covariance, stack, update
+from activeslam_gym.slam.belief import as_points
+from activeslam_gym.slam.initialisation import follow_tracks
+from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.simulator import detect, move
 
 from .report import Section
 from .setups import copied, restore, swept
 from .timing import dispatch, restored
+
+
+@compiled
+def value_of_frames(run: Run) -> None:
+    """What a step does after its frames."""
+    evaluate(run)
+    observe(run)
 
 
 class Stages:
@@ -31,80 +38,62 @@ class Stages:
     def __init__(self) -> None:
         self.env, _ = swept(0)
         inner: Any = self.env.unwrapped
-        self.setting, self.runs, run = inner.setting, inner._runs, inner._run
-        self.simulation = run.simulation
-        self.saved_runs = copied(self.runs)
-        self.whole, self.frame, self.worth = self._wholes(), self._frame_kernels(), self._worth_kernels()
-
-    def _wholes(self) -> dict[str, tuple[Callable, tuple]]:
-        models, task, runs = self.setting.models, self.setting.task, self.runs
-        motions, gazes = np.array([2]), np.array([1])
-        filtering = filter_entries(with_rays=False)
-        advance_with = (models, task, runs.simulation, runs.step.status, motions, gazes, 0, 1, filtering)
-        entries = entries_of(models, task, runs, motions, gazes, filtering)
-        self.step_with = (models, task, runs, motions, gazes, 0, 1, entries)
-        return {
-            "the frame (`advance_runs`)": (advance_runs, advance_with),
-            "its worth (`evaluate_runs`)": (evaluate_runs, (models, task, runs, motions, 0, 1)),
+        self.runs = inner._runs
+        self.play_with = self.runs, np.array([2]), np.array([1]), 0, 1
+        self.run, self.saved = row(self.runs, 0), copied(self.runs)
+        self.whole: dict[str, tuple[Callable, tuple]] = {
+            "the frame (`advance`)": (advance, (self.run, 1)),
+            "its worth (`evaluate`, `observe`)": (value_of_frames, (self.run,)),
         }
+        self.frame, self.worth = self._frame_kernels(), self._worth_kernels()
 
     def _frame_kernels(self) -> dict[str, tuple[Callable, tuple]]:
         """The frame's own kernels; each is prepared by running those before it."""
-        models, s, belief = self.setting.models, self.simulation, self.simulation.belief
-        camera, frame, u = models.camera, int(belief.size[FRAME]), np.zeros(6)
-        fiducials = s.world.points[: s.world.points.shape[0] - s.expectation.points.shape[0]]
-        K = fiducials.shape[0]
-        move_with, detect_with = (
-            (models.motion, s.world, u, frame),
-            (camera, models.sensor, s.world, frame, s.detections),
-        )
+        run, models, world, belief = self.run, self.run.models, self.run.world, self.run.belief
+        camera, motion, frame, u = models.camera, models.motion, int(belief.state.frame), np.zeros(6)
+        move_with = (motion, world, u, frame)
+        detect_with = (models.true_camera, models.sensor, world, frame, run.candidate, run.label)
+        predict_with = (motion, belief, u, float(motion.dt))
+        sight_with = (camera, belief, world.fiducials, known_boxes(run))
         move(*move_with)
-        detect(*detect_with)
-        pixels = s.detections.pixels[: s.detections.used[0]].copy()
-        predict(models.motion, belief, u)
-        predictions = predict_measurements(camera, belief, fiducials)
-        rows = np.flatnonzero(predictions.visibility != UNSEEN)
-        HP = stack(belief, K, rows, predictions)
-        S_with = (belief, K, rows, predictions, HP, camera.pixel_std**2)
-        S = innovation_covariance(*S_with)
-        waits = np.zeros(predictions.visibility.shape[0], bool)
-        match_with = (models.filter, rows, predictions, S, pixels, waits)
-        match = associate(*match_with)
-        kept = np.flatnonzero(np.repeat(np.isin(rows, match), 2))
-        self.HP, self.S = HP[kept], S[np.ix_(kept, kept)]
-        self.features, self.matches, self.rows = int(belief.size[FEATURES]), len(kept) // 2, int(belief.size[DIM])
+        candidates = run.candidate[: detect(*detect_with)].copy()
+        predict(*predict_with)
+        sight = sight_of_belief(*sight_with)
+        waits = np.zeros(len(sight.thing), bool)
+        match_with = (models.filter.association, float(camera.pixel_std**2), sight, candidates, waits)
+        matched = associate(*match_with) >= 0
+        kept = np.flatnonzero(np.repeat(matched, 2))
+        self.HP, self.S = sight.HP[kept], sight.S[np.ix_(kept, kept)]
+        self.features, self.matches, self.rows = int(belief.state.count), int(matched.sum()), int(belief.state.dim)
         self.work = self.HP.copy(), self.S.copy()
         self.restore()
         return {
             "true motion": (move, move_with),
             "detection": (detect, detect_with),
-            "prediction": (predict, (models.motion, belief, u)),
-            "predicted pixels": (predict_measurements, (camera, belief, fiducials)),
-            "H P": (stack, (belief, K, rows, predictions)),
-            "S": (innovation_covariance, S_with),
+            "prediction": (predict, predict_with),
+            "sight: predicted pixels, H P, S": (sight_of_belief, sight_with),
             "association": (associate, match_with),
             "update": (update, (belief, *self.work, np.zeros(len(kept)))),
-            "births": (follow_candidates, (camera, models.filter, belief, pixels, match)),
-            "expected landmarks": (update_expectation, (s.expectation, belief)),
+            "births": (follow_tracks, (camera, models.filter.initialisation, belief, candidates)),
+            "expected landmarks": (update_expectation, (run.expected, models.landmark_var, belief)),
         }
 
     def _worth_kernels(self) -> dict[str, tuple[Callable, tuple]]:
-        """The kernels of what the frame is worth; scores against the truth and the observation are in the rest."""
-        s, n = self.simulation, self.features
-        belief, order, none = s.belief, np.arange(n), np.zeros(0, np.int64)
-        point_belief(belief, s.points, s.covariance)
-        self.public = gathered(s.covariance, none, order)
+        """The kernels of what the frame is worth; scores against the truth are in the rest."""
+        run, order, none = self.run, np.arange(self.features), np.zeros(0, np.int64)
+        points, covariance = as_points(run.belief)
+        self.public = gathered(covariance, none, order)
         self.factor = self.public.copy()
         return {
-            "public belief": (point_belief, (belief, s.points, s.covariance)),
-            "gathering": (gathered, (s.covariance, none, order)),
+            "public belief": (as_points, (run.belief,)),
+            "gathering": (gathered, (covariance, none, order)),
             "factor of the public covariance": (cholesky_in_place, (self.factor,)),
-            "mapped": (find_mapped, (belief, self.setting.task.mapped_depth_ratio, s.mapped)),
+            "observation": (observe, (run, points, covariance)),
         }
 
     def restore(self) -> None:
         """All arrays as they were before the frame."""
-        restore(self.runs, self.saved_runs)
+        restore(self.runs, self.saved)
         for work, saved in zip(self.work, (self.HP, self.S), strict=True):
             np.copyto(work, saved)
         if hasattr(self, "factor"):
@@ -127,20 +116,20 @@ def run(quick: bool) -> Section:
     frame, worth_of_it = (cost(*stage) for stage in stages.whole.values())
     whole = frame + worth_of_it
     rows: dict[str, float] = {"a step of one frame": whole, **dict(zip(stages.whole, (frame, worth_of_it)))}
-    rows["handing over the arrays of a run, besides"] = 1e6 * dispatch(stages.step_with, None, count)
+    rows["handing over the arrays of a run, besides"] = 1e6 * dispatch(stages.play_with, None, count)
     parts = {name: cost(*stage) for name, stage in stages.frame.items()}
     worth = {name: cost(*stage) for name, stage in stages.worth.items()}
     rows |= {f"frame: {name}": value for name, value in parts.items()}
     rows["frame: everything else"] = frame - sum(parts.values())
     rows |= {f"worth: {name}": value for name, value in worth.items()}
-    rows["worth: values, rewards, observation"] = worth_of_it - sum(worth.values())
+    rows["worth: values and rewards"] = worth_of_it - sum(worth.values())
     section.rows = [{"stage": name, "time [µs]": value, "share": value / whole} for name, value in rows.items()]
     section.notes.append(
         f"One frame after 20 s of `sweep`: {stages.features} features, {stages.rows} covariance rows, "
         f"{stages.matches} matches. Each kernel is called from Python {count} times, every time on the same arrays put "
         "back by a copy; from the median is taken that of an empty compiled function of the same arguments and result. "
         "Kernels that the compiler merges in a real frame stand apart here, so the differences (*everything else*, "
-        "*values*) carry the errors of the others."
+        "*values and rewards*) carry the errors of the others."
     )
     stages.env.close()
     return section

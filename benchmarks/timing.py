@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from activeslam_gym.envs.workers import available_cores
+from activeslam_gym.threads import available_cores
 from agents.tools.machine import processor
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from activeslam_gym import config
+from activeslam_gym.envs.reward import REWARDS
 
 
 def scenarios() -> str:
@@ -33,7 +34,14 @@ def fields() -> str:
     return _table(("Field", "Default", "Allowed", "What it is"), rows)
 
 
-TABLES = {"scenarios": scenarios, "fields": fields}
+def rewards() -> str:
+    """The potentials and their docstrings."""
+    told = [inspect.getdoc(potential) or "" for potential in REWARDS.values()]
+    rows = [(f"`{name}`", doc.replace("|", "\\|")) for name, doc in zip(REWARDS, told, strict=True)]
+    return _table(("Reward", "Its potential"), rows)
+
+
+TABLES = {"scenarios": scenarios, "fields": fields, "rewards": rewards}
 
 
 def _field_docstrings(cls: type) -> dict[str, str]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from activeslam_gym import Scenario, information
+from activeslam_gym import Scenario
 from activeslam_gym.camera import camera_of
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.slam.sight import sight_of_points
 
 TABLE = """
 --8<-- [start:table]
@@ -24,21 +26,15 @@ STDS = ((0.02, 0.02, 0.02), (0.02, 0.02, 0.6), (1.0, 1.0, 1.0))
 def main() -> list[tuple[float, float]]:
     """Print and return `fisher_trace` and `mutual_information` [bit] of each row."""
     camera = camera_of(Scenario(distortion=0.0, principal_x_px=160.0, principal_y_px=120.0))
-    pose = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    pose, landmark = np.array([0.0, 0.0, 0.0, 1.0, *np.zeros(9)]), np.array([[0.0, 0.0, 2.0]])
+    fiducials, boxes = np.empty((0, 3)), np.empty((0, 2, 3))  # none
     rows = []
     for stds in STDS:
         P = np.diag(np.square([0.02] * 3 + [0.005] * 3 + [0.1] * 6 + list(stds)))
-        sight = information.sight_from(
-            camera, information.Prospect(pose, np.array([[0.0, 0.0, 2.0]]), P, np.empty((0, 3))), pose
-        )
-        S, _ = information.innovation_of(P, sight, camera.pixel_std**2)
-        rows.append(
-            (
-                float(information.fisher_trace(P, sight, camera.pixel_std**2)),
-                float(information.half_log2_ratio(S, camera.pixel_std**2)),
-            )
-        )
-        print(f"{stds}: trace {rows[-1][0]:.0f}, mutual information {rows[-1][1]:.2f} bit")
+        sight = sight_of_points(camera, boxes, pose, fiducials, landmark, P)
+        trace, bits = (CRITERIA[name](P, sight, camera.pixel_std**2) for name in ("fisher_trace", "mutual_information"))
+        rows.append((float(trace), float(bits)))
+        print(f"{stds}: trace {trace:.0f}, mutual information {bits:.2f} bit")
     return rows
 
 

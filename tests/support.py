@@ -8,20 +8,45 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import CameraModel, camera_of, inside_image, pixel_from_camera_point
+from activeslam_gym.camera import camera_of, pixel_from_camera_point, visible
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
-from activeslam_gym.envs.frame import Simulation
+from activeslam_gym.envs.simulation import Run
 from activeslam_gym.geometry import rotate_left, rotation_error, rotation_matrix, skew
-from activeslam_gym.information import Prospect
+from activeslam_gym.information.candidates import Prospect
+from activeslam_gym.kernels import row
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
-from activeslam_gym.slam import belief as layout
-from activeslam_gym.slam.belief import DIM, FEATURES, KIND_DIM, POINT, RAY, Belief
-from activeslam_gym.slam.measurement import Predictions
+from activeslam_gym.slam.belief import (
+    KIND_DIM,
+    POINT,
+    RAY,
+    Belief,
+    angles_of,
+    bearing,
+    empty_beliefs,
+    reset_belief,
+    start_of,
+)
+from activeslam_gym.slam.map import append_feature
+from activeslam_gym.slam.sight import Sight, sight_of_belief
 
 PAPER = Scenario()
 CAMERA = camera_of(PAPER)
+NO_FIDUCIALS, NO_BOXES = np.zeros((0, 3)), np.zeros((0, 2, 3))
+
+
+def replaced(record: np.record, **values: Any) -> np.record:
+    """A copy of a record with other ``values``."""
+    out = record.copy()
+    for name, value in values.items():
+        out[name] = value
+    return out
+
+
+def copied(arrays: Any) -> Any:
+    """A deep copy of a (nested) named tuple of arrays and records."""
+    return type(arrays)(*(copied(a) if isinstance(a, tuple) else a.copy() for a in arrays))
 
 
 # Numerical derivatives ----------------------------------------------------------------------------------------------
@@ -74,7 +99,7 @@ def world_points(
     return camera[:3] + points_C @ rotation_matrix(camera[QUATERNION]).T
 
 
-def pixel_of(camera_model: CameraModel, camera: np.ndarray, y: np.ndarray) -> np.ndarray:
+def pixel_of(camera_model: np.record, camera: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Equation 1, for the world point ``y`` (3,)."""
     z = np.full(2, np.nan)
     assert pixel_from_camera_point(camera_model, rotation_matrix(camera[QUATERNION]).T @ (y - camera[:3]), z)
@@ -92,6 +117,13 @@ def random_spd(rng: np.random.Generator, stds: Sequence[float] | np.ndarray, fre
     return 0.5 * (P + P.T)
 
 
+def prior_belief(scenario: Scenario = PAPER) -> Belief:
+    """A scenario's belief before its first frame."""
+    belief = row(empty_beliefs(scenario, 1), 0)
+    reset_belief(belief, *start_of(scenario))
+    return belief
+
+
 def random_belief(
     scenario: Scenario,
     kinds: Sequence[int],
@@ -100,31 +132,30 @@ def random_belief(
     point_std: float = 0.1,
 ) -> Belief:
     """A belief with features of these kinds in view, oldest first, and a covariance with all correlations."""
-    belief = layout.empty_belief(scenario)
-    layout.reset_belief(belief, scenario)
-    belief.camera[:] = random_camera(rng) if camera is None else camera
+    belief = prior_belief(scenario)
+    pose = belief.state.camera
+    pose[:] = random_camera(rng) if camera is None else camera
     stds = [[0.05] * 3 + [0.02] * 3 + [0.1] * 6]
-    for kind, y in zip(kinds, world_points(rng, belief.camera, len(kinds)), strict=True):
+    for kind, y in zip(kinds, world_points(rng, pose, len(kinds)), strict=True):
         width = KIND_DIM[kind]
         mean = np.zeros(6)
         if kind == POINT:
             mean[:3] = y
             stds.append([point_std] * 3)
         else:
-            anchor = belief.camera[:3] + 0.1 * rng.standard_normal(3)
+            anchor = pose[:3] + 0.1 * rng.standard_normal(3)
             sight = y - anchor
             depth = np.linalg.norm(sight)
             mean[:3] = anchor
             mean[3], mean[4] = np.arctan2(sight[0], sight[2]), np.arcsin(sight[1] / depth)
             mean[5] = 1.0 / depth
             stds.append([0.05] * 3 + [0.02] * 2 + [0.1 / depth] * (width - 5))
-        slot = layout.append_feature(belief, kind, mean, np.zeros((width, CAMERA_DIM)), np.eye(width))
+        feature = belief.feature[append_feature(belief, kind, mean, np.zeros((width, CAMERA_DIM)), np.eye(width))]
         if kind == RAY:
-            belief.depth[slot] = depth, 0.3**2
-            belief.particles[slot, :, 0] = np.linspace(0.5 * depth, 1.5 * depth, belief.particles.shape[1])
-            belief.particles[slot, :, 1] = 1.0 / belief.particles.shape[1]
-            belief.weighed_at[slot] = belief.camera[:3]
-    dim = belief.size[DIM]
+            particles = belief.particles[feature.slot]
+            particles[:, 0], particles[:, 1] = np.linspace(0.5 * depth, 1.5 * depth, len(particles)), 1 / len(particles)
+            feature.depth, feature.depth_var, feature.weighed_at[:] = depth, 0.3**2, pose[:3]
+    dim = belief.state.dim
     belief.covariance[:dim, :dim] = random_spd(rng, np.concatenate(stds))
     return belief
 
@@ -134,43 +165,41 @@ def scenario_for(kinds: Sequence[int]) -> Scenario:
     return Scenario(initialisation=DEPTH_PARTICLES if RAY in kinds else INVERSE_DEPTH)
 
 
-def slots_of(belief: Belief) -> list[int]:
-    """Slots in use, oldest first."""
-    return belief.order[: belief.size[FEATURES]].tolist()
+def features_of(belief: Belief) -> np.ndarray:
+    """(n,) the features in use, oldest first: a view."""
+    return belief.feature[: belief.state.count]
 
 
 def joint_covariance(belief: Belief) -> np.ndarray:
     """The part of the covariance in use, (dim, dim)."""
-    return belief.covariance[: belief.size[DIM], : belief.size[DIM]].copy()
+    return belief.covariance[: belief.state.dim, : belief.state.dim].copy()
 
 
-def rows_of(belief: Belief, slot: int) -> np.ndarray:
-    """Covariance rows of a feature."""
-    return belief.start[slot] + np.arange(KIND_DIM[belief.kind[slot]])
-
-
-def copied(arrays: Any) -> Any:
-    """A deep copy of a (nested) named tuple of arrays."""
-    return type(arrays)(*(a.copy() if isinstance(a, np.ndarray) else copied(a) for a in arrays))
+def rows_of(belief: Belief, k: int) -> np.ndarray:
+    """Covariance rows of feature ``k``."""
+    return belief.feature[k].start + np.arange(KIND_DIM[belief.feature[k].kind])
 
 
 def mean_difference(one: Belief, other: Belief) -> np.ndarray:
     """one ⊟ other, (dim,): camera, then the features from the oldest to the youngest."""
-    parts = [camera_error(one.camera, other.camera)]
-    for slot in slots_of(one):
-        width = KIND_DIM[one.kind[slot]]
-        parts.append(one.feature[slot, :width] - other.feature[slot, :width])
+    parts = [camera_error(one.state.camera, other.state.camera)]
+    for a, b in zip(features_of(one), features_of(other), strict=True):
+        parts.append((a.mean - b.mean)[: KIND_DIM[a.kind]])
     return np.concatenate(parts)
 
 
-def dense_H(belief: Belief, K: int, rows: Sequence[int] | np.ndarray, predictions: Predictions) -> np.ndarray:
-    """H (2 M, dim) of the stacked rows."""
-    H = np.zeros((2 * len(rows), belief.size[DIM]))
-    for i, row in enumerate(rows):
-        H[2 * i : 2 * i + 2, :6] = predictions.H_camera[row]
-        if row >= K:
-            columns = rows_of(belief, row - K)
-            H[2 * i : 2 * i + 2, columns] = predictions.H_feature[row][:, : len(columns)]
+def sight_of(belief: Belief, fiducials: np.ndarray = NO_FIDUCIALS, boxes: np.ndarray = NO_BOXES) -> Sight:
+    """What the paper's camera should see."""
+    return sight_of_belief(CAMERA, belief, fiducials, boxes)
+
+
+def dense_H(sight: Sight) -> np.ndarray:
+    """H (2 v, dim) of all that is in sight."""
+    H = np.zeros(sight.HP.shape)
+    for H_thing, thing in zip(H.reshape(-1, 2, H.shape[1]), sight.thing, strict=True):
+        column, width = thing["column"], thing["width"]
+        H_thing[:, :6] = thing["H_camera"]
+        H_thing[:, column : column + width] = thing["H_feature"][:, :width]
     return H
 
 
@@ -185,47 +214,42 @@ def log2_det(A: np.ndarray) -> float:
 
 
 def prospect_with(
-    points: np.ndarray, covariance: np.ndarray, camera: np.ndarray, fiducials: np.ndarray | None = None
+    points: np.ndarray,
+    covariance: np.ndarray,
+    camera: np.ndarray,
+    fiducials: np.ndarray = NO_FIDUCIALS,
+    boxes: np.ndarray = NO_BOXES,
+    waiting: int = 0,
 ) -> Prospect:
     """A prospect of these points (M, 3) with the joint covariance (12 + 3 M)^2."""
-    return Prospect(
-        camera,
-        np.ascontiguousarray(np.reshape(points, (-1, 3)), float),
-        np.ascontiguousarray(covariance, float),
-        np.zeros((0, 3)) if fiducials is None else np.ascontiguousarray(fiducials, float),
-    )
+    points = np.ascontiguousarray(np.reshape(points, (-1, 3)), float)
+    return Prospect(camera, points, np.ascontiguousarray(covariance, float), fiducials, boxes, waiting)
 
 
-def numerical_sight(model: CameraModel, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
+def numerical_sight(model: np.record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
     """H (2 v, 12 + 3 M) of everything in the image of ``pose``, fiducials first, by numerical differentiation."""
     K, M = len(prospect.fiducials), len(prospect.points)
-    blocks = []
+    R_WC, z = rotation_matrix(pose[QUATERNION]), np.empty(2)
+    blocks = [np.zeros((0, 12 + 3 * M))]
     for i, y in enumerate(np.concatenate((prospect.fiducials, prospect.points))):
-        p_C = rotation_matrix(pose[QUATERNION]).T @ (y - pose[:3])
-        z = np.empty(2)
-        if (
-            p_C[2] < model.minimum_depth
-            or not pixel_from_camera_point(model, p_C, z)
-            or not inside_image(model, z, 0.0)
-        ):
-            continue
-        H = np.zeros((2, 12 + 3 * M))
-        H[:, :6] = numerical_jacobian(lambda e, y=y: pixel_of(model, moved(pose, e), y), 6, 1e-3)
-        if i >= K:
-            at = 12 + 3 * (i - K)
-            H[:, at : at + 3] = numerical_jacobian(lambda e, y=y: pixel_of(model, pose, y + e), 3, 1e-3)
-        blocks.append(H)
-    return np.concatenate(blocks) if blocks else np.zeros((0, 12 + 3 * M))
+        if visible(model, prospect.boxes, R_WC, pose, y, 0.0, z):
+            H = np.zeros((2, 12 + 3 * M))
+            H[:, :6] = numerical_jacobian(lambda e, y=y: pixel_of(model, moved(pose, e), y), 6, 1e-3)
+            if i >= K:
+                at = 12 + 3 * (i - K)
+                H[:, at : at + 3] = numerical_jacobian(lambda e, y=y: pixel_of(model, pose, y + e), 3, 1e-3)
+            blocks.append(H)
+    return np.concatenate(blocks)
 
 
 # Environments -------------------------------------------------------------------------------------------------------
 
 
-def simulation_of(env: Any) -> Simulation:
+def simulation_of(env: Any) -> Run:
     """The arrays behind an environment: the one place where the tests look inside it."""
     inner = env.unwrapped
     assert isinstance(inner, ActiveSLAMEnv)
-    return inner._run.simulation
+    return inner._run
 
 
 def rotation_between(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
@@ -235,17 +259,15 @@ def rotation_between(q_true: np.ndarray, q_hat: np.ndarray) -> np.ndarray:
 
 def turn_of_everything(belief: Belief) -> np.ndarray:
     """N (dim, 3): what a small turn of camera and map about each world axis does to the coordinates."""
-    N = np.zeros((belief.size[DIM], 3))
+    N, camera = np.zeros((belief.state.dim, 3)), belief.state.camera
     N[3:6] = np.eye(3)
-    vectors = {0: belief.camera[:3], 6: belief.camera[7:10], 9: belief.camera[10:]}
-    for slot in slots_of(belief):
-        vectors[int(belief.start[slot])] = belief.feature[slot, :3]
-        if belief.kind[slot] != POINT:
-            angles = belief.feature[slot, 3:5]
-            J_h = np.empty((2, 3))
-            m = layout.bearing(*angles)[0]
-            layout.angles_of(m, J_h)
-            N[rows_of(belief, slot)[3:5]] = J_h @ -skew(m)
+    vectors = {0: camera[:3], 6: camera[7:10], 9: camera[10:]}
+    for feature in features_of(belief):
+        vectors[int(feature.start)] = feature.mean[:3]
+        if feature.kind != POINT:
+            J_h, m = np.empty((2, 3)), bearing(feature.mean[3], feature.mean[4])[0]
+            angles_of(m, J_h)
+            N[feature.start + 3 : feature.start + 5] = J_h @ -skew(m)
     for start, vector in vectors.items():
         N[start : start + 3] = -skew(vector)
     return N

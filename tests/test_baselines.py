@@ -248,9 +248,15 @@ def test_runs_on_the_environment(name: str, scenario: str) -> None:
         over = terminated or truncated
 
 
-def test_runs_on_the_discrete_environment() -> None:
-    env = gym.make("ActiveSLAMDiscrete-v0")
+@pytest.mark.parametrize("count", [None, 2])
+def test_runs_on_the_discrete_environment(count: int | None) -> None:
+    kwargs: dict[str, Any] = {"gaze_period": 0.5, "duration": 1.0}
+    env: Any = gym.make("ActiveSLAMDiscrete-v0", **kwargs)
+    if count is not None:
+        env = gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=count, **kwargs)
+    policy = baselines.make("mi-fisher", env)
     observation, _ = env.reset(seed=1)
-    action, _ = baselines.make("mi-fisher", env).predict(observation)
-    assert env.action_space.contains(action)
-    env.step(action)
+    for _ in range(2 if count is None else 5):  # a batch begins anew by itself
+        action, _ = policy.predict(observation)
+        assert env.action_space.contains(action)
+        observation, *_ = env.step(action)

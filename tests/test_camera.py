@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import camera_from_world, inside_image, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.camera import (
+    camera_from_world,
+    camera_point,
+    hidden,
+    inside_image,
+    pixel_from_camera_point,
+    ray_from_pixel,
+    visible,
+)
+from activeslam_gym.geometry import rotation_matrix
 
-from .support import CAMERA
+from .support import CAMERA, NO_BOXES, pixel_of, random_camera
 
 CORNERS = [(0.0, 0.0), (320.0, 0.0), (0.0, 240.0), (320.0, 240.0)]
 
@@ -86,10 +95,77 @@ def test_a_pixel_beyond_the_image_of_infinity_still_gives_a_finite_ray() -> None
     ],
 )
 def test_inside_image(pixel: tuple[float, float], margin: float, inside: bool) -> None:
-    assert inside_image(CAMERA, np.array(pixel), margin) is inside
+    assert inside_image(CAMERA, np.array(pixel), margin) == inside
 
 
 def test_world_to_camera() -> None:
     R_WC = Rotation.from_rotvec([0.3, -1.2, 0.4]).as_matrix()
-    v_W = np.array([1.0, 2.0, 3.0])
+    v_W, p = np.array([1.0, 2.0, 3.0]), np.array([0.2, -0.4, 0.1])
     np.testing.assert_allclose(camera_from_world(R_WC, v_W), R_WC.T @ v_W, atol=1e-15)
+    np.testing.assert_allclose(camera_point(R_WC, p, v_W), R_WC.T @ (v_W - p), atol=1e-15)
+
+
+# What is in the way -------------------------------------------------------------------------------------------------
+
+CUBE = np.array([[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]])
+
+
+@pytest.mark.parametrize(
+    ("p", "y", "expected"),
+    [
+        pytest.param((0, 0, -3), (0, 0, 3), True, id="between"),
+        pytest.param((0, 0, -3), (0, 0, -2), False, id="box behind the point"),
+        pytest.param((0, 0, 2), (0, 0, 3), False, id="box behind the camera"),
+        pytest.param((0, 1.5, -3), (0, 1.5, 3), False, id="box beside an axis-parallel way"),
+        pytest.param((0, 1, -3), (0, 1, 3), False, id="along a face"),
+        pytest.param((0, 3, 0), (3, 0, 0), False, id="past an edge"),
+        pytest.param((0, 1.5, 0), (1.5, 0, 0), True, id="through an edge"),
+        pytest.param((0, 0, -3), (0, 0, 0), True, id="inside"),
+        pytest.param((0, 0, -3), (0.3, 0.4, -1), False, id="on the near face"),
+        pytest.param((2, 3, -3), (0.3, 0.4, -1), False, id="on the near face, at a slant"),
+        pytest.param((0, 0, -3), (0.3, 0.4, 1), True, id="on the far face"),
+        pytest.param((0, 0, 0), (0, 0, 0.5), True, id="both inside"),
+    ],
+)
+def test_a_box_hides_what_is_behind_it(p: tuple, y: tuple, expected: bool) -> None:
+    p, y = np.array(p, float), np.array(y, float)
+    elsewhere = np.array([[[8.0, 8.0, 8.0], [9.0, 9.0, 9.0]]])
+    for boxes in (CUBE, np.concatenate((elsewhere, CUBE))):
+        assert hidden(boxes, p, y) is hidden(boxes, y, p) is expected
+    assert not hidden(NO_BOXES, p, y)
+
+
+def test_hidden_is_what_sampling_along_the_way_says() -> None:
+    """Of random boxes and ways, but for the few that only graze a corner; and it is the same from both ends."""
+    rng, t, found = np.random.default_rng(0), np.linspace(0.0, 1.0, 4001)[:, None], []
+    for _ in range(400):
+        boxes = np.sort(rng.uniform(-1.0, 1.0, (rng.integers(1, 3), 2, 3)), axis=1)
+        p, y = rng.uniform(-1.5, 1.5, (2, 3))
+        way = (p + t * (y - p))[:, None]
+        share = ((boxes[:, 0] < way) & (way < boxes[:, 1])).all(axis=2).sum(axis=0).max()
+        assert hidden(boxes, p, y) == hidden(boxes, y, p)
+        assert hidden(boxes, p, y) or share == 0
+        if share != 0 or not hidden(boxes, p, y):
+            found.append(share > 0)
+    assert len(found) > 395 and 50 < sum(found) < 350
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_visible_is_in_front_inside_the_image_and_not_hidden(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    pose, y, z = random_camera(rng), rng.uniform(-3.0, 3.0, 3), np.empty(2)
+    R_WC, box = rotation_matrix(pose[3:7]), np.sort(rng.uniform(-3.0, 3.0, (1, 2, 3)), axis=1)
+    in_front = camera_point(R_WC, pose, y)[2] >= CAMERA.minimum_depth
+    for margin in (0.0, 50.0, 1e9):
+        inside = in_front and inside_image(CAMERA, pixel_of(CAMERA, pose, y), margin)
+        assert visible(CAMERA, NO_BOXES, R_WC, pose, y, margin, z) == inside
+        assert visible(CAMERA, box, R_WC, pose, y, margin, z) == (inside and not hidden(box, pose, y))
+        if inside:
+            np.testing.assert_allclose(z, pixel_of(CAMERA, pose, y), atol=1e-12)
+
+
+def test_nothing_is_seen_nearer_than_the_minimum_depth() -> None:
+    pose, z = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.empty(2)
+    for depth, expected in ((0.99, False), (1.01, True)):
+        y = np.array([0.0, 0.0, depth * CAMERA.minimum_depth])
+        assert visible(CAMERA, NO_BOXES, np.eye(3), pose, y, 0.0, z) == expected

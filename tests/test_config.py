@@ -16,6 +16,22 @@ PAPER = asdict(Scenario())
 NUMERIC = [name for name, value in PAPER.items() if name not in ("name", "initialisation", "motion_criterion")]
 
 
+BOX = ((0.0, -1.0, 0.5), (1.0, 1.0, 0.75))
+NO_BOXES = (
+    None,
+    0,
+    BOX,
+    (BOX[0],),
+    ((BOX[0], (1.0, 1.0)),),
+    ((BOX[0], BOX[0]),),
+    ((BOX[1], BOX[0]),),
+    ((BOX[0], (1.0, 1.0, float("inf"))),),
+    ((BOX[0], (1.0, True, 1.0)),),
+    ((BOX[0], BOX[1], BOX[1]),),
+    (BOX, "box"),
+)
+
+
 def refusal(name: str, value: Any) -> str:
     """What is said of a value of a field."""
     with pytest.raises(ValueError) as error:
@@ -43,6 +59,10 @@ def test_every_field_has_a_bound_and_says_it(name: str) -> None:
         ("fiducial_count", "zero or a positive number", (-1,)),
         ("particle_count", "at least 2", (1, -1)),
         ("filter_acceleration_std", "a positive number or None", (0.0, -1.0, False)),
+        ("true_focal_px", "a positive number or None", (0.0, -195.0, float("inf"), "195", True)),
+        ("true_distortion", "zero, a positive number or None", (-1e-6, float("nan"), "0", False)),
+        ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
+        ("boxes_known", "True or False", (0, 1, None, "no")),
         ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(3))),
         ("particle_depth", "in increasing order", ((9.0, 0.3), (1.0, 1.0))),
         ("fiducial_distance", "in increasing order", ([2.0, 1.2],)),
@@ -71,21 +91,28 @@ def test_a_period_beyond_any_float_is_refused_like_any_other() -> None:
         whole_multiple("duration", 1e308, "gaze_period", 0.05)
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS.values(), ids=SCENARIOS)
+@pytest.mark.parametrize(
+    "scenario", [*SCENARIOS.values(), Scenario(name="boxes", boxes=(BOX, BOX))], ids=lambda scenario: scenario.name
+)
 def test_json_and_numpy_hand_back_the_same_scenario(scenario: Scenario) -> None:
     fields = asdict(scenario)
     assert scenario_from(json.loads(json.dumps(fields))) == scenario
 
     def as_numpy(value: Any) -> Any:
         if isinstance(value, tuple):
-            return [np.float64(part) for part in value]
+            return [as_numpy(part) for part in value]
         return value if value is None else np.array(value)[()]
 
     given = scenario_from({name: as_numpy(value) for name, value in fields.items()})
     assert given == scenario
+
+    def same_types(value: Any, expected: Any) -> None:
+        assert type(value) is type(expected)
+        for part, other in zip(value, expected, strict=True) if isinstance(value, tuple) else ():
+            same_types(part, other)
+
     for name, value in asdict(given).items():
-        assert type(value) is type(fields[name])
-        assert not isinstance(value, tuple) or {type(part) for part in value} == {float}
+        same_types(value, fields[name])
 
 
 @pytest.mark.parametrize("number", [np.float32(2.5), np.float16(2.5), np.int16(2), np.uint8(2), np.array(2.5)])

@@ -13,16 +13,16 @@ import pytest
 
 import baselines
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
-from activeslam_gym.slam.belief import POINT, RAY, convert_to_point
+from activeslam_gym.slam.belief import POINT, RAY
+from activeslam_gym.slam.map import convert_to_point
 from agents.__main__ import main
 from agents.evaluate import run_episode
 from agents.honesty import command
 from agents.honesty.calibration import Bar, chi2_bounds, depth_sums, judged, lost_bar, nees_bar
 from agents.honesty.command import Args
-from agents.honesty.witness import Witness, depth_error, owners_by_age
-from agents.tools import inside
+from agents.honesty.witness import Witness, depth_error
 from agents.tools.statistics import estimate, estimate_from_sums
-from tests.support import joint_covariance, random_belief, scenario_for, simulation_of, slots_of
+from tests.support import joint_covariance, random_belief, scenario_for
 
 DURATION = 4.0
 
@@ -84,11 +84,11 @@ def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
     """Truths drawn from the belief give errors of mean 0 and deviation 1."""
     rng = np.random.default_rng(3)
     belief = random_belief(scenario_for([RAY]), [kind], rng, point_std=0.2)
-    anchor = belief.camera[:3] + 0.1
-    (slot,) = slots_of(belief)
+    p_hat = belief.state.camera[:3]
+    anchor = p_hat + 0.1
     if kind == RAY:
-        convert_to_point(belief, slot)
-    p_hat, y_hat, P = belief.camera[:3], belief.feature[slot, :3], joint_covariance(belief)
+        convert_to_point(belief, 0)
+    y_hat, P = belief.feature[0].mean[:3], joint_covariance(belief)
     estimate = SimpleNamespace(position=p_hat, landmarks=y_hat[None], covariance=P)
     rows = np.r_[0:3, 12:15]
     errors = []
@@ -100,15 +100,10 @@ def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
     assert np.isnan(depth_error(estimate, truth, 0, -1, anchor))
 
 
-def test_owners_come_by_age() -> None:
-    env = gym.make("ActiveSLAM-v0")
-    env.reset(seed=0)
-    simulation = simulation_of(env)
-    belief = random_belief(scenario_for([POINT]), [POINT] * 3, np.random.default_rng(4))
-    simulation = simulation._replace(belief=belief)
-    simulation.labels.owner[:3] = 7, -1, 7
-    core = SimpleNamespace(_run=SimpleNamespace(simulation=simulation))
-    assert owners_by_age(inside.features(core)) == [(7, 1), (7, 3)]
+def test_the_younger_of_two_features_of_one_landmark_is_the_double() -> None:
+    witness = Witness()
+    witness._note_owners(owners=np.array([7, -1, 7]), ids=np.array([1, 2, 5]))
+    assert (witness.testimony.features, witness.testimony.duplicates, witness._doubles) == (2, 1, {5})
 
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])

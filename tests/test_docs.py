@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import re
@@ -80,9 +81,11 @@ def test_information_tables_are_what_is_returned() -> None:
 
 
 def test_reward_table_is_the_rewards() -> None:
-    from activeslam_gym.envs import reward
+    from docs import tables
 
-    assert [row[0].strip("`") for row in rows(reward.__doc__ or "")] == list(REWARDS)
+    told = rows(tables.rewards())
+    assert [row[0].strip("`") for row in told] == list(REWARDS)
+    assert all(len(row) == 2 and len(row[1]) > 5 for row in told)
 
 
 def test_every_registered_version_has_a_history() -> None:
@@ -124,6 +127,29 @@ def test_the_mathematics_names_code_that_exists() -> None:
     for name in named:
         module, attribute = name.rsplit(".", 1)
         assert hasattr(importlib.import_module(f"activeslam_gym.{module}"), attribute), name
+
+
+def test_the_mathematics_names_every_function_that_cites_an_equation() -> None:
+    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+    package = ROOT / "activeslam_gym"
+    for path in sorted(package.rglob("*.py")):
+        module = ".".join(path.relative_to(package).with_suffix("").parts)
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
+                if re.search(r"\b([Ee]quation|[Ss]ection|[Aa]ppendix)\b", ast.get_docstring(node) or ""):
+                    assert f"`{module}.{node.name}`" in text, f"{module}.{node.name}"
+
+
+def test_the_reference_names_what_exists() -> None:
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    for name, options in re.findall(r"^::: ([\w.]+)\n((?:    .*\n)*)", text, re.MULTILINE):
+        try:
+            home = importlib.import_module(name)
+        except ModuleNotFoundError:
+            module, attribute = name.rsplit(".", 1)
+            home = getattr(importlib.import_module(module), attribute)
+        members = re.search(r"members: \[(.*)\]", options)
+        assert not [one for one in (members[1].split(", ") if members else []) if not hasattr(home, one)], name
 
 
 def test_the_mathematics_names_every_criterion() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import subprocess
@@ -15,8 +16,9 @@ from gymnasium.utils.env_checker import check_env
 
 import activeslam_gym
 from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym.envs.episode import BEGIN
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.slam.belief import FEATURES
+from tests.support import CAMERA, pixel_of, replaced, simulation_of
 
 IDS = ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0")
 INFO = {
@@ -48,6 +50,18 @@ def play(env, seed: int | None, steps: int, action_seed: int = 0):
         if terminated or truncated:
             break
     return np.array(observations), np.array(rewards), infos
+
+
+def detections_of(env) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    """(what, its pixel, where the paper's camera would have seen it) of each detection of the last frame."""
+    run = simulation_of(env)
+    points = np.concatenate((run.world.fiducials, run.world.landmarks))
+    labels = env.unwrapped.labels.detected.tolist()
+    pixels = run.candidate["pixel"][: len(labels)]
+    return [
+        (label, pixel.copy(), pixel_of(CAMERA, run.world.state.camera, points[label]))
+        for label, pixel in zip(labels, pixels, strict=True)
+    ]
 
 
 def flat(info: dict) -> list[float]:
@@ -97,17 +111,7 @@ def test_noise_does_not_depend_on_the_actions() -> None:
         env.reset(seed=11)
         for _ in range(30):
             env.step((motion, Gaze.STAY))
-        simulation = env._run.simulation
-        from activeslam_gym.camera import camera_of, camera_point, pixel_from_camera_point
-        from activeslam_gym.geometry import rotation_matrix
-
-        world, detections = simulation.world, simulation.detections
-        noise = {}
-        for pixel, label in zip(detections.pixels, detections.labels[: detections.used[0]], strict=False):
-            z = np.empty(2)
-            p_C = camera_point(rotation_matrix(world.camera[3:7]), world.camera, world.points[label])
-            assert pixel_from_camera_point(camera_of(env.scenario), p_C, z)
-            noise[int(label)] = pixel - z
+        noise = {label: pixel - hidden for label, pixel, hidden in detections_of(env)}
         noises.append(noise)
     common = noises[0].keys() & noises[1].keys()
     assert len(common) >= 3
@@ -208,18 +212,11 @@ def test_every_motion_reaches_its_goal() -> None:
         assert in_camera[axis] == pytest.approx(sign * 0.3, abs=0.1)
 
 
-@pytest.mark.parametrize("seed", range(4))
+MORE_SEEDS = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(4, 20)]
+
+
+@pytest.mark.parametrize("seed", [*range(4), *MORE_SEEDS])
 def test_public_covariance_stays_symmetric_positive_definite(seed: int) -> None:
-    check_covariances(seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4, 20))
-def test_public_covariance_stays_symmetric_positive_definite_on_more_seeds(seed: int) -> None:
-    check_covariances(seed)
-
-
-def check_covariances(seed: int) -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25, lost_position_error=100.0)
     rng = np.random.default_rng(seed)
     env.reset(seed=seed)
@@ -277,18 +274,19 @@ def test_layout_covers_the_observation(scenario: str) -> None:
 
 
 def test_observation_holds_nothing_of_the_truth_but_its_detections() -> None:
-    from activeslam_gym.envs.step import evaluate, observe
-
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
     env.reset(seed=9)
     for _ in range(12):
-        before = env.step((2, 1))[0]
-    run, setting = env._run, env.setting
-    run.simulation.world.camera[:3] += 0.1
-    run.simulation.world.points[setting.scenario.fiducial_count :] += 0.3
-    evaluate(setting.task, run.simulation, run.step)
-    observe(setting.models, setting.task, run.simulation, run.step)
-    np.testing.assert_array_equal(run.step.observation, before)
+        env.step((2, 1))
+    other = copy.deepcopy(env)
+    world = simulation_of(other).world
+    world.state.camera[:3] += 0.1
+    world.landmarks[:] += 0.3
+    for one in (env, other):
+        one._play_one(BEGIN, Gaze.STAY)  # evaluates and observes the run as it is
+    here, there = simulation_of(env), simulation_of(other)
+    assert here.episode.evaluation.position_error != there.episode.evaluation.position_error
+    np.testing.assert_array_equal(here.observation, there.observation)
 
 
 def test_objects_are_fresh_and_views_read_only() -> None:
@@ -315,19 +313,109 @@ def test_scores_have_their_shapes_and_ties_are_left_to_policies() -> None:
     assert joint.shape == (7, 3)
     np.testing.assert_allclose(joint[:, Gaze.STAY], motion)
     assert env.motion_score(2) == pytest.approx(motion[2])
-    assert env._run.simulation.belief.size[FEATURES] >= 0
 
 
-def test_rendering_is_an_image() -> None:
-    pytest.importorskip("matplotlib")
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array")
+# What hides and what deceives ---------------------------------------------------------------------------------------
+
+WALL = ((-3.0, -1.0, 0.3), (3.0, 1.0, 0.4))
+"""A box across the whole room, in front of the first camera."""
+PILLAR = ((0.0, -1.0, 0.7), (3.0, 1.0, 0.9))
+"""One that leaves a half of the view free."""
+
+
+def started(**scenario):
+    """An environment of the paper with other fields, after one frame."""
+    env = gym.make("ActiveSLAM-v0", scenario=scenario).unwrapped
+    env.reset(seed=4)
+    env.step((6, 2))
+    return env
+
+
+@pytest.mark.parametrize("box", [WALL, PILLAR])
+def test_a_box_hides_what_is_behind_it(box) -> None:
+    free, env = started(), started(boxes=(box,))
+    run, low, high = simulation_of(env), *np.array(box)
+    points, along = np.concatenate((run.world.fiducials, run.world.landmarks)), np.linspace(0.0, 1.0, 4001)[:, None]
+    way = run.world.state.camera[:3] + along * (points[:, None] - run.world.state.camera[:3])  # (P, 4001, 3)
+    behind = ((way > low) & (way < high)).all(axis=2).any(axis=1)
+    seen = {label: tuple(pixel) for label, pixel, _ in detections_of(free)}
+    left = {label: pixel for label, pixel in seen.items() if not behind[label]}
+    assert {label: tuple(pixel) for label, pixel, _ in detections_of(env)} == left
+    assert len(left) < len(seen) and bool(left) == (box is PILLAR)
+    assert min(seen) < free.scenario.fiducial_count <= max(seen)  # of both sorts
+
+
+def test_only_who_knows_of_a_box_reckons_with_it() -> None:
+    knows, does_not = (started(boxes=(WALL,), boxes_known=known) for known in (True, False))
+    in_view = activeslam_gym.observation_layout(knows).token_slices["in_view"]
+    for env, sees in ((knows, False), (does_not, True)):
+        assert len(env.labels.detected) == 0
+        scores = (env.motion_scores()[Motion.STAY], env.gaze_scores()[Gaze.STAY], env.joint_scores()[6, 2])
+        assert [bool(score) for score in scores] == [sees] * 3
+        assert bool(len(env.snapshot().predicted)) == sees
+        layout = activeslam_gym.observation_layout(env)
+        tokens = simulation_of(env).observation[layout.tokens].reshape(layout.token_shape)
+        assert bool(tokens[:, in_view].any()) == sees
+        assert len(env.prospect.boxes) == (not sees)
+
+
+@pytest.mark.parametrize("lens", [{"focal": 210.0}, {"distortion": 0.0}])
+def test_a_wrong_calibration_moves_the_detections_and_not_what_is_expected(lens: dict[str, float]) -> None:
+    (field, value), right = *lens.items(), started()
+    wrong = started(**{"true_focal_px" if field == "focal" else "true_distortion": value})
+    run = simulation_of(wrong)
+    assert run.models.camera == simulation_of(right).models.camera
+    points = np.concatenate((run.world.fiducials, run.world.landmarks))
+    true_camera, noise = replaced(CAMERA, **lens), {label: pixel - z for label, pixel, z in detections_of(right)}
+    both = [one for one in detections_of(wrong) if one[0] in noise]
+    assert len(both) > 5
+    for label, pixel, _ in both:
+        z = pixel_of(true_camera, run.world.state.camera, points[label])
+        np.testing.assert_allclose(pixel - z, noise[label], atol=1e-9)
+    np.testing.assert_allclose(wrong.snapshot().predicted[0], right.snapshot().predicted[0], atol=8.0)
+
+
+# For referees -------------------------------------------------------------------------------------------------------
+
+
+def test_labels_say_whose_the_features_are_and_what_was_detected() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario="clutter", duration=8.0).unwrapped
+    env.reset(seed=5)
+    K, L, births, wrong = 6, 27, 0, 0
+    for step in range(150):
+        births += env.step((2 + step // 20 % 2, 2))[4]["events"]["births"]
+        labels, belief = env.labels, env.belief
+        assert len(labels.owners) == len(belief.ids) == len(belief.converted) == len(belief.anchors)
+        assert set(labels.detected.tolist()) <= set(range(-1, K + L)) and set(labels.owners.tolist()) <= set(
+            range(-1, L)
+        )
+        assert labels.detected.shape == labels.matched.shape and labels.matched.max(initial=0) <= births
+        fiducials = (labels.matched < 0) & (labels.matched >= -K)
+        wrong += int(np.sum(labels.detected[fiducials] != -1 - labels.matched[fiducials]))
+    assert (np.diff(belief.ids) > 0).all() and births >= belief.ids[-1] >= len(belief.ids) > 5
+    assert wrong <= 5 and (labels.detected >= K).any() and (labels.matched > 0).any()
+    distances = np.linalg.norm(belief.landmarks - env.truth.landmarks[labels.owners], axis=1)
+    oldest = np.full(L, np.nan)
+    for k in np.flatnonzero((labels.owners >= 0) & belief.mapped)[::-1]:
+        oldest[labels.owners[k]] = distances[k]
+    np.testing.assert_allclose(env.landmark_errors, oldest)
+    assert np.nanmedian(oldest) < 0.4
+    with pytest.raises(ValueError, match="read-only"):
+        labels.owners[0] = 1
+
+
+def test_expected_landmarks_go_where_a_study_puts_them() -> None:
+    env = gym.make("ActiveSLAM-v0").unwrapped
     env.reset(seed=0)
-    for _ in range(4):
-        env.step((2, 1))
-    image = env.render()
-    assert image.dtype == np.uint8
-    assert image.ndim == 3
-    assert image.std() > 5
+    before, points = env.motion_scores(), np.tile((0.0, 0.0, 2.0), (27, 1))
+    env.expect(points)
+    assert env.prospect.waiting == 27
+    np.testing.assert_array_equal(env.prospect.points[-27:], points)
+    assert (env.motion_scores() > before).any()
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.motion_scores(), before)
+    with pytest.raises(ValueError, match=r"points must be of shape \(27, 3\), got \(2, 3\)"):
+        env.expect(points[:2])
 
 
 # Bad input ----------------------------------------------------------------------------------------------------------
@@ -355,19 +443,19 @@ def test_bad_arguments_are_named(arguments: dict, message: str) -> None:
         activeslam_gym.ActiveSLAMEnv(**arguments)
 
 
-@pytest.mark.parametrize("action", [(7, 0), (0, 3), (-1, 0), (0,), (0, 0, 0), 3, (np.nan, 0), (0.5, 0), "up", None])
-def test_bad_actions_are_named(action: object) -> None:
-    env = activeslam_gym.ActiveSLAMEnv()
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must be two whole numbers, a motion in 0 … 6 .* got"):
-        env.step(action)
+BAD_PAIRS = [(7, 0), (0, 3), (-1, 0), (0,), (0, 0, 0), 3, (np.nan, 0), (0.5, 0), "up", None]
+BAD_INDICES = [21, -1, 0.5, np.nan, (1, 2), None]
 
 
-@pytest.mark.parametrize("action", [21, -1, 0.5, np.nan, (1, 2), None])
-def test_bad_discrete_actions_are_named(action: object) -> None:
-    env = activeslam_gym.ActiveSLAMDiscreteEnv()
+@pytest.mark.parametrize(
+    ("cls", "action", "allowed"),
+    [(activeslam_gym.ActiveSLAMEnv, action, "two whole numbers, a motion in 0 … 6 .*") for action in BAD_PAIRS]
+    + [(activeslam_gym.ActiveSLAMDiscreteEnv, action, "one whole number in 0 … 20,") for action in BAD_INDICES],
+)
+def test_bad_actions_are_named(cls: type[gym.Env], action: object, allowed: str) -> None:
+    env = cls()
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must be one whole number in 0 … 20, got"):
+    with pytest.raises(ValueError, match=f"action must be {allowed} got"):
         env.step(action)
 
 

@@ -6,12 +6,17 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym import SCENARIOS, Gaze, Motion, information
+from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.information.candidates import pose_after, propagated
+from activeslam_gym.kernels import compiled
+from activeslam_gym.slam.sight import THING, Sight
 from tests.support import numerical_sight
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,24 +56,73 @@ def test_the_price_is_paid_once_a_translation_and_told() -> None:
     assert info["reward_terms"]["price"] == 0.0
 
 
-def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
-    """Against the EKF's update in full: tr(P_pp) before and after, for what is in view of each goal."""
-    from examples.extend_criterion import position_variance_reduction
-
+def in_the_middle(seed: int) -> Any:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    env.reset(seed=3)
+    env.reset(seed=seed)
     for _ in range(12):
         env.step((Motion.RIGHT, Gaze.LEFT))
-    scores = position_variance_reduction(env)
-    inner = env.unwrapped
+    return env.unwrapped
+
+
+def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
+    """Against the EKF's update in full: tr(P_pp) before and after, for what is in view of each goal."""
+    from examples.extend_criterion import motion_scores, position_variance
+
+    inner = in_the_middle(seed=3)
+    scores = motion_scores(inner, position_variance)
     models, prospect = inner.setting.models, inner.prospect
-    P = information.propagated(models.motion, prospect.covariance, 0.0, 20)
+    P = propagated(models.motion, prospect.covariance, 0.0, 20)
     for index in Motion:
-        pose = information.pose_after(models.motion, prospect.camera, int(index), 0.0)
+        pose = pose_after(models.motion, prospect.camera, int(index), 0.0)
         H = numerical_sight(models.camera, prospect, pose)
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         P_after = P - P @ H.T @ np.linalg.solve(S, H @ P)
         np.testing.assert_allclose(scores[index], np.trace((P - P_after)[:3, :3]), rtol=1e-5)
+
+
+def test_scores_of_ones_own_are_those_of_the_environment() -> None:
+    from examples.extend_criterion import motion_scores
+
+    inner = in_the_middle(seed=4)
+    for name in ("mutual_information", "variance_reduction"):
+        np.testing.assert_allclose(motion_scores(inner, CRITERIA[name]), inner.motion_scores(name), rtol=1e-9)
+
+
+def test_the_criterion_can_move_into_the_package() -> None:
+    """Compiled as it stands, as `named` does it."""
+    from examples.extend_criterion import position_variance
+
+    rng = np.random.default_rng(5)
+    HP, A = rng.standard_normal((4, 15)), rng.standard_normal((4, 4))
+    sight = Sight(np.zeros(2, THING), HP, A @ A.T + np.eye(4))
+    found = compiled(position_variance)(np.eye(15), sight, 4.0)
+    assert found == pytest.approx(np.trace(HP[:, :3].T @ np.linalg.solve(sight.S, HP[:, :3])))
+
+
+def test_the_filter_finds_what_it_is_handed() -> None:
+    from examples.extend_sensor import UNKNOWN, main, position_at
+
+    slam = main(frames=40)
+    points, P = slam.points()
+    assert slam.ids.tolist() == [1]
+    errors = np.concatenate((slam.belief.state.camera[:3] - position_at(39), points[0] - UNKNOWN))
+    stds = np.sqrt(np.diag(P))[[0, 1, 2, 12, 13, 14]]
+    assert (np.abs(errors) < 3.0 * stds).all() and (stds < 0.3).all()
+
+
+def test_a_screen_hides_and_a_planner_reckons_with_one_it_knows() -> None:
+    from examples import extend_occluder
+
+    envs = {name: gym.make("ActiveSLAM-v0", scenario=one) for name, one in extend_occluder.scenarios.items()}
+    for env in envs.values():
+        env.reset(seed=0)
+        env.step((Motion.STAY, Gaze.STAY))
+    hidden = extend_occluder.hidden_fiducials(envs["a screen"])
+    seen = set(envs["a screen"].unwrapped.labels.detected.tolist())
+    assert hidden and not seen & set(hidden)
+    assert set(envs["no screen"].unwrapped.labels.detected.tolist()) >= set(hidden)
+    expected = extend_occluder.main()
+    assert expected["a screen"] == expected["no screen"] > expected["a known screen"]
 
 
 @pytest.mark.parametrize("num_envs", [None, 3])

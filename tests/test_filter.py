@@ -9,60 +9,54 @@ import pytest
 
 from activeslam_gym.config import INVERSE_DEPTH as BY_INVERSE_DEPTH
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.frame import filter_entries
 from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.motion import motion_of
-from activeslam_gym.slam.association import NEW, REJECTED, associate
-from activeslam_gym.slam.belief import DIM, FEATURES, INVERSE_DEPTH, POINT, RAY, SERIAL, convert_to_point, point_belief
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
-from activeslam_gym.slam.filter import filter_frame
-from activeslam_gym.slam.measurement import INSIDE, predict_measurements
-from activeslam_gym.slam.prediction import predict, propagate
-from activeslam_gym.slam.settings import filter_of
-from activeslam_gym.slam.update import innovation_covariance, stack, update
+from activeslam_gym.slam.filter import COUNTS, candidates_of, filter_frame, filter_of, match_by_id, use_candidates
+from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.map import convert_to_point
+from activeslam_gym.slam.sight import INSIDE
 from tests.support import (
     CAMERA,
+    NO_BOXES,
+    NO_FIDUCIALS,
     PAPER,
     copied,
     dense_H,
     joint_covariance,
     mean_difference,
+    prior_belief,
     random_belief,
     random_spd,
     scenario_for,
-    slots_of,
+    sight_of,
     turn_of_everything,
     world_points,
 )
 
 MODEL = filter_of(PAPER)
-NO_FIDUCIALS = np.zeros((0, 3))
-NOTHING_GIVEN = np.empty(0, np.int64)
+GATE, BIRTH_GATE = MODEL.association.gate, MODEL.association.birth_gate
+VAR = CAMERA.pixel_std**2
+R_PAPER = VAR * np.eye(2)
 
 
-def batch(belief, fiducials, rows):
-    """(predictions, H P, S) of the stacked rows."""
-    K = len(fiducials)
-    predictions = predict_measurements(CAMERA, belief, fiducials)
-    HP = stack(belief, K, rows, predictions)
-    return predictions, HP, innovation_covariance(belief, K, rows, predictions, HP, CAMERA.pixel_std**2)
+def counters():
+    return np.zeros(1, COUNTS)[0]
 
 
-@pytest.mark.parametrize("kinds", [[], [POINT] * 4, [INVERSE_DEPTH, POINT, INVERSE_DEPTH]])
-def test_update_is_the_textbooks(kinds: list[int]) -> None:
-    rng = np.random.default_rng(len(kinds))
-    belief = random_belief(PAPER, kinds, rng)
-    fiducials = world_points(rng, belief.camera, 2)
-    rows = np.array([1, 0, *(2 + slot for slot in slots_of(belief))])
-    predictions, HP, S = batch(belief, fiducials, rows)
-    nu = rng.standard_normal(2 * len(rows))
-    H, P, before = dense_H(belief, 2, rows, predictions), joint_covariance(belief), copied(belief)
-    np.testing.assert_allclose(HP, H @ P, atol=1e-12)
-    np.testing.assert_allclose(S, H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(len(H)), rtol=1e-12)
-    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(len(H)))
-    assert update(belief, HP, S, nu.copy())
+def candidates_at(pixels, **given):
+    """Candidates with the camera's own noise, where nothing else is ``given``."""
+    return candidates_of(pixels, **{"R": R_PAPER, **given})
+
+
+def assert_updated(belief, before, H, R, nu) -> None:
+    """The textbook's update, with the covariance expressed about the new mean."""
+    P = joint_covariance(before)
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
     np.testing.assert_allclose(mean_difference(belief, before), K @ nu, atol=1e-10)
-    M, G = np.eye(len(P)), np.eye(len(P))  # the covariance is expressed about the new mean
+    M, G = np.eye(len(P)), np.eye(len(P))
     M[:, 3:6] += turn_of_everything(belief) - turn_of_everything(before)
     G[3:6, 3:6] = so3_left_jacobian((K @ nu)[3:6])
     G = G @ M
@@ -70,25 +64,45 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     np.testing.assert_array_equal(joint_covariance(belief), joint_covariance(belief).T)
 
 
+@pytest.mark.parametrize("kinds", [[], [POINT] * 4, [INVERSE_DEPTH, POINT, INVERSE_DEPTH]])
+def test_update_is_the_textbooks(kinds: list[int]) -> None:
+    rng = np.random.default_rng(len(kinds))
+    belief = random_belief(PAPER, kinds, rng)
+    sight, before = sight_of(belief, world_points(rng, belief.state.camera, 2)), copied(belief)
+    H, P, nu = dense_H(sight), joint_covariance(belief), rng.standard_normal(len(sight.S))
+    R = VAR * np.eye(len(H))
+    assert sight.thing["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
+    np.testing.assert_allclose(sight.HP, H @ P, atol=1e-12)
+    np.testing.assert_allclose(sight.S, H @ P @ H.T + R, rtol=1e-12)
+    assert update(belief, sight.HP.copy(), sight.S.copy(), nu.copy())
+    assert_updated(belief, before, H, R, nu)
+
+
+def test_every_candidate_is_used_with_its_own_noise() -> None:
+    """The textbook's update with blockdiag R, of the matched things alone, in whatever order they come."""
+    rng = np.random.default_rng(7)
+    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
+    fiducials = world_points(rng, belief.state.camera, 2)
+    sight, before, matched = sight_of(belief, fiducials), copied(belief), [4, 0, 3]
+    nu, own = rng.standard_normal((3, 2)), np.array([random_spd(rng, [0.5, 2.0]) for _ in matched])
+    own[2] = 100.0 * R_PAPER
+    candidates = candidates_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
+    use_candidates(CAMERA, MODEL, belief, 2, NO_BOXES, sight, candidates, True, counters())
+    order = np.argsort(matched)
+    H = dense_H(sight).reshape(5, 2, -1)[np.sort(matched)].reshape(6, -1)
+    R = np.zeros((6, 6))
+    for i, k in enumerate(order):
+        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k]
+    assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none has matured
+    assert_updated(belief, before, H, R, nu[order].ravel())
+
+
 def test_a_broken_innovation_covariance_changes_nothing() -> None:
     belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
     before = copied(belief)
-    assert not update(belief, np.zeros((2, belief.size[DIM])), -np.eye(2), np.ones(2))
+    assert not update(belief, np.zeros((2, belief.state.dim)), -np.eye(2), np.ones(2))
     np.testing.assert_array_equal(belief.covariance, before.covariance)
-    np.testing.assert_array_equal(belief.camera, before.camera)
-
-
-def test_prediction_carries_the_cross_covariances() -> None:
-    rng = np.random.default_rng(1)
-    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
-    P = joint_covariance(belief)
-    F, Q = rng.standard_normal((12, 12)), random_spd(rng, [0.1] * 12)
-    G = np.eye(len(P))
-    G[:12, :12] = F
-    expected = G @ P @ G.T
-    expected[:12, :12] += Q
-    propagate(belief.covariance, belief.size[DIM], F, Q)
-    np.testing.assert_allclose(joint_covariance(belief), expected, atol=1e-12)
+    assert belief.state == before.state and (belief.feature == before.feature).all()
 
 
 def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
@@ -96,9 +110,10 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
     scenario = replace(PAPER, orientation_std=1e-9, angular_velocity_std=1e-9, angular_acceleration_std=1e-12)
     motion, rng = motion_of(scenario, 1.0), np.random.default_rng(2)
     belief = random_belief(scenario, [], rng)
-    belief.camera[3:7], belief.camera[10:] = (1.0, 0.0, 0.0, 0.0), 0.0
+    camera, kept = belief.state.camera, np.array([0, 1, 2, 6, 7, 8])
+    camera[3:7], camera[10:] = (1.0, 0.0, 0.0, 0.0), 0.0
     belief.covariance[:12, :12] = np.diag([0.1**2] * 3 + [1e-18] * 3 + [0.2**2] * 3 + [1e-18] * 3)
-    x, P = np.concatenate((belief.camera[:3], belief.camera[7:10])), np.diag([0.1**2] * 3 + [0.2**2] * 3)
+    x, P = camera[[0, 1, 2, 7, 8, 9]], np.diag([0.1**2] * 3 + [0.2**2] * 3)
     dt, sigma = motion.dt, motion.filter_acceleration_std
     F = np.block([[np.eye(3), dt * np.eye(3)], [np.zeros((3, 3)), np.eye(3)]])
     G = np.concatenate((dt * dt * np.eye(3), dt * np.eye(3)))
@@ -106,58 +121,93 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
     R = 0.01 * np.eye(2)
     for _ in range(20):
         u, z = rng.standard_normal(3), rng.standard_normal(2)
-        predict(motion, belief, np.concatenate((u, np.zeros(3))))
+        predict(motion, belief, np.concatenate((u, np.zeros(3))), dt)
         x, P = F @ x + G @ u, F @ P @ F.T + sigma**2 * G @ G.T
         H_tangent = np.concatenate((H[:, :3], np.zeros((2, 9))), axis=1)
         HP = H_tangent @ belief.covariance[:12, :12]
-        assert update(belief, HP.copy(), HP @ H_tangent.T + R, z - H[:, :3] @ belief.camera[:3])
+        assert update(belief, HP.copy(), HP @ H_tangent.T + R, z - H[:, :3] @ camera[:3])
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         x, P = x + K @ (z - H @ x), P - K @ H @ P
-    np.testing.assert_allclose(np.concatenate((belief.camera[:3], belief.camera[7:10])), x, atol=1e-12)
-    kept = np.array([0, 1, 2, 6, 7, 8])
+    np.testing.assert_allclose(camera[[0, 1, 2, 7, 8, 9]], x, atol=1e-12)
     np.testing.assert_allclose(belief.covariance[np.ix_(kept, kept)], P, atol=1e-13)
 
 
 # Association --------------------------------------------------------------------------------------------------------
 
 
-def match(belief, pixels, fiducials=NO_FIDUCIALS):
-    """(M,) matches of the pixels, and (rows,) which rows wait."""
-    predictions = predict_measurements(CAMERA, belief, fiducials)
-    rows = np.flatnonzero(predictions.visibility)
-    _, _, S = batch(belief, fiducials, rows)
-    waits = np.zeros(len(predictions.visibility), np.bool_)
-    return associate(MODEL, rows, predictions, S, np.reshape(pixels, (-1, 2)), waits), waits
+def match(belief, pixels, **given):
+    """(M,) what the candidates are matched to, and (v,) which things wait."""
+    sight, candidates = sight_of(belief), candidates_at(pixels, **given)
+    waits = np.zeros(len(sight.thing), np.bool_)
+    of_thing = associate(MODEL.association, VAR, sight, candidates, waits)
+    for a, i in enumerate(of_thing):
+        assert i < 0 or candidates[i]["match"] == sight.thing[a]["id"]
+    assert sum(of_thing >= 0) == sum((candidates["match"] != NEW) & (candidates["match"] != REJECTED))
+    return candidates["match"].tolist(), waits
 
 
 def two_points(separation_px: float, std: float):
-    """A belief about two points side by side 2 m ahead, and their predicted pixels."""
+    """A belief about two points side by side 2 m ahead, with the ids 1 and 2, and their predicted pixels."""
     belief = random_belief(PAPER, [POINT, POINT], np.random.default_rng(3))
-    belief.camera[:3], belief.camera[3:7] = 0.0, (1.0, 0.0, 0.0, 0.0)
-    belief.feature[0, :3], belief.feature[1, :3] = (0.0, 0.0, 2.0), (-2.0 * separation_px / CAMERA.focal, 0.0, 2.0)
+    belief.state.camera[:7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    belief.feature[0].mean[:3] = (0.0, 0.0, 2.0)
+    belief.feature[1].mean[:3] = (-2.0 * separation_px / CAMERA.focal, 0.0, 2.0)
     belief.covariance[:18, :18] = np.diag([1e-6] * 12 + [std**2] * 6)
-    return belief, predict_measurements(CAMERA, belief, NO_FIDUCIALS).z_hat[:2]
+    return belief, sight_of(belief).thing["z_hat"]
 
 
 def test_clear_matches_are_made_in_any_order() -> None:
     belief, z = two_points(60.0, 0.005)
-    np.testing.assert_array_equal(match(belief, z + 1.0)[0], [0, 1])
-    np.testing.assert_array_equal(match(belief, z[::-1] + 1.0)[0], [1, 0])
+    assert match(belief, z + 1.0)[0] == [1, 2]
+    assert match(belief, z[::-1] + 1.0)[0] == [2, 1]
 
 
-def test_a_detection_outside_every_gate_is_new_and_between_the_gates_rejected() -> None:
+@pytest.mark.parametrize("scale", [0.25, 1.0, 9.0])
+def test_a_candidate_outside_every_gate_is_new_and_between_the_gates_rejected(scale: float) -> None:
+    """The gates are those of its own noise: ``scale`` times the camera's."""
     belief, z = two_points(60.0, 0.005)
-    S = predict_measurements(CAMERA, belief, NO_FIDUCIALS).S[0]
-    for d2, expected in ((0.9 * MODEL.gate, 0), (1.1 * MODEL.gate, REJECTED), (1.1 * MODEL.birth_gate, NEW)):
+    S = sight_of(belief).S[:2, :2] + (scale - 1.0) * R_PAPER
+    for d2, expected in ((0.9 * GATE, 1), (1.1 * GATE, REJECTED), (1.1 * BIRTH_GATE, NEW)):
         offset = np.array([0.0, np.sqrt(d2 * S[1, 1])])
-        assert match(belief, z[:1] + offset)[0].tolist() == [expected]
+        assert match(belief, z[:1] + offset, R=scale * R_PAPER)[0] == [expected]
 
 
-def test_an_ambiguous_detection_waits() -> None:
+def test_an_ambiguous_candidate_waits() -> None:
     belief, z = two_points(3.0, 0.005)
     found, waits = match(belief, z.mean(axis=0))
-    assert found.tolist() == [REJECTED]
-    assert waits[:2].all()
+    assert found == [REJECTED]
+    assert waits.all()
+
+
+@pytest.mark.parametrize("id", [1, 2])
+def test_an_id_says_which_of_two_it_is(id: int) -> None:
+    belief, z = two_points(3.0, 0.005)
+    assert match(belief, z.mean(axis=0), ids=id)[0] == [id]
+
+
+def test_an_id_restricts_but_does_not_command() -> None:
+    """Where it is not, or where there is no such thing, a candidate with an id is nothing that is known."""
+    belief, z = two_points(60.0, 0.005)
+    assert match(belief, z, ids=[2, ANYTHING])[0] == [NEW, 2]
+    assert match(belief, z, ids=[2, 1])[0] == [NEW, NEW]
+    assert match(belief, z, ids=[99, fiducial_id(0)])[0] == [NEW, NEW]
+
+
+def test_of_several_candidates_of_one_id_at_most_one_is_taken() -> None:
+    belief, z = two_points(60.0, 0.005)
+    far = np.array([0.0, np.sqrt(1.1 * BIRTH_GATE * sight_of(belief).S[1, 1])])
+    assert match(belief, np.stack((z[0] + far, z[0] + 0.5, z[0] - far)), ids=1)[0] == [NEW, 1, NEW]
+    found, waits = match(belief, np.stack((z[0] + 0.5, z[0] - 0.5)), ids=1)
+    assert found == [REJECTED, REJECTED] and waits.tolist() == [True, False]
+
+
+def test_appearance_decides_between_two_that_are_equal() -> None:
+    belief, z = two_points(60.0, 0.005)
+    pixels, enough = np.stack((z[0] + 0.5, z[0] - 0.5)), 0.6 * MODEL.association.clear_margin
+    assert match(belief, pixels)[0] == [REJECTED, REJECTED]
+    assert match(belief, pixels, ids=1, log_ratios=[0.0, 0.5 * enough])[0] == [REJECTED, REJECTED]
+    assert match(belief, pixels, ids=1, log_ratios=[0.0, enough])[0] == [REJECTED, 1]
+    assert match(belief, pixels, ids=1, log_ratios=[enough, 0.0])[0] == [1, REJECTED]
 
 
 def test_a_vague_row_is_matched_only_with_support() -> None:
@@ -165,8 +215,8 @@ def test_a_vague_row_is_matched_only_with_support() -> None:
     belief, z = two_points(60.0, 0.002)
     belief.covariance[4, 4] = np.radians(3.0) ** 2  # yaw: about 10 px, for both alike
     shift = np.array([8.0, 0.0])
-    assert match(belief, z[:1] + shift)[0].tolist() == [REJECTED]
-    np.testing.assert_array_equal(match(belief, z + shift)[0], [0, 1])
+    assert match(belief, z[:1] + shift)[0] == [REJECTED]
+    assert match(belief, z + shift)[0] == [1, 2]
 
 
 def test_a_vague_row_at_the_edge_of_the_image_needs_more_support_than_one_inside() -> None:
@@ -174,20 +224,64 @@ def test_a_vague_row_at_the_edge_of_the_image_needs_more_support_than_one_inside
     belief, z = two_points(60.0, 0.002)
     belief.covariance[4, 4] = np.radians(3.0) ** 2
     shift = np.array([8.0, 0.0])
-    assert (match(belief, z + shift)[0] >= 0).all()
-    belief.feature[:2, 1] -= 2.0 * (CAMERA.height - 10.0 - z[0, 1]) / CAMERA.focal
-    z = predict_measurements(CAMERA, belief, NO_FIDUCIALS).z_hat[:2]
-    assert (match(belief, z + shift)[0] == REJECTED).all()
+    assert match(belief, z + shift)[0] == [1, 2]
+    belief.feature["mean"][:2, 1] -= 2.0 * (CAMERA.height - 10.0 - z[0, 1]) / CAMERA.focal
+    assert match(belief, sight_of(belief).thing["z_hat"] + shift)[0] == [REJECTED, REJECTED]
+
+
+def test_labelled_candidates_are_what_they_say() -> None:
+    """However far they are; one without an id is of nothing known."""
+    belief, z = two_points(60.0, 0.005)
+    candidates = candidates_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
+    assert match_by_id(sight_of(belief), candidates).tolist() == [2, 0]
+    assert candidates["match"].tolist() == [2, NEW, 1]
+
+
+def a_ray():
+    """A belief about one ray, and the pixel of the particle in its middle."""
+    belief = random_belief(scenario_for([RAY]), [RAY], np.random.default_rng(4))
+    rays = predict_rays(CAMERA, belief, NO_BOXES)
+    return belief, rays.z_hat[0, rays.z_hat.shape[1] // 2].copy()
+
+
+def follow(belief, candidates, labelled: bool = False):
+    follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, candidates, labelled)
+    return candidates["match"].tolist()
 
 
 def test_a_ray_is_matched_along_its_particles() -> None:
-    scenario = scenario_for([RAY])
-    belief = random_belief(scenario, [RAY], np.random.default_rng(4))
-    rays = predict_rays(CAMERA, belief)
-    pixel = rays.z_hat[0, rays.z_hat.shape[1] // 2]
-    found = np.array([REJECTED, NEW, NEW])
-    follow_rays(CAMERA, MODEL, belief, 0, np.stack((pixel, pixel, pixel + 150.0)), found)
-    assert found.tolist() == [REJECTED, 0, NEW]
+    belief, pixel = a_ray()
+    candidates = candidates_at(np.stack((pixel, pixel, pixel + 150.0)))
+    candidates["match"] = REJECTED, NEW, NEW
+    assert follow(belief, candidates) == [REJECTED, 1, NEW]
+
+
+def test_a_ray_knows_ids_appearance_and_noise_of_candidates() -> None:
+    belief, pixel = a_ray()
+    twice = np.stack((pixel, pixel))
+    assert follow(belief, candidates_at(twice, ids=[2, 1])) == [NEW, 1]
+    assert follow(belief, candidates_at(twice, log_ratios=[0.0, 1.0])) == [REJECTED, 1]
+    aside = np.stack((pixel + 40.0,))
+    assert follow(belief, candidates_at(aside)) == [NEW]
+    assert follow(belief, candidates_at(aside, R=400.0 * R_PAPER)) == [1]
+
+
+def test_a_labelled_ray_is_weighed_by_its_own_candidate_alone() -> None:
+    """Bayes on the particles once the camera has moved: the weights are the textbook's likelihoods."""
+    belief, pixel = a_ray()
+    ray, R = belief.feature[0], np.array([[9.0, 2.0], [2.0, 5.0]])
+    ray.weighed_at[:] = 100.0
+    rays, weights = predict_rays(CAMERA, belief, NO_BOXES), belief.particles[ray.slot, :, 1]
+    S = rays.S[0] + R - R_PAPER
+    error = pixel + 3.0 - rays.z_hat[0]
+    expected = np.exp(-0.5 * np.einsum("ij,ijk,ik->i", error, np.linalg.inv(S), error)) / np.sqrt(np.linalg.det(S))
+    expected[expected < MODEL.particles.prune * expected.mean()] = 0.0
+    candidates = candidates_at(np.stack((pixel, pixel + 3.0)), ids=[ANYTHING, 1], R=np.stack((R_PAPER, R)))
+    match_by_id(sight_of(belief), candidates)
+    belief.state.frame = 5
+    assert follow(belief, candidates, labelled=True) == [NEW, 1]
+    assert (ray.seen, ray.misses) == (5, 0)
+    np.testing.assert_allclose(weights, expected / expected.sum(), rtol=1e-9, atol=1e-300)
 
 
 # Births and deaths --------------------------------------------------------------------------------------------------
@@ -195,50 +289,44 @@ def test_a_ray_is_matched_along_its_particles() -> None:
 
 def still_belief(scenario: Scenario = PAPER):
     """A belief without features, sure of its pose and at rest."""
-    belief = random_belief(scenario, [], np.random.default_rng(5))
-    belief.camera[:] = 0.0
-    belief.camera[3] = 1.0
+    belief = prior_belief(scenario)
     belief.covariance[:12, :12] = np.diag([1e-8] * 12)
     return belief
 
 
 def frame(belief, pixels, scenario: Scenario = PAPER):
     """Counters of one frame of a camera that stays."""
-    counters = np.zeros(6, np.int64)
-    quiet = replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
-    z = np.reshape(np.array(pixels, float), (-1, 2))
-    arguments = (NO_FIDUCIALS, np.zeros(6), z, NOTHING_GIVEN, np.zeros(len(z), np.int64), counters)
-    rays = filter_entries(with_rays=True).follow_rays
-    filter_frame(CAMERA, motion_of(quiet, 1.0), filter_of(scenario), belief, *arguments, rays)
-    return counters
+    counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
+    motion, model, candidates = motion_of(quiet, 1.0), filter_of(scenario), candidates_at(pixels)
+    u = np.zeros(6)
+    filter_frame(CAMERA, motion, model, belief, NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
+    return counts
 
 
 @pytest.mark.parametrize("initialisation, kind", [(BY_INVERSE_DEPTH, INVERSE_DEPTH), ("depth_particles", RAY)])
 def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: str, kind: int) -> None:
     scenario = replace(PAPER, initialisation=initialisation)
     belief = still_belief(scenario)
-    births = [frame(belief, [[100.0, 100.0]], scenario)[0] for _ in range(3)]
+    births = [frame(belief, [[100.0, 100.0]], scenario).births for _ in range(3)]
     assert births == [0, 0, 1]
-    assert belief.kind[belief.order[0]] == kind
+    assert belief.feature[0].kind == kind
     for _ in range(20):
-        assert frame(belief, [[100.0, 100.0]], scenario)[0] == 0  # no duplicate of what is known
-    assert belief.size[SERIAL] == 1
+        assert frame(belief, [[100.0, 100.0]], scenario).births == 0  # no duplicate of what is known
+    assert belief.state.serial == 1
 
 
 def test_an_interrupted_candidate_starts_anew() -> None:
-    belief = still_belief()
-    pixels = [[[100.0, 100.0]], [[100.0, 100.0]], [], [[100.0, 100.0]], [[100.0, 100.0]]]
-    assert sum(frame(belief, p)[0] for p in pixels) == 0
+    belief, there = still_belief(), [[100.0, 100.0]]
+    assert sum(frame(belief, pixels).births for pixels in (there, there, [], there, there)) == 0
 
 
 def test_a_feature_that_should_be_seen_and_is_not_is_deleted() -> None:
     belief = still_belief()
     for _ in range(5):
         frame(belief, [[160.0, 120.0]])
-    deletions = [frame(belief, [])[2] for _ in range(PAPER.maximum_misses)]
+    deletions = [frame(belief, []).deletions for _ in range(PAPER.maximum_misses)]
     assert deletions == [0] * (PAPER.maximum_misses - 1) + [1]
-    assert belief.size[FEATURES] == 0
-    assert belief.size[DIM] == 12
+    assert (belief.state.count, belief.state.dim) == (0, 12)
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
@@ -248,11 +336,11 @@ def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: 
     for _ in range(5):
         frame(belief, [[160.0, 120.0]])
     if kind == POINT:
-        convert_to_point(belief, belief.order[0])
-    belief.camera[3:7] = (0.0, 0.0, 1.0, 0.0)  # turned around
-    assert sum(frame(belief, [])[2] for _ in range(frames)) == 0
-    assert frame(belief, [])[2] == (0 if kept else 1)
-    assert belief.size[FEATURES] == int(kept)
+        convert_to_point(belief, 0)
+    belief.state.camera[3:7] = (0.0, 0.0, 1.0, 0.0)  # turned around
+    assert sum(frame(belief, []).deletions for _ in range(frames)) == 0
+    assert frame(belief, []).deletions == (0 if kept else 1)
+    assert belief.state.count == int(kept)
 
 
 def test_a_full_map_gives_no_birth_and_no_error() -> None:
@@ -260,22 +348,20 @@ def test_a_full_map_gives_no_birth_and_no_error() -> None:
     grid = [[20.0 + 24.0 * i, 20.0 + 28.0 * j] for i in range(12) for j in range(8)]
     for _ in range(5):
         frame(belief, grid)
-    assert belief.size[FEATURES] <= len(belief.kind)
+    assert 20 < belief.state.count <= len(belief.feature)
     frame(belief, [[5.0, 5.0]])
 
 
 def test_predictions_know_what_is_well_inside_the_image() -> None:
     belief, _ = two_points(60.0, 0.005)
-    assert (predict_measurements(CAMERA, belief, NO_FIDUCIALS).visibility[:2] == INSIDE).all()
+    assert (sight_of(belief).thing["visibility"] == INSIDE).all()
 
 
-def test_public_covariance_is_symmetric_positive_definite_after_births() -> None:
-    belief = still_belief()
-    for _ in range(10):
-        frame(belief, [[80.0, 80.0], [240.0, 80.0], [160.0, 200.0]])
-    points, P = np.empty((len(belief.kind), 3)), np.empty((12 + 3 * len(belief.kind),) * 2)
-    n = point_belief(belief, points, P)
-    assert n == 3
-    used = P[: 12 + 3 * n, : 12 + 3 * n]
-    np.testing.assert_allclose(used, used.T, rtol=1e-12)
-    np.linalg.cholesky(used)
+def test_what_a_known_box_hides_is_not_expected() -> None:
+    """Neither seen nor missed; in sight again without the box."""
+    belief, _ = two_points(60.0, 0.005)
+    wall = np.array([[[-0.9, -1.0, 1.0], [-0.2, 1.0, 1.1]]])  # before the second
+    assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]
+    assert sight_of(belief).thing["id"].tolist() == [1, 2]
+    use_candidates(CAMERA, MODEL, belief, 0, wall, sight_of(belief, boxes=wall), candidates_at([]), False, counters())
+    assert belief.feature["misses"][:2].tolist() == [1, 0]

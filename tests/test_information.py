@@ -2,23 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-import activeslam_gym
-from activeslam_gym import information
-from activeslam_gym.camera import camera_of
-from activeslam_gym.information import CRITERIA, Expectation, score, sight_from, update_expectation
-from activeslam_gym.motion import Motion, motion_of
-from activeslam_gym.slam.belief import FEATURES, INVERSE_DEPTH, POINT, point_belief, remove_feature
-from activeslam_gym.slam.measurement import predict_measurements
-from activeslam_gym.slam.update import innovation_covariance, stack
+import activeslam_gym  # noqa: F401  (registers the environment)
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.information.candidates import (
+    ACTION,
+    REMAIN,
+    Prospect,
+    checked_plans,
+    gaze_plans,
+    joint_plans,
+    motion_plans,
+    pose_after,
+    propagated,
+    score_plans,
+    sequence_plans,
+    sight_after,
+)
+from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
+from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
+from activeslam_gym.slam.map import remove_feature
 from tests.support import (
     CAMERA,
     PAPER,
+    features_of,
     joint_covariance,
     log2_det,
     numerical_sight,
@@ -26,14 +40,18 @@ from tests.support import (
     random_belief,
     random_camera,
     random_spd,
-    slots_of,
+    sight_of,
+    simulation_of,
     world_points,
 )
 
 R = CAMERA.pixel_std**2
+MOTION = motion_of(PAPER, 1.0)
+VARIANCE = np.array(PAPER.landmark_prior_variance)
+SEEDS = pytest.mark.parametrize("seed", range(4))
 
 
-def case(seed: int, count: int = 5):
+def case(seed: int, count: int = 5) -> tuple[Prospect, np.ndarray, np.ndarray]:
     """A prospect of points and fiducials in view, its H by numerical differentiation, and S."""
     rng = np.random.default_rng(seed)
     camera = random_camera(rng)
@@ -41,18 +59,24 @@ def case(seed: int, count: int = 5):
     P = random_spd(rng, [0.05] * 3 + [0.02] * 3 + [0.1] * 6 + [0.2] * (3 * count))
     prospect = prospect_with(points, P, camera, fiducials)
     H = numerical_sight(CAMERA, prospect, camera)
-    return prospect, H, H @ P @ H.T + R * np.eye(len(H))
+    return prospect, H, innovation_covariance(P, H)
 
 
-def scored(prospect, criterion: str) -> float:
-    return score(CAMERA, prospect, prospect.covariance, prospect.camera, CRITERIA[criterion])
+def innovation_covariance(P: np.ndarray, H: np.ndarray) -> np.ndarray:
+    return H @ P @ H.T + R * np.eye(len(H))
+
+
+def scored(prospect: Prospect, criterion: str, pose: np.ndarray | None = None) -> float:
+    P = prospect.covariance
+    sight = sight_after(CAMERA, prospect, P, prospect.camera if pose is None else pose)
+    return CRITERIA[criterion](P, sight, R)
 
 
 def posterior(P: np.ndarray, H: np.ndarray, S: np.ndarray) -> np.ndarray:
     return P - P @ H.T @ np.linalg.solve(S, H @ P)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@SEEDS
 def test_mutual_information_is_the_drop_of_the_log_determinant(seed: int) -> None:
     prospect, H, S = case(seed)
     P = prospect.covariance
@@ -60,26 +84,24 @@ def test_mutual_information_is_the_drop_of_the_log_determinant(seed: int) -> Non
     assert scored(prospect, "mutual_information") == pytest.approx(drop, rel=1e-8)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@SEEDS
 def test_mutual_information_is_that_of_the_update_which_it_predicts(seed: int) -> None:
     """The filter's own batch update of points and inverse-depth features, before it is relinearised."""
     rng = np.random.default_rng(seed)
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT, INVERSE_DEPTH], rng)
-    fiducials, slots = world_points(rng, belief.camera, 2), slots_of(belief)
-    points, P = np.empty((len(belief.kind), 3)), np.empty((12 + 3 * len(belief.kind),) * 2)
-    n = point_belief(belief, points, P)
-    prospect = prospect_with(points[:n], P[: 12 + 3 * n, : 12 + 3 * n], belief.camera.copy(), fiducials)
-    promised = scored(prospect, "mutual_information")
-    rows = np.array([0, 1, *(2 + slot for slot in slots)])
-    predictions = predict_measurements(CAMERA, belief, fiducials)
-    HP = stack(belief, 2, rows, predictions)
-    S = innovation_covariance(belief, 2, rows, predictions, HP, R)
+    fiducials = world_points(rng, belief.state.camera, 2)
+    n = int(belief.state.count)
+    points, P = np.empty((n, 3)), np.empty((12 + 3 * n, 12 + 3 * n))
+    point_belief(belief, points, P)
+    promised = scored(prospect_with(points, P, belief.state.camera.copy(), fiducials), "mutual_information")
+    sight = sight_of(belief, fiducials)
+    assert len(sight.thing) == 2 + n
     before = joint_covariance(belief)
-    drop = 0.5 * (log2_det(before) - log2_det(before - HP.T @ np.linalg.solve(S, HP)))
+    drop = 0.5 * (log2_det(before) - log2_det(before - sight.HP.T @ np.linalg.solve(sight.S, sight.HP)))
     assert promised == pytest.approx(drop, abs=1e-9 * max(1.0, drop))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@SEEDS
 @pytest.mark.parametrize("criterion", ["mutual_information_camera", "mutual_information_position_map"])
 def test_information_about_a_part_is_the_drop_of_its_determinant(seed: int, criterion: str) -> None:
     prospect, H, S = case(seed)
@@ -90,7 +112,7 @@ def test_information_about_a_part_is_the_drop_of_its_determinant(seed: int, crit
     assert scored(prospect, criterion) == pytest.approx(drop, rel=1e-7)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@SEEDS
 def test_fisher_information_is_the_papers_sum(seed: int) -> None:
     prospect, H, S = case(seed)
     J = sum(
@@ -101,7 +123,7 @@ def test_fisher_information_is_the_papers_sum(seed: int) -> None:
     assert scored(prospect, "fisher_max_eigenvalue") == pytest.approx(np.linalg.eigvalsh(J)[-1], rel=1e-7)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@SEEDS
 def test_variance_reduction_is_the_drop_of_the_trace(seed: int) -> None:
     prospect, H, S = case(seed)
     P = prospect.covariance
@@ -115,8 +137,8 @@ def test_nothing_in_view_scores_zero(criterion: str) -> None:
     away = prospect.camera.copy()
     away[:3] = (0.0, 0.0, 100.0)
     away[3:7] = (1.0, 0.0, 0.0, 0.0)
-    assert len(sight_from(CAMERA, prospect, away).point) == 0
-    assert score(CAMERA, prospect, prospect.covariance, away, CRITERIA[criterion]) == 0.0
+    assert len(sight_after(CAMERA, prospect, prospect.covariance, away).thing) == 0
+    assert scored(prospect, criterion, away) == 0.0
 
 
 def test_the_trace_counts_what_is_known_and_information_what_is_not() -> None:
@@ -155,11 +177,111 @@ def test_figure_1_information_is_largest_between_landmarks_2_and_3() -> None:
     assert to_3 < best < to_2
 
 
-def test_lookahead_of_one_motion_is_the_motion_score_and_more_is_more() -> None:
+# Plans --------------------------------------------------------------------------------------------------------------
+
+
+def scores_of(prospect: Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
+    out = np.full(len(plans), np.nan)
+    score_plans(CAMERA, MOTION, prospect, 0.0, plans, criterion_number(criterion), out)
+    return out
+
+
+def plans_of(*plans: list[tuple[int, int, int]]) -> np.ndarray:
+    return np.array([[*plan] for plan in plans], ACTION)
+
+
+@SEEDS
+def test_a_plan_of_two_actions_is_worth_the_information_of_both_measurements(seed: int) -> None:
+    """I(x; z1) + I(x; z2 | z1), each the drop of the log-determinant of the joint covariance by a matrix update."""
+    prospect, _, _ = case(seed)
+    first, second = (int(Motion.LEFT), int(Gaze.LEFT), 10), (int(Motion.UP), int(Gaze.RIGHT), 4)
+    P, pose, expected = prospect.covariance, prospect.camera, []
+    for motion, gaze, frames in (first, second):
+        turn = (-1.0, 1.0, 0.0)[gaze] * PAPER.turn_rate
+        F, Q = np.eye(len(P)), np.zeros_like(P)
+        F[:12, :12], Q[:12, :12] = open_loop(MOTION, turn, frames)
+        P, pose = F @ P @ F.T + Q, pose_after(MOTION, pose, motion, turn * PAPER.frame_time * frames)
+        H = numerical_sight(CAMERA, prospect, pose)
+        after = posterior(P, H, innovation_covariance(P, H))
+        expected.append(0.5 * (log2_det(P) - log2_det(after)))
+        P = after
+    assert min(expected) > 0.0
+    np.testing.assert_allclose(scores_of(prospect, plans_of([first, second])), sum(expected), rtol=1e-7)
+    np.testing.assert_allclose(scores_of(prospect, plans_of([first])), expected[0], rtol=1e-7)
+
+
+@pytest.mark.parametrize("criterion", ["mutual_information", "fisher_trace"])
+def test_what_plans_share_changes_no_score(criterion: str) -> None:
+    """Common beginnings, and ends with the same gaze and frames, are worked out once."""
+    prospect, _, _ = case(1)
+    a, b, c, d = (0, 1, 4), (0, 1, 2), (3, 1, 4), (REMAIN, 2, 4)
+    plans = plans_of([a, a], [a, c], [a, b], [b, b], [c, c], [a, c], [a, c], [d, a], [d, d], [c, d])
+    together = scores_of(prospect, plans, criterion)
+    np.testing.assert_array_equal(together, [scores_of(prospect, plan[None], criterion)[0] for plan in plans])
+    assert len(set(together.tolist())) == 8
+    for plans in (motion_plans(5), gaze_plans(1), joint_plans(5), sequence_plans(5, 2)[:12]):
+        together = scores_of(prospect, plans, criterion)
+        np.testing.assert_array_equal(together, [scores_of(prospect, plan[None], criterion)[0] for plan in plans])
+
+
+def test_no_frames_leave_the_covariance_unpropagated() -> None:
+    prospect, _, _ = case(2)
+    for turn in (0.0, 0.2):
+        np.testing.assert_array_equal(propagated(MOTION, prospect.covariance, turn, 0), prospect.covariance)
+    assert np.trace(propagated(MOTION, prospect.covariance, 0.0, 3)) > np.trace(prospect.covariance)
+    for criterion in CRITERIA:
+        here = scores_of(prospect, plans_of([(REMAIN, Gaze.STAY, 0)]), criterion)
+        assert here[0] == scored(prospect, criterion) > 0.0
+
+
+def test_plans_are_all_actions_in_order() -> None:
+    assert motion_plans(5)[:, 0].tolist() == [(motion, Gaze.STAY, 5) for motion in range(7)]
+    assert gaze_plans(5)[:, 0].tolist() == [(REMAIN, gaze, 5) for gaze in range(3)]
+    assert joint_plans(5)[:, 0].tolist() == [(motion, gaze, 5) for gaze in range(3) for motion in range(7)]
+    two = sequence_plans(5, 2)
+    assert two.shape == (49, 2) and two["motion"].tolist() == [[i, j] for i in range(7) for j in range(7)]
+
+
+@pytest.mark.parametrize(
+    ("plans", "named"),
+    [
+        ([], "plans must be an array"),
+        (np.zeros((2, 2)), "plans must be an array"),
+        (np.zeros(3, ACTION), "plans must be an array"),
+        (np.zeros((3, 0), ACTION), "plans must be an array"),
+        (plans_of([(7, 0, 1)]), "motion of plans must be in -1 … 6, got"),
+        (plans_of([(-2, 0, 1)]), "motion of plans must be in -1 … 6, got"),
+        (plans_of([(0, 3, 1)]), "gaze of plans must be in 0 … 2, got"),
+        (plans_of([(0, 0, -1)]), "frames of plans must be in 0 … inf, got"),
+    ],
+)
+def test_plans_that_are_none_are_named(plans: Any, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        checked_plans(plans)
+    spread = sequence_plans(5, 2)[::5, ::-1]
+    assert checked_plans(spread).flags.c_contiguous and (checked_plans(spread) == spread).all()
+
+
+def test_an_environments_scores_are_scores_of_plans() -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
     env.reset(seed=4)
     for _ in range(8):
         env.step((Motion.LEFT, 1))
+    motion, time, frames = motion_of(env.scenario, env.motion_period), env.time, 20
+
+    def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
+        out = np.empty(len(plans))
+        score_plans(CAMERA, motion, env.prospect, time, plans, criterion_number(criterion), out)
+        return out
+
+    for name in CRITERIA:
+        np.testing.assert_allclose(env.motion_scores(name), alone(motion_plans(frames), name), rtol=1e-12)
+        np.testing.assert_allclose(env.gaze_scores(name), alone(gaze_plans(5), name), rtol=1e-12)
+        joint = alone(joint_plans(frames), name).reshape(3, 7).T
+        np.testing.assert_allclose(env.joint_scores(name), joint, rtol=1e-12)
+        np.testing.assert_array_equal(env.scores(joint_plans(frames), name), alone(joint_plans(frames), name))
+    two = alone(sequence_plans(frames, 2), "mutual_information").reshape(7, 7).max(axis=1)
+    np.testing.assert_allclose(env.lookahead_scores(2), two, rtol=1e-12)
     one = env.lookahead_scores(1)
     np.testing.assert_allclose(one, env.motion_scores(), rtol=1e-10)
     assert (env.lookahead_scores(2) >= one - 1e-9).all()
@@ -168,39 +290,42 @@ def test_lookahead_of_one_motion_is_the_motion_score_and_more_is_more() -> None:
 # Expected landmarks -------------------------------------------------------------------------------------------------
 
 
-def expectation(count: int, seed: int = 0) -> Expectation:
-    points = (np.random.default_rng(seed).random((count, 3)) - 0.5) * np.array(PAPER.room_size)
-    variance = np.array(PAPER.landmark_prior_variance)
-    return Expectation(points, variance, np.full(count, -1), np.zeros(count, np.int64))
+def expectation(count: int, seed: int = 0) -> Any:
+    """Expected landmarks (count,), all waiting."""
+    expected = np.zeros(count, EXPECTED)
+    expected["point"] = (np.random.default_rng(seed).random((count, 3)) - 0.5) * np.array(PAPER.room_size)
+    return expected
+
+
+def retired(expected: np.ndarray, belief: Belief) -> list[int]:
+    """Ids of the features that have retired one, after an update."""
+    update_expectation(expected, VARIANCE, belief)
+    ids = sorted(expected["serial"][expected["serial"] > 0].tolist())
+    assert features_of(belief)["serial"][find_counting(expected, belief)].tolist() == ids
+    assert waiting_count(expected) == len(expected) - len(ids)
+    return ids
 
 
 def test_a_counting_feature_retires_the_nearest_and_brings_it_back() -> None:
     belief = random_belief(PAPER, [POINT] * 3, np.random.default_rng(6))
     expected = expectation(5)
-    update_expectation(expected, belief)
-    assert sorted(expected.slot[expected.slot >= 0].tolist()) == [0, 1, 2]
-    first = belief.feature[0, :3]
-    scaled = np.sum((expected.points - first) ** 2 / expected.variance, axis=1)
-    assert np.argmin(scaled) == np.flatnonzero(expected.slot == 0)[0]  # the marginal is small beside the prior
+    assert retired(expected, belief) == [1, 2, 3]
+    scaled = np.sum((expected["point"] - belief.feature["mean"][0, :3]) ** 2 / VARIANCE, axis=1)
+    assert expected["serial"][np.argmin(scaled)] == 1  # the marginal is small beside the prior
     remove_feature(belief, 1)
-    update_expectation(expected, belief)
-    assert sorted(expected.slot[expected.slot >= 0].tolist()) == [0, 2]
+    assert retired(expected, belief) == [1, 3]
 
 
 def test_no_more_count_than_are_expected_and_the_oldest_do() -> None:
     belief = random_belief(PAPER, [POINT] * 4, np.random.default_rng(7))
-    expected = expectation(2)
-    update_expectation(expected, belief)
-    assert sorted(expected.slot.tolist()) == slots_of(belief)[:2]
+    assert retired(expectation(2), belief) == [1, 2]
 
 
 def test_a_feature_worse_than_the_prior_does_not_count() -> None:
     belief = random_belief(PAPER, [POINT] * 2, np.random.default_rng(8))
-    at = belief.start[1]
+    at = int(belief.feature[1].start)
     belief.covariance[at : at + 3, at : at + 3] += 9.0 * np.eye(3)
-    expected = expectation(5)
-    update_expectation(expected, belief)
-    assert expected.slot[expected.slot >= 0].tolist() == [0]
+    assert retired(expectation(5), belief) == [1]
 
 
 def test_entropy_is_the_formula_at_constant_dimension() -> None:
@@ -208,8 +333,9 @@ def test_entropy_is_the_formula_at_constant_dimension() -> None:
     env.reset(seed=1)
     for _ in range(20):
         _, _, _, _, info = env.step((2, 1))
-    simulation, belief = env.unwrapped._run.simulation, env.unwrapped.belief
-    counting = [k for k in range(len(belief.landmarks)) if simulation.belief.order[k] in simulation.expectation.slot]
+    run, belief = simulation_of(env), env.unwrapped.belief
+    counting = np.flatnonzero(np.isin(belief.ids, run.expected["serial"]))
+    assert len(counting) > 0
     kept = np.concatenate([np.arange(12)] + [12 + 3 * k + np.arange(3) for k in counting])
     N, prior = 27, np.log2(np.prod(PAPER.landmark_prior_variance))
     total = log2_det(belief.covariance[np.ix_(kept, kept)]) + (N - len(counting)) * prior
@@ -224,7 +350,6 @@ def test_entropy_is_the_formula_at_constant_dimension() -> None:
 def test_homeostasis_share_of_stay_without_expected_landmarks() -> None:
     """PAPER, section 1: reported, not asserted; only that the question can be asked and gives a share."""
     wins, asked = 0, 0
-    motion = motion_of(PAPER, 1.0)
     for seed in range(6):
         env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
         env.reset(seed=seed)
@@ -234,8 +359,7 @@ def test_homeostasis_share_of_stay_without_expected_landmarks() -> None:
             belief, truth = env.belief, env.truth
             camera = np.concatenate((belief.position, belief.quaternion, np.zeros(6)))
             prospect = prospect_with(belief.landmarks, belief.covariance, camera, truth.fiducials)
-            scores = information.motion_scores(camera_of(PAPER), motion, prospect, 20, 0.0, 0, 2)
-            wins += int(np.argmax(scores) == Motion.STAY)
+            wins += int(np.argmax(scores_of(prospect, motion_plans(20))) == Motion.STAY)
             asked += 1
     print(f"\nwithout expected landmarks STAY wins {wins} of {asked}")
     assert 0 <= wins <= asked
@@ -244,7 +368,7 @@ def test_homeostasis_share_of_stay_without_expected_landmarks() -> None:
 def test_criteria_are_named_when_one_is_wrong() -> None:
     env = gym.make("ActiveSLAM-v0").unwrapped
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="criterion must be one of .*fisher_trace.*'gini'"):
-        env.motion_scores("gini")
-    assert activeslam_gym.Scenario() == replace(PAPER)
-    assert env.belief.covariance.shape[0] == 12 + 3 * env._run.simulation.belief.size[FEATURES]
+    for wrong in ("gini", 0, None):
+        with pytest.raises(ValueError, match=f"criterion must be one of .*fisher_trace.*, got {wrong!r}"):
+            env.motion_scores(wrong)
+    assert env.belief.covariance.shape[0] == 12 + 3 * len(env.belief.landmarks)

@@ -15,30 +15,34 @@ from activeslam_gym.motion import motion_of, process_covariance, transition, tra
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY
 from activeslam_gym.slam.depth_particles import predict_rays
+from activeslam_gym.slam.filter import filter_of
 from activeslam_gym.slam.initialisation import give_birth
-from activeslam_gym.slam.measurement import inverse_depth_measurement, point_measurement
-from activeslam_gym.slam.settings import filter_of
+from activeslam_gym.slam.manifold import subtract_and_recentre
+from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
 from .support import (
     CAMERA,
+    NO_BOXES,
     PAPER,
     joint_covariance,
     moved,
     numerical_jacobian,
     pixel_of,
+    prior_belief,
     random_belief,
     random_camera,
     random_spd,
     relative_error,
+    replaced,
     rotation_between,
     rows_of,
     scenario_for,
-    slots_of,
     world_points,
 )
 
 MOTION = motion_of(PAPER, 1.0)
 TOLERANCE = 1e-6
+R_PAPER = CAMERA.pixel_std**2 * np.eye(2)
 
 
 class Case(NamedTuple):
@@ -68,21 +72,15 @@ def back_projection(rng: np.random.Generator) -> Case:
 # Motion -------------------------------------------------------------------------------------------------------------
 
 
-def motion(rng: np.random.Generator) -> Case:
-    x, u = random_camera(rng), rng.standard_normal(6)
-    x_new = transition(x, u, MOTION.dt)
-
-    def f(e: np.ndarray) -> np.ndarray:
-        return camera_error(transition(moved(x, e), u, MOTION.dt), x_new)
-
-    return Case(f, transition_jacobian(x_new[10:], MOTION.dt))
+def motion(rng: np.random.Generator, dt: float = MOTION.dt, push: float = 1.0) -> Case:
+    x, u = random_camera(rng), push * rng.standard_normal(6)
+    x_new = transition(x, u, dt)
+    return Case(lambda e: camera_error(transition(moved(x, e), u, dt), x_new), transition_jacobian(x_new[10:], dt))
 
 
 def motion_of_a_fast_turn(rng: np.random.Generator) -> Case:
     """A second at once: the angle is no longer small."""
-    x, u = random_camera(rng), 2.0 * rng.standard_normal(6)
-    x_new = transition(x, u, 1.0)
-    return Case(lambda e: camera_error(transition(moved(x, e), u, 1.0), x_new), transition_jacobian(x_new[10:], 1.0))
+    return motion(rng, 1.0, 2.0)
 
 
 def process_noise(rng: np.random.Generator) -> Case:
@@ -94,10 +92,10 @@ def process_noise(rng: np.random.Generator) -> Case:
         return camera_error(transition(x, u + e, MOTION.dt), x_new)
 
     F_x = transition_jacobian(x_new[10:], MOTION.dt)
-    model = MOTION._replace(filter_acceleration_std=0.5, filter_angular_acceleration_std=0.7)
+    model = replaced(MOTION, filter_acceleration_std=0.5, filter_angular_acceleration_std=0.7)
     G = numerical_jacobian(f, 6, 1e-2)
     Q = G @ np.diag([0.5**2] * 3 + [0.7**2] * 3) @ G.T
-    assert relative_error(process_covariance(model, F_x), Q) < TOLERANCE
+    assert relative_error(process_covariance(model, F_x, MOTION.dt), Q) < TOLERANCE
     return Case(f, MOTION.dt * F_x[:, 6:], 1e-2)
 
 
@@ -110,7 +108,8 @@ def recentring(rng: np.random.Generator) -> Case:
     """dtheta+ of Exp(dtheta) = Exp(dtheta+) Exp(phi) at dtheta = phi + e, read off P+ = J P J^T."""
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
     P, phi = joint_covariance(belief), rng.uniform(-0.5, 0.5, 3)
-    layout.recentre(belief, np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6))))
+    delta = np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6)))
+    subtract_and_recentre(belief, np.zeros((0, len(P))), delta)
     P_new = joint_covariance(belief)
 
     def f(e: np.ndarray) -> np.ndarray:
@@ -125,61 +124,55 @@ def recentring(rng: np.random.Generator) -> Case:
 # Measurements -------------------------------------------------------------------------------------------------------
 
 
-def point_by_camera(rng: np.random.Generator) -> Case:
+def camera_and_point(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     x = random_camera(rng)
-    (y,) = world_points(rng, x, 1)
-    _, H_x, _ = measure_point(x, y)
-    return Case(lambda e: pixel_of(CAMERA, moved(x, e), y), H_x)
-
-
-def point_by_point(rng: np.random.Generator) -> Case:
-    x = random_camera(rng)
-    (y,) = world_points(rng, x, 1)
-    _, _, H_y = measure_point(x, y)
-    return Case(lambda e: pixel_of(CAMERA, x, y + e), H_y)
-
-
-def measure_point(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, 3))
-    assert point_measurement(CAMERA, x, rotation_matrix(x[3:7]), y, z, H_x, H_y)
-    np.testing.assert_allclose(z, pixel_of(CAMERA, x, y), atol=1e-12)
-    return z, H_x, H_y
-
-
-def inverse_depth_by_camera(rng: np.random.Generator) -> Case:
-    x, feature = camera_and_inverse_depth(rng)
-    _, H_x, _ = measure_inverse_depth(x, feature)
-    return Case(lambda e: pixel_of(CAMERA, moved(x, e), point_at(feature)), H_x)
-
-
-def inverse_depth_by_feature(rng: np.random.Generator) -> Case:
-    x, feature = camera_and_inverse_depth(rng)
-    _, _, H_y = measure_inverse_depth(x, feature)
-    return Case(lambda e: pixel_of(CAMERA, x, point_at(feature + e)), H_y)
-
-
-def far_inverse_depth_by_feature(rng: np.random.Generator) -> Case:
-    """A point a hundred metres away, where rho is almost zero."""
-    x, feature = camera_and_inverse_depth(rng)
-    feature[5] = 0.01
-    _, _, H_y = measure_inverse_depth(x, feature)
-    return Case(lambda e: measure_inverse_depth(x, feature + e)[0], H_y)
+    return x, world_points(rng, x, 1)[0]
 
 
 def camera_and_inverse_depth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     belief = random_belief(PAPER, [INVERSE_DEPTH], rng)
-    return belief.camera, belief.feature[slots_of(belief)[0]]
+    return belief.state.camera, belief.feature[0].mean
 
 
-def measure_inverse_depth(x: np.ndarray, feature: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, 6))
-    assert inverse_depth_measurement(CAMERA, x, rotation_matrix(x[3:7]), feature, z, H_x, H_y)
-    np.testing.assert_allclose(z, pixel_of(CAMERA, x, point_at(feature)), atol=1e-9)
+def measure(measurement: Callable[..., bool], x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Pixel, H_x and H_y, with the pixel checked."""
+    z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, len(y)))
+    assert measurement(CAMERA, x, rotation_matrix(x[3:7]), y, z, H_x, H_y)
+    np.testing.assert_allclose(z, pixel_of(CAMERA, x, point_at(y)), atol=1e-9)
     return z, H_x, H_y
 
 
+def point_by_camera(rng: np.random.Generator) -> Case:
+    x, y = camera_and_point(rng)
+    return Case(lambda e: pixel_of(CAMERA, moved(x, e), y), measure(point_measurement, x, y)[1])
+
+
+def point_by_point(rng: np.random.Generator) -> Case:
+    x, y = camera_and_point(rng)
+    return Case(lambda e: pixel_of(CAMERA, x, y + e), measure(point_measurement, x, y)[2])
+
+
+def inverse_depth_by_camera(rng: np.random.Generator) -> Case:
+    x, y = camera_and_inverse_depth(rng)
+    return Case(lambda e: pixel_of(CAMERA, moved(x, e), point_at(y)), measure(inverse_depth_measurement, x, y)[1])
+
+
+def inverse_depth_by_feature(rng: np.random.Generator) -> Case:
+    x, y = camera_and_inverse_depth(rng)
+    return Case(lambda e: pixel_of(CAMERA, x, point_at(y + e)), measure(inverse_depth_measurement, x, y)[2])
+
+
+def far_inverse_depth_by_feature(rng: np.random.Generator) -> Case:
+    """A point a hundred metres away, where rho is almost zero."""
+    x, y = camera_and_inverse_depth(rng)
+    y[5] = 0.01
+    return Case(lambda e: measure(inverse_depth_measurement, x, y + e)[0], measure(inverse_depth_measurement, x, y)[2])
+
+
 def point_at(feature: np.ndarray) -> np.ndarray:
-    """anchor + m / rho, with the direction written out once more."""
+    """anchor + m / rho, with the direction written out once more; a point is one."""
+    if len(feature) == 3:
+        return feature
     azimuth, elevation, rho = feature[3:6]
     m = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
     return feature[:3] + np.array(m) / rho
@@ -210,14 +203,13 @@ def conversion_of_inverse_depth(rng: np.random.Generator) -> Case:
 
 def conversion(kind: int, rng: np.random.Generator) -> Case:
     belief = random_belief(scenario_for([kind]), [kind], rng)
-    (slot,) = slots_of(belief)
-    width = KIND_DIM[kind]
-    T, unused, mean = np.empty((3, 6)), np.empty((3, 6)), belief.feature[slot].copy()
-    layout.point_of(belief, slot, T)
+    width, feature = KIND_DIM[kind], belief.feature[0]
+    T, unused, mean = np.empty((3, 6)), np.empty((3, 6)), feature.mean.copy()
+    layout.point_of(belief, 0, T)
 
     def f(e: np.ndarray) -> np.ndarray:
-        belief.feature[slot, :width] = mean[:width] + e
-        return layout.point_of(belief, slot, unused)
+        feature.mean[:width] = mean[:width] + e
+        return layout.point_of(belief, 0, unused)
 
     return Case(f, T[:, :width])
 
@@ -230,9 +222,9 @@ def new_feature_by_camera(rng: np.random.Generator) -> Case:
 
 
 def new_feature_by_pixel(rng: np.random.Generator) -> Case:
-    """What a birth adds of its own is sigma^2 J_z J_z^T in the angles, and sigma_rho^2."""
-    x, pixel = random_camera(rng), rng.uniform([20, 20], [300, 220])
-    Q = joint_covariance(born(x, pixel, np.zeros((12, 12))))[12:, 12:]
+    """What a birth adds of its own is J_z R J_z^T in the angles, with the pixel's own R, and sigma_rho^2."""
+    x, pixel, R = random_camera(rng), rng.uniform([20, 20], [300, 220]), random_spd(rng, [2.0, 5.0])
+    Q = joint_covariance(born(x, pixel, np.zeros((12, 12)), R))[12:, 12:]
 
     def f(e: np.ndarray) -> np.ndarray:
         return born_mean(x, pixel + e)
@@ -240,21 +232,19 @@ def new_feature_by_pixel(rng: np.random.Generator) -> Case:
     J_z = numerical_jacobian(f, 2, 0.1)
     np.testing.assert_allclose(Q[5, 5], PAPER.inverse_depth_std**2)
     Q[5, 5] = 0.0
-    return Case(lambda e: CAMERA.pixel_std**2 * (J_z @ J_z.T) @ e, Q)
+    return Case(lambda e: J_z @ R @ J_z.T @ e, Q)
 
 
-def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray) -> layout.Belief:
-    belief = layout.empty_belief(PAPER)
-    layout.reset_belief(belief, PAPER)
-    belief.camera[:] = x
+def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray, R: np.ndarray = R_PAPER):
+    belief, model = prior_belief(), filter_of(PAPER)
+    belief.state.camera[:] = x
     belief.covariance[:12, :12] = P_xx
-    assert 0 == give_birth(CAMERA, filter_of(PAPER), belief, pixel)
+    assert give_birth(CAMERA, model.initialisation, model.particles, belief, pixel, R) == 1
     return belief
 
 
 def born_mean(x: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    belief = born(x, pixel, np.zeros((12, 12)))
-    return belief.feature[slots_of(belief)[0]].copy()
+    return born(x, pixel, np.zeros((12, 12))).feature[0].mean
 
 
 CASES = [
@@ -291,12 +281,11 @@ def test_jacobian_is_the_numerical_one(make: Callable[[np.random.Generator], Cas
 def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
     """S = H P H^T + R of each particle, with H by the camera and the ray at the particle's depth."""
     belief = random_belief(scenario_for([RAY]), [POINT, RAY], np.random.default_rng(seed))
-    slot = slots_of(belief)[1]
-    rays = predict_rays(CAMERA, belief)
-    P, at = joint_covariance(belief), rows_of(belief, slot)
-    x, ray = belief.camera.copy(), belief.feature[slot, :5].copy()
+    feature, rays = belief.feature[1], predict_rays(CAMERA, belief, NO_BOXES)
+    P, at = joint_covariance(belief), rows_of(belief, 1)
+    x, ray = belief.state.camera.copy(), feature.mean[:5].copy()
     for k in (0, 50, 99):
-        depth = belief.particles[slot, k, 0]
+        depth = belief.particles[feature.slot, k, 0]
 
         def pixel(e: np.ndarray, depth: float = depth) -> np.ndarray:
             feature = np.append(ray + e[6:], 1.0 / depth)

@@ -7,12 +7,11 @@ import pytest
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import SCENARIOS
-from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import (
-    MotionModel,
     accelerations,
     clipped_goal,
     displacement,
+    goal_of,
     motion_of,
     open_loop,
     process_covariance,
@@ -30,7 +29,7 @@ START = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 def drive(motion: int, gaze: int, seconds: float = 1.0, start: np.ndarray = START) -> np.ndarray:
     """The camera after following one command without noise, with a perfect estimate."""
     x = start.copy()
-    goal = clipped_goal(MODEL, x[:3] + rotation_matrix(x[3:7]) @ displacement(MODEL, int(motion)))
+    goal = goal_of(MODEL, x, int(motion))
     for frame in range(round(seconds / MODEL.dt)):
         u = accelerations(MODEL, x, start[:3], goal, frame * MODEL.dt, turn_of(MODEL, int(gaze), frame * MODEL.dt))
         x = transition(x, u, MODEL.dt)
@@ -60,14 +59,14 @@ def test_open_loop_is_frame_after_frame() -> None:
     P = P_0 = A @ A.T
     F_x = transition_jacobian(np.array([0.0, 0.2, 0.0]), MODEL.dt)
     for _ in range(20):
-        P = F_x @ P @ F_x.T + process_covariance(MODEL, F_x)
+        P = F_x @ P @ F_x.T + process_covariance(MODEL, F_x, MODEL.dt)
     F, Q = open_loop(MODEL, 0.2, 20)
     np.testing.assert_allclose(F @ P_0 @ F.T + Q, P, rtol=1e-12, atol=1e-12)
 
 
 def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
     """Of one frame of held acceleration: dv = a dt and dp = a dt^2, hence fully correlated."""
-    Q = process_covariance(MODEL, transition_jacobian(np.zeros(3), MODEL.dt))
+    Q = process_covariance(MODEL, transition_jacobian(np.zeros(3), MODEL.dt), MODEL.dt)
     std, dt = MODEL.filter_acceleration_std, MODEL.dt
     for i in range(3):
         np.testing.assert_allclose(Q[i, i], (std * dt * dt) ** 2)
@@ -126,7 +125,7 @@ def test_goals_stay_inside_the_room() -> None:
 
 def test_hand_held_gaze_is_scripted() -> None:
     scenario = SCENARIOS["hand-held"]
-    model: MotionModel = motion_of(scenario, 1.0)
+    model = motion_of(scenario, 1.0)
     times = np.arange(0.0, scenario.scripted_gaze_period, 0.01)
     for gaze in Gaze:
         angle = 0.01 * np.cumsum([turn_of(model, int(gaze), t) for t in times])

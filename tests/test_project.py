@@ -30,7 +30,8 @@ def run_elsewhere(code: str, cwd: Path) -> str:
 @pytest.mark.parametrize(
     ("module", "too_slow"),
     [
-        ("activeslam_gym", ["torch", "matplotlib", "stable_baselines3", "scipy.stats"]),
+        ("activeslam_gym", ["torch", "matplotlib", "stable_baselines3", "scipy.stats", "cv2"]),
+        ("activeslam_gym.vision.track", ["torch", "matplotlib", "stable_baselines3", "scipy.stats", "cv2"]),
         ("baselines", ["torch", "matplotlib", "stable_baselines3", "scipy.stats"]),
         ("agents.compare", ["torch", "stable_baselines3"]),  # compare works without them
         ("agents.__main__", ["torch", "stable_baselines3"]),
@@ -39,6 +40,13 @@ def run_elsewhere(code: str, cwd: Path) -> str:
 def test_import_is_light(module: str, too_slow: list[str], tmp_path: Path) -> None:
     code = f"import json, sys, {module}; print(json.dumps([name for name in {too_slow} if name in sys.modules]))"
     assert json.loads(run_elsewhere(code, tmp_path)) == []
+
+
+def test_opencv_comes_with_its_extra_alone() -> None:
+    extras = PYPROJECT["project"]["optional-dependencies"]
+    assert [name for name, packages in extras.items() if any("opencv" in one for one in packages)] == ["vision"]
+    pulls = [name for name, packages in extras.items() if any(re.search(r"\[.*\bvision\b", one) for one in packages)]
+    assert pulls == ["all"], "neither the learners nor the demo may pull it"
 
 
 def test_editable_install_exposes_the_upper_floors(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.config import Scenario
-from activeslam_gym.information import MUTUAL_INFORMATION
+from activeslam_gym.information.candidates import motion_plans, score_plans
+from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.motion import CAMERA_DIM
 from agents import policies
 from agents.__main__ import main
@@ -29,9 +30,7 @@ from agents.study.measures import measures
 from agents.study.observer import CLOSURE_GAP, Notes, Observer
 from agents.study.places import PLACES, Placed
 from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
-from agents.tools import inside
 from agents.tools.statistics import Estimate
-from tests.support import simulation_of
 
 ROOMS = 40
 SCENARIO = Scenario()
@@ -166,13 +165,24 @@ def test_nothing_in_view_teaches_nothing() -> None:
 # Altered readings ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("gaze_criterion", [None, MUTUAL_INFORMATION])
+@pytest.mark.parametrize("gaze_criterion", [None, "mutual_information"])
 def test_the_default_reading_is_the_baseline(gaze_criterion: str | None) -> None:
     env = environment()
     name = "mi-constant" if gaze_criterion is None else "mi-mi"
     expected = run_episode(env, baselines.make(name, env), seed=5)
     found = run_episode(env, strategies.Reread(env, strategies.Reading(), gaze_criterion), seed=5)
     np.testing.assert_array_equal(found.actions, expected.actions)
+
+
+@pytest.mark.parametrize("criterion", ["mutual_information", "fisher_trace"])
+def test_a_cap_that_holds_nobody_back_leaves_the_scores(criterion: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(strategies, "capped", lambda points, P, *_: P)
+    env = environment()
+    env.reset(seed=5)
+    policy = strategies.Reread(env, strategies.CAPPED)
+    for plans in (policy._motions, policy._gazes):
+        found, expected = policy._capped_scores(plans, criterion), env.unwrapped.scores(plans, criterion)
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_a_cap_touches_expected_landmarks_alone_and_lowers_them() -> None:
@@ -191,22 +201,25 @@ def test_a_cap_touches_expected_landmarks_alone_and_lowers_them() -> None:
 def test_expected_landmarks_move_and_nothing_else(place: str) -> None:
     plain, placed = environment(), Placed(environment(), place)
     plain.reset(seed=5), placed.reset(seed=5)
-    one, other = simulation_of(plain), simulation_of(placed)
-    assert not np.array_equal(one.expectation.points, other.expectation.points)
-    np.testing.assert_array_equal(one.world.points, other.world.points)
-    assert plain.unwrapped.belief.log2_det() == placed.unwrapped.belief.log2_det()  # type: ignore[attr-defined]
+    one, other = plain.unwrapped, placed.unwrapped
+    assert not np.array_equal(one.prospect.points, other.prospect.points)
+    np.testing.assert_array_equal(one.truth.landmarks, other.truth.landmarks)
+    assert one.belief.log2_det() == other.belief.log2_det()
 
 
 def test_landmarks_that_are_nowhere_are_in_no_score() -> None:
     env = Placed(environment(), "nowhere")
     env.reset(seed=5)
     core: Any = env.unwrapped
-    simulation = simulation_of(env)
+    models, whole = core.setting.models, core.prospect
+    assert whole.waiting == SCENARIO.landmark_count
+    size = len(whole.covariance) - 3 * whole.waiting
+    P = whole.covariance[:size, :size].copy()
+    rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
     for criterion in ("mutual_information", "fisher_trace"):
-        nowhere = core.motion_scores(criterion)
-        simulation.expectation.slot[:] = 0  # as if all had been retired
-        np.testing.assert_array_equal(core.motion_scores(criterion), nowhere)
-        simulation.expectation.slot[:] = -1
+        without, plans = np.empty(len(Motion)), motion_plans(20)
+        score_plans(models.camera, models.motion, rest, 0.0, plans, criterion_number(criterion), without)
+        np.testing.assert_array_equal(core.motion_scores(criterion), without)
 
 
 def test_the_lattice_fills_the_room() -> None:
@@ -225,7 +238,7 @@ def test_there_is_no_such_place() -> None:
 
 
 def test_a_loop_closes_after_the_gap_and_not_before() -> None:
-    observer, fiducials = Observer(), [(inside.FIDUCIAL, i) for i in range(3)]
+    observer, fiducials = Observer(), [-1, -2, -3]
     observer._last_match[fiducials[0]] = -CLOSURE_GAP
     observer._last_match[fiducials[1]] = 0.1 - CLOSURE_GAP
     assert observer._closures(fiducials, now=0.0) == 1

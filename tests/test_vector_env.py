@@ -17,10 +17,8 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import baselines
 from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
-from activeslam_gym.envs import ahead
-from activeslam_gym.envs.step import advance_runs, evaluate_runs, play_runs
-from activeslam_gym.envs.workers import Workers, available_cores
-from activeslam_gym.slam.filter import filter_frame
+from activeslam_gym.information.candidates import sequence_plans
+from activeslam_gym.threads import Workers, available_cores
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 """Some runs are lost on the way, the others end at their duration."""
@@ -230,7 +228,9 @@ def test_render() -> None:
     for _ in range(4):
         env.step(env.action_space.sample())
     images = env.render()
-    assert len(images) == 2 and images[0].shape[2] == 3 and images[0].dtype == np.uint8
+    assert len(images) == 2
+    for image in images:
+        assert image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8 and image.std() > 5
     single = gym.make("ActiveSLAM-v0", render_mode="rgb_array", gaze_period=0.5, duration=1.0)
     single.reset(seed=0)
     env.reset(seed=0)
@@ -264,6 +264,7 @@ READS = {
     "motion_scores by Fisher": lambda env: env.motion_scores("fisher_trace"),
     "gaze_scores": lambda env: env.gaze_scores(),
     "joint_scores": lambda env: env.joint_scores(),
+    "scores of plans": lambda env: env.scores(sequence_plans(5, 2), "mutual_information_camera"),
     "motion_score": lambda env: env.motion_score(3, "variance_reduction"),
     "lookahead_scores": lambda env: env.lookahead_scores(2),
     "time": lambda env: env.time,
@@ -292,11 +293,13 @@ def test_a_batch_reads_with_a_leading_axis(name: str, played: tuple[Any, list[An
 def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[Any]]) -> None:
     batch, singles = played
     for i, single in enumerate(singles):
-        for name in ("landmarks", "mapped", "covariance"):
+        for name in ("landmarks", "mapped", "ids", "converted", "anchors", "covariance"):
             np.testing.assert_array_equal(getattr(batch.belief, name)[i], getattr(single.belief, name))
             np.testing.assert_array_equal(getattr(batch.belief[i], name), getattr(single.belief, name))
         for name, value in single.nees().items():
             np.testing.assert_array_equal(batch.nees()[name][i], value)
+        same(vars(batch.run(i).labels), vars(single.labels))
+        same(batch.run(i).prospect._asdict(), single.prospect._asdict())
     for name in ("scenario", "gaze_period", "motion_period", "duration", "steps_per_motion"):
         assert getattr(batch, name) == getattr(singles[0], name)
 
@@ -328,16 +331,6 @@ def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: Autorese
         over = terminated or truncated
         if over and mode is AutoresetMode.SAME_STEP:
             observation, _ = single.reset()
-
-
-def test_a_baseline_in_a_discrete_batch() -> None:
-    env = gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=2, gaze_period=0.5, duration=1.0)
-    policy = baselines.make("mi-fisher", env)
-    observations, _ = env.reset(seed=0)
-    for _ in range(5):
-        actions, _ = policy.predict(observations)
-        assert actions in env.action_space
-        observations, *_ = env.step(actions)
 
 
 # Threads and processes ------------------------------------------------------------------------------------------------
@@ -417,18 +410,6 @@ def test_an_error_in_a_slice_is_raised() -> None:
 
     with pytest.raises(RuntimeError, match="slice"):
         Workers(4, 2).call(fail)
-
-
-def test_one_compiled_step_serves_all() -> None:
-    """Another signature would be another minute of compilation, or a path that is slow unseen."""
-    if not hasattr(advance_runs, "signatures"):
-        pytest.skip("NUMBA_DISABLE_JIT is set")
-    for scenario in ("paper", "hall", "hand-held"):
-        rollout(ActiveSLAMVectorEnv(3, scenario=scenario, duration=30, num_threads=2), [])
-        ActiveSLAMEnv(scenario).reset(seed=0)
-    ahead.main()
-    kernels = play_runs, advance_runs, evaluate_runs, filter_frame
-    assert [len(kernel.signatures) for kernel in kernels] == [1, 1, 1, 1]
 
 
 # Bad input ------------------------------------------------------------------------------------------------------------

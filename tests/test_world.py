@@ -8,32 +8,62 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from activeslam_gym.camera import camera_of
+from activeslam_gym.camera import camera_of, hidden, pixel_from_camera_point
 from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of, transition
+from activeslam_gym.slam.filter import candidates_of
 from activeslam_gym.world.noise import normals, uniforms
-from activeslam_gym.world.room import draw_points, draw_start
-from activeslam_gym.world.simulator import CLUTTER_LABEL, Detections, World, detect, detection_capacity, move, sensor_of
+from activeslam_gym.world.room import draw_room, draw_start
+from activeslam_gym.world.simulator import (
+    CLUTTER_LABEL,
+    World,
+    detect,
+    detection_capacity,
+    empty_worlds,
+    move,
+    sensor_of,
+)
 
-from .support import CAMERA, PAPER, pixel_of, rotation_between
+from .support import CAMERA, PAPER, pixel_of, replaced, rotation_between
 
 KEY = np.array([12345], np.uint64)
 MOTION = motion_of(PAPER, 1.0)
+CALM = replaced(MOTION, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 
 def world(scenario: Scenario = PAPER, seed: int = 0) -> World:
-    rng = np.random.default_rng(seed)
-    start = draw_start(scenario, rng)
-    return World(start, draw_points(scenario, start, rng), KEY.copy())
+    out, rng = row(empty_worlds(scenario, 1), 0), np.random.default_rng(seed)
+    out.state.camera[:], out.state.noise_key[:] = draw_start(scenario, rng), KEY
+    out.fiducials[:], out.landmarks[:] = draw_room(scenario, out.state.camera, rng)
+    out.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
+    return out
+
+
+def points_of(truth: World) -> np.ndarray:
+    """(K + L, 3) as labels count them."""
+    return np.concatenate((truth.fiducials, truth.landmarks))
 
 
 def look(scenario: Scenario, truth: World, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (M, 2) and labels (M,) of one image."""
-    rows = detection_capacity(scenario)
-    out = Detections(np.zeros((rows, 2)), np.zeros(rows, np.int64), np.zeros(1, np.int64))
-    detect(camera_of(scenario), sensor_of(scenario), truth, frame, out)
-    return out.pixels[: out.used[0]], out.labels[: out.used[0]]
+    candidates = candidates_of(np.zeros((detection_capacity(scenario), 2)))
+    labels = np.zeros(len(candidates), np.int64)
+    n = detect(camera_of(scenario), sensor_of(scenario), truth, frame, candidates, labels)
+    return candidates["pixel"][:n], labels[:n]
+
+
+def seen(scenario: Scenario, truth: World, frame: int) -> dict[int, list[float]]:
+    """The pixel of each detection, by its label."""
+    pixels, labels = look(scenario, truth, frame)
+    return dict(zip(labels.tolist(), pixels.tolist(), strict=True))
+
+
+def errors_of(truth: World, frame: int) -> dict[int, np.ndarray]:
+    """The pixel noise (2,) of each detection, by its label."""
+    points = points_of(truth)
+    return {i: z - pixel_of(CAMERA, truth.state.camera, points[i]) for i, z in seen(PAPER, truth, frame).items()}
 
 
 # Rooms --------------------------------------------------------------------------------------------------------------
@@ -42,13 +72,13 @@ def look(scenario: Scenario, truth: World, frame: int) -> tuple[np.ndarray, np.n
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_points_lie_in_the_room(name: str) -> None:
     scenario = SCENARIOS[name]
-    points = world(scenario).points
+    points = points_of(world(scenario))
     assert points.shape == (scenario.fiducial_count + scenario.landmark_count, 3)
     assert (np.abs(points) <= 0.5 * np.array(scenario.room_size)).all()
 
 
 def test_landmarks_are_uniform() -> None:
-    points = np.concatenate([world(seed=seed).points[6:] for seed in range(50)])
+    points = np.concatenate([world(seed=seed).landmarks for seed in range(50)])
     np.testing.assert_allclose(points.std(axis=0), np.sqrt(PAPER.landmark_prior_variance), rtol=0.05)
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.15)
 
@@ -56,10 +86,11 @@ def test_landmarks_are_uniform() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_fiducials_are_in_the_first_image_at_their_distance(seed: int) -> None:
     truth = world(seed=seed)
-    for y in truth.points[:6]:
-        u, v = pixel_of(CAMERA, truth.camera, y)
+    camera = truth.state.camera
+    for y in truth.fiducials:
+        u, v = pixel_of(CAMERA, camera, y)
         assert 0.0 < u < 320.0 and 0.0 < v < 240.0
-        assert np.linalg.norm(y - truth.camera[:3]) < 3.0
+        assert np.linalg.norm(y - camera[:3]) < 3.0
 
 
 def test_start_is_drawn_from_the_prior() -> None:
@@ -98,17 +129,17 @@ def test_neighbouring_streams_are_unrelated() -> None:
 
 def test_without_noise_the_camera_moves_by_the_model() -> None:
     truth, u = world(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 0.0])
-    expected = transition(truth.camera, u, MOTION.dt)
-    assert move(MOTION._replace(acceleration_std=0.0, angular_acceleration_std=0.0), truth, u, 0) == 0
-    np.testing.assert_array_equal(truth.camera, expected)
+    expected = transition(truth.state.camera, u, MOTION.dt)
+    assert move(CALM, truth, u, 0) == 0
+    np.testing.assert_array_equal(truth.state.camera, expected)
 
 
 def test_disturbance_is_as_strong_as_it_says() -> None:
-    speeds = []
+    truth, speeds = world(), []
     for frame in range(2000):
-        truth = World(np.array([0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6), np.zeros((33, 3)), KEY)
+        truth.state.camera[:] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6
         move(MOTION, truth, np.zeros(6), frame)
-        speeds.append(truth.camera[7:] / MOTION.dt)
+        speeds.append(truth.state.camera[7:] / MOTION.dt)
     np.testing.assert_allclose(np.std(speeds, axis=0), [0.5] * 6, rtol=0.07)
     np.testing.assert_allclose(np.mean(speeds, axis=0), 0.0, atol=0.05)
 
@@ -117,26 +148,26 @@ def test_disturbance_of_a_frame_does_not_depend_on_the_past() -> None:
     one, other = world(), world()
     for frame in range(10):
         move(MOTION, one, np.ones(6), frame)
-        other.camera[7:] = one.camera[7:]
-    before = one.camera[7:].copy()
+        other.state.camera[7:] = one.state.camera[7:]
+    before = one.state.camera[7:].copy()
     move(MOTION, one, np.zeros(6), 10)
     move(MOTION, other, np.zeros(6), 10)
-    np.testing.assert_array_equal(one.camera[7:] - before, other.camera[7:] - before)
+    np.testing.assert_array_equal(one.state.camera[7:] - before, other.state.camera[7:] - before)
 
 
 @pytest.mark.parametrize(("axis", "reach"), [(0, 2.9), (1, 0.9), (2, 2.9)])
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_wall_stops_what_runs_into_it_alone(axis: int, reach: float, side: float) -> None:
-    still = MOTION._replace(acceleration_std=0.0)
     truth = world()
-    truth.camera[:3], truth.camera[7:10] = 0.0, 0.1
-    truth.camera[axis], truth.camera[7 + axis] = side * (reach - 0.001), side
-    assert move(still, truth, np.zeros(6), 0) == 1
-    assert truth.camera[axis] == pytest.approx(side * reach)
-    np.testing.assert_allclose(truth.camera[7:10], [0.0 if i == axis else 0.1 for i in range(3)])
-    truth.camera[7 + axis] = -side
-    assert move(still, truth, np.zeros(6), 1) == 0
-    assert truth.camera[7 + axis] == -side
+    p, v = truth.state.camera[:3], truth.state.camera[7:10]
+    p[:], v[:] = 0.0, 0.1
+    p[axis], v[axis] = side * (reach - 0.001), side
+    assert move(CALM, truth, np.zeros(6), 0) == 1
+    assert p[axis] == pytest.approx(side * reach)
+    np.testing.assert_allclose(v, [0.0 if i == axis else 0.1 for i in range(3)])
+    v[axis] = -side
+    assert move(CALM, truth, np.zeros(6), 1) == 0
+    assert v[axis] == -side
 
 
 # Detections ---------------------------------------------------------------------------------------------------------
@@ -144,23 +175,38 @@ def test_a_wall_stops_what_runs_into_it_alone(axis: int, reach: float, side: flo
 
 def test_every_visible_point_is_detected_once_and_nothing_else() -> None:
     truth = world()
-    in_front = [i for i, y in enumerate(truth.points) if (y - truth.camera[:3]) @ forward(truth) >= PAPER.minimum_depth]
-    pixels = np.array([pixel_of(CAMERA, truth.camera, truth.points[i]) for i in in_front])
+    camera, points = truth.state.camera, points_of(truth)
+    depths = (points - camera[:3]) @ rotation_matrix(camera[3:7])[:, 2]
+    in_front = np.flatnonzero(depths >= PAPER.minimum_depth)
+    pixels = np.array([pixel_of(CAMERA, camera, points[i]) for i in in_front])
     inside = ((pixels >= 0.0) & (pixels < [320.0, 240.0])).all(axis=1)
-    assert sorted(look(PAPER, truth, 0)[1].tolist()) == [i for i, seen in zip(in_front, inside, strict=True) if seen]
-    assert inside[:6].all() and not inside.all() and len(in_front) < len(truth.points)
+    assert sorted(look(PAPER, truth, 0)[1].tolist()) == in_front[inside].tolist()
+    assert inside[:6].all() and not inside.all() and len(in_front) < len(points)
 
 
-def forward(truth: World) -> np.ndarray:
-    return rotation_matrix(truth.camera[3:7])[:, 2]
+def test_what_a_box_hides_is_not_detected_and_the_rest_is_as_it_was() -> None:
+    plain, boxed = world(), world(replace(PAPER, boxes=(((-0.6, -0.5, 0.8), (0.1, 0.5, 1.0)),)))
+    camera, points = plain.state.camera, points_of(plain)
+    before, after = seen(PAPER, plain, 4), seen(PAPER, boxed, 4)
+    assert after == {i: z for i, z in before.items() if not hidden(boxed.boxes, camera, points[i])}
+    assert 0 < len(after) < len(before)
+
+
+def test_detections_follow_the_true_camera() -> None:
+    """`detect` is given the true lens: another focal length moves the pixels, and nothing else."""
+    truth, candidates, labels = world(), candidates_of(np.zeros((40, 2))), np.zeros(40, np.int64)
+    other, z = replaced(CAMERA, focal=1.05 * CAMERA.focal, pixel_std=1e-9), np.empty(2)
+    n = detect(other, sensor_of(PAPER), truth, 0, candidates, labels)
+    R_WC = rotation_matrix(truth.state.camera[3:7])
+    for candidate, label in zip(candidates[:n], labels):
+        assert pixel_from_camera_point(other, R_WC.T @ (points_of(truth)[label] - truth.state.camera[:3]), z)
+        np.testing.assert_allclose(candidate["pixel"], z, atol=1e-6)
+    assert n > 6
 
 
 def test_noise_is_two_pixels() -> None:
     truth = world()
-    errors = []
-    for frame in range(300):
-        pixels, labels = look(PAPER, truth, frame)
-        errors += [z - pixel_of(CAMERA, truth.camera, truth.points[i]) for z, i in zip(pixels, labels, strict=True)]
+    errors = [error for frame in range(300) for error in errors_of(truth, frame).values()]
     np.testing.assert_allclose(np.std(errors, axis=0), 2.0, rtol=0.05)
     np.testing.assert_allclose(np.mean(errors, axis=0), 0.0, atol=0.1)
 
@@ -175,14 +221,8 @@ def test_order_tells_nothing() -> None:
 def test_a_points_noise_is_the_same_from_everywhere() -> None:
     """Paired comparisons: the pixel noise of a point in frame k does not depend on where the camera went."""
     here, there = world(), world()
-    there.camera[0] += 0.05
-    one, other = (
-        {
-            int(i): z - pixel_of(CAMERA, truth.camera, truth.points[i])
-            for z, i in zip(*look(PAPER, truth, 3), strict=True)
-        }
-        for truth in (here, there)
-    )
+    there.state.camera[0] += 0.05
+    one, other = errors_of(here, 3), errors_of(there, 3)
     both = set(one) & set(other)
     assert len(both) >= 6
     for i in both:
@@ -212,9 +252,10 @@ def test_clutter_comes_at_its_rate_over_the_whole_image() -> None:
 
 def test_clutter_does_not_change_the_noise_of_the_points() -> None:
     truth = world()
-    clean = dict(zip(*(x.tolist() for x in reversed(look(PAPER, truth, 5))), strict=True))
-    dirty = dict(zip(*(x.tolist() for x in reversed(look(replace(PAPER, clutter_rate=3.0), truth, 5))), strict=True))
-    assert {i: z for i, z in dirty.items() if i >= 0} == clean
+    dirty = seen(replace(PAPER, clutter_rate=3.0), truth, 5)
+    assert {i: z for i, z in dirty.items() if i >= 0} == seen(PAPER, truth, 5) and len(dirty) > len(
+        seen(PAPER, truth, 5)
+    )
 
 
 def test_there_is_room_for_every_detection() -> None:

@@ -10,14 +10,14 @@ import numpy as np
 from gymnasium import spaces
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs import readout
 from activeslam_gym.envs.actions import action_space, discrete_action_space, motion_and_gaze, split_index
-from activeslam_gym.envs.reads import SingleReads
-from activeslam_gym.envs.setting import observation_space, render_rate, resolve
-from activeslam_gym.envs.step import BEGIN, LOST, REWARD, STEPS, empty_runs, reset_run
-from activeslam_gym.envs.views import Snapshot
-from activeslam_gym.envs.workers import Workers
+from activeslam_gym.envs.episode import BEGIN, info_of
+from activeslam_gym.envs.observation import observation_space
+from activeslam_gym.envs.public import SingleReads
+from activeslam_gym.envs.simulation import empty_runs, reset_run, resolve
+from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.motion import Gaze
+from activeslam_gym.threads import Workers
 
 
 class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
@@ -176,13 +176,14 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": render_rate(setting)}
-        self.observation_space = observation_space(setting)
+        self.metadata = {**self.metadata, "render_fps": setting.render_rate}
+        self.observation_space = observation_space(setting.layout)
         self.action_space = self._make_action_space()
         self._motion_and_gaze = np.zeros((2, 1), np.int64)
+        self._steps = int(setting.task.steps)
         self._gaze = Gaze.STAY
         self._running = False
-        self._history = readout.History()
+        self._history = History()
         self._window: Any = None
 
     def _make_action_space(self) -> spaces.Space[Any]:
@@ -199,13 +200,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         """Begin a new run in a new room. The same seed gives the same run, whatever the actions the same noise."""
         super().reset(seed=seed)
         key = int(self.np_random.integers(2**63))
-        reset_run(self.setting.scenario, self._run, key)
+        reset_run(self.setting, self._runs, 0, key)
         self._play_one(BEGIN, Gaze.STAY)
         self._running = True
         self._gaze = Gaze.STAY
-        self._history = readout.History()
+        self._history = History()
         self._show()
-        return self._run.step.observation.copy(), readout.info_of(self._run)
+        return self._runs.observation[0].copy(), info_of(self._runs)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One gaze period under ``action``.
@@ -219,13 +220,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         motion, gaze = self._read_action(action)
         self._play_one(motion, gaze)
         self._gaze = Gaze(gaze)
-        step = self._run.step
-        terminated = bool(step.status[LOST])
-        truncated = bool(step.status[STEPS] >= self.setting.task.steps)
+        episode, observation = self._runs.episode, self._runs.observation[0].copy()
+        terminated, truncated = bool(episode["lost"][0]), bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
         if self.render_mode is not None:
             self._show()
-        return step.observation.copy(), float(step.sums[REWARD]), terminated, truncated, readout.info_of(self._run)
+        return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs)
 
     def _play_one(self, motion: int, gaze: int) -> None:
         self._motion_and_gaze[:, 0] = motion, gaze
@@ -264,7 +264,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     def snapshot(self) -> Snapshot:
         """All that a picture of this moment needs."""
-        return readout.snapshot_of(self.setting, self._run, self._gaze, self._history)
+        return snapshot_of(self.setting, self._run, self._gaze, self._history)
 
 
 class ActiveSLAMDiscreteEnv(ActiveSLAMEnv):

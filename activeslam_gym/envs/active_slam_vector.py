@@ -13,16 +13,16 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from activeslam_gym.batching import row
 from activeslam_gym.config import Scenario, positive_whole_number
-from activeslam_gym.envs import readout
 from activeslam_gym.envs.actions import action_space, discrete_action_space, motions_and_gazes, split_indices
-from activeslam_gym.envs.reads import BatchReads
-from activeslam_gym.envs.setting import observation_space, render_rate, resolve
-from activeslam_gym.envs.step import BEGIN, LOST, REST, REWARD, STEPS, empty_runs, reset_run
-from activeslam_gym.envs.views import Snapshot
-from activeslam_gym.envs.workers import Workers
+from activeslam_gym.envs.episode import BEGIN, REST, infos_of
+from activeslam_gym.envs.observation import observation_space
+from activeslam_gym.envs.public import BatchReads
+from activeslam_gym.envs.simulation import empty_runs, reset_run, resolve
+from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
+from activeslam_gym.kernels import row
 from activeslam_gym.motion import Gaze
+from activeslam_gym.threads import Workers
 
 
 class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -36,7 +36,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     ## Arguments
     Those of `ActiveSLAMEnv`, where ``render_mode`` is None or "rgb_array", and
     ``num_envs``;
-    ``num_threads``: at most this many run at once (None: as many as cores that the process may use; see `workers`);
+    ``num_threads``: at most this many run at once (None: as many as cores that the process may use; see `threads`);
     ``autoreset_mode``: an `AutoresetMode`, its name or its value: NEXT_STEP resets an ended environment in the next
     step, which ignores its action; SAME_STEP in the step that ends it; DISABLED never;
     ``max_episode_steps``: truncates, besides ``duration``.
@@ -73,18 +73,18 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
         self.render_mode = render_mode
         self.autoreset_mode = _mode(autoreset_mode)
-        self.metadata = {**self.metadata, "render_fps": render_rate(setting), "autoreset_mode": self.autoreset_mode}
-        self.single_observation_space = observation_space(setting)
+        self.metadata = {**self.metadata, "render_fps": setting.render_rate, "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space = observation_space(setting.layout)
         self.single_action_space = self._make_action_space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        limit = setting.task.steps if max_episode_steps is None else max_episode_steps
-        self._steps = min(setting.task.steps, positive_whole_number("max_episode_steps", limit))
+        limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
+        self._steps = min(int(setting.task.steps), positive_whole_number("max_episode_steps", limit))
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
         self._motions, self._gazes = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
-        self._histories = [readout.History() for _ in range(self.num_envs)]
+        self._histories = [History() for _ in range(self.num_envs)]
 
     def _make_action_space(self) -> spaces.Space[Any]:
         return action_space()
@@ -109,7 +109,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
             if seeds[i] is not None:
                 self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
         self._begin(chosen)
-        return self._runs.step.observation.copy(), readout.infos_of(self._runs, chosen)
+        return self._runs.observation.copy(), infos_of(self._runs, chosen)
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One gaze period of every environment.
@@ -128,14 +128,14 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._gazes[:] = np.where(beginning, Gaze.STAY, gazes)
         self._play(self._motions, self._gazes)
         self._record(np.ones(self.num_envs, bool))
-        step = self._runs.step
-        rewards = step.sums[:, REWARD].copy()
-        terminated = (step.status[:, LOST] == 1) & ~beginning
-        truncated = step.status[:, STEPS] >= self._steps
+        episode = self._runs.episode
+        rewards = episode["reward"].copy()
+        terminated = episode["lost"] & ~beginning
+        truncated = episode["steps"] >= self._steps
         self._over = terminated | truncated
         infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}
-        infos.update(readout.infos_of(self._runs, np.ones(self.num_envs, bool)))
-        return step.observation.copy(), rewards, terminated, truncated, infos
+        infos.update(infos_of(self._runs, np.ones(self.num_envs, bool)))
+        return self._runs.observation.copy(), rewards, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The present moment of each environment, (H, W, 3) uint8 images, in ``rgb_array`` mode.
@@ -176,7 +176,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         if not self._begun[i]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         gaze = Gaze(int(self._gazes[i]))
-        return readout.snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i])
+        return snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i])
 
     # Beginnings and ends --------------------------------------------------------------------------------------------
 
@@ -202,8 +202,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """Give new rooms, each by a key of its own generator, where ``chosen`` (B,)."""
         for i in np.flatnonzero(chosen).tolist():
             key = int(self._generator(i).integers(2**63))
-            reset_run(self.setting.scenario, row(self._runs, i), key)
-            self._histories[i] = readout.History()
+            reset_run(self.setting, self._runs, i, key)
+            self._histories[i] = History()
 
     def _generator(self, i: int) -> np.random.Generator:
         generator = self._generators[i]
@@ -219,8 +219,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
             return {}
         observations = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(over).tolist():
-            observations[i] = self._runs.step.observation[i].copy()
-        ended = {"final_obs": observations, "final_info": readout.infos_of(self._runs, over)}
+            observations[i] = self._runs.observation[i].copy()
+        ended = {"final_obs": observations, "final_info": infos_of(self._runs, over)}
         masks = {f"_{key}": over.copy() for key in ended}
         self._begin(over)
         return ended | masks

@@ -9,15 +9,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from gymnasium import spaces
 
-from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel_from_camera_point
-from activeslam_gym.compilation import part
+from activeslam_gym.camera import camera_point, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information import Expectation
+from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.linalg import log2_det_3
-from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT, QUATERNION, MotionModel
-from activeslam_gym.slam.belief import FEATURES, FREE, Belief, feature_capacity
+from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, MOTION_COUNT, POSITION, QUATERNION, VELOCITY
+from activeslam_gym.slam.belief import Belief, feature_capacity
 
 GLOBAL_FEATURES = {
     "position": 3,
@@ -49,12 +50,44 @@ TOKEN_FEATURES = {
 }
 """Name and length of each feature of a token, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
+
+def _starts(lengths: dict[str, int]) -> list[int]:
+    """Where each of the named parts begins."""
+    return [0, *np.cumsum(list(lengths.values())).tolist()][:-1]
+
+
+(
+    _POSITION,
+    _FORWARD,
+    _UP,
+    _VELOCITY,
+    _ANGULAR_VELOCITY,
+    _TIME,
+    _PHASE,
+    _MOTION,
+    _UNCERTAINTY,
+    _MAPPED_SHARE,
+    _COUNTING_SHARE,
+    _FEATURE_SHARE,
+    _GAIN,
+) = _starts(GLOBAL_FEATURES)
+(
+    _DIRECTION,
+    _LOG_DISTANCE,
+    _LOG_UNCERTAINTY,
+    _LOG_DEPTH_UNCERTAINTY,
+    _IN_VIEW,
+    _FIDUCIAL,
+    _EXPECTED,
+    _INITIALISING,
+    _MAPPED,
+) = _starts(TOKEN_FEATURES)
+GLOBAL_SIZE = sum(GLOBAL_FEATURES.values())
+TOKEN_SIZE = sum(TOKEN_FEATURES.values())
 _LOG_FLOOR = 1e-3
 """Deviations below this are told as this: 1 mm, 1 mrad."""
 _GAIN_SCALE = 10.0
-GLOBAL_SIZE = sum(GLOBAL_FEATURES.values())
-TOKEN_SIZE = sum(TOKEN_FEATURES.values())
-_FIDUCIAL, _EXPECTED, _INITIALISING, _MAPPED = 7, 8, 9, 10
+"""Bits per dimension that are told as 1."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +121,19 @@ def layout_of(scenario: Scenario) -> ObservationLayout:
     )
 
 
+def observation_space(layout: ObservationLayout) -> spaces.Box:
+    """Of one environment: float32 (D,) in [-1, 1]."""
+    return spaces.Box(-1.0, 1.0, (layout.size,), np.float32)
+
+
 def _slices(lengths: dict[str, int]) -> dict[str, slice]:
-    ends = np.cumsum(list(lengths.values())).tolist()
-    return {name: slice(end - length, end) for (name, length), end in zip(lengths.items(), ends, strict=True)}
+    starts = _starts(lengths)
+    return {name: slice(start, start + lengths[name]) for name, start in zip(lengths, starts, strict=True)}
 
 
-@part
+@compiled
 def observe_globals(
-    motion: MotionModel,
+    motion: Record,
     belief: Belief,
     time: float,
     phase: float,
@@ -107,84 +145,85 @@ def observe_globals(
     out: np.ndarray,
 ) -> None:
     """Write the global features into ``out`` (G,), unclipped. ``time`` and ``phase`` in [0, 1], ``gain`` [bit]."""
-    x, P = belief.camera, belief.covariance
+    x, P = belief.state.camera, belief.covariance
+    p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     R_WC = rotation_matrix(x[QUATERNION])
-    out[:] = 0.0
-    half = (motion.half_x, motion.half_y, motion.half_z)
     for i in range(3):
-        out[i] = x[i] / half[i]
-        out[3 + i], out[6 + i] = R_WC[i, 2], R_WC[i, 1]
-        out[9 + i], out[12 + i] = x[7 + i], x[10 + i]
-    out[15], out[16] = time, phase
-    out[17 + motion_index] = 1.0
-    at = 17 + MOTION_COUNT
+        out[_POSITION + i] = p[i] / motion.half[i]
+        out[_FORWARD + i], out[_UP + i] = R_WC[i, 2], R_WC[i, 1]
+        out[_VELOCITY + i], out[_ANGULAR_VELOCITY + i] = v[i], w[i]
+    out[_TIME], out[_PHASE] = time, phase
+    for i in range(MOTION_COUNT):
+        out[_MOTION + i] = 1.0 if i == motion_index else 0.0
     for block in range(4):
         variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
-        out[at + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
-    out[at + 4], out[at + 5] = mapped / landmarks, counting / landmarks
-    out[at + 6] = belief.size[FEATURES] / belief.kind.shape[0]
-    out[at + 7] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
+        out[_UNCERTAINTY + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
+    out[_MAPPED_SHARE], out[_COUNTING_SHARE] = mapped / landmarks, counting / landmarks
+    out[_FEATURE_SHARE] = belief.state.count / belief.feature.shape[0]
+    out[_GAIN] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
 
 
-@part
+@compiled
 def observe_tokens(
-    camera: CameraModel,
+    camera: Record,
     belief: Belief,
     points: np.ndarray,
     covariance: np.ndarray,
-    expectation: Expectation,
+    expected: np.ndarray,
+    landmark_var: np.ndarray,
     fiducials: np.ndarray,
-    mapped: np.ndarray,
+    boxes: np.ndarray,
     out: np.ndarray,
 ) -> None:
     """Write the tokens into ``out`` (T, W), unclipped: fiducials, then slots.
 
     A feature has its slot's token for life; waiting expected landmarks take the tokens of free slots, in order, as many
-    as there are. ``points``, ``covariance``, ``mapped`` (n,): the public belief, by age.
+    as there are. ``points``, ``covariance``: the public belief, by age.
     """
-    pose = belief.camera
+    pose = belief.state.camera
     R_WC = rotation_matrix(pose[QUATERNION])
-    K, F = fiducials.shape[0], belief.kind.shape[0]
+    K, F = fiducials.shape[0], belief.feature.shape[0]
     out[:] = 0.0
     for i in range(K):
-        _place(camera, pose, R_WC, fiducials[i], out[i])
-        out[i, 4], out[i, 5], out[i, _FIDUCIAL] = -1.0, -1.0, 1.0
-    for k in range(belief.size[FEATURES]):
-        token = out[K + belief.order[k]]
-        at = CAMERA_DIM + 3 * k
-        _place(camera, pose, R_WC, points[k], token)
+        _place(camera, boxes, pose, R_WC, fiducials[i], out[i])
+        out[i, _LOG_UNCERTAINTY], out[i, _LOG_DEPTH_UNCERTAINTY], out[i, _FIDUCIAL] = -1.0, -1.0, 1.0
+    taken = np.zeros(F, np.bool_)
+    for k in range(belief.state.count):
+        feature, at = belief.feature[k], CAMERA_DIM + 3 * k
+        token = out[K + feature.slot]
+        taken[feature.slot] = True
+        _place(camera, boxes, pose, R_WC, points[k], token)
         _uncertainty(pose, points[k], covariance[at:, at:], token)
-        token[_MAPPED if mapped[k] else _INITIALISING] = 1.0
-    slot = 0
-    prior = np.zeros((3, 3))
+        token[_MAPPED if feature.mapped else _INITIALISING] = 1.0
+    slot, prior = 0, np.zeros((3, 3))
     for i in range(3):
-        prior[i, i] = expectation.variance[i]
-    for e in range(expectation.slot.shape[0]):
-        if expectation.slot[e] < 0:
-            while slot < F and belief.kind[slot] != FREE:
+        prior[i, i] = landmark_var[i]
+    for e in range(expected.shape[0]):
+        if expected[e].serial == WAITING:
+            while slot < F and taken[slot]:
                 slot += 1
             if slot == F:
                 return
-            _place(camera, pose, R_WC, expectation.points[e], out[K + slot])
-            _uncertainty(pose, expectation.points[e], prior, out[K + slot])
+            _place(camera, boxes, pose, R_WC, expected[e].point, out[K + slot])
+            _uncertainty(pose, expected[e].point, prior, out[K + slot])
             out[K + slot, _EXPECTED] = 1.0
             slot += 1
 
 
-@part
-def _place(camera: CameraModel, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray) -> None:
+@compiled
+def _place(
+    camera: Record, boxes: np.ndarray, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray
+) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,)."""
     p_C = camera_point(R_WC, pose, y)
     distance = max(math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2]), _LOG_FLOOR)
     for i in range(3):
-        token[i] = p_C[i] / distance
-    token[3] = math.log10(distance) / 1.5
-    z = np.empty(2)
-    if p_C[2] >= camera.minimum_depth and pixel_from_camera_point(camera, p_C, z) and inside_image(camera, z, 0.0):
-        token[6] = 1.0
+        token[_DIRECTION + i] = p_C[i] / distance
+    token[_LOG_DISTANCE] = math.log10(distance) / 1.5
+    token[_IN_VIEW] = 1.0 if visible(camera, boxes, R_WC, pose, y, 0.0, np.empty(2)) else 0.0
 
 
-@part
+@compiled
 def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
     """Log deviation of a point: geometric mean, and along the line of sight relative to the distance."""
     square, along = _LOG_FLOOR**2, 0.0
@@ -194,16 +233,16 @@ def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.nda
         for j in range(3):
             along += sight * P_y[i, j] * (y[j] - pose[j])
     log2_deviation = log2_det_3(P_y) / 6.0
-    token[4] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
-    token[5] = _log_deviation(math.sqrt(max(along, 0.0)) / square)
+    token[_LOG_UNCERTAINTY] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
+    token[_LOG_DEPTH_UNCERTAINTY] = _log_deviation(math.sqrt(max(along, 0.0)) / square)
 
 
-@part
+@compiled
 def _log_deviation(deviation: float) -> float:
     return math.log10(max(deviation, _LOG_FLOOR)) / 3.0
 
 
-@part
+@compiled
 def clip_into(values: np.ndarray, out: np.ndarray) -> None:
     """Write ``values`` (D,) clipped to [-1, 1] into ``out`` (D,) float32; what is not a number becomes 0."""
     for i in range(values.shape[0]):

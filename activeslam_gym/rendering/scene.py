@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from activeslam_gym.envs.views import Snapshot
+    from activeslam_gym.envs.snapshot import Snapshot
 
 # Okabe and Ito's colours, safe for colour-blind readers: blue is believed, black is true, vermillion is the camera.
 MAPPED, INITIALISED, EXPECTED = "#0072B2", "#7CC4F0", "#B0B4B8"

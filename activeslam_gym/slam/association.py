@@ -22,101 +22,167 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.compilation import part
-from activeslam_gym.slam.measurement import INSIDE, Predictions
-from activeslam_gym.slam.settings import FilterModel
+from activeslam_gym.config import Scenario
+from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.slam.sight import INSIDE, Sight
 
-NEW, REJECTED = -1, -2
-"""A detection outside every birth gate; one that is near a prediction but no match."""
+CANDIDATE = record(
+    pixel=("f8", 2),  # [px]
+    R=("f8", (2, 2)),  # covariance of its noise [px^2]
+    id="i8",  # of the one thing that it may be; ANYTHING: any
+    log_ratio="f8",  # log likelihood of its appearance, if it is that thing, over a stranger's
+    match="i8",  # the filter's answer: the id of the thing that it was taken for, or NEW or REJECTED
+)
+"""A pixel that may be a measurement. The ids are those of features (positive) and of fiducials (negative)."""
+ANYTHING = 0
+NEW, REJECTED = 0, -(2**62)
+"""A candidate outside every birth gate; one that is near a prediction but no match."""
+
+ASSOCIATION = record(
+    gate="f8",  # chi-square bound of a match
+    birth_gate="f8",  # and of what is near a prediction
+    sharp_std_px="f8",  # a predicted ellipse is sharp when its longest axis is at most this
+    clear_margin="f8",  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
+    support_margin="f8",  # the same for a vague row, whose worth includes what it makes others explain
+    edge_worth="f8",  # worth that a vague row needs where its ellipse reaches over the image's edge, in ln
+    clutter_cost="f8",  # -2 ln of a stranger's density
+)
+"""Constants of the association."""
+
+
+def association_of(scenario: Scenario) -> Record:
+    """The ASSOCIATION record of a scenario."""
+    return filled(
+        ASSOCIATION,
+        gate=chi_square_2_quantile(scenario.gate_probability),
+        birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
+        sharp_std_px=2.0 * scenario.pixel_std,
+        clear_margin=8.0,
+        support_margin=12.0,
+        edge_worth=18.0,
+        clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
+    )
+
+
+def chi_square_2_quantile(probability: float) -> float:
+    """Quantile of the chi-square distribution of 2 dof, -2 ln(1 - p): 9.21 at 99 %."""
+    return -2.0 * math.log(1.0 - probability)
+
+
 _TIE = 1e-6
 """Pairings whose worth differs by less are equal, and the first has precedence. Two rows that support each other are
 worth the same, log p(a) + log p(b | a) = log p(b) + log p(a | b): rounding must not decide between them."""
 
 
-class Hypotheses(NamedTuple):
-    """What is still open between m predicted rows and M detections."""
+class Predicted(NamedTuple):
+    """The joint Gaussian of the predicted pixels of v things."""
 
     z: np.ndarray
-    """(2 m,) predicted pixels, given the matches so far [px]."""
+    """(2 v,) given the matches so far [px]."""
     S: np.ndarray
-    """(2 m, 2 m) their joint innovation covariance, given the matches so far [px^2]."""
+    """(2 v, 2 v) their joint innovation covariance, given the matches so far, with the camera's R [px^2]."""
+
+
+class Hypotheses(NamedTuple):
+    """What is still open between v predicted things and M candidates."""
+
+    z: np.ndarray
+    """(2 v,) predicted pixels, given the matches so far [px]."""
+    S: np.ndarray
+    """(2 v, 2 v) their joint innovation covariance, given the matches so far, with the camera's R [px^2]."""
     inside: np.ndarray
-    """(m,) bool: rows whose ellipse is inside the image, as it was predicted."""
+    """(v,) bool: things whose ellipse is inside the image, as it was predicted."""
     open: np.ndarray
-    """(m,) bool: rows without a match."""
+    """(v,) bool: things without a match."""
     free: np.ndarray
-    """(M,) bool: detections without a match."""
+    """(M,) bool: candidates without a match."""
+    allowed: np.ndarray
+    """(v, M) bool: whether the candidate may be the thing, by its id."""
     d2: np.ndarray
-    """(m, M) squared Mahalanobis distances."""
+    """(v, M) squared Mahalanobis distances; inf where it may not."""
     cost: np.ndarray
-    """(m, M) d^2 + ln |S|: -2 ln of the likelihood, less a constant."""
+    """(v, M) d^2 + ln |S| - 2 log_ratio: -2 ln of the likelihood, less a constant."""
 
 
-@part
-def associate(
-    model: FilterModel,
-    rows: np.ndarray,
-    predictions: Predictions,
-    S: np.ndarray,
-    pixels: np.ndarray,
-    waits: np.ndarray,
-) -> np.ndarray:
-    """Match ``pixels`` (M, 2) to ``rows`` (m,); returns (M,) the row of each, or NEW or REJECTED.
+@compiled
+def associate(model: Record, pixel_var: float, sight: Sight, candidates: np.ndarray, waits: np.ndarray) -> np.ndarray:
+    """Match ``candidates`` (M,) to the things in ``sight`` (v,).
 
-    ``predictions`` and ``S`` (2 m, 2 m) are the rows' joint prediction; ``waits`` (K + F,) bool is set for the rows
-    that a detection may be of without being clear enough to match.
+    Returns (v,) the candidate of each thing, or -1, and sets ``candidates.match``. ``pixel_var`` is that of the R in
+    ``sight.S``; ``waits`` (v,) bool is set for the things that a candidate may be of without being clear enough to
+    match.
     """
-    m, M = rows.shape[0], pixels.shape[0]
+    v, M = sight.thing.shape[0], candidates.shape[0]
     h = Hypotheses(
-        _stacked_pixels(rows, predictions),
-        S.copy(),
-        predictions.visibility[rows] == INSIDE,
-        np.ones(m, np.bool_),
+        np.empty(2 * v),
+        sight.S.copy(),
+        np.empty(v, np.bool_),
+        np.ones(v, np.bool_),
         np.ones(M, np.bool_),
-        np.empty((m, M)),
-        np.empty((m, M)),
+        np.empty((v, M), np.bool_),
+        np.full((v, M), np.inf),
+        np.full((v, M), np.inf),
     )
-    out = np.full(M, NEW)
-    _measure_distances(h, pixels)
+    for a in range(v):
+        thing = sight.thing[a]
+        h.z[2 * a], h.z[2 * a + 1], h.inside[a] = thing.z_hat[0], thing.z_hat[1], thing.visibility == INSIDE
+        for i in range(M):
+            h.allowed[a, i] = candidates[i].id == ANYTHING or candidates[i].id == thing.id
+    of_thing = np.full(v, -1)
+    _measure_distances(h, candidates, pixel_var)
     while _any_open(model, h):
-        matched = _match_clear(model, h, pixels, rows, out)
-        if not matched and not _match_supported(model, h, pixels, rows, out):
+        matched = _match_clear(model, h, candidates, pixel_var, of_thing)
+        if not matched and not _match_supported(model, h, candidates, pixel_var, of_thing):
             break
     for i in range(M):
-        for a in range(m):
+        candidates[i].match = NEW
+        for a in range(v):
             if h.free[i] and h.d2[a, i] < model.birth_gate:
-                out[i] = REJECTED
+                candidates[i].match = REJECTED
                 if h.open[a]:
-                    waits[rows[a]] = True
-    return out
+                    waits[a] = True
+    for a in range(v):
+        if of_thing[a] >= 0:
+            candidates[of_thing[a]].match = sight.thing[a].id
+    return of_thing
 
 
-@part
-def _stacked_pixels(rows: np.ndarray, predictions: Predictions) -> np.ndarray:
-    """(2 m,) predicted pixels of ``rows``."""
-    z = np.empty(2 * rows.shape[0])
-    for i in range(z.shape[0]):
-        z[i] = predictions.z_hat[rows[i // 2], i % 2]
-    return z
-
-
-@part
-def _measure_distances(h: Hypotheses, pixels: np.ndarray) -> None:
-    """Distances and costs of the open rows."""
+@compiled
+def _measure_distances(h: Hypotheses, candidates: np.ndarray, pixel_var: float) -> None:
+    """Distances and costs of the open things."""
     for a in range(h.open.shape[0]):
-        if h.open[a]:
-            s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
+        if not h.open[a]:
+            continue
+        r00, r01, r11, log_det = pixel_var, 0.0, pixel_var, math.nan  # of the last candidate: most share one R
+        for i in range(candidates.shape[0]):
+            if not h.allowed[a, i]:
+                continue
+            candidate, R = candidates[i], candidates[i].R
+            s00, s01, s11 = innovation_with(h, a, candidate, pixel_var)
             det = max(s00 * s11 - s01 * s01, 1e-300)
-            log_det = math.log(det)
-            for i in range(pixels.shape[0]):
-                x, y = pixels[i, 0] - h.z[2 * a], pixels[i, 1] - h.z[2 * a + 1]
-                h.d2[a, i] = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / det
-                h.cost[a, i] = h.d2[a, i] + log_det
+            if math.isnan(log_det) or R[0, 0] != r00 or R[0, 1] != r01 or R[1, 1] != r11:
+                r00, r01, r11, log_det = R[0, 0], R[0, 1], R[1, 1], math.log(det)
+            x, y = candidate.pixel[0] - h.z[2 * a], candidate.pixel[1] - h.z[2 * a + 1]
+            h.d2[a, i] = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / det
+            h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * candidate.log_ratio
 
 
-@part
-def _any_open(model: FilterModel, h: Hypotheses) -> bool:
-    """Whether an open row and a free detection may still belong together."""
+@compiled
+def innovation_with(
+    h: Predicted | Hypotheses, a: int, candidate: Record, pixel_var: float
+) -> tuple[float, float, float]:
+    """(s00, s01, s11) of thing ``a``'s innovation covariance with the candidate's own R."""
+    R = candidate.R
+    return (
+        h.S[2 * a, 2 * a] + (R[0, 0] - pixel_var),
+        h.S[2 * a, 2 * a + 1] + R[0, 1],
+        h.S[2 * a + 1, 2 * a + 1] + (R[1, 1] - pixel_var),
+    )
+
+
+@compiled
+def _any_open(model: Record, h: Hypotheses) -> bool:
+    """Whether an open thing and a free candidate may still belong together."""
     for a in range(h.open.shape[0]):
         if h.open[a]:
             for i in range(h.free.shape[0]):
@@ -125,19 +191,19 @@ def _any_open(model: FilterModel, h: Hypotheses) -> bool:
     return False
 
 
-@part
+@compiled
 def _close(h: Hypotheses, a: int, i: int) -> None:
     h.open[a] = False
     h.free[i] = False
 
 
-@part
-def _condition(h: Hypotheses, a: int, pixel: np.ndarray) -> None:
-    """Condition the joint Gaussian of the predicted pixels on row ``a`` being seen at ``pixel`` (2,)."""
+@compiled
+def condition(h: Predicted | Hypotheses, a: int, candidate: Record, pixel_var: float) -> None:
+    """Condition the joint Gaussian of the predicted pixels on thing ``a`` being seen as ``candidate``."""
     n = h.z.shape[0]
-    s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
+    s00, s01, s11 = innovation_with(h, a, candidate, pixel_var)
     det = max(s00 * s11 - s01 * s01, 1e-300)
-    x, y = pixel[0] - h.z[2 * a], pixel[1] - h.z[2 * a + 1]
+    x, y = candidate.pixel[0] - h.z[2 * a], candidate.pixel[1] - h.z[2 * a + 1]
     c0, c1 = h.S[2 * a].copy(), h.S[2 * a + 1].copy()
     for i in range(n):
         g0, g1 = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det
@@ -146,40 +212,40 @@ def _condition(h: Hypotheses, a: int, pixel: np.ndarray) -> None:
             h.S[i, j] -= g0 * c0[j] + g1 * c1[j]
 
 
-@part
-def _is_sharp(model: FilterModel, h: Hypotheses, a: int) -> bool:
-    """Whether the longest axis of row ``a``'s ellipse is within the limit."""
+@compiled
+def _is_sharp(model: Record, h: Hypotheses, a: int) -> bool:
+    """Whether the longest axis of thing ``a``'s ellipse is within the limit."""
     s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
     half = 0.5 * (s00 + s11)
     longest = half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
     return longest <= model.sharp_std_px**2
 
 
-@part
-def _match_clear(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np.ndarray, out: np.ndarray) -> bool:
-    """Match every sharp row that has a clear partner, then condition the rest on them; whether there was any."""
-    m = h.open.shape[0]
-    partner = np.full(m, -1)
+@compiled
+def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var: float, of_thing: np.ndarray) -> bool:
+    """Match every sharp thing that has a clear partner, then condition the rest on them; whether there was any."""
+    v = h.open.shape[0]
+    partner = np.full(v, -1)
     found = False
-    for a in range(m):
+    for a in range(v):
         if h.open[a] and _is_sharp(model, h, a):
             partner[a] = _clear_partner(model, h, a)
             found |= partner[a] >= 0
-    for a in range(m):
+    for a in range(v):
         if partner[a] >= 0:
-            out[partner[a]] = rows[a]
+            of_thing[a] = partner[a]
             _close(h, a, partner[a])
     if found and _any_open(model, h):
-        for a in range(m):
+        for a in range(v):
             if partner[a] >= 0:
-                _condition(h, a, pixels[partner[a]])
-        _measure_distances(h, pixels)
+                condition(h, a, candidates[partner[a]], pixel_var)
+        _measure_distances(h, candidates, pixel_var)
     return found
 
 
-@part
-def _clear_partner(model: FilterModel, h: Hypotheses, a: int) -> int:
-    """The free detection that is row ``a``'s best by a margin, and whose best by a margin is row ``a``; or -1."""
+@compiled
+def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
+    """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
     best = -1
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):
@@ -196,8 +262,10 @@ def _clear_partner(model: FilterModel, h: Hypotheses, a: int) -> int:
     return best
 
 
-@part
-def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows: np.ndarray, out: np.ndarray) -> bool:
+@compiled
+def _match_supported(
+    model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var: float, of_thing: np.ndarray
+) -> bool:
     """Match the vague row whose pairing explains the most together with what it implies; whether there was one.
 
     A pairing's worth is its log likelihood ratio against clutter, plus the best of each other row's given it. It needs
@@ -214,7 +282,7 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
         vague = not _is_sharp(model, h, a)
         for i in range(M):
             if h.free[i] and h.d2[a, i] < model.birth_gate:
-                support = _support(model, h, a, i, pixels)
+                support = _support(model, h, a, i, candidates, pixel_var)
                 worth[a, i] = 0.5 * (model.clutter_cost - h.cost[a, i]) + support
                 enough = support > 0.0 and (h.inside[a] or worth[a, i] > model.edge_worth)
                 if vague and enough and (best_a < 0 or worth[a, i] > worth[best_a, best_i] + _TIE):
@@ -228,20 +296,22 @@ def _match_supported(model: FilterModel, h: Hypotheses, pixels: np.ndarray, rows
     for i in range(M):
         if i != best_i and worth[best_a, i] > bound:
             return False
-    out[best_i] = rows[best_a]
+    of_thing[best_a] = best_i
     _close(h, best_a, best_i)
-    _condition(h, best_a, pixels[best_i])
-    _measure_distances(h, pixels)
+    condition(h, best_a, candidates[best_i], pixel_var)
+    _measure_distances(h, candidates, pixel_var)
     return True
 
 
-@part
-def _support(model: FilterModel, h: Hypotheses, a: int, i: int, pixels: np.ndarray) -> float:
-    """Sum over the other open rows of their best log likelihood ratio, given that row ``a`` is detection ``i``."""
-    trial = Hypotheses(h.z.copy(), h.S.copy(), h.inside, h.open.copy(), h.free.copy(), h.d2.copy(), h.cost.copy())
+@compiled
+def _support(model: Record, h: Hypotheses, a: int, i: int, candidates: np.ndarray, pixel_var: float) -> float:
+    """Sum over the other open things of their best log likelihood ratio, given that thing ``a`` is candidate ``i``."""
+    trial = Hypotheses(
+        h.z.copy(), h.S.copy(), h.inside, h.open.copy(), h.free.copy(), h.allowed, h.d2.copy(), h.cost.copy()
+    )
     _close(trial, a, i)
-    _condition(trial, a, pixels[i])
-    _measure_distances(trial, pixels)
+    condition(trial, a, candidates[i], pixel_var)
+    _measure_distances(trial, candidates, pixel_var)
     total = 0.0
     for r in range(trial.open.shape[0]):
         best = 0.0

@@ -1,14 +1,16 @@
 """Layout of the belief: where the camera and each feature stand in the mean and in the covariance.
 
 The covariance is one fixed-capacity array whose leading ``dim`` rows and columns are in use: the camera's 12 tangent
-dimensions, then the features from the oldest to the youngest, each with the dimensions of its kind. A feature lives in
-a *slot* for all its life, whatever is deleted around it.
+dimensions, then the features from the oldest to the youngest, each with the dimensions of its kind.
 
 | kind | dimensions | parameters |
 |---|---|---|
 | POINT | 3 | world position |
 | RAY | 5 | anchor (3), azimuth, elevation; its depth is a particle distribution |
 | INVERSE_DEPTH | 6 | anchor (3), azimuth, elevation, inverse depth |
+
+A feature has an id, its serial number, which no other feature ever has; and a slot for life, by which observations and
+particles know it. The ids of fiducials are negative, see `fiducial_id`.
 """
 
 from __future__ import annotations
@@ -19,10 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym import config
-from activeslam_gym.compilation import part
 from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import rotate_left, so3_left_jacobian
-from activeslam_gym.linalg import copy_block, copy_into
+from activeslam_gym.kernels import Record, compiled, inlined, record
+from activeslam_gym.linalg import add_product, copy_block, copy_into
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -30,92 +31,93 @@ from activeslam_gym.motion import (
     D_POSITION,
     D_ROTATION,
     D_VELOCITY,
+    POSITION,
     QUATERNION,
 )
 
-FREE, RAY, INVERSE_DEPTH, POINT = 0, 1, 2, 3
-"""Kinds of a feature slot."""
+RAY, INVERSE_DEPTH, POINT = 1, 2, 3
+"""Kinds of features."""
 KIND_DIM = (0, 5, 6, 3)
 """Tangent dimensions of each kind."""
 FEATURE_SIZE = 6
+ANCHOR, AZIMUTH, ELEVATION, RHO = slice(0, 3), 3, 4, 5
+"""Parameters of a RAY or INVERSE_DEPTH feature."""
 SPARE_FEATURES = 13
 """Features beyond the number of landmarks for which there is room: those being initialised, false and double ones."""
-CANDIDATE_CAPACITY = 32
-MINIMUM_INVERSE_DEPTH = 0.01
-"""Updates keep inverse depths above this [1/m]."""
+TRACK_CAPACITY = 32
 
-DIM, FEATURES, SERIAL, FRAME = 0, 1, 2, 3
-"""Entries of ``size``: rows in use, features in use, births so far, frames so far."""
+STATE = record(
+    camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
+    dim="i8",  # covariance rows in use
+    count="i8",  # features in use
+    serial="i8",  # births so far
+    frame="i8",  # frames so far
+)
+"""What a belief holds beside its features and its covariance."""
+
+FEATURE = record(
+    mean=("f8", FEATURE_SIZE),
+    kind="i8",  # RAY, INVERSE_DEPTH or POINT
+    start="i8",  # first covariance row
+    serial="i8",  # number of the birth, counted from 1: the feature's id
+    slot="i8",
+    born="i8",  # frame of birth
+    seen="i8",  # frame of the last match, or of the birth
+    misses="i8",  # consecutive frames in which it should have been matched and was not
+    mapped="b1",  # whether the deviation of its depth over its depth is under the scenario's ratio
+    depth="f8",  # of a RAY: mean of its particles [m]
+    depth_var="f8",  # and their variance [m^2]
+    weighed_at=("f8", 3),  # of a RAY: camera position at its last re-weighting [m]
+)
+
+TRACK = record(
+    direction=("f8", 3),  # in the world, of any length
+    hits="i8",  # consecutive detections; 0: free
+)
+"""An unexplained detection that is followed, and may become a feature."""
 
 
 class Belief(NamedTuple):
-    """Arrays of one filter. F feature slots, D covariance rows, M particles, C birth candidates."""
+    """Arrays of one filter. F slots, D covariance rows, M particles, T tracks."""
 
-    camera: np.ndarray
-    """(13,) mean: position, quaternion, velocity, angular velocity."""
+    state: Record
+    """STATE."""
+    feature: np.ndarray
+    """(F,) FEATURE, of which the leading ``state.count`` are in use, oldest first."""
     covariance: np.ndarray
     """(D, D) joint covariance of the camera's tangent and the features."""
-    feature: np.ndarray
-    """(F, 6) means of the features, by slot."""
-    kind: np.ndarray
-    """(F,) FREE, RAY, INVERSE_DEPTH or POINT."""
-    start: np.ndarray
-    """(F,) first covariance row."""
-    serial: np.ndarray
-    """(F,) number of the birth, counted from 1: tells a slot's present feature from its former ones."""
-    born: np.ndarray
-    """(F,) frame of birth."""
-    seen: np.ndarray
-    """(F,) frame of the last match, or of the birth."""
-    misses: np.ndarray
-    """(F,) consecutive frames in which it should have been matched and was not."""
-    order: np.ndarray
-    """(F,) slots in use, oldest first."""
-    depth: np.ndarray
-    """(F, 2) mean [m] and variance [m^2] of the depth of a RAY."""
     particles: np.ndarray
-    """(F, M, 2) depth [m] and weight of a RAY's particles."""
-    weighed_at: np.ndarray
-    """(F, 3) camera position at the RAY's last re-weighting [m]."""
-    candidate_bearing: np.ndarray
-    """(C, 3) world direction of an unexplained detection that may become a feature."""
-    candidate_hits: np.ndarray
-    """(C,) consecutive detections of it; 0: the entry is free."""
-    size: np.ndarray
-    """(4,) see DIM, FEATURES, SERIAL, FRAME."""
+    """(F, M, 2) depth [m] and weight of a RAY's particles, by slot."""
+    track: np.ndarray
+    """(T,) TRACK."""
+
+
+@inlined
+def belief_at(beliefs, i):  # type: ignore[no-untyped-def]
+    """Belief ``i`` of a batch, whose arrays have a leading axis: views."""
+    return Belief(beliefs.state[i], beliefs.feature[i], beliefs.covariance[i], beliefs.particles[i], beliefs.track[i])
 
 
 def feature_capacity(scenario: Scenario) -> int:
-    """Feature slots of a scenario."""
+    """Features that a belief of the scenario can hold."""
     return scenario.landmark_count + SPARE_FEATURES
 
 
 def covariance_capacity(scenario: Scenario) -> int:
-    """Covariance rows of a scenario, in which every slot may hold the longest kind."""
+    """Covariance rows of a scenario, in which every feature may be of the longest kind."""
     return CAMERA_DIM + max(KIND_DIM) * feature_capacity(scenario)
 
 
-def empty_belief(scenario: Scenario) -> Belief:
-    """A belief of the scenario's capacity; `reset_belief` gives it its prior."""
+def empty_beliefs(scenario: Scenario, count: int) -> Belief:
+    """``count`` beliefs of the scenario's capacity, with a leading axis; `reset_belief` gives one of them its prior."""
     features, rows = feature_capacity(scenario), covariance_capacity(scenario)
     particles = scenario.particle_count if scenario.initialisation == config.DEPTH_PARTICLES else 0
     return Belief(
-        camera=np.zeros(CAMERA_SIZE),
-        covariance=np.zeros((rows, rows)),
-        feature=np.zeros((features, FEATURE_SIZE)),
-        kind=np.zeros(features, np.int64),
-        start=np.zeros(features, np.int64),
-        serial=np.zeros(features, np.int64),
-        born=np.zeros(features, np.int64),
-        seen=np.zeros(features, np.int64),
-        misses=np.zeros(features, np.int64),
-        order=np.zeros(features, np.int64),
-        depth=np.zeros((features, 2)),
-        particles=np.zeros((features, particles, 2)),
-        weighed_at=np.zeros((features, 3)),
-        candidate_bearing=np.zeros((CANDIDATE_CAPACITY, 3)),
-        candidate_hits=np.zeros(CANDIDATE_CAPACITY, np.int64),
-        size=np.zeros(4, np.int64),
+        state=np.zeros(count, STATE),
+        feature=np.zeros((count, features), FEATURE),
+        covariance=np.zeros((count, rows, rows)),
+        particles=np.zeros((count, features, particles, 2)),
+        track=np.zeros((count, TRACK_CAPACITY), TRACK),
     )
 
 
@@ -129,19 +131,45 @@ def prior_variances(scenario: Scenario) -> np.ndarray:
     return stds**2
 
 
-def reset_belief(belief: Belief, scenario: Scenario) -> None:
-    """Give the belief the scenario's prior: at the room's centre, at rest, facing +Z, no feature."""
-    for array in belief:
-        array[...] = 0
-    belief.camera[QUATERNION] = (1.0, 0.0, 0.0, 0.0)
-    belief.covariance[np.arange(CAMERA_DIM), np.arange(CAMERA_DIM)] = prior_variances(scenario)
-    belief.size[DIM] = CAMERA_DIM
+def reset_belief(belief: Belief, camera: np.ndarray, covariance: np.ndarray) -> None:
+    """Give the belief its prior: a ``camera`` (13,) with that ``covariance`` (12, 12), and no feature."""
+    belief.state.camera[:] = camera
+    belief.state.dim, belief.state.count, belief.state.serial, belief.state.frame = CAMERA_DIM, 0, 0, 0
+    belief.covariance[...] = 0.0
+    belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = covariance
+    belief.track["hits"] = 0
+
+
+def start_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """The scenario's prior: (13,) at the room's centre, at rest, facing +Z, and its covariance (12, 12)."""
+    camera = np.zeros(CAMERA_SIZE)
+    camera[QUATERNION] = (1.0, 0.0, 0.0, 0.0)
+    return camera, np.diag(prior_variances(scenario))
+
+
+@compiled
+def fiducial_id(k: int) -> int:
+    """The id of the fiducial ``k``: -1, -2, …"""
+    return -1 - k
+
+
+@compiled
+def position_of(belief: Belief, serial: int) -> int:
+    """Where the feature with that id stands in ``belief.feature``, or -1. They are in the order of their births."""
+    low, high = 0, belief.state.count
+    while low < high:
+        middle = (low + high) // 2
+        if belief.feature[middle].serial < serial:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < belief.state.count and belief.feature[low].serial == serial else -1
 
 
 # Features as points -------------------------------------------------------------------------------------------------
 
 
-@part
+@compiled
 def bearing(azimuth: float, elevation: float) -> np.ndarray:
     """Rows (3, 3): the unit world direction m, dm/d azimuth, dm/d elevation.
 
@@ -156,7 +184,7 @@ def bearing(azimuth: float, elevation: float) -> np.ndarray:
     return out
 
 
-@part
+@compiled
 def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Azimuth and elevation [rad] of a world direction ``h`` (3,) of any length; d(azimuth, elevation)/dh into ``J``.
 
@@ -170,345 +198,145 @@ def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     return math.atan2(h[0], h[2]), math.atan2(h[1], level)
 
 
-@part
-def feature_depth(belief: Belief, slot: int) -> float:
-    """Distance [m] of a RAY or INVERSE_DEPTH feature from its anchor."""
-    return belief.depth[slot, 0] if belief.kind[slot] == RAY else 1.0 / belief.feature[slot, 5]
-
-
-@part
-def point_of(belief: Belief, slot: int, T: np.ndarray) -> np.ndarray:
-    """The feature as a world point (3,) [m]; its Jacobian by the feature's parameters goes into ``T`` (3, 6).
+@compiled
+def point_of(belief: Belief, k: int, T: np.ndarray) -> np.ndarray:
+    """Feature ``k`` as a world point (3,) [m]; its Jacobian by the feature's parameters goes into ``T`` (3, 6).
 
     y = anchor + depth m(azimuth, elevation); by inverse depth rho, dy/d rho = -m / rho^2. Columns beyond the kind's
     dimensions are not written.
     """
-    feature = belief.feature[slot]
-    for i in range(3):
-        for j in range(3):
-            T[i, j] = 1.0 if i == j else 0.0
-    if belief.kind[slot] == POINT:
-        return np.array((feature[0], feature[1], feature[2]))
-    m = bearing(feature[3], feature[4])
-    depth = feature_depth(belief, slot)
+    feature = belief.feature[k]
     y = np.empty(3)
     for i in range(3):
-        y[i] = feature[i] + depth * m[0, i]
-        T[i, 3], T[i, 4], T[i, 5] = depth * m[1, i], depth * m[2, i], -depth * depth * m[0, i]
-    return y
-
-
-@part
-def point_marginal(belief: Belief, slot: int, P_y: np.ndarray) -> np.ndarray:
-    """The feature as a world point (3,) [m]; its own covariance T P T^T goes into ``P_y`` (3, 3)."""
-    T = np.empty((3, FEATURE_SIZE))
-    y = point_of(belief, slot, T)
-    at, width = belief.start[slot], KIND_DIM[belief.kind[slot]]
-    rows = np.empty((3, width))
-    _rows_times(T, belief.covariance[at:, at:], width, rows, width)
-    _columns_times(rows, 0, width, T, P_y, 0)
-    if belief.kind[slot] == RAY:
-        _add_depth_variance(belief, slot, P_y)
-    return y
-
-
-@part
-def depth_ratio(belief: Belief, slot: int) -> float:
-    """sigma_depth / depth of a feature along its line of sight: from its anchor, or for a POINT from the camera."""
-    if belief.kind[slot] == RAY:
-        return math.sqrt(belief.depth[slot, 1]) / belief.depth[slot, 0]
-    at = belief.start[slot]
-    if belief.kind[slot] == INVERSE_DEPTH:
-        return math.sqrt(max(belief.covariance[at + 5, at + 5], 0.0)) / belief.feature[slot, 5]
-    square, variance = 0.0, 0.0
+        y[i] = feature.mean[i]
+        for j in range(3):
+            T[i, j] = 1.0 if i == j else 0.0
+    if feature.kind == POINT:
+        return y
+    m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
+    depth = feature.depth if feature.kind == RAY else 1.0 / feature.mean[RHO]
     for i in range(3):
-        sight_i = belief.feature[slot, i] - belief.camera[i]
+        y[i] += depth * m[0, i]
+        T[i, AZIMUTH], T[i, ELEVATION], T[i, RHO] = depth * m[1, i], depth * m[2, i], -depth * depth * m[0, i]
+    return y
+
+
+@compiled
+def point_marginal(belief: Belief, k: int, P_y: np.ndarray) -> np.ndarray:
+    """Feature ``k`` as a world point (3,) [m]; its own covariance T P T^T goes into ``P_y`` (3, 3)."""
+    T = np.empty((3, FEATURE_SIZE))
+    y = point_of(belief, k, T)
+    at, width = belief.feature[k].start, KIND_DIM[belief.feature[k].kind]
+    rows = np.zeros((3, width))
+    add_product(T[:, :width], belief.covariance[at : at + width, at:], rows)
+    _columns_times(rows, 0, width, T, P_y, 0)
+    _add_depth_variance(belief, k, P_y)
+    return y
+
+
+@compiled
+def depth_ratio(belief: Belief, k: int) -> float:
+    """sigma_depth / depth of feature ``k`` along its line of sight: from its anchor, or for a POINT from the camera."""
+    feature, P = belief.feature[k], belief.covariance
+    if feature.kind == RAY:
+        return math.sqrt(feature.depth_var) / feature.depth
+    if feature.kind == INVERSE_DEPTH:
+        rho_var = P[feature.start + RHO, feature.start + RHO]
+        return math.sqrt(max(rho_var, 0.0)) / feature.mean[RHO]
+    square, variance = 0.0, 0.0
+    camera = belief.state.camera[POSITION]
+    for i in range(3):
+        sight_i = feature.mean[i] - camera[i]
         square += sight_i * sight_i
         for j in range(3):
-            sight_j = belief.feature[slot, j] - belief.camera[j]
-            variance += sight_i * belief.covariance[at + i, at + j] * sight_j
+            variance += sight_i * P[feature.start + i, feature.start + j] * (feature.mean[j] - camera[j])
     return math.sqrt(max(variance, 0.0)) / max(square, 1e-12)
 
 
-@part
+@compiled
 def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> int:
     """Present every feature as a point: the public belief. Returns the number n of features, oldest first.
 
     Writes ``points`` (>= n, 3) [m] and the leading 12 + 3 n rows and columns of ``covariance``: T P T^T with T the
     identity for the camera and for points, plus, for a ray, the variance of its particles along it.
     """
-    n, dim, P = belief.size[FEATURES], belief.size[DIM], belief.covariance
-    size = CAMERA_DIM + 3 * n
-    half, Ts = np.empty((size, dim)), np.empty((n, 3, FEATURE_SIZE))
-    at, to = 0, 0
-    for k in range(n):  # camera and points stay as they are: whatever of them stands together is copied at once
-        slot = belief.order[k]
-        if belief.kind[slot] == POINT:
-            for i in range(3):
-                points[k, i] = belief.feature[slot, i]
-        else:
-            copy_into(points[k], point_of(belief, slot, Ts[k]))
-            start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
-            copy_block(P[at:start, :dim], half[to:own])
-            _rows_times(Ts[k], P[start:], width, half[own:], dim)
-            at, to = start + width, own + 3
-    copy_block(P[at:dim, :dim], half[to:])
-    at, to = 0, 0
+    n, dim, P = belief.state.count, belief.state.dim, belief.covariance
+    T, TP = np.empty((n, 3, FEATURE_SIZE)), np.zeros((3, dim))
     for k in range(n):
-        slot = belief.order[k]
-        if belief.kind[slot] != POINT:
-            start, width, own = belief.start[slot], KIND_DIM[belief.kind[slot]], CAMERA_DIM + 3 * k
-            copy_block(half[:, at:start], covariance[:, to:own])
-            _columns_times(half, start, width, Ts[k], covariance, own)
-            if belief.kind[slot] == RAY:
-                _add_depth_variance(belief, slot, covariance[own:, own:])
-            at, to = start + width, own + 3
-    copy_block(half[:, at:dim], covariance[:, to:size])
+        copy_into(points[k], point_of(belief, k, T[k]))
+    _copy_identity_part(belief, covariance)
+    for k in range(n):
+        feature, own = belief.feature[k], CAMERA_DIM + 3 * k
+        if feature.kind == POINT:
+            continue
+        TP[:] = 0.0
+        width = KIND_DIM[feature.kind]
+        add_product(T[k, :, :width], P[feature.start : feature.start + width], TP)
+        copy_block(TP[:, :CAMERA_DIM], covariance[own : own + 3])
+        for m in range(n):  # T_k P T_m^T
+            other, to = belief.feature[m], CAMERA_DIM + 3 * m
+            _columns_times(TP, other.start, KIND_DIM[other.kind], T[m], covariance[own : own + 3], to)
+        for i in range(own, own + 3):
+            for j in range(CAMERA_DIM + 3 * n):
+                covariance[j, i] = covariance[i, j]
+        _add_depth_variance(belief, k, covariance[own:, own:])
     return n
 
 
-@part
-def _add_depth_variance(belief: Belief, slot: int, block: np.ndarray) -> None:
-    """Add to ``block`` (>= 3, >= 3) the variance of a ray's particles along the ray."""
-    m = bearing(belief.feature[slot, 3], belief.feature[slot, 4])
-    for i in range(3):
-        for j in range(3):
-            block[i, j] += belief.depth[slot, 1] * m[0, i] * m[0, j]
+@compiled
+def positions_of(belief: Belief) -> np.ndarray:
+    """Every feature as a point (n, 3) [m], oldest first, without a covariance."""
+    n, T = belief.state.count, np.empty((3, FEATURE_SIZE))
+    points = np.empty((n, 3))
+    for k in range(n):
+        copy_into(points[k], point_of(belief, k, T))
+    return points
 
 
-@part
-def _rows_times(T: np.ndarray, rows: np.ndarray, width: int, out: np.ndarray, n: int) -> None:
-    """out[:3, :n] = T[:, :width] rows[:width, :n]; the leading three columns of T are the identity."""
-    for i in range(3):
-        to, source = out[i], rows[i]
-        for j in range(n):
-            to[j] = source[j]
-        for k in range(3, width):
-            factor, source = T[i, k], rows[k]
-            for j in range(n):
-                to[j] += factor * source[j]
+@compiled
+def as_points(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
+    """The public belief in arrays of its size: points (n, 3) [m] and covariance (12 + 3 n, 12 + 3 n)."""
+    n = belief.state.count
+    points, covariance = np.empty((n, 3)), np.empty((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n))
+    point_belief(belief, points, covariance)
+    return points, covariance
 
 
-@part
-def _columns_times(half: np.ndarray, at: int, width: int, T: np.ndarray, out: np.ndarray, to: int) -> None:
-    """out[:, to:to+3] = half[:, at:at+width] T[:, :width]^T; the leading three columns of T are the identity."""
-    for i in range(half.shape[0]):
-        source, target = half[i], out[i]
+@compiled
+def _copy_identity_part(belief: Belief, covariance: np.ndarray) -> None:
+    """Copy the rows and columns of camera and points, whatever of them stands together at once."""
+    P, n = belief.covariance, belief.state.count
+    for a in range(-1, n):
+        if a >= 0 and belief.feature[a].kind != POINT:
+            continue
+        start, own, rows = (0, 0, CAMERA_DIM) if a < 0 else (belief.feature[a].start, CAMERA_DIM + 3 * a, 3)
+        at, to = 0, 0
+        for k in range(n + 1):
+            if k == n or belief.feature[k].kind != POINT:
+                stop = belief.feature[k].start if k < n else belief.state.dim
+                copy_block(P[start : start + rows, at:stop], covariance[own : own + rows, to:])
+                if k < n:
+                    at, to = stop + KIND_DIM[belief.feature[k].kind], CAMERA_DIM + 3 * (k + 1)
+
+
+@compiled
+def _add_depth_variance(belief: Belief, k: int, block: np.ndarray) -> None:
+    """Add to ``block`` (>= 3, >= 3) the variance of the particles along feature ``k``, if it is a ray."""
+    feature = belief.feature[k]
+    if feature.kind == RAY:
+        m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
+        for i in range(3):
+            for j in range(3):
+                block[i, j] += feature.depth_var * m[0, i] * m[0, j]
+
+
+@compiled
+def _columns_times(rows: np.ndarray, at: int, width: int, T: np.ndarray, out: np.ndarray, to: int) -> None:
+    """out[:, to:to+3] = rows[:, at:at+width] T[:, :width]^T; the leading three columns of T are the identity."""
+    for i in range(rows.shape[0]):
+        source, target = rows[i], out[i]
         for j in range(3):
             value = source[at + j]
             for k in range(3, width):
                 value += source[at + k] * T[j, k]
             target[to + j] = value
-
-
-# Change of the map --------------------------------------------------------------------------------------------------
-
-
-@part
-def room_for(belief: Belief, width: int) -> bool:
-    """Whether one more feature of ``width`` dimensions fits."""
-    return belief.size[FEATURES] < belief.kind.shape[0] and belief.size[DIM] + width <= belief.covariance.shape[0]
-
-
-@part
-def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
-    """Add a feature y = g(camera, rest) and return its slot; the caller has asked `room_for` it.
-
-    ``mean`` (6,); ``J`` (width, 12) is dy/d camera tangent; ``Q`` (>= width, >= width) the covariance of what does not
-    come from the camera: P_yx = J P_cx, P_yy = J P_cc J^T + Q.
-    """
-    slot = 0
-    while belief.kind[slot] != FREE:
-        slot += 1
-    P, at, width = belief.covariance, belief.size[DIM], J.shape[0]
-    for i in range(width):
-        for j in range(at):
-            value = 0.0
-            for k in range(CAMERA_DIM):
-                value += J[i, k] * P[k, j]
-            P[at + i, j] = value
-            P[j, at + i] = value
-    for i in range(width):
-        for j in range(i + 1):
-            value = Q[i, j]
-            for k in range(CAMERA_DIM):
-                value += P[at + i, k] * J[j, k]
-            P[at + i, at + j] = value
-            P[at + j, at + i] = value
-    for i in range(FEATURE_SIZE):
-        belief.feature[slot, i] = mean[i]
-    belief.kind[slot] = kind
-    belief.start[slot] = at
-    belief.misses[slot] = 0
-    belief.born[slot] = belief.size[FRAME]
-    belief.seen[slot] = belief.size[FRAME]
-    belief.order[belief.size[FEATURES]] = slot
-    belief.size[DIM] += width
-    belief.size[FEATURES] += 1
-    belief.size[SERIAL] += 1
-    belief.serial[slot] = belief.size[SERIAL]
-    return slot
-
-
-@part
-def remove_feature(belief: Belief, slot: int) -> None:
-    """Forget a feature (marginalise it out) and free its slot."""
-    _close_gap(belief, belief.start[slot], KIND_DIM[belief.kind[slot]])
-    belief.kind[slot] = FREE
-    n = belief.size[FEATURES]
-    at = 0
-    while belief.order[at] != slot:
-        at += 1
-    for i in range(at, n - 1):
-        belief.order[i] = belief.order[i + 1]
-    belief.size[FEATURES] = n - 1
-
-
-@part
-def convert_to_point(belief: Belief, slot: int) -> None:
-    """Turn a RAY or INVERSE_DEPTH feature into a POINT through its Jacobian (with a ray's depth variance)."""
-    P, dim = belief.covariance, belief.size[DIM]
-    at, width = belief.start[slot], KIND_DIM[belief.kind[slot]]
-    T, rows, block = np.empty((3, FEATURE_SIZE)), np.empty((3, dim)), np.empty((3, 3))
-    point_of(belief, slot, T)
-    _rows_times(T, P[at:], width, rows, dim)
-    y = point_marginal(belief, slot, block)
-    for i in range(3):
-        for j in range(dim):
-            P[at + i, j] = rows[i, j]
-            P[j, at + i] = rows[i, j]
-    for i in range(3):
-        for j in range(3):
-            P[at + i, at + j] = 0.5 * (block[i, j] + block[j, i])
-    for i in range(FEATURE_SIZE):
-        belief.feature[slot, i] = y[i] if i < 3 else 0.0
-    belief.kind[slot] = POINT
-    _close_gap(belief, at + 3, width - 3)
-
-
-@part
-def _close_gap(belief: Belief, at: int, width: int) -> None:
-    """Drop ``width`` covariance rows and columns from ``at`` on."""
-    P, dim = belief.covariance, belief.size[DIM] - width
-    for i in range(at, dim):
-        for j in range(dim + width):
-            P[i, j] = P[i + width, j]
-    for i in range(dim):
-        for j in range(at, dim):
-            P[i, j] = P[i, j + width]
-    for k in range(belief.size[FEATURES]):
-        slot = belief.order[k]
-        if belief.start[slot] >= at + width:
-            belief.start[slot] -= width
-    belief.size[DIM] = dim
-
-
-# The mean on its manifold -------------------------------------------------------------------------------------------
-
-
-@part
-def shift_mean(belief: Belief, delta: np.ndarray) -> None:
-    """mean ⊞ ``delta`` (dim,): the camera's rotation is perturbed on the left, in the world frame."""
-    x = belief.camera
-    for i in range(3):
-        x[i] += delta[i]
-        x[7 + i] += delta[6 + i]
-        x[10 + i] += delta[9 + i]
-    q = rotate_left(delta[D_ROTATION], x[QUATERNION])
-    for i in range(4):
-        x[3 + i] = q[i]
-    for k in range(belief.size[FEATURES]):
-        slot = belief.order[k]
-        at = belief.start[slot]
-        for i in range(KIND_DIM[belief.kind[slot]]):
-            belief.feature[slot, i] += delta[at + i]
-        if belief.kind[slot] == INVERSE_DEPTH:
-            belief.feature[slot, 5] = max(belief.feature[slot, 5], MINIMUM_INVERSE_DEPTH)
-
-
-@part
-def recentre(belief: Belief, delta: np.ndarray) -> None:
-    """Express the covariance in the tangent of the mean just shifted by ``delta`` (dim,): P = M P M^T.
-
-    M keeps what no bearing can tell, a turn of camera and map together, what it is. Such a turn a moves a point f by
-    a x f; before the shift that is a x f, and after it has to be a x (f + df), so every world vector gets
-    + dtheta x df. With the plain tangent (M = I) the direction would change with the estimate, and the filter would
-    gain orientation that it never measured. It is the covariance of the right-invariant filter in these coordinates
-    (Barrau and Bonnabel, *An EKF-SLAM algorithm with consistency properties*, 2015). The rotation's own rows follow
-    from Exp(dtheta) = Exp(dtheta+) Exp(delta_theta), dtheta+ = J_l(delta_theta) (dtheta - delta_theta): the modern form
-    of the paper's Jacobian of the quaternion's normalisation.
-    """
-    _turn_with_rotation(belief, _turning(belief, delta))
-    _recentre_rotation(belief, delta)
-
-
-@part
-def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
-    """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
-    E = np.zeros((3, belief.size[DIM]))
-    for start in (0, 6, 9):
-        _cross(delta, start, E)
-    for k in range(belief.size[FEATURES]):
-        slot = belief.order[k]
-        at = belief.start[slot]
-        _cross(delta, at, E)
-        if belief.kind[slot] != POINT:
-            azimuth, elevation = belief.feature[slot, 3], belief.feature[slot, 4]
-            _turn_angles(azimuth, elevation, 1.0, at + 3, E)
-            _turn_angles(azimuth - delta[at + 3], elevation - delta[at + 4], -1.0, at + 3, E)
-    return E
-
-
-@part
-def _cross(delta: np.ndarray, at: int, E: np.ndarray) -> None:
-    """Columns of a world vector shifted by d: a x d = E^T a."""
-    x, y, z = delta[at], delta[at + 1], delta[at + 2]
-    E[1, at], E[2, at] = z, -y
-    E[0, at + 1], E[2, at + 1] = -z, x
-    E[0, at + 2], E[1, at + 2] = y, -x
-
-
-@part
-def _turn_angles(azimuth: float, elevation: float, sign: float, at: int, E: np.ndarray) -> None:
-    """Add ``sign`` times d(azimuth, elevation) of a direction by a turn of the world, the derivative of a x m."""
-    sin_a, cos_a, tan_e = math.sin(azimuth), math.cos(azimuth), math.tan(elevation)
-    E[0, at] -= sign * tan_e * sin_a
-    E[1, at] += sign
-    E[2, at] -= sign * tan_e * cos_a
-    E[0, at + 1] -= sign * cos_a
-    E[2, at + 1] += sign * sin_a
-
-
-@part
-def _turn_with_rotation(belief: Belief, E: np.ndarray) -> None:
-    """P + E^T B + B^T E with B = P_theta + P_theta,theta E / 2, which is (I + E^T) P (I + E^T)^T."""
-    P, dim = belief.covariance, belief.size[DIM]
-    B = np.empty((3, dim))
-    for i in range(3):
-        a, b, c = 0.5 * P[3 + i, 3], 0.5 * P[3 + i, 4], 0.5 * P[3 + i, 5]
-        for j in range(dim):
-            B[i, j] = P[3 + i, j] + a * E[0, j] + b * E[1, j] + c * E[2, j]
-    for i in range(dim):
-        row, e0, e1, e2, b0, b1, b2 = P[i], E[0, i], E[1, i], E[2, i], B[0, i], B[1, i], B[2, i]
-        for j in range(dim):
-            row[j] += (e0 * B[0, j] + b0 * E[0, j]) + (e1 * B[1, j] + b1 * E[1, j]) + (e2 * B[2, j] + b2 * E[2, j])
-
-
-@part
-def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
-    """P_theta = J_l P_theta, rows and columns."""
-    P, dim = belief.covariance, belief.size[DIM]
-    J = so3_left_jacobian(delta[D_ROTATION])
-    theta = np.empty((3, dim))
-    for i in range(3):
-        for j in range(dim):
-            theta[i, j] = J[i, 0] * P[3, j] + J[i, 1] * P[4, j] + J[i, 2] * P[5, j]
-    for i in range(3):
-        for j in range(dim):
-            P[3 + i, j] = theta[i, j]
-            P[j, 3 + i] = theta[i, j]
-    for i in range(3):
-        for j in range(i + 1):
-            value = theta[i, 3] * J[j, 0] + theta[i, 4] * J[j, 1] + theta[i, 5] * J[j, 2]
-            P[3 + i, 3 + j] = value
-            P[3 + j, 3 + i] = value

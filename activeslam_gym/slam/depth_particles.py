@@ -11,219 +11,255 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import CameraModel, inside_image
-from activeslam_gym.compilation import kernel, part
+from activeslam_gym.camera import visible
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.motion import QUATERNION
-from activeslam_gym.slam.association import NEW, REJECTED
-from activeslam_gym.slam.belief import FEATURES, FRAME, KIND_DIM, RAY, Belief, bearing
-from activeslam_gym.slam.measurement import (
-    INSIDE,
-    UNSEEN,
-    determinant,
-    own_innovation,
-    point_measurement,
-    squared_distance,
-    visibility_of,
+from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
+from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
+
+PARTICLES = record(
+    near="f8",  # nearest depth [m]
+    far="f8",  # farthest depth [m]
+    prune="f8",  # a particle with less than this share of the mean weight is dropped
+    baseline="f8",  # motion between two re-weightings of a ray [m]
+    maximum_misses="i8",
+    gate="f8",  # chi-square bound of a match
+    birth_gate="f8",  # and of what is near a particle
 )
-from activeslam_gym.slam.settings import FilterModel
+"""Constants of the depth particles; see the fields of `Scenario`."""
+
+
+def particles_of(scenario: Scenario, association: Record) -> Record:
+    """The PARTICLES record of a scenario, with the gates of its ``association``."""
+    near, far = scenario.particle_depth
+    return filled(
+        PARTICLES,
+        near=near,
+        far=far,
+        prune=scenario.particle_prune,
+        baseline=scenario.particle_baseline,
+        maximum_misses=scenario.maximum_misses,
+        gate=association.gate,
+        birth_gate=association.birth_gate,
+    )
 
 
 class Rays(NamedTuple):
     """Predicted measurements of each particle of each ray. R rays, M particles."""
 
-    slot: np.ndarray
-    """(R,) slot of the ray."""
+    feature: np.ndarray
+    """(R,) where the ray stands in ``belief.feature``."""
     visibility: np.ndarray
-    """(R, M) UNSEEN, NEAR or INSIDE."""
+    """(R, M) 0 (out of reach), NEAR or INSIDE."""
     z_hat: np.ndarray
     """(R, M, 2) [px]."""
     S: np.ndarray
-    """(R, M, 2, 2) [px^2]."""
+    """(R, M, 2, 2) with the camera's own image noise for R [px^2]."""
 
 
-@part
-def scatter_particles(belief: Belief, slot: int, nearest: float, farthest: float) -> None:
-    """Spread a new ray's particles evenly in depth between ``nearest`` and ``farthest`` [m], with equal weights."""
-    count = belief.particles.shape[1]
-    for k in range(count):
-        belief.particles[slot, k, 0] = nearest + (farthest - nearest) * (k + 0.5) / count
-        belief.particles[slot, k, 1] = 1.0 / count
-    _mark_weighed(belief, slot)
-    _summarise(belief, slot)
+@compiled
+def scatter_particles(model: Record, belief: Belief, k: int) -> None:
+    """Spread the new ray ``k``'s particles evenly in depth, with equal weights."""
+    particles = belief.particles[belief.feature[k].slot]
+    count = particles.shape[0]
+    for j in range(count):
+        particles[j, 0] = model.near + (model.far - model.near) * (j + 0.5) / count
+        particles[j, 1] = 1.0 / count
+    _summarise(belief, k)
 
 
-@part
-def _mark_weighed(belief: Belief, slot: int) -> None:
-    for i in range(3):
-        belief.weighed_at[slot, i] = belief.camera[i]
-
-
-@part
-def _summarise(belief: Belief, slot: int) -> None:
+@compiled
+def _summarise(belief: Belief, k: int) -> None:
     """Mean and variance of the depth: of the particles, plus spacing^2 / 12 for what lies between them."""
-    particles = belief.particles[slot]
+    feature = belief.feature[k]
+    particles = belief.particles[feature.slot]
     mean, square = 0.0, 0.0
-    for k in range(particles.shape[0]):
-        mean += particles[k, 1] * particles[k, 0]
-        square += particles[k, 1] * particles[k, 0] ** 2
+    for j in range(particles.shape[0]):
+        mean += particles[j, 1] * particles[j, 0]
+        square += particles[j, 1] * particles[j, 0] ** 2
     spacing = particles[1, 0] - particles[0, 0]
-    belief.depth[slot, 0] = mean
-    belief.depth[slot, 1] = max(square - mean * mean, 0.0) + spacing * spacing / 12.0
+    feature.depth = mean
+    feature.depth_var = max(square - mean * mean, 0.0) + spacing * spacing / 12.0
+    copy_into(feature.weighed_at, belief.state.camera[POSITION])
 
 
-@kernel(nogil=True)
+@compiled
 def follow_rays(
-    camera: CameraModel, model: FilterModel, belief: Belief, K: int, pixels: np.ndarray, match: np.ndarray
+    camera: Record,
+    model: Record,
+    belief: Belief,
+    boxes: np.ndarray,
+    candidates: np.ndarray,
+    labelled: bool,
 ) -> None:
-    """One frame of all rays: match them to those of ``pixels`` (M, 2) that are NEW in ``match`` (M,), and weigh them.
+    """One frame of all rays: match them to those of ``candidates`` (M,) that are NEW, and weigh them.
 
-    Writes their rows (``K`` + slot) into ``match``, and REJECTED where a detection is near a ray without being its
-    match. A miss counts when every particle was well in view; a ray whose particles explain nothing has missed enough.
+    Sets their ``match``, and REJECTED where a candidate is near a ray without being its match; ``labelled``: what is a
+    ray's is already said. A miss counts when every particle was well in view; a ray whose particles explain nothing has
+    missed enough.
     """
-    rays = predict_rays(camera, belief)
-    _match_rays(model, belief, rays, K, pixels, match)
-    for r in range(rays.slot.shape[0]):
-        slot, matched = rays.slot[r], -1
-        for i in range(match.shape[0]):
-            if match[i] == K + slot:
-                matched = i
-        if matched >= 0:
-            explained = reweight(belief, rays, r, pixels[matched], model.particle_baseline, model.particle_prune)
-            belief.misses[slot] = 0 if explained else model.maximum_misses
-            belief.seen[slot] = belief.size[FRAME]
+    rays, pixel_var = predict_rays(camera, belief, boxes), camera.pixel_std**2
+    if labelled:
+        of_ray = _labelled_rays(belief, rays, candidates)
+    else:
+        of_ray = _match_rays(model, belief, rays, candidates, pixel_var)
+    for r in range(rays.feature.shape[0]):
+        feature = belief.feature[rays.feature[r]]
+        if of_ray[r] >= 0:
+            explained = reweight(model, belief, rays, r, candidates[of_ray[r]], pixel_var)
+            feature.misses = 0 if explained else model.maximum_misses
+            feature.seen = belief.state.frame
         elif surely_in_view(belief, rays, r):
-            belief.misses[slot] += 1
+            feature.misses += 1
 
 
-@part
-def predict_rays(camera: CameraModel, belief: Belief) -> Rays:
+@compiled
+def predict_rays(camera: Record, belief: Belief, boxes: np.ndarray) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
-    count = 0
-    for k in range(belief.size[FEATURES]):
-        if belief.kind[belief.order[k]] == RAY:
-            count += 1
-    M = belief.particles.shape[1]
-    rays = Rays(
-        np.empty(count, np.int64), np.zeros((count, M), np.int64), np.empty((count, M, 2)), np.empty((count, M, 2, 2))
-    )
-    if count == 0:
-        return rays
-    R_WC = rotation_matrix(belief.camera[QUATERNION])
+    R, M = 0, belief.particles.shape[1]
+    for k in range(belief.state.count):
+        R += belief.feature[k].kind == RAY
+    rays = Rays(np.empty(R, np.int64), np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)))
+    R_WC = rotation_matrix(belief.state.camera[QUATERNION])
     r = 0
-    for k in range(belief.size[FEATURES]):
-        slot = belief.order[k]
-        if belief.kind[slot] == RAY:
-            rays.slot[r] = slot
-            _predict_ray(camera, belief, R_WC, slot, rays, r)
+    for k in range(belief.state.count):
+        if belief.feature[k].kind == RAY:
+            rays.feature[r] = k
+            _predict_ray(camera, belief, boxes, R_WC, rays, r)
             r += 1
     return rays
 
 
-@part
-def _predict_ray(camera: CameraModel, belief: Belief, R_WC: np.ndarray, slot: int, rays: Rays, r: int) -> None:
-    feature, start, width = belief.feature[slot], belief.start[slot], KIND_DIM[RAY]
-    m = bearing(feature[3], feature[4])
-    H_x, H_point, H_ray = np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
-    for k in range(belief.particles.shape[1]):
-        if belief.particles[slot, k, 1] == 0.0:
+@compiled
+def _predict_ray(camera: Record, belief: Belief, boxes: np.ndarray, R_WC: np.ndarray, rays: Rays, r: int) -> None:
+    feature, pose = belief.feature[rays.feature[r]], belief.state.camera
+    particles, m = belief.particles[feature.slot], bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
+    y, H_x, H_point, H_ray = np.empty(3), np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
+    for j in range(particles.shape[0]):
+        if particles[j, 1] == 0.0:
             continue
-        depth, z_hat, S = belief.particles[slot, k, 0], rays.z_hat[r, k], rays.S[r, k]
-        y = np.array((feature[0] + depth * m[0, 0], feature[1] + depth * m[0, 1], feature[2] + depth * m[0, 2]))
-        if not point_measurement(camera, belief.camera, R_WC, y, z_hat, H_x, H_point):
+        depth, z_hat, S = particles[j, 0], rays.z_hat[r, j], rays.S[r, j]
+        for i in range(3):
+            y[i] = feature.mean[i] + depth * m[0, i]
+        if not visible(camera, boxes, R_WC, pose, y, camera.width, z_hat):
             continue
-        if not inside_image(camera, z_hat, camera.width):
-            continue
-        for i in range(2):
-            for j in range(2):
-                H_ray[i, 3 + j] = 0.0
-            for k_axis in range(3):
-                H_ray[i, k_axis] = H_point[i, k_axis]
-                for j in range(2):
-                    H_ray[i, 3 + j] += depth * H_point[i, k_axis] * m[1 + j, k_axis]
-        own_innovation(belief.covariance, start, width, H_x, H_ray, camera.pixel_std**2, S)
-        rays.visibility[r, k] = visibility_of(camera, z_hat, S)
+        point_measurement(camera, pose, R_WC, y, z_hat, H_x, H_point)
+        for axis in range(2):  # by the chain rule: dy/d anchor = I, dy/d angles = depth dm/d angles
+            H_ray[axis, AZIMUTH], H_ray[axis, ELEVATION] = 0.0, 0.0
+            for i in range(3):
+                H_ray[axis, i] = H_point[axis, i]
+                H_ray[axis, AZIMUTH] += depth * H_point[axis, i] * m[1, i]
+                H_ray[axis, ELEVATION] += depth * H_point[axis, i] * m[2, i]
+        own_innovation(belief.covariance, feature.start, KIND_DIM[RAY], H_x, H_ray, camera.pixel_std**2, S)
+        rays.visibility[r, j] = visibility_of(camera, z_hat, S)
 
 
-@part
-def _match_rays(model: FilterModel, belief: Belief, rays: Rays, K: int, pixels: np.ndarray, out: np.ndarray) -> None:
-    """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
+@compiled
+def _labelled_rays(belief: Belief, rays: Rays, candidates: np.ndarray) -> np.ndarray:
+    """(R,) the candidate that is said to be of each ray, or -1."""
+    of_ray = np.full(rays.feature.shape[0], -1)
+    for r in range(of_ray.shape[0]):
+        for i in range(candidates.shape[0]):
+            if candidates[i].match == belief.feature[rays.feature[r]].serial:
+                of_ray[r] = i
+    return of_ray
 
-    What is near a ray without being its match is REJECTED.
+
+@compiled
+def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarray, pixel_var: float) -> np.ndarray:
+    """(R,) the candidate of each ray, or -1, of those that are NEW so far.
+
+    Mutual best by the mixture's likelihood, inside a particle's gate. What is near a ray without being its match is
+    REJECTED.
     """
-    R, M = rays.slot.shape[0], pixels.shape[0]
-    cost = np.full((R, M), np.inf)
-    near = np.zeros(M, np.bool_)
+    R, M = rays.feature.shape[0], candidates.shape[0]
+    cost, near, of_ray = np.full((R, M), np.inf), np.zeros(M, np.bool_), np.full(R, -1)
     for r in range(R):
+        serial = belief.feature[rays.feature[r]].serial
         for i in range(M):
-            if out[i] == NEW:
-                d2, value = ray_distance(belief, rays, r, pixels[i])
+            if candidates[i].match == NEW and (candidates[i].id == ANYTHING or candidates[i].id == serial):
+                d2, value = ray_distance(belief, rays, r, candidates[i], pixel_var)
                 near[i] |= d2 < model.birth_gate
                 if d2 < model.gate:
                     cost[r, i] = value
     for i in range(M):
         if not near[i]:
             continue
-        out[i] = REJECTED
+        candidates[i].match = REJECTED
         r = int(np.argmin(cost[:, i]))
         if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
-            out[i] = K + rays.slot[r]
+            of_ray[r] = i
+            candidates[i].match = belief.feature[rays.feature[r]].serial
+    return of_ray
 
 
-@part
-def ray_distance(belief: Belief, rays: Rays, r: int, z: np.ndarray) -> tuple[float, float]:
-    """(smallest squared Mahalanobis distance of the pixel to a particle, -2 ln of the ray's likelihood less 2 pi)."""
+@compiled
+def ray_distance(belief: Belief, rays: Rays, r: int, candidate: Record, pixel_var: float) -> tuple[float, float]:
+    """(smallest squared Mahalanobis distance of a candidate to a particle, -2 ln of its likelihood less 2 pi)."""
     nearest, likelihood = np.inf, 0.0
     for k in range(rays.visibility.shape[1]):
-        if rays.visibility[r, k] != UNSEEN:
-            d2 = squared_distance(z, rays.z_hat[r, k], rays.S[r, k])
+        if rays.visibility[r, k] > 0:
+            d2, det = _distance_and_det(candidate, pixel_var, rays.z_hat[r, k], rays.S[r, k])
             nearest = min(nearest, d2)
-            weight = belief.particles[rays.slot[r], k, 1]
-            likelihood += weight * math.exp(-0.5 * d2) / math.sqrt(determinant(rays.S[r, k]))
-    return nearest, -2.0 * math.log(max(likelihood, 1e-300))
+            weight = belief.particles[belief.feature[rays.feature[r]].slot, k, 1]
+            likelihood += weight * math.exp(-0.5 * d2) / math.sqrt(det)
+    return nearest, -2.0 * (math.log(max(likelihood, 1e-300)) + candidate.log_ratio)
 
 
-@part
+@compiled
+def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S: np.ndarray) -> tuple[float, float]:
+    """((z - z_hat)^T S^-1 (z - z_hat), |S|) of a candidate, with its own R in place of the camera's in ``S`` (2, 2)."""
+    R, a, b = candidate.R, candidate.pixel[0] - z_hat[0], candidate.pixel[1] - z_hat[1]
+    s00, s01, s11 = S[0, 0] + (R[0, 0] - pixel_var), S[0, 1] + R[0, 1], S[1, 1] + (R[1, 1] - pixel_var)
+    det = s00 * s11 - s01 * s01
+    return (s11 * a * a - 2.0 * s01 * a * b + s00 * b * b) / det, det
+
+
+@compiled
 def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
     """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
-    for k in range(rays.visibility.shape[1]):
-        if belief.particles[rays.slot[r], k, 1] > 0.0 and rays.visibility[r, k] != INSIDE:
+    particles = belief.particles[belief.feature[rays.feature[r]].slot]
+    for j in range(particles.shape[0]):
+        if particles[j, 1] > 0.0 and rays.visibility[r, j] != INSIDE:
             return False
     return True
 
 
-@part
-def reweight(belief: Belief, rays: Rays, r: int, z: np.ndarray, baseline: float, prune: float) -> bool:
-    """Bayes on the particles by the matched pixel, if the camera has moved ``baseline`` [m] since the last time.
+@compiled
+def reweight(model: Record, belief: Belief, rays: Rays, r: int, candidate: Record, pixel_var: float) -> bool:
+    """Bayes on the particles by the matched candidate, if the camera has moved a baseline since the last time.
 
-    Particles under ``prune`` of the mean weight are dropped. False if no particle explains the pixel.
+    Particles under ``model.prune`` of the mean weight are dropped. False if no particle explains it.
     """
-    slot = rays.slot[r]
+    k = rays.feature[r]
+    feature, position = belief.feature[k], belief.state.camera[POSITION]
+    particles = belief.particles[feature.slot]
     moved = 0.0
     for i in range(3):
-        moved += (belief.camera[i] - belief.weighed_at[slot, i]) ** 2
-    if moved < baseline * baseline:
+        moved += (position[i] - feature.weighed_at[i]) ** 2
+    if moved < model.baseline * model.baseline:
         return True
-    particles = belief.particles[slot]
     total = 0.0
-    for k in range(particles.shape[0]):
-        if rays.visibility[r, k] == UNSEEN:
-            particles[k, 1] = 0.0
+    for j in range(particles.shape[0]):
+        if rays.visibility[r, j] == 0:
+            particles[j, 1] = 0.0
             continue
-        d2 = squared_distance(z, rays.z_hat[r, k], rays.S[r, k])
-        particles[k, 1] *= math.exp(-0.5 * d2) / math.sqrt(determinant(rays.S[r, k]))
-        total += particles[k, 1]
+        d2, det = _distance_and_det(candidate, pixel_var, rays.z_hat[r, j], rays.S[r, j])
+        particles[j, 1] *= math.exp(-0.5 * d2) / math.sqrt(det)
+        total += particles[j, 1]
     if not total > 1e-300:
         return False
-    floor = prune / particles.shape[0]
-    kept = 0.0
-    for k in range(particles.shape[0]):
-        particles[k, 1] /= total
-        if particles[k, 1] < floor:
-            particles[k, 1] = 0.0
-        kept += particles[k, 1]
-    for k in range(particles.shape[0]):
-        particles[k, 1] /= kept
-    _mark_weighed(belief, slot)
-    _summarise(belief, slot)
+    floor, kept = model.prune / particles.shape[0], 0.0
+    for j in range(particles.shape[0]):
+        particles[j, 1] /= total
+        if particles[j, 1] < floor:
+            particles[j, 1] = 0.0
+        kept += particles[j, 1]
+    for j in range(particles.shape[0]):
+        particles[j, 1] /= kept
+    _summarise(belief, k)
     return True

@@ -1,141 +1,370 @@
-"""One frame of the filter: predict, associate, update, initialise. The only order in which `slam` is used.
+"""The filter: predict, see, associate, update, grow the map. The only order in which `slam` is used.
 
-A kernel of its own, which its callers enter by address (see `linking`), and so does it `follow_rays`: it is compiled
-beside its callers, not into them, and what only a scenario with depth particles needs is compiled for such.
+`Filter` is for whoever has a sensor of their own and no environment; an environment calls `filter_frame`, which is the
+same steps for one belief of a batch.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from activeslam_gym.camera import CameraModel
-from activeslam_gym.compilation import kernel, part
-from activeslam_gym.linalg import copy_into
-from activeslam_gym.linking import enter
-from activeslam_gym.motion import MotionModel
-from activeslam_gym.slam.association import REJECTED, associate
-from activeslam_gym.slam.belief import FEATURES, FRAME, RAY, Belief
-from activeslam_gym.slam.initialisation import delete_failed, follow_candidates, give_birth, mature
-from activeslam_gym.slam.measurement import INSIDE, UNSEEN, Predictions, predict_measurements
-from activeslam_gym.slam.prediction import predict
-from activeslam_gym.slam.settings import FilterModel
-from activeslam_gym.slam.update import innovation_covariance, stack, update
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import Scenario
+from activeslam_gym.kernels import Record, compiled, filled, record, row
+from activeslam_gym.motion import CAMERA_DIM, motion_of
+from activeslam_gym.slam.appearance import appearance_of, associate_identified
+from activeslam_gym.slam.association import (
+    ANYTHING,
+    ASSOCIATION,
+    CANDIDATE,
+    NEW,
+    REJECTED,
+    associate,
+    association_of,
+)
+from activeslam_gym.slam.belief import (
+    Belief,
+    empty_beliefs,
+    point_belief,
+    position_of,
+    positions_of,
+    reset_belief,
+    start_of,
+)
+from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
+from activeslam_gym.slam.initialisation import (
+    INITIALISATION,
+    delete_failed,
+    follow_tracks,
+    give_birth,
+    initialisation_of,
+    mature,
+)
+from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.map import remove_feature
+from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
 
-BIRTHS, CONVERSIONS, DELETIONS, REJECTIONS = 0, 1, 2, 3
-"""Entries of the counters that a frame adds to."""
+FILTER = record(association=ASSOCIATION, initialisation=INITIALISATION, particles=PARTICLES)
+"""Constants of the filter."""
+COUNTS = record(births="i8", conversions="i8", deletions="i8", rejected_matches="i8")
+"""What a frame did to the map: counters that it adds to."""
 
 
-@kernel(nogil=True)
+def filter_of(scenario: Scenario) -> Record:
+    """The FILTER record of a scenario."""
+    association = association_of(scenario)
+    return filled(
+        FILTER,
+        association=association,
+        initialisation=initialisation_of(scenario),
+        particles=particles_of(scenario, association),
+    )
+
+
+@compiled(inline="always")
 def filter_frame(
-    camera: CameraModel,
-    motion: MotionModel,
-    model: FilterModel,
+    camera: Record,
+    motion: Record,
+    model: Record,
     belief: Belief,
     fiducials: np.ndarray,
+    boxes: np.ndarray,
     u: np.ndarray,
-    pixels: np.ndarray,
-    given: np.ndarray,
-    match: np.ndarray,
-    counters: np.ndarray,
-    rays_entry: Any,
+    dt: float,
+    candidates: np.ndarray,
+    labelled: bool,
+    counts: Record,
 ) -> None:
-    """Advance the belief by one frame; writes the ``match`` (M,) of each of ``pixels`` (M, 2).
+    """Advance the belief by one frame of ``dt`` seconds; sets ``candidates.match`` (M,), births included.
 
-    A match is a row (a birth's included), NEW or REJECTED.
-
-    ``u`` (6,) is what the filter knows of the accelerations. ``given`` is empty, or the (M,) known matches of a first
-    sight of the fiducials. ``rays_entry`` is `linking.entry_of` `depth_particles.follow_rays`; without particles it is
-    not used.
+    ``u`` (6,) is what the filter knows of the accelerations, ``boxes`` what it knows to hide things. ``labelled``: the
+    candidates' ids are certain; one without an id is of nothing known. ``counts`` may be any record with these fields.
     """
-    predict(motion, belief, u)
-    predictions = predict_measurements(camera, belief, fiducials)
-    K = fiducials.shape[0]
-    rows = _rows_in_reach(predictions)
-    HP = stack(belief, K, rows, predictions)
-    S = innovation_covariance(belief, K, rows, predictions, HP, camera.pixel_std**2)
-    waits = np.zeros(predictions.visibility.shape[0], np.bool_)
-    if given.shape[0] == 0:
-        given = associate(model, rows, predictions, S, pixels, waits)
-    copy_into(match, given)
-    if belief.particles.shape[1] > 0:
-        enter(rays_entry, (camera, model, belief, K, pixels, match))
-    _count_misses(belief, predictions, K, match, waits, counters)
-    _update_by(belief, rows, predictions, HP, S, pixels, match)
-    counters[CONVERSIONS] += mature(model, belief, K, match)
-    counters[DELETIONS] += delete_failed(model, belief)
-    for i in follow_candidates(camera, model, belief, pixels, match):
-        slot = give_birth(camera, model, belief, pixels[i])
-        if slot >= 0:
-            match[i] = K + slot
-            counters[BIRTHS] += 1
+    predict(motion, belief, u, dt)
+    sight = sight_of_belief(camera, belief, fiducials, boxes)
+    use_candidates(camera, model, belief, fiducials.shape[0], boxes, sight, candidates, labelled, counts)
+    for i in follow_tracks(camera, model.initialisation, belief, candidates):
+        candidate = candidates[i]
+        candidate.match = give_birth(
+            camera, model.initialisation, model.particles, belief, candidate.pixel, candidate.R
+        )
+        counts.births += candidate.match != NEW
 
 
-@part
-def _rows_in_reach(predictions: Predictions) -> np.ndarray:
-    """(m,) rows that may have been detected."""
-    rows = np.empty(predictions.visibility.shape[0], np.int64)
-    count = 0
-    for row in range(rows.shape[0]):
-        if predictions.visibility[row] != UNSEEN:
-            rows[count] = row
-            count += 1
-    return rows[:count]
-
-
-@part(inline="always")
-def _update_by(
+@compiled(inline="always")
+def use_candidates(
+    camera: Record,
+    model: Record,
     belief: Belief,
-    rows: np.ndarray,
-    predictions: Predictions,
-    HP: np.ndarray,
-    S: np.ndarray,
-    pixels: np.ndarray,
-    match: np.ndarray,
+    K: int,
+    boxes: np.ndarray,
+    sight: Sight,
+    candidates: np.ndarray,
+    labelled: bool,
+    counts: Record,
 ) -> None:
-    """Update by the matched among ``rows``: their part of H P and of S. (A match with a ray only has particles.)"""
-    kept, innovation = np.empty(2 * rows.shape[0], np.int64), np.empty(2 * rows.shape[0])
+    """Associate, update, count misses, turn features into points and delete those that failed; K fiducials."""
+    pixel_var, v = camera.pixel_std**2, sight.thing.shape[0]
+    waits = np.zeros(v, np.bool_)
+    if labelled:
+        of_thing = match_by_id(sight, candidates)
+    else:
+        of_thing = associate(model.association, pixel_var, sight, candidates, waits)
+    if belief.particles.shape[1] > 0:
+        follow_rays(camera, model.particles, belief, boxes, candidates, labelled)
+    for i in range(candidates.shape[0]):
+        counts.rejected_matches += candidates[i].match == REJECTED
+    _count_misses(belief, K, sight, of_thing, waits)
+    _update_by(belief, sight, of_thing, candidates, pixel_var)
+    counts.conversions += mature(model.initialisation, belief)
+    counts.deletions += delete_failed(model.initialisation, belief)
+
+
+@compiled(inline="always")
+def use_identified(
+    camera: Record,
+    appearance: Record,
+    model: Record,
+    belief: Belief,
+    K: int,
+    sight: Sight,
+    candidates: np.ndarray,
+    least: int,
+    counts: Record,
+) -> None:
+    """Associate candidates that bear ids, update, and turn features into points; see `appearance`. K fiducials.
+
+    No misses are counted and nothing is deleted: whoever searched knows which things it searched, and may come again in
+    the same frame.
+    """
+    pixel_var = camera.pixel_std**2
+    of_thing = associate_identified(appearance, pixel_var, sight, candidates, least)
+    for i in range(candidates.shape[0]):
+        counts.rejected_matches += candidates[i].match == REJECTED
+    _count_misses(belief, K, sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
+    _update_by(belief, sight, of_thing, candidates, pixel_var)
+    counts.conversions += mature(model.initialisation, belief)
+
+
+@compiled
+def match_by_id(sight: Sight, candidates: np.ndarray) -> np.ndarray:
+    """(v,) the likeliest candidate that bears each thing's id, or -1; sets ``candidates.match`` to their ids."""
+    of_thing = np.full(sight.thing.shape[0], -1)
+    for i in range(candidates.shape[0]):
+        candidates[i].match = candidates[i].id if candidates[i].id != ANYTHING else NEW
+        for a in range(of_thing.shape[0]):
+            rival = of_thing[a]
+            if candidates[i].id == sight.thing[a].id and (
+                rival < 0 or candidates[i].log_ratio > candidates[rival].log_ratio
+            ):
+                of_thing[a] = i
+    return of_thing
+
+
+@compiled(inline="always")
+def _count_misses(belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray) -> None:
+    """A match clears a feature's misses; being predicted well inside the image without a candidate near adds one."""
+    for a in range(of_thing.shape[0]):
+        thing = sight.thing[a]
+        if thing.row < K:
+            continue
+        feature = belief.feature[thing.row - K]
+        if of_thing[a] >= 0:
+            feature.misses, feature.seen = 0, belief.state.frame
+        elif thing.visibility == INSIDE and not waits[a]:
+            feature.misses += 1
+
+
+@compiled(inline="always")
+def _update_by(belief: Belief, sight: Sight, of_thing: np.ndarray, candidates: np.ndarray, pixel_var: float) -> None:
+    """Update by the matched things: their part of H P and of S, each with its candidate's own R."""
     m = 0
-    for a in range(rows.shape[0]):
-        for i in range(match.shape[0]):
-            if match[i] == rows[a]:
-                for axis in range(2):
-                    kept[m] = 2 * a + axis
-                    innovation[m] = pixels[i, axis] - predictions.z_hat[rows[a], axis]
-                    m += 1
+    for i in of_thing:
+        m += 2 * (i >= 0)
     if m == 0:
         return
-    HP_m, S_m = np.empty((m, HP.shape[1])), np.empty((m, m))
+    kept, HP, S, innovation = np.empty(m, np.int64), np.empty((m, sight.HP.shape[1])), np.empty((m, m)), np.empty(m)
+    m = 0
+    for a in range(of_thing.shape[0]):
+        if of_thing[a] >= 0:
+            for axis in range(2):
+                kept[m] = 2 * a + axis
+                innovation[m] = candidates[of_thing[a]].pixel[axis] - sight.thing[a].z_hat[axis]
+                m += 1
     for r in range(m):
         for j in range(HP.shape[1]):
-            HP_m[r, j] = HP[kept[r], j]
-        for j in range(m):
-            S_m[r, j] = S[kept[r], kept[j]]
-    update(belief, HP_m, S_m, innovation[:m])
+            HP[r, j] = sight.HP[kept[r], j]
+        for c in range(m):
+            S[r, c] = sight.S[kept[r], kept[c]]
+        own = candidates[of_thing[kept[r] // 2]].R
+        first = r - r % 2
+        for axis in range(2):
+            S[r, first + axis] += own[r % 2, axis] - (pixel_var if r % 2 == axis else 0.0)
+    update(belief, HP, S, innovation)
 
 
-@part(inline="always")
-def _count_misses(
-    belief: Belief,
-    predictions: Predictions,
-    K: int,
-    match: np.ndarray,
-    waits: np.ndarray,
-    counters: np.ndarray,
-) -> None:
-    """A match clears a feature's misses; being predicted well inside the image without a detection near adds one."""
-    matched = np.zeros(predictions.visibility.shape[0], np.bool_)
-    for i in range(match.shape[0]):
-        if match[i] >= 0:
-            matched[match[i]] = True
-        counters[REJECTIONS] += match[i] == REJECTED
-    for k in range(belief.size[FEATURES]):
-        slot = belief.order[k]
-        if belief.kind[slot] == RAY:
-            continue  # `follow_rays` has counted
-        if matched[K + slot]:
-            belief.misses[slot] = 0
-            belief.seen[slot] = belief.size[FRAME]
-        elif predictions.visibility[K + slot] == INSIDE and not waits[K + slot]:
-            belief.misses[slot] += 1
+class Filter:
+    """The filter on its own, for any sensor: pixels go in, a joint Gaussian of camera and map is kept.
+
+    A round is `predict`, `sight` (where to look), `update` (with what was found there), and `birth` or `delete` where
+    the map should grow or shrink. Things have ids that never change: a feature's is positive, fiducial k's -1 - k.
+
+    Args:
+        scenario: Its lens, noise, motion model and constants of the filter; ``landmark_count`` + 13 features at most.
+        fiducials: (K, 3) points of known position [m].
+        camera: (13,) first mean: position, quaternion (scalar first), velocity, angular velocity; None: the scenario's.
+        covariance: (12, 12) of its tangent: position, rotation (world frame), velocity, angular velocity; None: the
+            scenario's.
+        boxes: (B, 2, 3) lowest and highest corners [m] of what is known to hide things.
+
+    Raises:
+        ValueError: an array is not of its shape, or not finite.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario | None = None,
+        *,
+        fiducials: Any = None,
+        camera: Any = None,
+        covariance: Any = None,
+        boxes: Any = None,
+    ) -> None:
+        scenario = scenario or Scenario()
+        first, prior = start_of(scenario)
+        self.camera, self.motion, self.model = camera_of(scenario), motion_of(scenario, 1.0), filter_of(scenario)
+        self.appearance = appearance_of(scenario)
+        self.belief = row(empty_beliefs(scenario, 1), 0)
+        self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))
+        self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))
+        self.counts = np.zeros(1, COUNTS)[0]
+        self._sight: Sight | None = None
+        mean = _array("camera", camera, first, first.shape)
+        reset_belief(self.belief, mean, _array("covariance", covariance, prior, prior.shape))
+
+    def predict(self, u: Any = None, dt: float | None = None) -> None:
+        """``dt`` seconds ahead (None: the scenario's frame) under the known accelerations ``u`` (6,), None: zero."""
+        step = float(self.motion.dt if dt is None else dt)
+        if not 0.0 < step < np.inf:
+            raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
+        predict(self.motion, self.belief, _array("u", u, np.zeros(6), (6,)), step)
+        self._sight = None
+
+    def sight(self) -> Sight:
+        """What should be in view now: ``thing`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
+        if self._sight is None:
+            sight = sight_of_belief(self.camera, self.belief, self.fiducials, self.boxes)
+            self._sight = sight._replace(thing=sight.thing.view(THING))  # a kernel's records have no attributes
+        return self._sight
+
+    def update(self, candidates: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
+        """Associate and update; (M,) the id that each candidate was taken for, or NEW (0) or REJECTED.
+
+        ``candidates`` (M,) is an array of type CANDIDATE (see `candidates_of`); several may bear one id. ``labelled``:
+        the ids are certain. Features that were missed too often are forgotten.
+
+        ``jointly``: all bear ids, since each thing was searched for where `sight` has it, and by their looks and places
+        together it is chosen which are right (`slam.appearance`); if fewer than ``least`` agree, none is believed. Then
+        missing and forgetting are the searcher's business, who may search some things, update, and then search the rest
+        of the same frame by the new `sight`.
+        """
+        given = np.asarray(candidates)
+        if given.size and given.dtype.names != CANDIDATE.names:
+            raise ValueError(f"candidates must be of type CANDIDATE, as candidates_of makes them, got {candidates!r}")
+        given = np.array(given, CANDIDATE).reshape(-1)
+        if not (np.isfinite(given["pixel"]).all() and np.isfinite(given["R"]).all()):
+            raise ValueError("candidates must have finite pixels and covariances")
+        if jointly:
+            self._update_jointly(given, labelled, least)
+        else:
+            K, sight = len(self.fiducials), self.sight()
+            use_candidates(
+                self.camera, self.model, self.belief, K, self.boxes, sight, given, bool(labelled), self.counts
+            )
+        self._sight = None
+        return given["match"].copy()
+
+    def _update_jointly(self, given: np.ndarray, labelled: bool, least: int) -> None:
+        """See `update`."""
+        if labelled or np.any(given["id"] == ANYTHING):
+            raise ValueError("jointly chosen candidates must all bear ids, which are not certain")
+        if not np.isfinite(given["log_ratio"]).all():
+            raise ValueError("candidates must have finite log_ratio")
+        if self.belief.particles.shape[1] > 0:
+            raise ValueError("jointly needs a scenario whose initialisation is inverse_depth")
+        K, sight = len(self.fiducials), self.sight()
+        use_identified(self.camera, self.appearance, self.model, self.belief, K, sight, given, int(least), self.counts)
+
+    def birth(self, pixel: Any, R: Any = None) -> int:
+        """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); its id, or 0 if there is no room."""
+        z = _array("pixel", pixel, None, (2,))
+        noise = _array("R", R, self.camera.pixel_std**2 * np.eye(2), (2, 2))
+        self._sight = None
+        return int(give_birth(self.camera, self.model.initialisation, self.model.particles, self.belief, z, noise))
+
+    def delete(self, id: int) -> None:
+        """Forget a feature.
+
+        Raises:
+            KeyError: no feature has that id.
+        """
+        remove_feature(self.belief, self._position(id))
+        self._sight = None
+
+    @property
+    def ids(self) -> np.ndarray:
+        """(n,) of the features, oldest first."""
+        return self.belief.feature["serial"][: self.belief.state.count].copy()
+
+    @property
+    def capacity(self) -> int:
+        """Features that there is room for."""
+        return len(self.belief.feature)
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(n, 3) every feature as a point [m], oldest first: those of `points`, without the covariance."""
+        return positions_of(self.belief)
+
+    def points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Every feature as a point, (n, 3) [m], and the joint covariance of camera and points (12 + 3 n)^2."""
+        n = int(self.belief.state.count)
+        points, P = np.empty((n, 3)), np.empty((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n))
+        point_belief(self.belief, points, P)
+        return points, P
+
+    def _position(self, id: int) -> int:
+        k = int(position_of(self.belief, int(id))) if id > 0 else -1
+        if k < 0:
+            raise KeyError(f"there is no feature with id {id}; there are {self.ids.tolist()}")
+        return k
+
+
+def candidates_of(
+    pixels: Any,
+    R: Any = None,
+    ids: Sequence[int] | np.ndarray | int = ANYTHING,
+    log_ratios: Any = 0.0,
+    pixel_std: float = 2.0,
+) -> np.ndarray:
+    """Candidates (M,) at ``pixels`` (M, 2), with noise ``R`` (2, 2) or (M, 2, 2); None: ``pixel_std``."""
+    pixels = np.reshape(np.asarray(pixels, float), (-1, 2))
+    out = np.zeros(len(pixels), CANDIDATE)
+    out["pixel"], out["R"] = pixels, pixel_std**2 * np.eye(2) if R is None else R
+    out["id"], out["log_ratio"] = ids, log_ratios
+    return out
+
+
+def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """``value`` (or the default where it is None) as finite numbers of that ``shape``, in which -1 is any length."""
+    try:
+        array = np.array(default if value is None else value, float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    fits = array.ndim == len(shape) and all(want in (-1, got) for want, got in zip(shape, array.shape))
+    if not fits or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r}")
+    return array

@@ -1,4 +1,4 @@
-"""From unexplained detections to features: candidates, births, growing up, deletion.
+"""From unexplained candidates to features: tracks, births, growing up, deletion.
 
 The seam of the two initialisers: `give_birth` and `mature` are the only places that know which of them is at work.
 """
@@ -9,103 +9,116 @@ import math
 
 import numpy as np
 
-from activeslam_gym.camera import (
-    CameraModel,
-    camera_from_world,
-    pixel_from_camera_point,
-    ray_from_pixel,
-    ray_jacobian,
-)
-from activeslam_gym.compilation import part
+from activeslam_gym import config
+from activeslam_gym.camera import camera_from_world, pixel_from_camera_point, ray_from_pixel, ray_jacobian
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix, skew
-from activeslam_gym.linalg import product
-from activeslam_gym.motion import CAMERA_DIM, QUATERNION
+from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.linalg import copy_into, product
+from activeslam_gym.motion import CAMERA_DIM, D_ROTATION, POSITION, QUATERNION
 from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import (
+    AZIMUTH,
+    ELEVATION,
     FEATURE_SIZE,
-    FEATURES,
-    FRAME,
     INVERSE_DEPTH,
     KIND_DIM,
     RAY,
+    RHO,
     Belief,
     angles_of,
-    append_feature,
     bearing,
-    convert_to_point,
     depth_ratio,
-    remove_feature,
-    room_for,
 )
 from activeslam_gym.slam.depth_particles import scatter_particles
-from activeslam_gym.slam.settings import FilterModel
+from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 
-CANDIDATE_RADIUS_PX = 15.0
-"""A candidate is followed to the nearest new detection within this distance of where its direction projects [px]."""
+TRACK_RADIUS_PX = 15.0
+"""A track is followed to the nearest new candidate within this distance of where its direction projects [px]."""
+
+INITIALISATION = record(
+    birth_detections="i8",
+    inverse_depth="b1",  # whether features begin as INVERSE_DEPTH, or as RAY
+    rho_mean="f8",  # first inverse depth [1/m]
+    rho_std="f8",
+    memory_frames="i8",  # an INVERSE_DEPTH feature out of sight for longer is deleted
+    linearity_threshold="f8",  # linearity index under which it becomes a point
+    mapped_depth_ratio="f8",
+    ray_capacity="i8",
+    ray_age_frames="i8",  # a RAY that is older is deleted
+    maximum_misses="i8",
+)
+"""Constants of births, conversions and deletions; see the fields of `Scenario`."""
 
 
-# Candidates ---------------------------------------------------------------------------------------------------------
+def initialisation_of(scenario: Scenario) -> Record:
+    """The INITIALISATION record of a scenario."""
+    return filled(
+        INITIALISATION,
+        birth_detections=scenario.birth_detections,
+        inverse_depth=scenario.initialisation == config.INVERSE_DEPTH,
+        rho_mean=scenario.inverse_depth_mean,
+        rho_std=scenario.inverse_depth_std,
+        memory_frames=round(scenario.inverse_depth_memory / scenario.frame_time),
+        linearity_threshold=scenario.linearity_threshold,
+        mapped_depth_ratio=scenario.mapped_depth_ratio,
+        ray_capacity=scenario.ray_capacity,
+        ray_age_frames=round(scenario.ray_age / scenario.frame_time),
+        maximum_misses=scenario.maximum_misses,
+    )
 
 
-@part
-def follow_candidates(
-    camera: CameraModel, model: FilterModel, belief: Belief, pixels: np.ndarray, match: np.ndarray
-) -> np.ndarray:
-    """Follow detections that no feature explains; returns the indices of those that now deserve a feature.
+# Tracks -------------------------------------------------------------------------------------------------------------
 
-    A candidate is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW
-    detection near it.
+
+@compiled
+def follow_tracks(camera: Record, model: Record, belief: Belief, candidates: np.ndarray) -> np.ndarray:
+    """Follow candidates (M,) that nothing explains; returns the indices of those that now deserve a feature.
+
+    A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW candidate
+    near it.
     """
-    R_WC = rotation_matrix(belief.camera[QUATERNION])
-    taken = np.empty(match.shape[0], np.bool_)
-    for i in range(match.shape[0]):
-        taken[i] = match[i] != NEW
-    ripe = np.empty(pixels.shape[0], np.int64)
+    R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
+    taken, ripe = np.empty(candidates.shape[0], np.bool_), np.empty(candidates.shape[0], np.int64)
+    for i in range(candidates.shape[0]):
+        taken[i] = candidates[i].match != NEW
     count = 0
-    for c in range(belief.candidate_hits.shape[0]):
-        if belief.candidate_hits[c] == 0:
+    for t in range(tracks.shape[0]):
+        if tracks[t].hits == 0:
             continue
-        i = _nearest_pixel(camera, R_WC, belief.candidate_bearing[c], pixels, taken)
+        i = _nearest_candidate(camera, R_WC, tracks[t].direction, candidates, taken)
         if i < 0:
-            belief.candidate_hits[c] = 0
+            tracks[t].hits = 0
             continue
         taken[i] = True
-        belief.candidate_hits[c] += 1
-        _aim(camera, belief, R_WC, c, pixels[i])
-        if belief.candidate_hits[c] >= model.birth_detections:
+        tracks[t].hits += 1
+        copy_into(tracks[t].direction, direction_of(camera, R_WC, candidates[i].pixel))
+        if tracks[t].hits >= model.birth_detections:
             ripe[count] = i
             count += 1
-            belief.candidate_hits[c] = 0
-    _new_candidates(camera, belief, R_WC, pixels, taken)
+            tracks[t].hits = 0
+    _begin_tracks(camera, tracks, R_WC, candidates, taken)
     return ripe[:count]
 
 
-@part
-def _new_candidates(
-    camera: CameraModel, belief: Belief, R_WC: np.ndarray, pixels: np.ndarray, taken: np.ndarray
+@compiled
+def _begin_tracks(
+    camera: Record, tracks: np.ndarray, R_WC: np.ndarray, candidates: np.ndarray, taken: np.ndarray
 ) -> None:
-    c = 0
-    for i in range(pixels.shape[0]):
-        while c < belief.candidate_hits.shape[0] and belief.candidate_hits[c] > 0:
-            c += 1
-        if c == belief.candidate_hits.shape[0]:
+    t = 0
+    for i in range(candidates.shape[0]):
+        while t < tracks.shape[0] and tracks[t].hits > 0:
+            t += 1
+        if t == tracks.shape[0]:
             return
         if not taken[i]:
-            belief.candidate_hits[c] = 1
-            _aim(camera, belief, R_WC, c, pixels[i])
+            tracks[t].hits = 1
+            copy_into(tracks[t].direction, direction_of(camera, R_WC, candidates[i].pixel))
 
 
-@part
-def _aim(camera: CameraModel, belief: Belief, R_WC: np.ndarray, c: int, pixel: np.ndarray) -> None:
-    """Point candidate ``c`` at a pixel."""
-    h = _direction(camera, R_WC, pixel)
-    for i in range(3):
-        belief.candidate_bearing[c, i] = h[i]
-
-
-@part
-def _direction(camera: CameraModel, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """World direction (3,) of a pixel, of any length."""
+@compiled
+def direction_of(camera: Record, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """World direction (3,) of a pixel, of any length: R r(z)."""
     r = ray_from_pixel(camera, pixel)
     h = np.empty(3)
     for i in range(3):
@@ -113,17 +126,18 @@ def _direction(camera: CameraModel, R_WC: np.ndarray, pixel: np.ndarray) -> np.n
     return h
 
 
-@part
-def _nearest_pixel(
-    camera: CameraModel, R_WC: np.ndarray, direction: np.ndarray, pixels: np.ndarray, taken: np.ndarray
+@compiled
+def _nearest_candidate(
+    camera: Record, R_WC: np.ndarray, direction: np.ndarray, candidates: np.ndarray, taken: np.ndarray
 ) -> int:
-    """Index of the free pixel nearest to where ``direction`` projects, within the radius, or -1."""
+    """Index of the free candidate nearest to where ``direction`` projects, within the radius, or -1."""
     z = np.empty(2)
     if not pixel_from_camera_point(camera, camera_from_world(R_WC, direction), z):
         return -1
-    best, nearest = -1, CANDIDATE_RADIUS_PX**2
-    for i in range(pixels.shape[0]):
-        square = (pixels[i, 0] - z[0]) ** 2 + (pixels[i, 1] - z[1]) ** 2
+    best, nearest = -1, TRACK_RADIUS_PX**2
+    for i in range(candidates.shape[0]):
+        pixel = candidates[i].pixel
+        square = (pixel[0] - z[0]) ** 2 + (pixel[1] - z[1]) ** 2
         if not taken[i] and square < nearest:
             best, nearest = i, square
     return best
@@ -132,127 +146,125 @@ def _nearest_pixel(
 # Birth --------------------------------------------------------------------------------------------------------------
 
 
-@part
-def give_birth(camera: CameraModel, model: FilterModel, belief: Belief, pixel: np.ndarray) -> int:
-    """Add the feature seen at ``pixel`` (2,) and return its slot, of the scenario's first kind.
+@compiled
+def give_birth(camera: Record, model: Record, rays: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray) -> int:
+    """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); returns its id, or NEW if there is no room.
 
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
-    independent of the rest. -1 if there is no room.
+    independent of the rest. ``rays``: PARTICLES.
     """
     kind = INVERSE_DEPTH if model.inverse_depth else RAY
-    if not room_for(belief, KIND_DIM[kind]) or (kind == RAY and _ray_count(belief) >= model.ray_capacity):
-        return -1
-    mean, J_x, Q = _line_of_sight(camera, belief, pixel)
-    mean[5] = model.inverse_depth_mean
-    Q[5, 5] = model.inverse_depth_std**2
     width = KIND_DIM[kind]
-    slot = append_feature(belief, kind, mean, J_x[:width], Q)
+    if not room_for(belief, width) or (kind == RAY and _ray_count(belief) >= model.ray_capacity):
+        return NEW
+    mean, J_x, Q = _line_of_sight(camera, belief, pixel, R)
+    mean[RHO] = model.rho_mean
+    Q[RHO, RHO] = model.rho_std**2
+    k = append_feature(belief, kind, mean, J_x[:width], Q)
     if kind == RAY:
-        scatter_particles(belief, slot, model.particle_near, model.particle_far)
-    return slot
+        scatter_particles(rays, belief, k)
+    return belief.feature[k].serial
 
 
-@part
-def _line_of_sight(camera: CameraModel, belief: Belief, pixel: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+@compiled
+def _line_of_sight(
+    camera: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean (6,), Jacobian by the camera's tangent (6, 12) and covariance by the pixel (6, 6) of a new line of sight.
 
-    h = R r(z): dh/d dtheta = -[h]x, dh/dz = R dr/dz; the angles follow by d(azimuth, elevation)/dh. Row 5 (inverse
-    depth) is zero.
+    h = R_WC r(z): dh/d dtheta = -[h]x, dh/dz = R_WC dr/dz; the angles follow by d(azimuth, elevation)/dh. The row of
+    the inverse depth is zero.
     """
-    R_WC = rotation_matrix(belief.camera[QUATERNION])
-    h = _direction(camera, R_WC, pixel)
-    J_h = np.empty((2, 3))
-    mean = np.zeros(FEATURE_SIZE)
-    mean[3], mean[4] = angles_of(h, J_h)
+    R_WC = rotation_matrix(belief.state.camera[QUATERNION])
+    h, J_h, mean = direction_of(camera, R_WC, pixel), np.empty((2, 3)), np.zeros(FEATURE_SIZE)
+    copy_into(mean, belief.state.camera[POSITION])
+    mean[AZIMUTH], mean[ELEVATION] = angles_of(h, J_h)
     J_turn = product(J_h, skew(h))
     J_z = product(J_h, product(R_WC, ray_jacobian(camera, pixel)))
-    J_x = np.zeros((FEATURE_SIZE, CAMERA_DIM))
-    Q = np.zeros((FEATURE_SIZE, FEATURE_SIZE))
+    J_x, Q = np.zeros((FEATURE_SIZE, CAMERA_DIM)), np.zeros((FEATURE_SIZE, FEATURE_SIZE))
+    by_turn = J_x[AZIMUTH : AZIMUTH + 2, D_ROTATION]
     for i in range(3):
-        mean[i] = belief.camera[i]
         J_x[i, i] = 1.0
-    for i in range(2):
-        for j in range(3):
-            J_x[3 + i, 3 + j] = -J_turn[i, j]
-        for j in range(2):
-            Q[3 + i, 3 + j] = camera.pixel_std**2 * (J_z[i, 0] * J_z[j, 0] + J_z[i, 1] * J_z[j, 1])
+        for a in range(2):
+            by_turn[a, i] = -J_turn[a, i]
+    for a in range(2):
+        for b in range(2):
+            for i in range(2):
+                for j in range(2):
+                    Q[AZIMUTH + a, AZIMUTH + b] += J_z[a, i] * R[i, j] * J_z[b, j]
     return mean, J_x, Q
 
 
-@part
+@compiled
 def _ray_count(belief: Belief) -> int:
     count = 0
-    for k in range(belief.size[FEATURES]):
-        if belief.kind[belief.order[k]] == RAY:
-            count += 1
+    for k in range(belief.state.count):
+        count += belief.feature[k].kind == RAY
     return count
 
 
 # Growing up and deletion --------------------------------------------------------------------------------------------
 
 
-@part
-def mature(model: FilterModel, belief: Belief, K: int, match: np.ndarray) -> int:
-    """Turn into points those of the features just matched that are ready; returns how many.
-
-    ``match`` (M,) is the match of each detection, in which row ``K`` is slot 0.
+@compiled
+def mature(model: Record, belief: Belief) -> int:
+    """Turn into points those of the features matched in this frame that are ready; returns how many.
 
     A ray is ready at the paper's ratio of depth deviation to depth; inverse depth when its linearity index is small.
     """
     count = 0
-    for row in match:
-        slot = row - K
-        if slot < 0:
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        if feature.seen != belief.state.frame:
             continue
-        if belief.kind[slot] == RAY:
-            ready = depth_ratio(belief, slot) < model.mapped_depth_ratio
+        if feature.kind == RAY:
+            ready = depth_ratio(belief, k) < model.mapped_depth_ratio
         else:
-            ready = belief.kind[slot] == INVERSE_DEPTH and linearity_index(belief, slot) < model.linearity_threshold
+            ready = feature.kind == INVERSE_DEPTH and linearity_index(belief, k) < model.linearity_threshold
         if ready:
-            convert_to_point(belief, slot)
+            convert_to_point(belief, k)
             count += 1
     return count
 
 
-@part
-def linearity_index(belief: Belief, slot: int) -> float:
+@compiled
+def linearity_index(belief: Belief, k: int) -> float:
     """4 sigma_d |cos alpha| / d of an INVERSE_DEPTH feature (Civera, Davison and Montiel 2008, equation 27).
 
     sigma_d = sigma_rho / rho^2 is the deviation of its depth from the anchor, d its distance from the present camera,
     alpha the parallax between the two sights.
     """
-    feature, at = belief.feature[slot], belief.start[slot] + 5
-    rho = feature[5]
-    m = bearing(feature[3], feature[4])
+    feature, camera = belief.feature[k], belief.state.camera[POSITION]
+    rho, rho_row = feature.mean[RHO], feature.start + RHO
+    m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
     square, along = 0.0, 0.0
     for i in range(3):
-        sight = feature[i] + m[0, i] / rho - belief.camera[i]
+        sight = feature.mean[i] + m[0, i] / rho - camera[i]
         square += sight * sight
         along += m[0, i] * sight
-    sigma_d = math.sqrt(max(belief.covariance[at, at], 0.0)) / (rho * rho)
+    sigma_d = math.sqrt(max(belief.covariance[rho_row, rho_row], 0.0)) / (rho * rho)
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 
 
-@part
-def delete_failed(model: FilterModel, belief: Belief) -> int:
+@compiled
+def delete_failed(model: Record, belief: Belief) -> int:
     """Delete features that were missed too often or are `_outdated`; returns how many."""
     count = 0
-    for k in range(belief.size[FEATURES] - 1, -1, -1):
-        slot = belief.order[k]
-        if belief.misses[slot] >= model.maximum_misses or _outdated(model, belief, slot):
-            remove_feature(belief, slot)
+    for k in range(belief.state.count - 1, -1, -1):
+        if belief.feature[k].misses >= model.maximum_misses or _outdated(model, belief, k):
+            remove_feature(belief, k)
             count += 1
     return count
 
 
-@part
-def _outdated(model: FilterModel, belief: Belief, slot: int) -> bool:
+@compiled
+def _outdated(model: Record, belief: Belief, k: int) -> bool:
     """Whether a feature that is no point yet is too old (RAY) or was out of sight for too long (INVERSE_DEPTH).
 
     The long ellipse of a vague depth, met again after seconds, takes what another landmark's detection lies on it, and
     that makes it a point, confidently wrong.
     """
-    frame, kind = belief.size[FRAME], belief.kind[slot]
-    if kind == RAY:
-        return frame - belief.born[slot] > model.ray_age_frames
-    return kind == INVERSE_DEPTH and frame - belief.seen[slot] > model.inverse_depth_memory_frames
+    frame, feature = belief.state.frame, belief.feature[k]
+    if feature.kind == RAY:
+        return frame - feature.born > model.ray_age_frames
+    return feature.kind == INVERSE_DEPTH and frame - feature.seen > model.memory_frames

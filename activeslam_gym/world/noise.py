@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from activeslam_gym.compilation import part
+from activeslam_gym.kernels import compiled
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -19,7 +19,7 @@ _MIX_2 = np.uint64(0x94D049BB133111EB)
 _S11, _S27, _S30, _S31 = np.uint64(11), np.uint64(27), np.uint64(30), np.uint64(31)
 
 
-@part
+@compiled
 def uniforms(key: np.ndarray, first: int, count: int) -> np.ndarray:
     """Draws ``first`` … ``first + count - 1`` of the stream ``key`` ((1,) uint64): uniform in (0, 1), (count,)."""
     bits = np.arange(first + 1, first + count + 1).astype(np.uint64)  # whole arrays: their products wrap in silence
@@ -30,7 +30,7 @@ def uniforms(key: np.ndarray, first: int, count: int) -> np.ndarray:
     return (bits.astype(np.float64) + 0.5) * 2.0**-53
 
 
-@part
+@compiled
 def normals(key: np.ndarray, first: int, count: int) -> np.ndarray:
     """Standard normal draws (count,) of the stream ``key``; ``first`` and ``count`` even, so that pairs stay whole."""
     u = uniforms(key, first, count)
@@ -40,7 +40,7 @@ def normals(key: np.ndarray, first: int, count: int) -> np.ndarray:
     return out
 
 
-@part
+@compiled
 def normal_pair(u: float, v: float) -> tuple[float, float]:
     """Two standard normal numbers from two uniform ones (Box and Muller)."""
     radius = math.sqrt(-2.0 * math.log(u))

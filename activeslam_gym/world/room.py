@@ -28,8 +28,8 @@ def draw_start(scenario: Scenario, rng: np.random.Generator) -> np.ndarray:
     return camera
 
 
-def draw_points(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """All points of a room (fiducials first, then landmarks), (fiducial_count + landmark_count, 3) [m].
+def draw_room(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The fiducials (K, 3) and the landmarks (L, 3) of a room [m].
 
     Landmarks are uniform in the room; fiducials are uniform in the image of the first camera ``start`` (13,) and in
     depth.
@@ -45,4 +45,4 @@ def draw_points(scenario: Scenario, start: np.ndarray, rng: np.random.Generator)
         np.clip(start[POSITION] + depth * (R_WC @ ray_from_pixel(camera, pixel)), -half, half)
         for pixel, depth in zip(share * size, depths, strict=True)
     ]
-    return np.concatenate([np.reshape(fiducials, (-1, 3)), landmarks])
+    return np.reshape(fiducials, (-1, 3)), landmarks

@@ -7,124 +7,141 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import CameraModel, camera_point, inside_image, pixel_from_camera_point
-from activeslam_gym.compilation import part
+from activeslam_gym.camera import visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.motion import CAMERA_SIZE, QUATERNION, MotionModel, transition
+from activeslam_gym.kernels import Record, compiled, filled, inlined, record
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import CAMERA_SIZE, POSITION, QUATERNION, VELOCITY, transition
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
 
 CLUTTER_LABEL = -1
 
+TRUTH = record(
+    camera=("f8", CAMERA_SIZE),  # position, quaternion, velocity, angular velocity
+    noise_key=("u8", (1,)),  # the stream of all noise of the run
+)
+"""What is true of one run, beside where things are."""
+
+SENSOR = record(
+    missed_probability="f8",
+    clutter_rate="f8",
+    clutter_capacity="i8",
+)
+"""How points become detections, beside the camera's own numbers."""
+
 
 class World(NamedTuple):
-    """The truth of one run. ``points`` holds the fiducials, then the landmarks; a label is an index into it."""
+    """The truth of one run. K fiducials, L landmarks, B boxes. A label is k of a fiducial, or K + l of a landmark."""
 
-    camera: np.ndarray
-    """(13,) position, quaternion, velocity, angular velocity."""
-    points: np.ndarray
-    """(P, 3) [m]."""
-    noise_key: np.ndarray
-    """(1,) uint64: the stream of all noise of the run."""
-
-
-class Sensor(NamedTuple):
-    """How points become detections, beside the camera's own numbers."""
-
-    missed_probability: float
-    clutter_rate: float
-    clutter_capacity: int
+    state: Record
+    """TRUTH."""
+    fiducials: np.ndarray
+    """(K, 3) [m]."""
+    landmarks: np.ndarray
+    """(L, 3) [m]."""
+    boxes: np.ndarray
+    """(B, 2, 3) lowest and highest corner of what hides things [m]."""
 
 
-class Detections(NamedTuple):
-    """What one image yields, in random order. Labels are for scoring; a filter must not read them."""
-
-    pixels: np.ndarray
-    """(M, 2) [px]."""
-    labels: np.ndarray
-    """(M,) index of the true point, or -1 for a false detection."""
-    used: np.ndarray
-    """(1,) how many rows are in use."""
+@inlined
+def world_at(worlds, i):  # type: ignore[no-untyped-def]
+    """World ``i`` of a batch, whose arrays have a leading axis: views."""
+    return World(worlds.state[i], worlds.fiducials[i], worlds.landmarks[i], worlds.boxes[i])
 
 
-def sensor_of(scenario: Scenario) -> Sensor:
-    """The sensor of a scenario. Room for five standard deviations of clutter over its mean."""
+def empty_worlds(scenario: Scenario, count: int) -> World:
+    """``count`` worlds of the scenario's size, with a leading axis."""
+    return World(
+        state=np.zeros(count, TRUTH),
+        fiducials=np.zeros((count, scenario.fiducial_count, 3)),
+        landmarks=np.zeros((count, scenario.landmark_count, 3)),
+        boxes=np.zeros((count, len(scenario.boxes), 2, 3)),
+    )
+
+
+def sensor_of(scenario: Scenario) -> Record:
+    """The SENSOR record of a scenario. Room for five standard deviations of clutter over its mean."""
     rate = scenario.clutter_rate
     capacity = math.ceil(rate + 5.0 * math.sqrt(rate)) if rate > 0 else 0
-    return Sensor(float(scenario.missed_detection_probability), float(rate), capacity)
+    return filled(
+        SENSOR,
+        missed_probability=scenario.missed_detection_probability,
+        clutter_rate=rate,
+        clutter_capacity=capacity,
+    )
 
 
 def detection_capacity(scenario: Scenario) -> int:
     """The most detections that one image can yield."""
-    return scenario.fiducial_count + scenario.landmark_count + sensor_of(scenario).clutter_capacity
+    return scenario.fiducial_count + scenario.landmark_count + int(sensor_of(scenario).clutter_capacity)
 
 
-@part
-def move(motion: MotionModel, world: World, u: np.ndarray, frame: int) -> int:
+@compiled
+def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
     """Advance the true camera by one frame under ``u`` (6,) and the disturbance; returns the walls touched.
 
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
-    noise = normals(world.noise_key, _draws(world) * frame, 6)
+    noise = normals(world.state.noise_key, _draws(world) * frame, 6)
     disturbed = np.empty(6)
     for i in range(3):
         disturbed[i] = u[i] + motion.acceleration_std * noise[i]
         disturbed[3 + i] = u[3 + i] + motion.angular_acceleration_std * noise[3 + i]
-    x = transition(world.camera, disturbed, motion.dt)
+    x = transition(world.state.camera, disturbed, motion.dt)
+    p, v = x[POSITION], x[VELOCITY]
     contacts = 0
-    half = (motion.half_x, motion.half_y, motion.half_z)
     for i in range(3):
-        reach = half[i] - motion.wall_margin
-        if abs(x[i]) > reach:
-            x[i] = math.copysign(reach, x[i])
-            if x[7 + i] * x[i] > 0.0:
-                x[7 + i] = 0.0
+        reach = motion.half[i] - motion.wall_margin
+        if abs(p[i]) > reach:
+            p[i] = math.copysign(reach, p[i])
+            if v[i] * p[i] > 0.0:
+                v[i] = 0.0
             contacts += 1
-    for i in range(CAMERA_SIZE):
-        world.camera[i] = x[i]
+    copy_into(world.state.camera, x)
     return contacts
 
 
-@part
+@compiled
 def _draws(world: World) -> int:
     """Draws that one frame may use; a generous fixed stride, so that frames never share one."""
-    return 4096 + 8 * world.points.shape[0]
+    return 4096 + 8 * (world.fiducials.shape[0] + world.landmarks.shape[0])
 
 
-@part
-def detect(camera: CameraModel, sensor: Sensor, world: World, frame: int, out: Detections) -> None:
-    """Fill ``out`` with the detections of the present true pose: visible points, noise, misses, clutter, shuffled."""
-    points = world.points.shape[0]
-    first = _draws(world) * frame + 8
-    luck = uniforms(world.noise_key, first, 4 * points + 4 * sensor.clutter_capacity + 1)
-    R_WC = rotation_matrix(world.camera[QUATERNION])
-    order = np.empty(out.labels.shape[0])
-    z = np.empty(2)
+@compiled
+def detect(camera: Record, sensor: Record, world: World, frame: int, candidates: np.ndarray, labels: np.ndarray) -> int:
+    """The detections of the present true pose, in random order: visible points, noise, misses, clutter; how many.
+
+    Writes ``candidates.pixel`` and their ``labels`` (M,). Labels are for scoring; a filter must not read them.
+    ``camera`` is the true one, which a filter may know wrongly.
+    """
+    K = world.fiducials.shape[0]
+    points = K + world.landmarks.shape[0]
+    pose = world.state.camera
+    luck = uniforms(world.state.noise_key, _draws(world) * frame + 8, 4 * points + 4 * sensor.clutter_capacity + 1)
+    R_WC = rotation_matrix(pose[QUATERNION])
+    order, z = np.empty(labels.shape[0]), np.empty(2)
     n = 0
     for i in range(points):
-        p_C = camera_point(R_WC, world.camera, world.points[i])
-        if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
-            continue
-        if not inside_image(camera, z, 0.0) or luck[2 * points + i] < sensor.missed_probability:
+        y = world.fiducials[i] if i < K else world.landmarks[i - K]
+        if not visible(camera, world.boxes, R_WC, pose, y, 0.0, z) or luck[2 * points + i] < sensor.missed_probability:
             continue
         noise_u, noise_v = normal_pair(luck[2 * i], luck[2 * i + 1])
-        out.pixels[n, 0] = z[0] + camera.pixel_std * noise_u
-        out.pixels[n, 1] = z[1] + camera.pixel_std * noise_v
-        out.labels[n] = i
-        order[n] = luck[3 * points + i]
+        candidates[n].pixel[0] = z[0] + camera.pixel_std * noise_u
+        candidates[n].pixel[1] = z[1] + camera.pixel_std * noise_v
+        labels[n], order[n] = i, luck[3 * points + i]
         n += 1
     spare = luck[4 * points :]
     for i in range(_poisson(sensor.clutter_rate, spare[0], sensor.clutter_capacity)):
-        out.pixels[n, 0] = camera.width * spare[1 + 3 * i]
-        out.pixels[n, 1] = camera.height * spare[2 + 3 * i]
-        out.labels[n] = CLUTTER_LABEL
-        order[n] = spare[3 + 3 * i]
+        candidates[n].pixel[0] = camera.width * spare[1 + 3 * i]
+        candidates[n].pixel[1] = camera.height * spare[2 + 3 * i]
+        labels[n], order[n] = CLUTTER_LABEL, spare[3 + 3 * i]
         n += 1
-    out.used[0] = n
-    _shuffle(out, order)
+    _shuffle(candidates, labels, order[:n])
+    return n
 
 
-@part
+@compiled
 def _poisson(rate: float, luck: float, capacity: int) -> int:
     """A Poisson variate by inversion of one uniform draw, at most ``capacity``."""
     term = math.exp(-rate)
@@ -137,14 +154,15 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
     return k
 
 
-@part
-def _shuffle(out: Detections, order: np.ndarray) -> None:
-    """Sort the detections by their random ``order``, by insertion: there are few."""
-    for i in range(1, out.used[0]):
+@compiled
+def _shuffle(candidates: np.ndarray, labels: np.ndarray, order: np.ndarray) -> None:
+    """Sort the detections by their random ``order`` (n,), by insertion: there are few."""
+    for i in range(1, order.shape[0]):
         for j in range(i, 0, -1):
             if order[j - 1] <= order[j]:
                 break
             order[j - 1], order[j] = order[j], order[j - 1]
-            out.labels[j - 1], out.labels[j] = out.labels[j], out.labels[j - 1]
+            labels[j - 1], labels[j] = labels[j], labels[j - 1]
+            one, other = candidates[j - 1].pixel, candidates[j].pixel
             for axis in range(2):
-                out.pixels[j - 1, axis], out.pixels[j, axis] = out.pixels[j, axis], out.pixels[j - 1, axis]
+                one[axis], other[axis] = other[axis], one[axis]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from activeslam_gym.motion import CAMERA_DIM
 from agents.episode import Episode
+from agents.evaluate import matched_ids
 from agents.task import Task
-from agents.tools import inside
 
 Array = NDArray[Any]
 
@@ -64,34 +64,32 @@ class Witness:
         """See what there is to say of a frame; a reset begins anew. Raises ValueError for steps of several frames."""
         if round(core.gaze_period / core.scenario.frame_time) != 1:
             raise ValueError(f"gaze_period: {core.gaze_period!r}; allowed: one frame, or conversions are seen late")
-        features = inside.features(core)
+        belief, labels = core.belief, core.labels
         if core.time == 0.0:
             self._begin()
         else:
-            self._note_conversions(core, features)
-            self._count(inside.matches(core), info["events"])
-            self._note_owners(features)
-        waiting = ~features.is_point
-        self._anchors = dict(zip(features.serial[waiting].tolist(), features.anchor[waiting]))
+            self._note_conversions(belief, labels.owners, core.truth)
+            self._counts["matches"] += len(matched_ids(core)) - info["events"]["births"]
+            self._counts["conversions"] += info["events"]["conversions"]
+            self._counts["wrong_matches"] += info["events"]["wrong_matches"]
+            self._note_owners(labels.owners, belief.ids)
+        waiting = ~belief.converted
+        self._anchors = dict(zip(belief.ids[waiting].tolist(), belief.anchors[waiting]))
 
-    def _note_conversions(self, core: Any, features: inside.Features) -> None:
-        for k in np.flatnonzero(features.is_point):
-            if (serial := int(features.serial[k])) in self._anchors:
-                error = depth_error(core.belief, core.truth, int(k), int(features.owner[k]), self._anchors[serial])
-                self._depth_errors.append(error)
+    def _note_conversions(self, belief: Any, owners: Array, truth: Any) -> None:
+        for k in np.flatnonzero(belief.converted).tolist():
+            if (anchor := self._anchors.get(int(belief.ids[k]))) is not None:
+                self._depth_errors.append(depth_error(belief, truth, k, int(owners[k]), anchor))
 
-    def _count(self, matches: list[inside.Key], events: dict[str, int]) -> None:
-        self._counts["matches"] += len(matches) - events["births"]
-        self._counts["conversions"] += events["conversions"]
-        self._counts["wrong_matches"] += events["wrong_matches"]
-
-    def _note_owners(self, features: inside.Features) -> None:
+    def _note_owners(self, owners: Array, ids: Array) -> None:
+        """Features come oldest first: one whose owner an older one has is a double."""
         seen: set[int] = set()
-        for owner, serial in owners_by_age(features):
-            self._owned.add(serial)
-            if owner in seen:
-                self._doubles.add(serial)
-            seen.add(owner)
+        for owner, id in zip(owners.tolist(), ids.tolist()):
+            if owner >= 0:
+                self._owned.add(id)
+                if owner in seen:
+                    self._doubles.add(id)
+                seen.add(owner)
 
     @property
     def testimony(self) -> Testimony:
@@ -121,12 +119,6 @@ def depth_error(belief: Any, truth: Any, k: int, owner: int, anchor: Array) -> f
     P, camera, point = belief.covariance, slice(0, 3), slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
     relative = P[point, point] - P[point, camera] - P[camera, point] + P[camera, camera]
     return float(error / np.sqrt(m @ relative @ m))
-
-
-def owners_by_age(features: inside.Features) -> list[tuple[int, int]]:
-    """(owner, serial number) of the features that have an owner, oldest first."""
-    pairs = zip(features.owner.tolist(), features.serial.tolist())
-    return [(owner, serial) for owner, serial in pairs if owner >= 0]
 
 
 def watch(task: Task) -> WatchedRun:

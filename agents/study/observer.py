@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.motion import CAMERA_DIM
-from agents.tools import inside
+from agents.evaluate import matched_ids
 
 Array = NDArray[Any]
 
@@ -42,25 +42,25 @@ class Observer:
     def _begin(self) -> None:
         self._steps: list[tuple[int, int, int, float]] = []
         self._visited: list[float] = []
-        self._last_match: dict[inside.Key, float] = {}
+        self._last_match: dict[int, float] = {}
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
         """See what there is to note of a step; a reset begins anew."""
         if core.time == 0.0:
             self._begin()
             return
-        matches = inside.matches(core)
-        fiducials = sum(kind == inside.FIDUCIAL for kind, _ in matches)
+        matches = matched_ids(core)
+        fiducials = sum(id < 0 for id in matches)
         self._steps.append((fiducials, info["events"]["births"], self._closures(matches, core.time), _nearest(core)))
         if info["landmarks_mapped"] > len(self._visited):
             self._note_visited(core.belief, info["landmarks_mapped"])
 
-    def _closures(self, matches: list[inside.Key], now: float) -> int:
+    def _closures(self, ids: list[int], now: float) -> int:
         """How many fiducials and features are back after a long absence."""
         back = 0
-        for key in matches:
-            back += now - self._last_match.get(key, now) >= CLOSURE_GAP
-            self._last_match[key] = now
+        for id in ids:
+            back += now - self._last_match.get(id, now) >= CLOSURE_GAP
+            self._last_match[id] = now
         return back
 
     def _note_visited(self, belief: Any, mapped_count: int) -> None:
@@ -80,5 +80,7 @@ class Observer:
 
 def _nearest(core: Any) -> float:
     """Distance of the true camera to the nearest point that was detected [m]; NaN without any."""
-    distances = np.linalg.norm(inside.detected_points(core) - core.truth.position, axis=1)
+    truth, detected = core.truth, core.labels.detected
+    points = np.concatenate((truth.fiducials, truth.landmarks))[detected[detected >= 0]]
+    distances = np.linalg.norm(points - truth.position, axis=1)
     return float(distances.min()) if len(distances) else np.nan

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.config import Scenario
-from agents.tools.inside import move_expected_landmarks
 
 Array = NDArray[np.float64]
 
@@ -62,5 +61,5 @@ class Placed(gym.Wrapper):
         """Begin anew with the expected landmarks elsewhere; the room and the noise are the same."""
         observation, info = self.env.reset(seed=seed, options=options)
         core: Any = self.env.unwrapped
-        move_expected_landmarks(core, self._place(core.scenario, seed or 0))
+        core.expect(self._place(core.scenario, seed or 0))
         return observation, info

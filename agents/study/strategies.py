@@ -12,12 +12,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import Gaze, Motion, information
+from activeslam_gym import Gaze
 from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import rotate_left, rotation_matrix
-from activeslam_gym.information import Prospect, criterion_number
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.information.candidates import gaze_plans, motion_plans, pose_after, propagated, sight_after
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION, turn_of
-from agents.tools.inside import waiting_count
 from baselines.greedy import Greedy, greedy
 from baselines.policy import Actions, Environment, best
 
@@ -48,37 +48,35 @@ class Reread(Greedy):
     ) -> None:
         super().__init__(env, motion_criterion, gaze_criterion)
         self.reading = reading
-        ahead = self.env.gaze_period if reading.gaze_ahead is None else reading.gaze_ahead
-        self._gaze_frames = round(ahead / self.env.scenario.frame_time)
+        frame, ahead = self.env.scenario.frame_time, reading.gaze_ahead or self.env.gaze_period
+        self._motions = motion_plans(round(self.env.motion_period / frame) if reading.propagated else 0)
+        self._gazes = gaze_plans(round(ahead / frame))
 
     def choose_motion(self) -> Actions:
-        prospect = self.env.prospect
-        motion = self.env.setting.models.motion
-        frames = round(self.env.motion_period / motion.dt) if self.reading.propagated else 0
-        P = information.propagated(motion, prospect.covariance, 0.0, frames) if frames else prospect.covariance
-        poses = [information.pose_after(motion, prospect.camera, index, 0.0) for index in range(len(Motion))]
-        return best([[self._score(prospect, P, pose, self.motion_criterion) for pose in poses]])
+        return best([self._scores(self._motions, self.motion_criterion)])
 
     def choose_gaze(self) -> Actions:
         if self.gaze_criterion is None:
             return self.always(Gaze.LEFT)
-        prospect = self.env.prospect
-        return best([[self._gaze_score(prospect, gaze) for gaze in range(len(Gaze))]])
+        return best([self._scores(self._gazes, self.gaze_criterion)])
 
-    def _gaze_score(self, prospect: Prospect, gaze: int) -> float:
-        """The present position, turned for as long as the reading says."""
-        motion, frames = self.env.setting.models.motion, self._gaze_frames
-        turn = turn_of(motion, gaze, self.env.time)
-        P = information.propagated(motion, prospect.covariance, turn, frames)
-        turned = np.array((0.0, turn * motion.dt * frames, 0.0))
-        pose = prospect.camera.copy()
-        pose[QUATERNION] = rotate_left(turned, pose[QUATERNION])
-        return self._score(prospect, P, pose, self.gaze_criterion or "")
+    def _scores(self, plans: NDArray, criterion: str) -> Array:
+        """(A,) of plans of one action."""
+        return self._capped_scores(plans, criterion) if self.reading.capped else self.env.scores(plans, criterion)
 
-    def _score(self, prospect: Prospect, P: Array, pose: Array, criterion: str) -> float:
-        if self.reading.capped:
-            P = capped(prospect.points, P, pose, waiting_count(self.env), self.env.scenario)
-        return information.score(self.env.setting.models.camera, prospect, P, pose, criterion_number(criterion))
+    def _capped_scores(self, plans: NDArray, criterion: str) -> Array:
+        """The same steps as the environment's own scores, with the covariance capped for each pose."""
+        models, prospect, scenario = self.env.setting.models, self.env.prospect, self.env.scenario
+        camera, motion, out = models.camera, models.motion, np.zeros(len(plans))
+        for a, (index, gaze, frames) in enumerate(plans[:, 0].tolist()):
+            turn = turn_of(motion, gaze, self.env.time)
+            pose = pose_after(motion, prospect.camera, index, turn * motion.dt * frames)
+            P = propagated(motion, prospect.covariance, turn, frames)
+            P = capped(prospect.points, P, pose, prospect.waiting, scenario)
+            sight = sight_after(camera, prospect, P, pose)
+            if len(sight.thing):
+                out[a] = CRITERIA[criterion](P, sight, camera.pixel_std**2)
+        return out
 
 
 def capped(points: Array, P: Array, pose: Array, waiting: int, scenario: Scenario) -> Array:
@@ -107,7 +105,7 @@ def _reread(
 
 
 UNPROPAGATED, GAZE_AHEAD, CAPPED = Reading(propagated=False), Reading(gaze_ahead=1.0), Reading(capped=True)
-MI, FISHER = information.MUTUAL_INFORMATION, information.FISHER_TRACE
+MI, FISHER, EIGENVALUE = "mutual_information", "fisher_trace", "fisher_max_eigenvalue"
 Factory = Callable[[Environment], Greedy]
 
 unpropagated_mi_constant: Factory = partial(_reread, UNPROPAGATED, None)
@@ -123,9 +121,9 @@ capped_mi_fisher: Factory = partial(_reread, CAPPED, FISHER)
 
 def mi_eigenvalue(env: Environment) -> Greedy:
     """(iii) with the largest eigenvalue of the Fisher matrix, as the end of section III-B says, for its trace."""
-    return greedy(env, gaze_criterion=information.FISHER_MAX_EIGENVALUE)
+    return greedy(env, gaze_criterion=EIGENVALUE)
 
 
 def eigenvalue_eigenvalue(env: Environment) -> Greedy:
     """Motion too by the largest eigenvalue: what `fisher-fisher` is for the trace."""
-    return greedy(env, information.FISHER_MAX_EIGENVALUE, information.FISHER_MAX_EIGENVALUE)
+    return greedy(env, EIGENVALUE, EIGENVALUE)

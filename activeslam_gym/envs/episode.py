@@ -1,0 +1,283 @@
+"""One step of an environment: some frames, then what they were worth and what is seen of them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym.envs.observation import GLOBAL_SIZE, TOKEN_SIZE, clip_into, observe_globals, observe_tokens
+from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, log2_density, owners_of
+from activeslam_gym.envs.reward import EVALUATION, REWARDS, potential_of_number
+from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, run_at
+from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
+from activeslam_gym.information.expectation import find_counting, waiting_count
+from activeslam_gym.kernels import compiled
+from activeslam_gym.linalg import cholesky_in_place, count_true
+from activeslam_gym.metrics import camera_error, nees
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, Motion
+from activeslam_gym.slam.belief import as_points, depth_ratio
+
+BEGIN, REST = -1, -2
+"""In place of a motion: evaluate a run that has just been reset; leave it alone."""
+_STAY = int(Motion.STAY)
+_ENTROPY = list(REWARDS).index("entropy")
+_FORFEIT = len(REWARDS)
+"""Entry of `terms` behind those of the rewards."""
+
+
+@compiled
+def play(runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
+    """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
+
+    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
+    """
+    for i in range(start, stop):
+        if motions[i] == REST:
+            continue
+        run = run_at(runs, i)
+        if motions[i] == BEGIN:
+            begin_motion(run, _STAY)
+        else:
+            _play_frames(run, motions[i], gazes[i])
+        points, covariance = as_points(run.belief)
+        evaluate(run, points, covariance)
+        if motions[i] == BEGIN:
+            _begin(run)
+        else:
+            _settle(run)
+        observe(run, points, covariance)
+
+
+@compiled(inline="always")
+def _play_frames(run: Run, motion: int, gaze: int) -> None:
+    """The frames of one gaze period; the motion is read where its period begins."""
+    episode, task, events = run.episode, run.models.task, run.episode.events
+    if episode.steps % task.steps_per_motion == 0:
+        begin_motion(run, motion)
+    events.births, events.conversions, events.deletions = 0, 0, 0
+    events.rejected_matches, events.wrong_matches, events.wall_contacts = 0, 0, 0
+    for _ in range(task.frames_per_step):
+        advance(run, gaze)
+    episode.steps += 1
+
+
+@compiled(inline="always")
+def _begin(run: Run) -> None:
+    """The prior is worth nothing yet."""
+    episode = run.episode
+    episode.first_density = episode.evaluation.log_density
+    episode.evaluation.log_score = 0.0
+    episode.lost = False  # a run is lost by a step
+    episode.terms[:] = 0.0
+
+
+@compiled(inline="always")
+def _settle(run: Run) -> None:
+    """The reward of the step: the gain of the chosen potential, and if lost the forfeit of all that was gained."""
+    episode = run.episode
+    episode.reward = episode.terms[run.models.task.reward]
+    episode.total += episode.reward
+    forfeit = -max(0.0, episode.total) if episode.lost else 0.0
+    episode.terms[_FORFEIT] = forfeit
+    episode.total += forfeit
+    episode.reward += forfeit
+    episode.gain += episode.terms[_ENTROPY]
+
+
+# What it was worth --------------------------------------------------------------------------------------------------
+
+
+@compiled(inline="always")
+def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
+    """Bring the evaluation and the potentials up to date; ``points`` and ``covariance`` are the public belief.
+
+    Where that is not positive definite the run is lost, and values and potentials stay as they were.
+    """
+    belief, episode, var = run.belief, run.episode, run.models.landmark_var
+    e, N = episode.evaluation, run.expected.shape[0]
+    owners, counting = owners_of(run.owner, belief), find_counting(run.expected, belief)
+    of_landmark = features_of_landmarks(owners, N, counting)
+    first, second, others = _ordered(counting, of_landmark)
+    U = gathered(covariance, first, np.concatenate((second, others)))
+    sound = cholesky_in_place(U)
+    _find_mapped(run)
+    _evaluate_errors(run, points, covariance, owners)
+    episode.lost = not sound or e.position_error > run.models.task.lost_position_error
+    episode.terms[:] = 0.0
+    if not sound:
+        return
+    waiting = N - first.shape[0] - second.shape[0]
+    log2_dets(var, waiting, covariance, U, first, second, e)
+    e.landmarks = N
+    e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
+    e.log_density = log2_density(run.world, belief, var, points, of_landmark, U)
+    e.log_score = e.log_density - episode.first_density
+    e.position_trace, e.trace = traces(var, waiting, covariance, first, second)
+    for i in range(episode.potential.shape[0]):
+        potential = potential_of_number(i, e)
+        episode.terms[i] = potential - episode.potential[i]
+        episode.potential[i] = potential
+
+
+@compiled
+def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The features, by position k, in the order in which the public covariance is factored.
+
+    Those that count and stand for a true landmark, in the landmarks' order; the others that count; the rest.
+    ``counting`` (n,); ``of_landmark`` (L,) the k that stands for each landmark, or -1.
+    """
+    n = counting.shape[0]
+    first, second, others = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    stands = np.zeros(n, np.bool_)
+    a, b, c = 0, 0, 0
+    for k in of_landmark:
+        if k >= 0:
+            first[a], stands[k] = k, True
+            a += 1
+    for k in range(n):
+        if counting[k] and not stands[k]:
+            second[b] = k
+            b += 1
+        elif not counting[k]:
+            others[c] = k
+            c += 1
+    return first[:a], second[:b], others[:c]
+
+
+@compiled(inline="always")
+def _find_mapped(run: Run) -> None:
+    """A feature is mapped when the deviation of its depth over its depth is under the scenario's ratio."""
+    for k in range(run.belief.state.count):
+        ratio = run.models.filter.initialisation.mapped_depth_ratio
+        run.belief.feature[k].mapped = depth_ratio(run.belief, k) < ratio
+
+
+@compiled
+def _mapped(run: Run) -> np.ndarray:
+    """(n,) bool, oldest first."""
+    out = np.empty(run.belief.state.count, np.bool_)
+    for k in range(out.shape[0]):
+        out[k] = run.belief.feature[k].mapped
+    return out
+
+
+@compiled(inline="always")
+def _evaluate_errors(run: Run, points: np.ndarray, covariance: np.ndarray, owners: np.ndarray) -> None:
+    """Errors against the truth, and counts of what is mapped; ``owners`` (n,) as in `referee.owners_of`."""
+    e, mapped = run.episode.evaluation, _mapped(run)
+    error = camera_error(run.world.state.camera, run.belief.state.camera)
+    p, theta = error[D_POSITION], error[D_ROTATION]
+    e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
+    e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
+    e.position_nees = nees(p, covariance[D_POSITION, D_POSITION])
+    count, squares = 0, 0.0
+    for distance in landmark_distances(run, points, owners, mapped):
+        if not math.isnan(distance):
+            count += 1
+            squares += distance * distance
+    e.landmarks_mapped, e.distinct_landmarks = count_true(mapped), count
+    e.landmark_rmse = math.sqrt(squares / count) if count > 0 else np.inf
+
+
+@compiled
+def landmark_distances(run: Run, points: np.ndarray, owners: np.ndarray, mapped: np.ndarray) -> np.ndarray:
+    """(L,) distance [m] of each true landmark from its ``mapped`` (n,) feature; NaN where it has none."""
+    of_landmark = features_of_landmarks(owners, run.world.landmarks.shape[0], mapped)
+    return landmark_errors(run.world.landmarks, points, of_landmark)
+
+
+@compiled(inline="always")
+def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
+    """Write the observation; it reads the belief and the task's rhythm only."""
+    models, belief, episode, task = run.models, run.belief, run.episode, run.models.task
+    N = run.expected.shape[0]
+    flat = np.empty(run.observation.shape[0])
+    observe_globals(
+        models.motion,
+        belief,
+        episode.steps / task.steps,
+        (episode.steps % task.steps_per_motion) / task.steps_per_motion,
+        episode.control.motion,
+        count_true(_mapped(run)),
+        N - waiting_count(run.expected),
+        N,
+        episode.gain,
+        flat[:GLOBAL_SIZE],
+    )
+    observe_tokens(
+        models.camera,
+        belief,
+        points,
+        covariance,
+        run.expected,
+        models.landmark_var,
+        run.world.fiducials,
+        known_boxes(run),
+        flat[GLOBAL_SIZE:].reshape((-1, TOKEN_SIZE)),
+    )
+    clip_into(flat, run.observation)
+
+
+# Information --------------------------------------------------------------------------------------------------------
+
+_TOLD = (
+    "entropy log_score landmarks_mapped distinct_landmarks position_error orientation_error landmark_rmse position_nees"
+).split()
+"""Fields of the evaluation that `info` has under their own names."""
+_TERMS = (*REWARDS, "forfeit")
+
+
+def info_of(runs: Run, i: int = 0) -> dict[str, Any]:
+    """The `info` of the last step of run ``i``, of plain Python values."""
+    episode = runs.episode  # fields of arrays: those of a single record are slow to read
+    values = dict(zip(EVALUATION.names or (), episode["evaluation"][i : i + 1].tolist()[0], strict=True))
+    events = episode["events"][i : i + 1].tolist()[0]
+    return _tree(values, bool(episode["lost"][i]), episode["terms"][i].tolist(), events)
+
+
+def infos_of(runs: Run, included: np.ndarray) -> dict[str, Any]:
+    """The `infos` of the last step of a batch, as Gymnasium's vector environments have them.
+
+    An array (B,) for each number of `info_of`, in the same nested dicts, and beside each ``key`` a mask ``_key`` (B,)
+    of the environments that it is of: those ``included`` (B,) bool; the others' numbers are 0.
+    """
+
+    everyone = bool(included.all())
+
+    def kept(column: np.ndarray) -> np.ndarray:
+        return column.copy() if everyone else np.where(included, column, column.dtype.type(0))
+
+    episode = runs.episode
+    values = {name: kept(episode["evaluation"][name]) for name in EVALUATION.names or ()}
+    terms, events = map(kept, episode["terms"].T), (kept(episode["events"][name]) for name in EVENTS.names or ())
+    return with_masks(_tree(values, kept(episode["lost"]), terms, events), included)
+
+
+def _tree(values: dict[str, Any], lost: Any, terms: Any, events: Any) -> dict[str, Any]:
+    """The tree of `info`, of the numbers of one run or of columns (B,) of numbers."""
+    info: dict[str, Any] = {name: values[name] for name in _TOLD}
+    info["log2_det"] = {part: values[f"log2_det_{part}"] for part in ("camera", "map", "total")}
+    info["lost"] = lost
+    info["reward_terms"] = dict(zip(_TERMS, terms, strict=True))
+    info["events"] = dict(zip(EVENTS.names or (), events, strict=True))
+    return info
+
+
+def with_masks(infos: dict[str, Any], included: np.ndarray) -> dict[str, Any]:
+    """``infos`` with a mask ``_key`` beside each ``key``, in nested dicts too."""
+    masked: dict[str, Any] = {}
+    for key, value in infos.items():
+        masked[key] = with_masks(value, included) if isinstance(value, dict) else value
+        masked[f"_{key}"] = included.copy()
+    return masked
+
+
+def info_at(infos: dict[str, Any], i: int) -> dict[str, Any]:
+    """The `info` of environment ``i`` in the `infos` of a batch: the inverse of `infos_of`."""
+    return {
+        key: info_at(value, i) if isinstance(value, dict) else value[i].item()
+        for key, value in infos.items()
+        if not key.startswith("_")
+    }

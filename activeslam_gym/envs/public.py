@@ -1,0 +1,470 @@
+"""What policies read of an environment, and referees; the same names for one and for a batch."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.envs.episode import landmark_distances, play
+from activeslam_gym.envs.referee import Labels, Truth, features_of_landmarks, owners_of
+from activeslam_gym.envs.simulation import Run, Setting, known_boxes, run_at
+from activeslam_gym.information import candidates
+from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
+from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.kernels import compiled, row
+from activeslam_gym.metrics import camera_error, nees
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_DIM,
+    D_POSITION,
+    D_ROTATION,
+    GAZE_COUNT,
+    MOTION_COUNT,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from activeslam_gym.slam.belief import ANCHOR, POINT, as_points
+from activeslam_gym.threads import Workers
+
+_LONGEST_HORIZON = 4
+
+
+@dataclass(frozen=True)
+class PublicBelief:
+    """The belief with every feature as a point, oldest first; read-only copies."""
+
+    position: np.ndarray
+    """(3,) [m]."""
+    quaternion: np.ndarray
+    """(4,) q_WC, scalar first."""
+    velocity: np.ndarray
+    """(3,) [m/s], world frame."""
+    angular_velocity: np.ndarray
+    """(3,) [rad/s], world frame."""
+    landmarks: np.ndarray
+    """(n, 3) [m]."""
+    mapped: np.ndarray
+    """(n,) bool: the deviation of the depth over the depth is under the scenario's ratio."""
+    ids: np.ndarray
+    """(n,) numbers of the features, in the order of their births: no two features of a run share one."""
+    converted: np.ndarray
+    """(n,) bool: the filter holds it as a point; the others it holds as lines of sight from `anchors`."""
+    anchors: np.ndarray
+    """(n, 3) where the line of sight of a feature that is no point yet begins, as it is estimated now [m]."""
+    covariance: np.ndarray
+    """(12 + 3 n, 12 + 3 n) of position, rotation (world-frame tangent), velocity, angular velocity, landmarks."""
+    log2_dets: dict[str, float]
+    """log2 |P| of ``camera``, ``map`` and ``total`` at the constant dimension."""
+
+    def log2_det(self, part: str = "total") -> float:
+        """log2 |P| of a part at its constant dimension: 12, 3 N or 12 + 3 N (an unmapped landmark at its prior).
+
+        Raises:
+            ValueError: ``part`` is none of ``camera``, ``map`` and ``total``.
+        """
+        if part not in self.log2_dets:
+            raise ValueError(f"part must be one of {', '.join(self.log2_dets)}, got {part!r}")
+        return self.log2_dets[part]
+
+
+class PublicBeliefs(tuple[PublicBelief, ...]):
+    """The beliefs of a batch of B: a tuple of them whose fields can be read for all at once.
+
+    What is of one size for all is an array with a leading axis, what grows with the map a tuple of B arrays.
+    """
+
+    __slots__ = ()
+
+    @property
+    def position(self) -> np.ndarray:
+        """(B, 3) [m]."""
+        return np.stack([belief.position for belief in self])
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """(B, 4) q_WC, scalar first."""
+        return np.stack([belief.quaternion for belief in self])
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(B, 3) [m/s], world frame."""
+        return np.stack([belief.velocity for belief in self])
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """(B, 3) [rad/s], world frame."""
+        return np.stack([belief.angular_velocity for belief in self])
+
+    @property
+    def landmarks(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n, 3) [m]."""
+        return tuple(belief.landmarks for belief in self)
+
+    @property
+    def mapped(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n,) bool."""
+        return tuple(belief.mapped for belief in self)
+
+    @property
+    def ids(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n,)."""
+        return tuple(belief.ids for belief in self)
+
+    @property
+    def converted(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n,) bool."""
+        return tuple(belief.converted for belief in self)
+
+    @property
+    def anchors(self) -> tuple[np.ndarray, ...]:
+        """B arrays (n, 3) [m]."""
+        return tuple(belief.anchors for belief in self)
+
+    @property
+    def covariance(self) -> tuple[np.ndarray, ...]:
+        """B arrays (12 + 3 n, 12 + 3 n)."""
+        return tuple(belief.covariance for belief in self)
+
+    def log2_det(self, part: str = "total") -> np.ndarray:
+        """(B,) see `PublicBelief.log2_det`."""
+        return np.array([belief.log2_det(part) for belief in self])
+
+
+# Reading the arrays of a run ----------------------------------------------------------------------------------------
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    copy = np.array(array)
+    copy.flags.writeable = False
+    return copy
+
+
+def public_belief(run: Run) -> PublicBelief:
+    """A read-only copy of the public belief."""
+    camera, n, e = run.belief.state.camera, int(run.belief.state.count), run.episode.evaluation
+    feature, (points, covariance) = run.belief.feature[:n], as_points(run.belief)
+    return PublicBelief(
+        position=_frozen(camera[POSITION]),
+        quaternion=_frozen(camera[QUATERNION]),
+        velocity=_frozen(camera[VELOCITY]),
+        angular_velocity=_frozen(camera[ANGULAR_VELOCITY]),
+        landmarks=_frozen(points),
+        mapped=_frozen(feature["mapped"]),
+        ids=_frozen(feature["serial"]),
+        converted=_frozen(feature["kind"] == POINT),
+        anchors=_frozen(feature["mean"][:, ANCHOR]),
+        covariance=_frozen(covariance),
+        log2_dets={part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")},
+    )
+
+
+def truth_of(runs: Run) -> Truth:
+    """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
+    world = runs.world
+    camera = world.state["camera"]
+    return Truth(
+        position=_frozen(camera[..., POSITION]),
+        quaternion=_frozen(camera[..., QUATERNION]),
+        velocity=_frozen(camera[..., VELOCITY]),
+        angular_velocity=_frozen(camera[..., ANGULAR_VELOCITY]),
+        landmarks=_frozen(world.landmarks),
+        fiducials=_frozen(world.fiducials),
+    )
+
+
+def labels_of(run: Run) -> Labels:
+    """A read-only copy of a run's hidden labels."""
+    candidates, count = run.candidate, int(run.episode.detections)
+    return Labels(
+        owners=_frozen(owners_of(run.owner, run.belief)),
+        detected=_frozen(run.label[:count]),
+        matched=_frozen(candidates["match"][:count]),
+    )
+
+
+def _landmark_errors(run: Run) -> np.ndarray:
+    """(L,) distance of each true landmark from its mapped feature [m]; NaN where it has none."""
+    mapped = run.belief.feature["mapped"][: run.belief.state.count]
+    points, _ = as_points(run.belief)
+    return landmark_distances(run, points, owners_of(run.owner, run.belief), mapped)
+
+
+def _nees_per_dof(run: Run) -> dict[str, float]:
+    """NEES over its degrees of freedom; for landmarks the mean over the mapped ones, NaN if there are none."""
+    points, P = as_points(run.belief)
+    error = camera_error(run.world.state.camera, run.belief.state.camera)
+    mapped = run.belief.feature["mapped"][: run.belief.state.count]
+    of_landmark = features_of_landmarks(owners_of(run.owner, run.belief), len(run.world.landmarks), mapped)
+    each = []
+    for y, k in zip(run.world.landmarks, of_landmark.tolist(), strict=True):
+        if k >= 0:
+            at = slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
+            each.append(nees(y - points[k], P[at, at]) / 3.0)
+    return {
+        "position": nees(error[D_POSITION], P[D_POSITION, D_POSITION]) / 3.0,
+        "orientation": nees(error[D_ROTATION], P[D_ROTATION, D_ROTATION]) / 3.0,
+        "landmarks": float(np.mean(each)) if each else float("nan"),
+    }
+
+
+@compiled
+def prospect(run: Run) -> Prospect:
+    """What the run's belief lets a policy plan with."""
+    fiducials = run.world.fiducials  # which are known
+    return prospect_of(run.belief, run.expected, run.models.landmark_var, fiducials, known_boxes(run))
+
+
+@compiled
+def score_runs(
+    runs: Run, plans: np.ndarray, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
+) -> None:
+    """Write what each of ``plans`` (A, L) would teach the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
+    for i in range(start, stop):
+        run = run_at(runs, i)
+        models, time = run.models, run.episode.steps * step_time
+        score_plans(models.camera, models.motion, prospect(run), time, plans, criterion, out[i])
+
+
+# The readers --------------------------------------------------------------------------------------------------------
+
+
+class Reads:
+    """B runs and what may be read of them: a batch has a leading axis B, a single environment (B = 1) none."""
+
+    def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
+        self.setting = setting
+        self._runs = runs
+        self._workers = workers
+
+    def _given(self, batch: np.ndarray) -> Any:
+        """``batch`` (B, ...) as readers get it."""
+        raise NotImplementedError
+
+    def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
+        """One step of every run: ``motions`` (B,) and ``gazes`` (B,) as `episode.play` takes them."""
+        self._workers.call(play, self._runs, motions, gazes)
+
+    # Constants ------------------------------------------------------------------------------------------------------
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario."""
+        return self.setting.scenario
+
+    @property
+    def gaze_period(self) -> float:
+        """Time of a step [s]."""
+        return self.setting.gaze_period
+
+    @property
+    def motion_period(self) -> float:
+        """Time of a translation [s]."""
+        return self.setting.motion_period
+
+    @property
+    def duration(self) -> float:
+        """Time of an episode [s]."""
+        return self.setting.duration
+
+    @property
+    def steps_per_motion(self) -> int:
+        """Steps in a motion period."""
+        return int(self.setting.task.steps_per_motion)
+
+    # For policies ---------------------------------------------------------------------------------------------------
+
+    @property
+    def motion_phase(self) -> Any:
+        """Steps since the present motion period began; the next step's motion is read where this is 0."""
+        return self._given(self._runs.episode["steps"] % self.steps_per_motion)
+
+    @property
+    def time(self) -> Any:
+        """Time since the reset [s]."""
+        return self._given(self._runs.episode["steps"] * self.gaze_period)
+
+    def scores(self, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
+        """(A,) what each of ``plans`` (A, L) of `information.candidates.ACTION` would teach.
+
+        Raises:
+            ValueError: there is no such criterion, motion or gaze, or ``plans`` is no such array.
+            gymnasium.error.ResetNeeded: no run has begun.
+        """
+        return self._scores(candidates.checked_plans(plans), criterion)
+
+    def _scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
+        number, out = criterion_number(criterion), np.empty((len(self._runs.episode), len(plans)))
+        if not self._runs.belief.state["dim"].all():
+            raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
+        self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
+        return self._given(out)
+
+    def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
+        """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.
+
+        The covariance is propagated over the motion period from the present estimate, and one set of measurements is
+        taken there. In bits for mutual information.
+
+        Raises:
+            ValueError: there is no such criterion.
+            gymnasium.error.ResetNeeded: no run has begun.
+        """
+        return self._scores(self._motion_plans, criterion)
+
+    def gaze_scores(self, criterion: str = "fisher_trace") -> np.ndarray:
+        """(3,) what each turn would teach after one gaze period at the present position; raises as `motion_scores`."""
+        return self._scores(self._gaze_plans, criterion)
+
+    def joint_scores(self, criterion: str = "mutual_information") -> np.ndarray:
+        """(7, 3) what each motion would teach with each gaze held for its period; raises as `motion_scores`."""
+        scores = self._scores(self._joint_plans, criterion)
+        return np.swapaxes(scores.reshape(*scores.shape[:-1], GAZE_COUNT, MOTION_COUNT), -1, -2)
+
+    def motion_score(self, motion: int, criterion: str = "mutual_information") -> Any:
+        """What one motion would teach; see `motion_scores`.
+
+        Raises:
+            ValueError: there is no such criterion or motion.
+            gymnasium.error.ResetNeeded: no run has begun.
+        """
+        if motion not in range(MOTION_COUNT):
+            raise ValueError(f"motion must be in 0 … {MOTION_COUNT - 1}, got {motion!r}")
+        plans = self._motion_plans[int(motion) :][:1]
+        scores = self._scores(plans, criterion)[..., 0]
+        return scores if scores.ndim else scores.item()
+
+    def lookahead_scores(self, horizon: int = 2) -> np.ndarray:
+        """(7,) mutual information [bit] of each motion and the best that may follow it, ``horizon`` motions in all.
+
+        Raises:
+            ValueError: ``horizon`` is not 1, 2, 3 or 4 (there are 7^horizon sequences).
+            gymnasium.error.ResetNeeded: no run has begun.
+        """
+        if horizon not in range(1, _LONGEST_HORIZON + 1):
+            raise ValueError(f"horizon must be a whole number in 1 … {_LONGEST_HORIZON}, got {horizon!r}")
+        scores = self._scores(candidates.sequence_plans(self._motion_frames, int(horizon)), "mutual_information")
+        return scores.reshape(*scores.shape[:-1], MOTION_COUNT, -1).max(axis=-1)
+
+    @functools.cached_property
+    def _motion_frames(self) -> int:
+        """Frames of a motion period."""
+        return int(self.setting.task.frames_per_step * self.setting.task.steps_per_motion)
+
+    @functools.cached_property
+    def _motion_plans(self) -> np.ndarray:
+        return candidates.motion_plans(self._motion_frames)
+
+    @functools.cached_property
+    def _gaze_plans(self) -> np.ndarray:
+        return candidates.gaze_plans(int(self.setting.task.frames_per_step))
+
+    @functools.cached_property
+    def _joint_plans(self) -> np.ndarray:
+        return candidates.joint_plans(self._motion_frames)
+
+    # For referees ---------------------------------------------------------------------------------------------------
+
+    @property
+    def truth(self) -> Truth:
+        """What really is; for referees, never for policies."""
+        raise NotImplementedError
+
+    @property
+    def landmark_errors(self) -> np.ndarray:
+        """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
+        return self._given(np.stack([_landmark_errors(run) for run in self._each()]))
+
+    def _each(self) -> list[Run]:
+        return [row(self._runs, i) for i in range(len(self._runs.episode))]
+
+
+class SingleReads(Reads):
+    """Of one run: a batch of one, or one row of a larger batch, of which it shows the present state."""
+
+    def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
+        super().__init__(setting, runs, workers)
+        self._run = row(runs, 0)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy's or a pickle's row is a view of its own runs."""
+        self.__dict__.update(state)
+        self._run = row(self._runs, 0)
+
+    def _given(self, batch: np.ndarray) -> Any:
+        return batch[0] if batch.ndim > 1 else batch[0].item()
+
+    @property
+    def belief(self) -> PublicBelief:
+        """The belief, with every feature as a point; read-only."""
+        return public_belief(self._run)
+
+    @property
+    def prospect(self) -> Prospect:
+        """What the criteria score: the belief without rays, and the landmarks that are expected and not found yet.
+
+        A copy, in the form that the functions of `information` take, for policies with a criterion of their own.
+        """
+        given = prospect(self._run)
+        return given._replace(fiducials=given.fiducials.copy(), boxes=given.boxes.copy())
+
+    @property
+    def truth(self) -> Truth:
+        return truth_of(self._run)
+
+    @property
+    def labels(self) -> Labels:
+        """Whose the features are and what was detected; for referees, never for policies."""
+        return labels_of(self._run)
+
+    def expect(self, points: np.ndarray) -> None:
+        """Put the expected landmarks at ``points`` (N, 3) [m]: for studies. A reset draws them anew.
+
+        Raises:
+            ValueError: not as many points as the scenario has landmarks.
+        """
+        places = np.asarray(points, float)
+        if places.shape != self._run.expected["point"].shape:
+            raise ValueError(f"points must be of shape {self._run.expected['point'].shape}, got {places.shape}")
+        self._run.expected["point"] = places
+
+    def nees(self) -> dict[str, float]:
+        """NEES per degree of freedom of ``position``, ``orientation``, ``landmarks`` (mean of the mapped, or NaN)."""
+        return _nees_per_dof(self._run)
+
+
+class BatchReads(Reads):
+    """Of a batch."""
+
+    def _given(self, batch: np.ndarray) -> Any:
+        return batch
+
+    def run(self, i: int) -> SingleReads:
+        """What a single environment lets read, of environment ``i`` and its present state at the time of reading.
+
+        Raises:
+            ValueError: there is no such environment.
+        """
+        count = len(self._runs.episode)
+        if i not in range(count):
+            raise ValueError(f"i must be in 0 … {count - 1}, got {i!r}")
+        return SingleReads(self.setting, row(self._runs, slice(i, i + 1)), Workers(1))
+
+    @property
+    def belief(self) -> PublicBeliefs:
+        """The beliefs, with every feature as a point; read-only."""
+        return PublicBeliefs(public_belief(run) for run in self._each())
+
+    @property
+    def truth(self) -> Truth:
+        return truth_of(self._runs)
+
+    def nees(self) -> dict[str, np.ndarray]:
+        """(B,) NEES per degree of freedom of ``position``, ``orientation``, ``landmarks``; see `SingleReads.nees`."""
+        each = [_nees_per_dof(run) for run in self._each()]
+        return {name: np.array([one[name] for one in each]) for name in each[0]}

@@ -1,0 +1,346 @@
+"""All arrays of a run, and one frame of truth and belief together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.config import Scenario, scenario_from, whole_multiple
+from activeslam_gym.envs.observation import ObservationLayout, layout_of
+from activeslam_gym.envs.referee import OWNER, vote
+from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
+from activeslam_gym.kernels import Record, compiled, filled, inlined, record, row
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import (
+    MOTION,
+    POSITION,
+    QUATERNION,
+    accelerations,
+    goal_of,
+    motion_of,
+    turn_of,
+)
+from activeslam_gym.slam.association import ANYTHING, CANDIDATE
+from activeslam_gym.slam.belief import (
+    Belief,
+    belief_at,
+    empty_beliefs,
+    feature_capacity,
+    fiducial_id,
+    reset_belief,
+    start_of,
+)
+from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
+from activeslam_gym.world.room import draw_room, draw_start, uniform_points
+from activeslam_gym.world.simulator import (
+    SENSOR,
+    World,
+    detect,
+    detection_capacity,
+    empty_worlds,
+    move,
+    sensor_of,
+    world_at,
+)
+
+TASK = record(
+    frames_per_step="i8",
+    steps_per_motion="i8",
+    steps="i8",  # of an episode
+    reward="i8",  # where the reward stands in `REWARDS`
+    lost_position_error="f8",  # [m]
+    labelled_first_match="b1",
+)
+"""What an environment asks: its rhythm, its reward, and when a run is lost."""
+
+MODELS = record(
+    camera=CAMERA,  # as the filter knows it
+    true_camera=CAMERA,
+    motion=MOTION,
+    sensor=SENSOR,
+    filter=FILTER,
+    task=TASK,
+    landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
+    boxes_known="b1",  # whether the belief knows what hides things
+)
+"""The constants of a run."""
+
+CONTROL = record(
+    goal=("f8", 3),  # of the motion under way [m]
+    start=("f8", 3),  # where the reference towards the goal began [m]
+    motion="i8",
+    frames="i8",  # since it began
+)
+"""The motion under way."""
+
+EVENTS = record(
+    births="i8", conversions="i8", deletions="i8", rejected_matches="i8", wrong_matches="i8", wall_contacts="i8"
+)
+"""What happened in a step: counters; the first four are the filter's own."""
+
+EPISODE = record(
+    control=CONTROL,
+    events=EVENTS,
+    evaluation=EVALUATION,
+    potential=("f8", (len(REWARDS),)),  # after the last step, in the order of `REWARDS`
+    terms=("f8", (len(REWARDS) + 1,)),  # gain of each potential in the last step, and the forfeit
+    reward="f8",  # of the last step
+    total="f8",  # return so far
+    gain="f8",  # entropy removed so far [bit]
+    first_density="f8",  # log_density at the reset [bit]
+    steps="i8",  # so far
+    lost="b1",
+    detections="i8",  # in the last frame
+)
+"""What one run has been worth so far."""
+
+
+class Run(NamedTuple):
+    """A run; a batch of runs has a leading axis. F feature slots, N = L landmarks, K fiducials, M detections."""
+
+    models: Record
+    """MODELS."""
+    world: World
+    """The truth."""
+    belief: Belief
+    expected: np.ndarray
+    """(N,) EXPECTED landmarks."""
+    candidate: np.ndarray
+    """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
+    label: np.ndarray
+    """(M,) of what each of them is; see `World`. For scoring alone."""
+    owner: np.ndarray
+    """(F,) OWNER, by slot. For scoring alone."""
+    votes: np.ndarray
+    """(F, K + L + 1) see `referee.vote`."""
+    episode: Record
+    """EPISODE."""
+    observation: np.ndarray
+    """(D,) float32."""
+
+
+@inlined
+def run_at(runs, i):  # type: ignore[no-untyped-def]
+    """Run ``i`` of a batch: views."""
+    return Run(
+        runs.models[i],
+        world_at(runs.world, i),
+        belief_at(runs.belief, i),
+        runs.expected[i],
+        runs.candidate[i],
+        runs.label[i],
+        runs.owner[i],
+        runs.votes[i],
+        runs.episode[i],
+        runs.observation[i],
+    )
+
+
+# From plain arguments to constants ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Resolved arguments of an environment; times in seconds."""
+
+    scenario: Scenario
+    gaze_period: float
+    motion_period: float
+    duration: float
+    reward: str
+    models: Record
+    """MODELS."""
+    layout: ObservationLayout
+
+    @property
+    def task(self) -> Record:
+        """TASK."""
+        return self.models.task
+
+    @property
+    def render_rate(self) -> int:
+        """Frames a second at which a video of one picture a step shows true time."""
+        return max(1, round(1.0 / self.gaze_period))
+
+
+def resolve(
+    scenario: str | Mapping[str, Any] | Scenario,
+    gaze_period: float | None,
+    motion_period: float,
+    duration: float,
+    reward: str,
+    lost_position_error: float,
+) -> Setting:
+    """Check the arguments of an environment and work out its constants.
+
+    Raises:
+        ValueError: an argument is unknown, out of range, or no whole number of the period that it must be made of; the
+            message names it, its value and what is allowed.
+    """
+    resolved = scenario_from(scenario)
+    frame = resolved.frame_time
+    frames_per_step = 1 if gaze_period is None else whole_multiple("gaze_period", gaze_period, "the frame", frame)
+    step_time = frames_per_step * frame
+    steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time)
+    steps = whole_multiple("duration", duration, "gaze_period", step_time)
+    lost = lost_position_error
+    if isinstance(lost, bool) or not isinstance(lost, (int, float)) or not lost > 0 or math.isnan(lost):
+        raise ValueError(f"lost_position_error must be a positive number of metres, got {lost!r}")
+    task = filled(
+        TASK,
+        frames_per_step=frames_per_step,
+        steps_per_motion=steps_per_motion,
+        steps=steps,
+        reward=reward_number(reward),
+        lost_position_error=lost,
+        labelled_first_match=resolved.labelled_first_match,
+    )
+    return Setting(
+        scenario=resolved,
+        gaze_period=step_time,
+        motion_period=steps_per_motion * step_time,
+        duration=steps * step_time,
+        reward=reward,
+        models=models_of(resolved, task, steps_per_motion * step_time),
+        layout=layout_of(resolved),
+    )
+
+
+def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
+    """The MODELS record of a scenario."""
+    camera = camera_of(scenario)
+    true_camera = camera.copy()
+    if scenario.true_focal_px is not None:
+        true_camera["focal"] = scenario.true_focal_px
+    if scenario.true_distortion is not None:
+        true_camera["distortion"] = scenario.true_distortion
+    return filled(
+        MODELS,
+        camera=camera,
+        true_camera=true_camera,
+        motion=motion_of(scenario, motion_period),
+        sensor=sensor_of(scenario),
+        filter=filter_of(scenario),
+        task=task,
+        landmark_var=scenario.landmark_prior_variance,
+        boxes_known=scenario.boxes_known,
+    )
+
+
+# Beginning a run ----------------------------------------------------------------------------------------------------
+
+
+def empty_runs(scenario: Scenario, count: int) -> Run:
+    """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills one of them."""
+    features, detections = feature_capacity(scenario), detection_capacity(scenario)
+    points = scenario.fiducial_count + scenario.landmark_count
+    candidate = np.zeros((count, detections), CANDIDATE)
+    candidate["R"] = scenario.pixel_std**2 * np.eye(2)
+    return Run(
+        models=np.zeros(count, MODELS),
+        world=empty_worlds(scenario, count),
+        belief=empty_beliefs(scenario, count),
+        expected=np.zeros((count, scenario.landmark_count), EXPECTED),
+        candidate=candidate,
+        label=np.zeros((count, detections), np.int64),
+        owner=np.zeros((count, features), OWNER),
+        votes=np.zeros((count, features, points + 1), np.int64),
+        episode=np.zeros(count, EPISODE),
+        observation=np.zeros((count, layout_of(scenario).size), np.float32),
+    )
+
+
+def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
+    """Begin run ``i`` of ``runs`` anew from ``key``, a non-negative integer.
+
+    Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
+    """
+    scenario = setting.scenario
+    room, expected, noise, sight = np.random.SeedSequence(key).spawn(4)
+    rng = np.random.default_rng(room)
+    runs.models[i] = setting.models
+    run = row(runs, i)
+    world = run.world
+    world.state.camera[:] = draw_start(scenario, rng)
+    world.fiducials[:], world.landmarks[:] = draw_room(scenario, world.state.camera, rng)
+    world.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
+    world.state.noise_key[:] = noise.generate_state(1, np.uint64)
+    run.expected["point"] = uniform_points(scenario, scenario.landmark_count, np.random.default_rng(expected))
+    run.expected["serial"] = WAITING
+    run.owner["serial"] = 0
+    runs.episode[i] = np.zeros(1, EPISODE)[0]
+    reset_belief(run.belief, *start_of(scenario))
+    if scenario.labelled_first_match:
+        face_fiducials(run, np.random.default_rng(sight))
+
+
+def face_fiducials(run: Run, rng: np.random.Generator) -> None:
+    """Turn the mean so that labelled first sights of the fiducials point at them (Wahba's problem).
+
+    A prior of 45 degrees is too wide to linearise at its mean; this gives the first update a place to start from.
+    Nothing is claimed of the covariance, whose isotropic rotation is the same about any mean.
+    """
+    from scipy.spatial.transform import Rotation
+
+    camera, pose, mean = run.models.camera, run.world.state.camera, run.belief.state.camera
+    R_WC, z = rotation_matrix(pose[QUATERNION]), np.empty(2)
+    sights, directions = [], []
+    for fiducial in run.world.fiducials:
+        if pixel_from_camera_point(camera, camera_point(R_WC, pose, fiducial), z):
+            sights.append(ray_from_pixel(camera, z + camera.pixel_std * rng.standard_normal(2)))
+            directions.append(fiducial - mean[POSITION])
+    if len(sights) >= 2:
+        sights = [ray / np.linalg.norm(ray) for ray in sights]
+        directions = [direction / np.linalg.norm(direction) for direction in directions]
+        rotation, _ = Rotation.align_vectors(directions, sights)
+        mean[QUATERNION] = rotation.as_quat(scalar_first=True)
+
+
+# One frame ----------------------------------------------------------------------------------------------------------
+
+
+@compiled(inline="always")
+def begin_motion(run: Run, motion: int) -> None:
+    """Read a motion: its goal from the present estimate, clipped into the room."""
+    control, camera = run.episode.control, run.belief.state.camera
+    copy_into(control.start, camera[POSITION])
+    copy_into(control.goal, goal_of(run.models.motion, camera, motion))
+    control.motion, control.frames = motion, 0
+
+
+@compiled
+def known_boxes(run: Run) -> np.ndarray:
+    """What the belief knows to hide things: all of the world's boxes, or none."""
+    return run.world.boxes if run.models.boxes_known else run.world.boxes[:0]
+
+
+@compiled(inline="always")
+def advance(run: Run, gaze: int) -> None:
+    """One frame: control, true motion, detection, prediction, association, update, initialisation."""
+    models, world, belief, control, events = run.models, run.world, run.belief, run.episode.control, run.episode.events
+    motion, frame, K = models.motion, belief.state.frame, world.fiducials.shape[0]
+    turn = turn_of(motion, gaze, frame * motion.dt)
+    u = accelerations(motion, belief.state.camera, control.start, control.goal, control.frames * motion.dt, turn)
+    events.wall_contacts += move(motion, world, u, frame)
+    count = detect(models.true_camera, models.sensor, world, frame, run.candidate, run.label)
+    candidates, labels = run.candidate[:count], run.label[:count]
+    run.episode.detections = count
+    labelled = models.task.labelled_first_match and frame == 0
+    for i in range(count):
+        candidates[i].id = fiducial_id(labels[i]) if labelled and 0 <= labels[i] < K else ANYTHING
+    if not motion.command_known:
+        u[:] = 0.0
+    boxes = known_boxes(run)
+    filter_frame(
+        models.camera, motion, models.filter, belief, world.fiducials, boxes, u, motion.dt, candidates, labelled, events
+    )
+    events.wrong_matches += vote(run.owner, run.votes, belief, K, candidates, labels)
+    update_expectation(run.expected, models.landmark_var, belief)
+    control.frames += 1

@@ -1,0 +1,114 @@
+"""A moment of a run, as a painter needs it, and the history that pictures show."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.envs.public import public_belief, truth_of
+from activeslam_gym.envs.simulation import Run, Setting, known_boxes
+from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.motion import POSITION, Gaze, Motion
+from activeslam_gym.slam.sight import sight_of_belief
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Everything that a picture of one moment needs."""
+
+    scenario: Scenario
+    time: float
+    duration: float
+    motion: Motion
+    gaze: Gaze
+    room_size: np.ndarray
+    """(3,) [m]."""
+    true_position: np.ndarray
+    true_quaternion: np.ndarray
+    true_landmarks: np.ndarray
+    fiducials: np.ndarray
+    position: np.ndarray
+    quaternion: np.ndarray
+    covariance: np.ndarray
+    landmarks: np.ndarray
+    mapped: np.ndarray
+    expected_landmarks: np.ndarray
+    """(k, 3) expected and not yet retired [m]."""
+    detections: np.ndarray
+    """(d, 2) [px]."""
+    predicted: np.ndarray
+    """(m, 2) [px]."""
+    predicted_covariance: np.ndarray
+    """(m, 2, 2) [px^2]."""
+    true_trajectory: np.ndarray
+    """(T, 3) [m]; T = 0 where no history is kept."""
+    estimated_trajectory: np.ndarray
+    """(T, 3) [m]."""
+    times: np.ndarray
+    """(T,) [s]."""
+    entropy: np.ndarray
+    """(T,) [bit]."""
+    landmark_times: np.ndarray
+    """(j,) times at which the number of mapped landmarks rose [s]."""
+    image_size: np.ndarray
+    """(2,) width and height [px]."""
+
+
+class History:
+    """What a picture shows of the past: kept only by environments that render."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.true_positions: list[np.ndarray] = []
+        self.positions: list[np.ndarray] = []
+        self.entropy: list[float] = []
+        self.landmark_times: list[float] = []
+        self._most_mapped = 0
+
+    def record(self, time: float, run: Run) -> None:
+        """Add the present moment."""
+        evaluation = run.episode.evaluation
+        self.times.append(time)
+        self.true_positions.append(run.world.state.camera[POSITION].copy())
+        self.positions.append(run.belief.state.camera[POSITION].copy())
+        self.entropy.append(float(evaluation.entropy))
+        mapped = int(evaluation.landmarks_mapped)
+        self.landmark_times.extend([time] * (mapped - self._most_mapped))
+        self._most_mapped = max(self._most_mapped, mapped)
+
+
+def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Snapshot:
+    """The present moment of a run."""
+    belief, truth = public_belief(run), truth_of(run)
+    scenario, episode = setting.scenario, run.episode
+    things = sight_of_belief(run.models.camera, run.belief, run.world.fiducials, known_boxes(run))
+    own = 2 * np.arange(len(things.thing))[:, None, None] + np.arange(2)
+    return Snapshot(
+        scenario=scenario,
+        time=int(episode.steps) * setting.gaze_period,
+        duration=setting.duration,
+        motion=Motion(int(episode.control.motion)),
+        gaze=gaze,
+        room_size=np.array(scenario.room_size),
+        true_position=truth.position,
+        true_quaternion=truth.quaternion,
+        true_landmarks=truth.landmarks,
+        fiducials=truth.fiducials,
+        position=belief.position,
+        quaternion=belief.quaternion,
+        covariance=belief.covariance,
+        landmarks=belief.landmarks,
+        mapped=belief.mapped,
+        expected_landmarks=run.expected["point"][run.expected["serial"] == WAITING],
+        detections=run.candidate["pixel"][: episode.detections].copy(),
+        predicted=things.thing["z_hat"].copy(),
+        predicted_covariance=things.S[np.swapaxes(own, 1, 2), own],
+        true_trajectory=np.reshape(history.true_positions, (-1, 3)),
+        estimated_trajectory=np.reshape(history.positions, (-1, 3)),
+        times=np.array(history.times),
+        entropy=np.array(history.entropy),
+        landmark_times=np.array(history.landmark_times),
+        image_size=np.array([scenario.image_width, scenario.image_height], float),
+    )

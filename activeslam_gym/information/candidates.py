@@ -1,0 +1,224 @@
+"""Candidate actions: where each would take the camera, what would be in view there, and what that would teach.
+
+An action is a record (motion, gaze, frames); a plan is a sequence of actions. One kernel scores plans by any criterion,
+and every score of an environment is made of it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from activeslam_gym.geometry import rotate_left
+from activeslam_gym.information.criteria import criterion_of_number
+from activeslam_gym.information.entropy import gathered
+from activeslam_gym.information.expectation import WAITING, waiting_count
+from activeslam_gym.kernels import Record, compiled, record
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_gram
+from activeslam_gym.motion import (
+    CAMERA_DIM,
+    CAMERA_SIZE,
+    GAZE_COUNT,
+    MOTION_COUNT,
+    POSITION,
+    QUATERNION,
+    Gaze,
+    goal_of,
+    open_loop,
+    turn_of,
+)
+from activeslam_gym.slam.belief import RAY, Belief, as_points, point_belief
+from activeslam_gym.slam.kalman import propagate
+from activeslam_gym.slam.sight import Sight, sight_of_points
+
+ACTION = record(
+    motion="i8",  # a `Motion`, or REMAIN
+    gaze="i8",  # a `Gaze`, held all the time
+    frames="i8",  # until the measurements are taken
+)
+"""A candidate action."""
+REMAIN = -1
+"""In place of a motion: the present position, even where it is outside of what goals are clipped to."""
+
+
+class Prospect(NamedTuple):
+    """What a policy plans with: points to be seen, features of the map and expected landmarks alike. M points."""
+
+    camera: np.ndarray
+    """(13,) estimated camera."""
+    points: np.ndarray
+    """(M, 3) [m]."""
+    covariance: np.ndarray
+    """(12 + 3 M, 12 + 3 M)."""
+    fiducials: np.ndarray
+    """(K, 3) points of known position [m]."""
+    boxes: np.ndarray
+    """(B, 2, 3) what is known to hide things [m]."""
+    waiting: int
+    """How many of the points, the last ones, are expected landmarks."""
+
+
+@compiled
+def prospect_of(
+    belief: Belief, expected: np.ndarray, landmark_var: np.ndarray, fiducials: np.ndarray, boxes: np.ndarray
+) -> Prospect:
+    """The public belief without rays, and the waiting ones of ``expected`` (N,) with their variance (3,)."""
+    n, waiting, rays = belief.state.count, waiting_count(expected), 0
+    for k in range(n):
+        rays += belief.feature[k].kind == RAY
+    size = CAMERA_DIM + 3 * (n - rays + waiting)
+    points, P = np.empty((n - rays + waiting, 3)), np.zeros((size, size))
+    if rays == 0:
+        point_belief(belief, points, P)
+    else:
+        _copy_without_rays(belief, points, P)
+    n -= rays
+    for e in range(expected.shape[0]):
+        if expected[e].serial == WAITING:
+            copy_into(points[n], expected[e].point)
+            for i in range(3):
+                P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]
+            n += 1
+    return Prospect(belief.state.camera.copy(), points, P, fiducials, boxes, waiting)
+
+
+@compiled
+def _copy_without_rays(belief: Belief, points: np.ndarray, P: np.ndarray) -> None:
+    """Write the public belief of all features but rays into the leading part of ``points`` and ``P``."""
+    all_points, covariance = as_points(belief)
+    keep = np.empty(belief.state.count, np.int64)
+    n = 0
+    for k in range(belief.state.count):
+        if belief.feature[k].kind != RAY:
+            keep[n] = k
+            copy_into(points[n], all_points[k])
+            n += 1
+    copy_block(gathered(covariance, keep[:0], keep[:n]), P)
+
+
+@compiled
+def pose_after(motion: Record, camera: np.ndarray, index: int, turned: float) -> np.ndarray:
+    """The camera (13,) at the clipped goal of a motion (or REMAIN), turned by ``turned`` [rad], at rest."""
+    out = np.zeros(CAMERA_SIZE)
+    copy_into(out[POSITION], goal_of(motion, camera, index) if index != REMAIN else camera[POSITION])
+    copy_into(out[QUATERNION], rotate_left(np.array((0.0, turned, 0.0)), camera[QUATERNION]))
+    return out
+
+
+@compiled
+def propagate_by(motion: Record, P: np.ndarray, turn: float, frames: int) -> None:
+    """Make ``P`` the covariance after ``frames`` frames of turning at ``turn`` [rad/s] without a measurement."""
+    if frames > 0:
+        F, Q = open_loop(motion, turn, frames)
+        propagate(P, P.shape[0], F, Q)
+
+
+@compiled
+def propagated(motion: Record, P: np.ndarray, turn: float, frames: int) -> np.ndarray:
+    """The covariance after ``frames`` frames of turning at ``turn`` [rad/s] without a measurement."""
+    out = P.copy()
+    propagate_by(motion, out, turn, frames)
+    return out
+
+
+@compiled
+def sight_after(camera: Record, prospect: Prospect, P: np.ndarray, pose: np.ndarray) -> Sight:
+    """What is in view of ``pose`` (13,), with the covariance ``P``."""
+    return sight_of_points(camera, prospect.boxes, pose, prospect.fiducials, prospect.points, P)
+
+
+@compiled
+def updated(P: np.ndarray, sight: Sight) -> np.ndarray:
+    """The covariance after the measurements in ``sight``: P - W^T W with W = U^-T H P, U^T U = S."""
+    out, U, W = P.copy(), sight.S.copy(), sight.HP.copy()
+    if U.shape[0] > 0 and cholesky_in_place(U):
+        solve_transposed(U, W)
+        subtract_gram(out, W, P.shape[0])
+    return out
+
+
+@compiled
+def score_plans(
+    camera: Record,
+    motion: Record,
+    prospect: Prospect,
+    time: float,
+    plans: np.ndarray,
+    criterion: int,
+    out: np.ndarray,
+) -> None:
+    """Write into ``out`` (A,) what each of ``plans`` (A, L) of ACTION would teach, from ``time`` [s] on.
+
+    By the chain rule I(x; z_1, z_2) = I(x; z_1) + I(x; z_2 | z_1): after each action but the last the covariance is
+    updated by the measurements expected there, and propagated on. What consecutive plans have in common, the leading
+    actions or the gaze and the frames of the last, is worked out once.
+    """
+    size, L = prospect.covariance.shape[0], plans.shape[1]
+    after, measured = np.empty((L, size, size)), np.empty((L - 1, size, size))  # covariances at each action's end
+    poses, gained = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1)
+    copy_into(poses[0], prospect.camera)
+    for a in range(plans.shape[0]):
+        same = a > 0
+        for step in range(L):
+            action, last = plans[a, step], plans[max(a - 1, 0), step]
+            turned = same and action.gaze == last.gaze and action.frames == last.frames
+            same = turned and action.motion == last.motion
+            if same and step < L - 1:
+                continue
+            turn = turn_of(motion, action.gaze, time)
+            if not turned:
+                copy_block(prospect.covariance if step == 0 else measured[step - 1], after[step])
+                propagate_by(motion, after[step], turn, action.frames)
+            copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn * motion.dt * action.frames))
+            sight = sight_after(camera, prospect, after[step], poses[step + 1])
+            gained[step + 1] = gained[step] + criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
+            if step < L - 1:
+                copy_block(updated(after[step], sight), measured[step])
+        out[a] = gained[L]
+
+
+# The plans of an environment's scores --------------------------------------------------------------------------------
+
+
+def checked_plans(plans: Any) -> np.ndarray:
+    """``plans`` as a contiguous array (A, L) of ACTION.
+
+    Raises:
+        ValueError: of another shape or type, or a motion, a gaze or a number of frames is none.
+    """
+    array = np.asarray(plans)
+    if array.dtype != ACTION or array.ndim != 2 or array.shape[1] == 0:
+        raise ValueError(f"plans must be an array (A, L) of ACTION, got {plans!r}")
+    least, limit = (REMAIN, 0, 0), (MOTION_COUNT, GAZE_COUNT, np.inf)
+    for name, low, high in zip(ACTION.names or (), least, limit, strict=True):
+        if not ((array[name] >= low) & (array[name] < high)).all():
+            raise ValueError(f"{name} of plans must be in {low} … {high - 1}, got {array[name].tolist()}")
+    return np.ascontiguousarray(array)
+
+
+def motion_plans(frames: int, gaze: int = Gaze.STAY) -> np.ndarray:
+    """(7, 1): each motion, with ``gaze`` held."""
+    plans = np.zeros((MOTION_COUNT, 1), ACTION)
+    plans["motion"][:, 0], plans["gaze"], plans["frames"] = range(MOTION_COUNT), gaze, frames
+    return plans
+
+
+def gaze_plans(frames: int) -> np.ndarray:
+    """(3, 1): each gaze, from the present position."""
+    plans = np.zeros((GAZE_COUNT, 1), ACTION)
+    plans["motion"], plans["gaze"][:, 0], plans["frames"] = REMAIN, range(GAZE_COUNT), frames
+    return plans
+
+
+def joint_plans(frames: int) -> np.ndarray:
+    """(21, 1): each motion with each gaze, by gaze first: what a gaze does to the covariance is worked out once."""
+    return np.concatenate([motion_plans(frames, gaze) for gaze in range(GAZE_COUNT)])
+
+
+def sequence_plans(frames: int, horizon: int) -> np.ndarray:
+    """(7^horizon, horizon): every sequence of motions, in order, gaze STAY."""
+    plans = np.zeros((MOTION_COUNT**horizon, horizon), ACTION)
+    plans["motion"] = np.stack(np.unravel_index(np.arange(len(plans)), (MOTION_COUNT,) * horizon), axis=-1)
+    plans["gaze"], plans["frames"] = Gaze.STAY, frames
+    return plans

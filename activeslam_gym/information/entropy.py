@@ -1,0 +1,89 @@
+"""The entropy of a belief, at a dimension that never changes: a landmark that nobody has found holds its prior.
+
+H = 1/2 log2((2 pi e)^n |P|) bits, n = 12 + 3 N, |P| = |P_counted| |Sigma_prior|^(N - m) with m counting features.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.linalg import cholesky_in_place, copy_into, log2_det, log2_det_of_factor
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.sight import POSE_DIM
+
+LOG2_2PIE = math.log2(2.0 * math.pi * math.e)
+
+
+@compiled
+def gathered(covariance: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """The public covariance reordered: features ``before`` (by position k), the camera, features ``after``."""
+    m, size = 3 * before.shape[0], CAMERA_DIM + 3 * (before.shape[0] + after.shape[0])
+    rows = np.empty(size, np.int64)
+    for i in range(size):
+        if i < m:
+            rows[i] = CAMERA_DIM + 3 * before[i // 3] + i % 3
+        elif i < m + CAMERA_DIM:
+            rows[i] = i - m
+        else:
+            rows[i] = CAMERA_DIM + 3 * after[(i - m - CAMERA_DIM) // 3] + (i - m) % 3
+    out = np.empty((size, size))
+    for i in range(size):
+        source, target = covariance[rows[i]], out[i]
+        for j in range(size):
+            target[j] = source[rows[j]]
+    return out
+
+
+@compiled
+def log2_dets(
+    landmark_var: np.ndarray,
+    waiting: int,
+    covariance: np.ndarray,
+    U: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+    out: Record,
+) -> None:
+    """Write log2 |P| of camera (12), pose (6), map (3 N) and total (12 + 3 N) into ``out``, which has such fields.
+
+    ``waiting`` landmarks hold their prior. ``U`` is the factor of `gathered(covariance, first, second and more)`; the
+    features ``first`` and ``second`` count.
+    """
+    a, b = 3 * first.shape[0], 3 * second.shape[0]
+    rest = waiting * math.log2(landmark_var[0] * landmark_var[1] * landmark_var[2])
+    U_camera = covariance[:CAMERA_DIM, :CAMERA_DIM].copy()
+    cholesky_in_place(U_camera)
+    out.log2_det_camera = log2_det_of_factor(U_camera, 0, CAMERA_DIM)
+    out.log2_det_pose = log2_det_of_factor(U_camera, 0, POSE_DIM)
+    out.log2_det_total = log2_det_of_factor(U, 0, a + CAMERA_DIM + b) + rest
+    if b == 0:
+        out.log2_det_map = log2_det_of_factor(U, 0, a) + rest
+    else:
+        both = np.empty(first.shape[0] + second.shape[0], np.int64)
+        copy_into(both, first)
+        copy_into(both[first.shape[0] :], second)
+        out.log2_det_map = log2_det(gathered(covariance, both, first[:0])[: a + b, : a + b]) + rest
+
+
+@compiled
+def traces(
+    landmark_var: np.ndarray, waiting: int, covariance: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[float, float]:
+    """(trace of the positions of camera and map [m^2], trace of everything), ``waiting`` landmarks at their prior.
+
+    The features ``first`` and ``second``, by position k, count.
+    """
+    positions = waiting * (landmark_var[0] + landmark_var[1] + landmark_var[2])
+    for features in (first, second):
+        for k in features:
+            for i in range(3):
+                positions += covariance[CAMERA_DIM + 3 * k + i, CAMERA_DIM + 3 * k + i]
+    everything = positions
+    for i in range(CAMERA_DIM):
+        everything += covariance[i, i]
+    for i in range(3):
+        positions += covariance[i, i]
+    return positions, everything

@@ -1,0 +1,82 @@
+"""Expected landmarks: what the room is assumed to hold and nobody has found yet, the reason not to stay at home."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from activeslam_gym.kernels import compiled, record
+from activeslam_gym.linalg import cholesky_in_place, log2_det_3, solve_transposed_vector, sum_of_squares
+from activeslam_gym.slam.belief import RAY, Belief, point_marginal, position_of
+
+EXPECTED = record(
+    point=("f8", 3),  # where it is expected [m]; uncorrelated with the truth
+    serial="i8",  # id of the counting feature that has retired it, or WAITING
+)
+"""One expected landmark. Its covariance is that of the uniform room, `landmark_var` (3,) [m^2]."""
+WAITING = 0
+
+
+@compiled
+def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, belief: Belief) -> None:
+    """Retire and bring back expected landmarks, so that exactly the counting features have retired one each.
+
+    A feature counts from the first frame in which the log-determinant of its own point marginal is under the prior's;
+    it retires the expected landmark nearest to it (Mahalanobis, with the covariances of both); deleting it brings that
+    landmark back. Rays never count. To be called after every frame.
+    """
+    for e in range(expected.shape[0]):
+        if expected[e].serial != WAITING and position_of(belief, expected[e].serial) < 0:
+            expected[e].serial = WAITING
+    bound = math.log2(landmark_var[0] * landmark_var[1] * landmark_var[2])
+    counting, P_y = find_counting(expected, belief), np.empty((3, 3))
+    for k in range(belief.state.count):
+        if belief.feature[k].kind == RAY or counting[k]:
+            continue
+        y = point_marginal(belief, k, P_y)
+        if log2_det_3(P_y) < bound:  # False for NaN
+            e = _nearest_expected(expected, landmark_var, y, P_y)
+            if e < 0:
+                return
+            expected[e].serial = belief.feature[k].serial
+
+
+@compiled
+def _nearest_expected(expected: np.ndarray, landmark_var: np.ndarray, y: np.ndarray, P_y: np.ndarray) -> int:
+    """Index of the waiting expected landmark nearest to the feature ``y`` (3,) with covariance ``P_y``, or -1."""
+    U, d = P_y.copy(), np.empty(3)
+    for i in range(3):
+        U[i, i] += landmark_var[i]
+    cholesky_in_place(U)
+    best, nearest = -1, np.inf
+    for e in range(expected.shape[0]):
+        if expected[e].serial == WAITING:
+            for i in range(3):
+                d[i] = expected[e].point[i] - y[i]
+            solve_transposed_vector(U, d)
+            square = sum_of_squares(d)
+            if square < nearest:
+                best, nearest = e, square
+    return best
+
+
+@compiled
+def find_counting(expected: np.ndarray, belief: Belief) -> np.ndarray:
+    """(n,) bool: which features, oldest first, count: have retired an expected landmark."""
+    out = np.zeros(belief.state.count, np.bool_)
+    for e in range(expected.shape[0]):
+        if expected[e].serial != WAITING:
+            k = position_of(belief, expected[e].serial)
+            if k >= 0:
+                out[k] = True
+    return out
+
+
+@compiled
+def waiting_count(expected: np.ndarray) -> int:
+    """How many expected landmarks no feature has retired."""
+    count = 0
+    for e in range(expected.shape[0]):
+        count += expected[e].serial == WAITING
+    return count

@@ -1,0 +1,229 @@
+"""How kernels are compiled, and where they are kept.
+
+A kernel is compiled when it is first called, with all that it calls, and kept on disk. The folder that keeps it is
+named after the *content* of the modules that hold kernels: an edit of any of them, or another branch, has a folder of
+its own, and going back to the old content finds the old kernels again. Edits of other modules change nothing.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numba import config as _numba_config
+from numba import njit
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.extending import overload
+
+Tree = TypeVar("Tree", bound=tuple)
+
+_PACKAGE = Path(__file__).parent
+_CONFIG: Any = _numba_config
+_FOLDERS_KEPT = 4
+"""Contents whose kernels are kept beside the present one's, the last used ones."""
+
+
+def compiled(function: Any = None, **options: Any) -> Any:
+    """Decorator of a function of numbers, arrays and records that kernels and Python may call; see `numba.njit`.
+
+    Called from Python it is a kernel of its own, ``function.kernel``: Numba's dispatcher. A kernel that calls it has it
+    compiled into itself, without the wrapper by which Python would call it. Every function is optimised again inside
+    each of its callers, so those that only hand a run down are written into their caller instead
+    (``inline="always"``).
+    """
+    if function is None:
+        return functools.partial(compiled, **options)
+    if _CONFIG.DISABLE_JIT:
+        return function
+    options = {"error_model": "numpy", **options}  # a division by zero is no exception
+    alone = njit(nogil=True, **options)(function)
+    _keep(alone)
+    if "inline" in options:
+        return alone
+
+    @functools.wraps(function)
+    def call(*arguments: Any, **named: Any) -> Any:
+        return alone(*arguments, **named)
+
+    jit_options: Any = {**options, "no_cfunc_wrapper": True}
+    overload(call, jit_options=jit_options, strict=False)(lambda *arguments: function)
+    call.kernel = alone  # type: ignore[attr-defined]
+    return call
+
+
+def inlined(function: Any) -> Any:
+    """Decorator of a function that is written into the kernels that call it; nothing else can call it.
+
+    For those that make one run's records and arrays from a batch's: Numba cannot return a record.
+    """
+    return function if _CONFIG.DISABLE_JIT else njit(inline="always", error_model="numpy")(function)
+
+
+def row(tree: Tree, i: int | slice) -> Tree:
+    """Row ``i`` of all arrays in ``tree``, a nested named tuple of them: views. For Python; kernels have `inlined`."""
+    return type(tree)(*(row(x, i) if isinstance(x, tuple) else x[i] for x in tree))
+
+
+if TYPE_CHECKING:
+    Record = Any  # a type checker does not know what fields a record has
+else:
+
+    class Record(np.record):
+        """NumPy's record, of which a field comes before a method of the same name: ``feature.mean``."""
+
+        def __getattribute__(self, name: str) -> Any:
+            fields = object.__getattribute__(self, "dtype").fields
+            return self[name] if fields and name in fields else super().__getattribute__(name)
+
+
+def record(**fields: Any) -> np.dtype[Any]:
+    """The type of a record with these fields: ``name="f8"``, ``name=("f8", 3)``, or a record in the record.
+
+    A record of an array, ``states[i]``, is a view, in kernels and outside: ``states[i].dim = 12`` writes.
+    """
+    return np.dtype(
+        (Record, [(name, *(kind if isinstance(kind, tuple) else (kind,))) for name, kind in fields.items()])
+    )
+
+
+def filled(kind: np.dtype[Any], **values: Any) -> Record:
+    """A record of that ``kind`` with these values, one for each of its fields."""
+    if set(values) != set(kind.names or ()):
+        raise TypeError(f"values must be given for {kind.names}, got {tuple(values)}")
+    out = np.zeros(1, kind)[0]
+    for name, value in values.items():
+        out[name] = value
+    return out
+
+
+def one_of(functions: Any) -> Any:
+    """A function for kernels, of (number, *arguments), that calls the one of that number; NaN where there is none."""
+    first, *others = functions
+    if not others:
+        rest = njit(lambda number, *arguments: np.nan)
+    else:
+        rest = one_of(others)
+
+    def choose(number, *arguments):  # type: ignore[no-untyped-def]
+        return first(*arguments) if number == 0 else rest(number - 1, *arguments)
+
+    return njit(choose)
+
+
+# The cache ----------------------------------------------------------------------------------------------------------
+
+
+_SIGNS = b"@compiled", b"@inlined", b"@named(", b" = record(", b"one_of("
+"""What tells a module that kernels are made of."""
+_UPPER_FLOOR = _PACKAGE / "vision"
+"""Its kernels call those of the modules below it, and never the other way round."""
+
+
+@functools.cache
+def _content(upper_floor: bool) -> str:
+    """A number for the content of all modules that kernels are made of, with or without the upper floor's."""
+    digest = hashlib.sha256()
+    for source in sorted(_PACKAGE.rglob("*.py")):
+        content = source.read_bytes()
+        if any(sign in content for sign in _SIGNS) and (upper_floor or not source.is_relative_to(_UPPER_FLOOR)):
+            digest.update(source.relative_to(_PACKAGE).as_posix().encode() + b"\0" + content)
+    return digest.hexdigest()[:16]
+
+
+class _Cache(FunctionCache):
+    """Numba's own cache in a folder named after the `_content`. What is damaged or cannot be kept is compiled anew."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        source = Path(function.__code__.co_filename)
+        content = _content(source.is_relative_to(_UPPER_FLOOR))
+        stamp = content if source.is_relative_to(_PACKAGE) else (content, self._impl.locator.get_source_stamp())
+        self._cache_path = os.path.join(self._cache_path, f"kernels-{content}")
+        self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The kernel for these types, or None where it has to be compiled."""
+        try:
+            found = super().load_overload(sig, target_context)
+        except Exception:  # whatever a damaged file makes of the reading
+            shutil.rmtree(self._cache_path, ignore_errors=True)
+            found = None
+        if found is None:
+            _announce(kept=True)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the kernel, and forget the kernels of contents that were not used for long."""
+        try:
+            if not os.path.isdir(self._cache_path):
+                os.makedirs(self._cache_path, exist_ok=True)
+                _forget_old_folders(Path(self._cache_path))
+            super().save_overload(sig, data)
+        except OSError as error:
+            _complain(f"a kernel could not be kept in {self._cache_path}: {error}")
+
+
+class _NoCache:
+    """In the place of `_Cache` where nothing can be written."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> None:
+        """Every kernel has to be compiled."""
+        _announce(kept=False)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Nothing is kept."""
+
+    def flush(self) -> None:
+        """Nothing to flush."""
+
+
+def _keep(kernel: Any) -> None:
+    """Give a kernel its cache."""
+    try:
+        kernel._cache = _Cache(kernel.py_func)
+    except RuntimeError:  # Numba finds no directory that it can write
+        kernel._cache = _NoCache()
+
+
+def _forget_old_folders(present: Path) -> None:
+    """Remove the folders beside the ``present`` one, but for those used last."""
+    with contextlib.suppress(OSError):
+        folders = sorted(present.parent.glob("kernels-*"), key=lambda folder: folder.stat().st_mtime, reverse=True)
+        for folder in [folder for folder in folders if folder != present][_FOLDERS_KEPT:]:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+# What is said -------------------------------------------------------------------------------------------------------
+
+_said: set[str] = set()
+
+
+def _announce(kept: bool) -> None:
+    """Say, once a process, why the first step takes long."""
+    if "compiling" not in _said:
+        _said.add("compiling")
+        then = (
+            "which is kept for the next time"
+            if kept
+            else "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
+        )
+        _tell(f"compiling its kernels (about half a minute), {then} ...")
+
+
+def _complain(message: str) -> None:
+    """Say, once a process, what is wrong with the cache."""
+    if "wrong" not in _said:
+        _said.add("wrong")
+        _tell(f"{message}; they will be compiled again at the next start")
+
+
+def _tell(message: str) -> None:
+    print(f"{_PACKAGE.name}: {message}", file=sys.stderr, flush=True)

@@ -1,0 +1,70 @@
+"""Prediction and update of the mean and the joint covariance, cross-covariances included."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.linalg import (
+    add_product,
+    add_symmetric_product,
+    cholesky_in_place,
+    copy_block,
+    copy_into,
+    solve_transposed,
+    solve_transposed_vector,
+)
+from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, process_covariance, transition, transition_jacobian
+from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
+
+
+@compiled
+def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
+    """``dt`` seconds ahead under the known accelerations ``u`` (6,): x = f(x, u), P = F P F^T + Q in the camera's rows.
+
+    The appendix's prediction, and section II's.
+    """
+    x = transition(belief.state.camera, u, dt)
+    F_x = transition_jacobian(x[ANGULAR_VELOCITY], dt)
+    copy_into(belief.state.camera, x)
+    propagate(belief.covariance, belief.state.dim, F_x, process_covariance(motion, F_x, dt))
+    belief.state.frame += 1
+
+
+@compiled
+def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
+    """P_cc = F P_cc F^T + Q and P_cy = F P_cy on the leading ``dim`` rows of ``P``, for any camera transition."""
+    FP, P_cc = np.zeros((CAMERA_DIM, dim)), P[:CAMERA_DIM, :CAMERA_DIM]
+    add_product(F, P, FP)
+    for i in range(CAMERA_DIM):
+        for j in range(CAMERA_DIM, dim):
+            P[i, j] = FP[i, j]
+            P[j, i] = FP[i, j]
+    copy_block(Q, P_cc)
+    add_symmetric_product(FP, F, P_cc)
+
+
+@compiled
+def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> bool:
+    """x ⊞ K nu, P - K S K^T by ``innovation`` nu (m,). False, with nothing changed, if S has no factor.
+
+    ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` are overwritten. With U^T U = S and W = U^-T H P:
+    K S K^T = W^T W and K nu = W^T (U^-T nu): one factor, no inverse.
+    """
+    m, dim = HP.shape
+    if not cholesky_in_place(S):
+        return False
+    W, delta = np.zeros((m + -m % 4, dim)), np.zeros((1, dim))  # rows of zeros, since the product takes four at a time
+    copy_block(HP, W)
+    solve_transposed(S, W[:m])
+    solve_transposed_vector(S, innovation)
+    add_product(innovation.reshape((1, m)), W, delta)
+    for value in delta[0]:
+        if not math.isfinite(value):
+            return False
+    shift_mean(belief, delta[0])
+    subtract_and_recentre(belief, W, delta[0])
+    return True

@@ -1,0 +1,138 @@
+"""The mean on its manifold: how an update shifts it, and what the covariance is about the new mean."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from activeslam_gym.geometry import rotate_left, so3_left_jacobian
+from activeslam_gym.kernels import compiled
+from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into, subtract_gram
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    D_ANGULAR,
+    D_POSITION,
+    D_ROTATION,
+    D_VELOCITY,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+)
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVERSE_DEPTH, KIND_DIM, POINT, RHO, Belief
+
+MINIMUM_INVERSE_DEPTH = 0.01
+"""Updates keep inverse depths above this [1/m]."""
+
+
+@compiled
+def shift_mean(belief: Belief, delta: np.ndarray) -> None:
+    """mean ⊞ ``delta`` (dim,): the camera's rotation is perturbed on the left, in the world frame."""
+    x = belief.state.camera
+    _add(x[POSITION], delta[D_POSITION])
+    _add(x[VELOCITY], delta[D_VELOCITY])
+    _add(x[ANGULAR_VELOCITY], delta[D_ANGULAR])
+    copy_into(x[QUATERNION], rotate_left(delta[D_ROTATION], x[QUATERNION]))
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        _add(feature.mean, delta[feature.start : feature.start + KIND_DIM[feature.kind]])
+        if feature.kind == INVERSE_DEPTH:
+            feature.mean[RHO] = max(feature.mean[RHO], MINIMUM_INVERSE_DEPTH)
+
+
+@compiled
+def _add(x: np.ndarray, delta: np.ndarray) -> None:
+    for i in range(delta.shape[0]):
+        x[i] += delta[i]
+
+
+@compiled
+def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> None:
+    """M (P - W^T W) M^T: the update's covariance in the tangent of the mean just shifted by ``delta`` (dim,).
+
+    M keeps what no bearing can tell, a turn of camera and map together, what it is. Such a turn a moves a point f by
+    a x f; before the shift that is a x f, and after it has to be a x (f + df), so every world vector gets
+    + dtheta x df. With the plain tangent (M = I) the direction would change with the estimate, and the filter would
+    gain orientation that it never measured. It is the covariance of the right-invariant filter in these coordinates
+    (Barrau and Bonnabel, *An EKF-SLAM algorithm with consistency properties*, 2015). The rotation's own rows follow
+    from Exp(dtheta) = Exp(dtheta+) Exp(delta_theta), dtheta+ = J_l(delta_theta) (dtheta - delta_theta): the modern form
+    of the paper's Jacobian of the quaternion's normalisation.
+
+    With M = I + E^T on the rotation's columns, E (3, dim), and B = P_theta + P_theta,theta E / 2 of the P after the
+    update, M P M^T = P + E^T B + B^T E.
+    """
+    P, dim = belief.covariance, belief.state.dim
+    E, B = _turning(belief, delta), np.zeros((3, dim))
+    copy_block(P[D_ROTATION, :dim], B)
+    for i in range(3):
+        for r in range(W.shape[0]):
+            factor, row, target = W[r, D_ROTATION.start + i], W[r], B[i]
+            for j in range(dim):
+                target[j] -= factor * row[j]
+    add_product(0.5 * B[:, D_ROTATION], E, B)
+    _add_symmetric(P, E, B, dim)
+    subtract_gram(P, W, dim)
+    _recentre_rotation(belief, delta)
+
+
+@compiled(fastmath={"contract"})
+def _add_symmetric(P: np.ndarray, E: np.ndarray, B: np.ndarray, n: int) -> None:
+    """P[:n, :n] += E^T B + B^T E for E, B (3, n), in the upper triangle alone: `subtract_gram` makes its copy."""
+    for i in range(n):
+        row, e0, e1, e2, b0, b1, b2 = P[i, i:n], E[0, i], E[1, i], E[2, i], B[0, i], B[1, i], B[2, i]
+        E0, E1, E2, B0, B1, B2 = E[0, i:n], E[1, i:n], E[2, i:n], B[0, i:n], B[1, i:n], B[2, i:n]
+        for j in range(n - i):
+            row[j] += e0 * B0[j] + b0 * E0[j] + e1 * B1[j] + b1 * E1[j] + e2 * B2[j] + b2 * E2[j]
+
+
+@compiled
+def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
+    """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
+    E = np.zeros((3, belief.state.dim))
+    _cross(delta[D_POSITION], E[:, D_POSITION])
+    _cross(delta[D_VELOCITY], E[:, D_VELOCITY])
+    _cross(delta[D_ANGULAR], E[:, D_ANGULAR])
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        at = feature.start
+        _cross(delta[at : at + 3], E[:, at : at + 3])
+        if feature.kind != POINT:
+            azimuth, elevation = feature.mean[AZIMUTH], feature.mean[ELEVATION]
+            angles = E[:, at + AZIMUTH : at + AZIMUTH + 2]
+            _turn_angles(azimuth, elevation, 1.0, angles)
+            _turn_angles(azimuth - delta[at + AZIMUTH], elevation - delta[at + ELEVATION], -1.0, angles)
+    return E
+
+
+@compiled
+def _cross(d: np.ndarray, E: np.ndarray) -> None:
+    """``E`` (3, 3) of a world vector shifted by ``d`` (3,): a x d = E^T a."""
+    E[1, 0], E[2, 0] = d[2], -d[1]
+    E[0, 1], E[2, 1] = -d[2], d[0]
+    E[0, 2], E[1, 2] = d[1], -d[0]
+
+
+@compiled
+def _turn_angles(azimuth: float, elevation: float, sign: float, E: np.ndarray) -> None:
+    """Add ``sign`` times d(azimuth, elevation) of a direction by a turn of the world, the derivative of a x m."""
+    sin_a, cos_a, tan_e = math.sin(azimuth), math.cos(azimuth), math.tan(elevation)
+    E[0, 0] -= sign * tan_e * sin_a
+    E[1, 0] += sign
+    E[2, 0] -= sign * tan_e * cos_a
+    E[0, 1] -= sign * cos_a
+    E[2, 1] += sign * sin_a
+
+
+@compiled
+def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
+    """P_theta = J_l P_theta, rows and columns."""
+    P, dim = belief.covariance, belief.state.dim
+    J, P_theta = so3_left_jacobian(delta[D_ROTATION]), np.zeros((3, dim))
+    add_product(J, P[D_ROTATION], P_theta)
+    P[D_ROTATION, D_ROTATION] = 0.0
+    add_symmetric_product(P_theta[:, D_ROTATION], J, P[D_ROTATION, D_ROTATION])
+    for i in range(3):
+        for j in range(dim):
+            if j < D_ROTATION.start or j >= D_ROTATION.stop:
+                P[D_ROTATION.start + i, j] = P_theta[i, j]
+                P[j, D_ROTATION.start + i] = P_theta[i, j]

@@ -1,0 +1,103 @@
+"""Changes of the map: a feature joins it, leaves it, or turns into a point."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from activeslam_gym.kernels import compiled
+from activeslam_gym.linalg import add_product, add_symmetric_product, copy_into
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.belief import FEATURE_SIZE, KIND_DIM, POINT, Belief, point_marginal, point_of
+
+
+@compiled
+def room_for(belief: Belief, width: int) -> bool:
+    """Whether one more feature of ``width`` dimensions fits."""
+    return belief.state.count < belief.feature.shape[0] and belief.state.dim + width <= belief.covariance.shape[0]
+
+
+@compiled
+def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
+    """Add a feature y = g(camera, rest) and return its position, the last; the caller has asked `room_for` it.
+
+    ``mean`` (6,); ``J`` (width, 12) is dy/d camera tangent; ``Q`` (>= width, >= width) the covariance of what does not
+    come from the camera: P_yx = J P_cx, P_yy = J P_cc J^T + Q.
+    """
+    state, P, width = belief.state, belief.covariance, J.shape[0]
+    at, k = state.dim, state.count
+    P_yx, P_yy = P[at : at + width, :at], P[at : at + width, at : at + width]
+    P_yx[:, :] = 0.0
+    add_product(J, P[:CAMERA_DIM], P_yx)
+    for i in range(width):
+        for j in range(at):
+            P[j, at + i] = P_yx[i, j]
+        copy_into(P_yy[i], Q[i, :width])
+    add_symmetric_product(P_yx, J, P_yy)
+    feature = belief.feature[k]
+    feature.slot = _free_slot(belief)
+    copy_into(feature.mean, mean)
+    feature.kind, feature.start, feature.misses, feature.mapped = kind, at, 0, False
+    feature.born = feature.seen = state.frame
+    state.dim, state.count, state.serial = at + width, k + 1, state.serial + 1
+    feature.serial = state.serial
+    return k
+
+
+@compiled
+def _free_slot(belief: Belief) -> int:
+    """The lowest slot that no feature has."""
+    taken = np.zeros(belief.feature.shape[0], np.bool_)
+    for k in range(belief.state.count):
+        taken[belief.feature[k].slot] = True
+    slot = 0
+    while taken[slot]:
+        slot += 1
+    return slot
+
+
+@compiled
+def remove_feature(belief: Belief, k: int) -> None:
+    """Forget feature ``k``: marginalise it out, and close its gap."""
+    start, width = belief.feature[k].start, KIND_DIM[belief.feature[k].kind]
+    _close_gap(belief, start, width)
+    belief.state.count -= 1
+    for i in range(k, belief.state.count):
+        belief.feature[i] = belief.feature[i + 1]
+
+
+@compiled
+def convert_to_point(belief: Belief, k: int) -> None:
+    """Turn a RAY or INVERSE_DEPTH feature into a POINT through its Jacobian T (with a ray's depth variance)."""
+    P, dim, feature = belief.covariance, belief.state.dim, belief.feature[k]
+    at, width = feature.start, KIND_DIM[feature.kind]
+    T, P_y, TP = np.empty((3, FEATURE_SIZE)), np.empty((3, 3)), np.zeros((3, dim))
+    point_of(belief, k, T)
+    add_product(T[:, :width], P[at : at + width], TP)
+    y = point_marginal(belief, k, P_y)
+    for i in range(3):
+        for j in range(dim):
+            P[at + i, j] = TP[i, j]
+            P[j, at + i] = TP[i, j]
+    for i in range(3):
+        for j in range(3):
+            P[at + i, at + j] = 0.5 * (P_y[i, j] + P_y[j, i])
+    feature.mean[:] = 0.0
+    copy_into(feature.mean, y)
+    feature.kind = POINT
+    _close_gap(belief, at + 3, width - 3)
+
+
+@compiled
+def _close_gap(belief: Belief, at: int, width: int) -> None:
+    """Drop ``width`` covariance rows and columns from ``at`` on."""
+    P, dim = belief.covariance, belief.state.dim - width
+    for i in range(at, dim):
+        copy_into(P[i], P[i + width, : dim + width])
+    for i in range(dim):
+        row = P[i]
+        for j in range(at, dim):
+            row[j] = row[j + width]
+    for k in range(belief.state.count):
+        if belief.feature[k].start >= at + width:
+            belief.feature[k].start -= width
+    belief.state.dim = dim

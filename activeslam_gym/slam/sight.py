@@ -1,0 +1,291 @@
+"""Sight: what a camera is expected to see, with H by blocks, H P and S. The filter and the planner share it.
+
+Rows are numbered alike everywhere: row r < K is fiducial r, row K + k the feature (or the planner's point) k.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from activeslam_gym.camera import (
+    Vector,
+    camera_from_world,
+    inside_image,
+    pixel_from_camera_point,
+    pixel_jacobian,
+    visible,
+)
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import Record, compiled, record
+from activeslam_gym.linalg import add_product
+from activeslam_gym.motion import CAMERA_DIM, QUATERNION
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, KIND_DIM, POINT, RAY, RHO, Belief, bearing, fiducial_id
+
+POSE_DIM = 6
+"""A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
+SEARCH_STDS = 4.3
+"""A feature is searched for when its predicted pixel is within so many standard deviations of the image: the radius of
+the birth gate, so that no known feature is born again just outside."""
+INSIDE_STDS = 3.0
+"""Its absence is telling when its predicted pixel is so many standard deviations inside."""
+
+NEAR, INSIDE = 1, 2
+"""A row is within reach of the image; well inside it, so that a miss is telling."""
+
+THING = record(
+    row="i8",
+    id="i8",  # of the feature or fiducial; 0 for a planner's point
+    column="i8",  # first covariance row of its parameters
+    width="i8",  # how many they are: 0 for a fiducial, whose place is known
+    visibility="i8",  # NEAR or INSIDE
+    z_hat=("f8", 2),  # predicted pixel [px]
+    H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
+    H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
+)
+"""One thing in reach."""
+
+
+class Sight(NamedTuple):
+    """Predicted measurements of v things, fiducials first; their joint covariances."""
+
+    thing: np.ndarray
+    """(v,) THING."""
+    HP: np.ndarray
+    """(2 v, dim) covariance of the predicted pixels with the state [px × unit of the state]."""
+    S: np.ndarray
+    """(2 v, 2 v) innovation covariance H P H^T + R, with the camera's own image noise for R [px^2]."""
+
+
+# One measurement ----------------------------------------------------------------------------------------------------
+
+
+@compiled
+def point_measurement(
+    camera: Record,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    H_x: np.ndarray,
+    H_y: np.ndarray,
+) -> bool:
+    """Pixel of the world point ``y`` (>= 3,) from ``pose`` (>= 3, position first), with its Jacobians.
+
+    p_C = R^T (y - p); with R = Exp(dtheta) R_hat, dp_C/d dtheta = R^T [y - p]x. Writes ``z`` (2,), ``H_x`` (2, 6) by
+    position and rotation, and ``H_y`` (2, >= 3). False where the point is nearer than the camera's minimum depth.
+    """
+    d = (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2])
+    p_C = camera_from_world(R_WC, d)
+    if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
+        return False
+    _chain(camera, p_C, R_WC, d, 1.0, H_x, H_y)
+    return True
+
+
+@compiled
+def inverse_depth_measurement(
+    camera: Record,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    feature: np.ndarray,
+    z: np.ndarray,
+    H_x: np.ndarray,
+    H_y: np.ndarray,
+) -> bool:
+    """Pixel of an inverse-depth feature (anchor, azimuth, elevation, rho) with its Jacobians; see point_measurement.
+
+    Projection does not see scale, so h = R^T d with d = rho (anchor - p) + m stands for the point: it stays finite as
+    rho goes to zero (Montiel, Civera and Davison 2006, equation 7). ``H_y`` is (2, 6).
+    """
+    rho = feature[RHO]
+    m = bearing(feature[AZIMUTH], feature[ELEVATION])
+    offset = (feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2])
+    d = (rho * offset[0] + m[0, 0], rho * offset[1] + m[0, 1], rho * offset[2] + m[0, 2])
+    p_C = camera_from_world(R_WC, d)
+    if p_C[2] < camera.minimum_depth * rho or not pixel_from_camera_point(camera, p_C, z):
+        return False
+    _chain(camera, p_C, R_WC, d, rho, H_x, H_y)
+    for i in range(2):
+        a, b, c = H_y[i, 0] / rho, H_y[i, 1] / rho, H_y[i, 2] / rho
+        H_y[i, AZIMUTH] = a * m[1, 0] + b * m[1, 1] + c * m[1, 2]
+        H_y[i, ELEVATION] = a * m[2, 0] + b * m[2, 1] + c * m[2, 2]
+        H_y[i, RHO] = a * offset[0] + b * offset[1] + c * offset[2]
+    return True
+
+
+@compiled
+def _chain(
+    camera: Record, p_C: Vector, R_WC: np.ndarray, d: Vector, scale: float, H_x: np.ndarray, H_y: np.ndarray
+) -> None:
+    """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
+    J_C = np.empty((2, 3))
+    pixel_jacobian(camera, p_C, J_C)
+    for i in range(2):
+        for j in range(3):
+            value = J_C[i, 0] * R_WC[j, 0] + J_C[i, 1] * R_WC[j, 1] + J_C[i, 2] * R_WC[j, 2]
+            H_y[i, j] = scale * value
+            H_x[i, j] = -scale * value
+        a, b, c = H_y[i, 0] / scale, H_y[i, 1] / scale, H_y[i, 2] / scale
+        H_x[i, 3] = b * d[2] - c * d[1]
+        H_x[i, 4] = c * d[0] - a * d[2]
+        H_x[i, 5] = a * d[1] - b * d[0]
+
+
+@compiled
+def own_innovation(
+    P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
+) -> None:
+    """S (2, 2) = H P H^T + R, with H non-zero on the pose and on ``width`` columns from ``start`` on."""
+    s00, s01, s11 = pixel_var, 0.0, pixel_var
+    for a in range(POSE_DIM):
+        h0, h1 = H_x[0, a], H_x[1, a]
+        own0, own1, cross0, cross1 = 0.0, 0.0, 0.0, 0.0
+        for b in range(POSE_DIM):
+            own0 += P[a, b] * H_x[0, b]
+            own1 += P[a, b] * H_x[1, b]
+        for b in range(width):
+            cross0 += P[a, start + b] * H_y[0, b]
+            cross1 += P[a, start + b] * H_y[1, b]
+        s00 += h0 * (own0 + 2.0 * cross0)
+        s01 += h0 * (own1 + cross1) + h1 * cross0
+        s11 += h1 * (own1 + 2.0 * cross1)
+    for a in range(width):
+        own0, own1 = 0.0, 0.0
+        for b in range(width):
+            own0 += P[start + a, start + b] * H_y[0, b]
+            own1 += P[start + a, start + b] * H_y[1, b]
+        s00 += H_y[0, a] * own0
+        s01 += H_y[0, a] * own1
+        s11 += H_y[1, a] * own1
+    S[0, 0], S[0, 1], S[1, 0], S[1, 1] = s00, s01, s01, s11
+
+
+@compiled
+def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
+    """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
+    longest = math.sqrt(max(S[0, 0], S[1, 1]))
+    if inside_image(camera, z_hat, -INSIDE_STDS * longest):
+        return INSIDE
+    return NEAR if inside_image(camera, z_hat, SEARCH_STDS * longest) else 0
+
+
+# All of them --------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes: np.ndarray) -> Sight:
+    """The fiducials (K, 3), and all features but rays, whose predicted pixel is within reach of the image.
+
+    ``boxes`` (B, 2, 3) are what the filter knows to hide things.
+    """
+    K, pose, P = fiducials.shape[0], belief.state.camera, belief.covariance
+    things = np.empty(K + belief.state.count, THING)
+    R_WC, S = rotation_matrix(pose[QUATERNION]), np.empty((2, 2))
+    v = 0
+    for row in range(K + belief.state.count):
+        thing = things[v]
+        if row < K:
+            found = place_point(camera, boxes, pose, R_WC, fiducials[row], camera.width, thing)
+            thing.id, thing.column, thing.width = fiducial_id(row), 0, 0
+        else:
+            feature = belief.feature[row - K]
+            found = _place_feature(camera, boxes, pose, R_WC, feature.kind, feature.mean, thing)
+            thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
+        if found:
+            own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
+            thing.row, thing.visibility = row, visibility_of(camera, thing.z_hat, S)
+            v += thing.visibility > 0
+    return sight_with(things[:v], P, belief.state.dim, camera.pixel_std**2)
+
+
+@compiled
+def sight_of_points(
+    camera: Record, boxes: np.ndarray, pose: np.ndarray, fiducials: np.ndarray, points: np.ndarray, P: np.ndarray
+) -> Sight:
+    """What lies in the image of ``pose`` (>= 7: position, quaternion): fiducials (K, 3) and points (M, 3).
+
+    ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
+    """
+    K = fiducials.shape[0]
+    things = np.empty(K + points.shape[0], THING)
+    R_WC = rotation_matrix(pose[QUATERNION])
+    v = 0
+    for row in range(K + points.shape[0]):
+        thing = things[v]
+        if place_point(camera, boxes, pose, R_WC, fiducials[row] if row < K else points[row - K], 0.0, thing):
+            thing.row, thing.id, thing.visibility = row, 0, INSIDE
+            thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
+            v += 1
+    return sight_with(things[:v], P, P.shape[0], camera.pixel_std**2)
+
+
+@compiled
+def place_point(
+    camera: Record,
+    boxes: np.ndarray,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    y: np.ndarray,
+    margin: float,
+    thing: Record,
+) -> bool:
+    """Write pixel and Jacobians of the world point ``y`` (>= 3,) into ``thing``, if it is `visible`."""
+    return visible(camera, boxes, R_WC, pose, y, margin, thing.z_hat) and point_measurement(
+        camera, pose, R_WC, y, thing.z_hat, thing.H_camera, thing.H_feature
+    )
+
+
+@compiled
+def _place_feature(
+    camera: Record,
+    boxes: np.ndarray,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    kind: int,
+    mean: np.ndarray,
+    thing: Record,
+) -> bool:
+    """The same of a feature's ``mean`` (6,), as far as an image's width outside of the image; never of a RAY."""
+    if kind == POINT:
+        return place_point(camera, boxes, pose, R_WC, mean, camera.width, thing)
+    if kind == RAY:
+        return False
+    y, m = np.empty(3), bearing(mean[AZIMUTH], mean[ELEVATION])
+    for i in range(3):
+        y[i] = mean[i] + m[0, i] / mean[RHO]
+    return visible(camera, boxes, R_WC, pose, y, camera.width, thing.z_hat) and inverse_depth_measurement(
+        camera, pose, R_WC, mean, thing.z_hat, thing.H_camera, thing.H_feature
+    )
+
+
+@compiled
+def sight_with(things: np.ndarray, P: np.ndarray, dim: int, pixel_var: float) -> Sight:
+    """The joint covariances of ``things`` (v,): H P = H_camera P_camera + H_feature P_feature, S = H P H^T + R."""
+    HP = np.zeros((2 * things.shape[0], dim))
+    for a in range(things.shape[0]):
+        thing, rows = things[a], HP[2 * a : 2 * a + 2]
+        add_product(thing.H_camera, P[:POSE_DIM], rows)
+        add_product(thing.H_feature[:, : thing.width], P[thing.column : thing.column + thing.width], rows)
+    return Sight(things, HP, innovation_covariance(things, HP, pixel_var))
+
+
+@compiled
+def innovation_covariance(things: np.ndarray, HP: np.ndarray, pixel_var: float) -> np.ndarray:
+    """S (2 v, 2 v) = H P H^T + R of ``things`` (v,), from their ``HP``: the lower triangle, whose copy is the upper."""
+    m = HP.shape[0]
+    S = np.empty((m, m))
+    for c in range(m):
+        thing = things[c // 2]
+        h_camera, h_feature, column = thing.H_camera[c % 2], thing.H_feature[c % 2], thing.column
+        for r in range(c + 1):
+            value = pixel_var if r == c else 0.0
+            for k in range(POSE_DIM):
+                value += HP[r, k] * h_camera[k]
+            for k in range(thing.width):
+                value += HP[r, column + k] * h_feature[k]
+            S[r, c] = value
+            S[c, r] = value
+    return S

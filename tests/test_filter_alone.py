@@ -1,0 +1,213 @@
+"""`Filter` without an environment: its rounds, its messages, and that an environment's belief is its belief."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from activeslam_gym import Gaze, Motion
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
+from activeslam_gym.envs.active_slam import ActiveSLAMEnv
+from activeslam_gym.geometry import rotate_left
+from activeslam_gym.motion import accelerations, turn_of
+from activeslam_gym.slam.association import NEW
+from activeslam_gym.slam.belief import fiducial_id
+from activeslam_gym.slam.filter import Filter, candidates_of
+from activeslam_gym.slam.initialisation import follow_tracks
+from activeslam_gym.slam.sight import INSIDE
+
+from .support import CAMERA, PAPER, joint_covariance, pixel_of, random_camera, random_spd, simulation_of
+
+R_PAPER = CAMERA.pixel_std**2 * np.eye(2)
+
+
+def sure_filter(**given) -> Filter:
+    """A filter that knows its pose."""
+    return Filter(PAPER, covariance=1e-8 * np.eye(12), **given)
+
+
+# Rounds -------------------------------------------------------------------------------------------------------------
+
+
+def test_it_begins_with_the_prior_or_with_what_it_is_given() -> None:
+    rng = np.random.default_rng(0)
+    camera, P = random_camera(rng), random_spd(rng, [0.1] * 12)
+    own, other = Filter(camera=camera, covariance=P), Filter()
+    np.testing.assert_array_equal(own.belief.state.camera, camera)
+    np.testing.assert_array_equal(own.points()[1], P)
+    np.testing.assert_array_equal(other.belief.state.camera, [0, 0, 0, 1] + [0] * 9)
+    assert own.ids.shape == (0,) and own.points()[0].shape == (0, 3)
+    assert len(own.sight().thing) == 0
+
+
+def test_a_feature_is_born_seen_again_and_forgotten() -> None:
+    filter = sure_filter()
+    first, second = filter.birth([100.0, 80.0]), filter.birth((200.0, 120.0), R=0.5 * R_PAPER)
+    assert filter.ids.tolist() == [first, second] == [1, 2]
+    filter.predict()
+    thing = filter.sight().thing
+    assert thing["id"].tolist() == [1, 2] and thing[0].id == 1 and thing[0].visibility == INSIDE
+    np.testing.assert_allclose(thing[0].z_hat, [100.0, 80.0], atol=1e-6)
+    np.testing.assert_allclose(filter.sight().S, filter.sight().S.T)
+    before = np.linalg.slogdet(filter.points()[1])[1]
+    found = filter.update(candidates_of([[201.0, 121.0], [99.0, 81.0], [20.0, 20.0]], R_PAPER))
+    assert found.tolist() == [2, 1, NEW]
+    assert np.linalg.slogdet(filter.points()[1])[1] < before
+    filter.delete(first)
+    assert filter.ids.tolist() == [2] and filter.sight().thing["id"].tolist() == [2]
+    with pytest.raises(KeyError, match=r"no feature with id 1; there are \[2\]"):
+        filter.delete(first)
+    with pytest.raises(KeyError, match="no feature with id -1"):
+        filter.delete(fiducial_id(0))
+    assert filter.birth([100.0, 80.0]) == 3
+
+
+def test_public_covariance_stays_symmetric_positive_definite() -> None:
+    filter, pixels = sure_filter(), [[80.0, 80.0], [240.0, 80.0], [160.0, 200.0]]
+    for pixel in pixels:
+        filter.birth(pixel)
+    for _ in range(10):
+        filter.predict()
+        filter.update(candidates_of(pixels, R_PAPER))
+    points, P = filter.points()
+    assert points.shape == (3, 3) and P.shape == (21, 21)
+    np.testing.assert_allclose(P, P.T, rtol=1e-12)
+    np.linalg.cholesky(P)
+
+
+def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:
+    filter = sure_filter()
+    filter.birth([160.0, 120.0])
+    for _ in range(PAPER.maximum_misses):
+        assert filter.ids.tolist() == [1]
+        filter.predict()
+        filter.update([])
+    assert len(filter.ids) == 0 and filter.counts.deletions == 1
+
+
+def test_a_full_map_gives_no_birth() -> None:
+    filter = Filter(replace(PAPER, landmark_count=1))
+    ids = [filter.birth([10.0 * k, 100.0]) for k in range(20)]
+    assert ids == [*range(1, 15), *[0] * 6]
+
+
+def test_known_boxes_hide_fiducials() -> None:
+    behind, beside = [0.0, 0.0, 2.0], [0.8, 0.0, 2.0]
+    filter = Filter(fiducials=[behind, beside], boxes=[[[-0.1, -0.5, 1.0], [0.1, 0.5, 1.2]]])
+    assert filter.sight().thing["id"].tolist() == [fiducial_id(1)]
+
+
+def test_labelled_candidates_are_taken_at_their_word() -> None:
+    """Two fiducials, swapped in the image: only their ids tell, and the filter follows them."""
+    filter = Filter(replace(PAPER, orientation_std=0.3), fiducials=[[0.3, 0.0, 2.0], [-0.3, 0.0, 2.0]])
+    turned = np.zeros(13)
+    turned[3:7] = rotate_left(np.array([0.0, 0.0, 0.4]), np.array([1.0, 0, 0, 0]))
+    pixels = [pixel_of(CAMERA, turned, y) for y in filter.fiducials]
+    found = filter.update(candidates_of(pixels, R_PAPER, ids=[-1, -2]), labelled=True)
+    assert found.tolist() == [-1, -2]
+    for z, thing in zip(pixels, filter.sight().thing, strict=True):
+        np.testing.assert_allclose(thing.z_hat, z, atol=4.0)
+
+
+# Time ---------------------------------------------------------------------------------------------------------------
+
+
+def test_time_steps_may_differ_from_call_to_call() -> None:
+    """Without a command two halves move the mean as the whole does; noise enters once a step, so P is another."""
+    whole, halves = (Filter(camera=random_camera(np.random.default_rng(1))) for _ in range(2))
+    whole.predict(dt=0.3)
+    halves.predict(dt=0.15)
+    halves.predict(dt=0.15)
+    np.testing.assert_allclose(halves.belief.state.camera, whole.belief.state.camera, atol=1e-14)
+    P, P_halves = joint_covariance(whole.belief), joint_covariance(halves.belief)
+    velocity_var = PAPER.velocity_std**2
+    np.testing.assert_allclose((P[6, 6] - velocity_var), 2.0 * (P_halves[6, 6] - velocity_var))
+    default, frame = Filter(), Filter()
+    default.predict()
+    frame.predict(dt=PAPER.frame_time)
+    np.testing.assert_array_equal(joint_covariance(default.belief), joint_covariance(frame.belief))
+
+
+# Messages -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda f: Filter(camera=np.zeros(12)), r"camera must be finite numbers of shape \(13,\)"),
+        (lambda f: Filter(covariance=np.eye(13)), r"covariance must be .* \(12, 12\)"),
+        (lambda f: Filter(fiducials=[1.0, 2.0, 3.0]), r"fiducials must be .* \(-1, 3\)"),
+        (lambda f: Filter(fiducials=[[1.0, np.nan, 3.0]]), "fiducials must be finite"),
+        (lambda f: Filter(boxes=np.zeros((1, 3, 2))), r"boxes must be .* \(-1, 2, 3\)"),
+        (lambda f: f.predict(np.zeros(3)), r"u must be .* \(6,\)"),
+        (lambda f: f.predict("fast"), "u must be .* got 'fast'"),
+        (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
+        (lambda f: f.predict(dt=np.inf), "dt must be a positive number"),
+        (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
+        (lambda f: f.birth([[1.0], [2.0, 3.0]]), "pixel must be"),
+        (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
+        (lambda f: f.update([[1.0, 2.0]]), "candidates must be of type CANDIDATE"),
+        (lambda f: f.update(candidates_of([[1.0, np.inf]])), "candidates must have finite pixels"),
+    ],
+)
+def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
+    filter = Filter()
+    with pytest.raises(ValueError, match=message):
+        call(filter)
+    assert filter.belief.state == Filter().belief.state
+    np.testing.assert_array_equal(filter.belief.covariance, Filter().belief.covariance)
+
+
+# Beside an environment ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
+def test_fed_an_environments_detections_it_holds_the_environments_belief(initialisation: str) -> None:
+    """Predict, sight, update, and the births that `follow_tracks` decides: bit for bit, over three seconds."""
+    scenario = replace(PAPER, initialisation=initialisation, clutter_rate=1.0, missed_detection_probability=0.05)
+    env = gym.make("ActiveSLAM-v0", scenario=scenario).unwrapped
+    assert isinstance(env, ActiveSLAMEnv)
+    env.reset(seed=5)
+    run, filter = simulation_of(env), Filter(scenario, fiducials=env.truth.fiducials)
+    motion, control = run.models.motion, run.episode.control
+    for frame in range(60):
+        action = (Motion.LEFT, Gaze.LEFT) if frame < 30 else (Motion.FORWARD, Gaze.STAY)
+        env.step(action)
+        begun = (control.frames - 1) * motion.dt
+        turn = turn_of(motion, int(action[1]), frame * motion.dt)
+        u = accelerations(motion, filter.belief.state.camera, control.start, control.goal, begun, turn)
+        filter.predict(u, scenario.frame_time)
+        candidates = run.candidate[: run.episode.detections].copy()
+        candidates["match"] = filter.update(candidates)
+        for i in follow_tracks(filter.camera, filter.model.initialisation, filter.belief, candidates):
+            candidates["match"][i] = filter.birth(candidates[i]["pixel"], candidates[i]["R"])
+        np.testing.assert_array_equal(candidates["match"], run.candidate["match"][: run.episode.detections])
+        assert filter.belief.state == run.belief.state
+    assert filter.belief.state.serial > 5
+    filter.belief.feature["mapped"] = run.belief.feature["mapped"]  # which is the environment's to say
+    for own, its in zip(filter.belief, run.belief, strict=True):
+        np.testing.assert_array_equal(own, its)
+    points, P = filter.points()
+    np.testing.assert_array_equal(points, env.belief.landmarks)
+    np.testing.assert_array_equal(P, env.belief.covariance)
+
+
+def test_a_wrong_calibration_is_simulated() -> None:
+    """Detections follow the true lens while the filter predicts with its own."""
+    env = gym.make("ActiveSLAM-v0", scenario=Scenario(true_focal_px=240.0, true_distortion=0.0, pixel_std=0.01))
+    env.reset(seed=0)
+    env.step((Motion.STAY, Gaze.STAY))
+    run = simulation_of(env)
+    believed, true = run.models.camera, run.models.true_camera
+    assert believed == camera_of(env.unwrapped.scenario) and (true.focal, true.distortion) == (240.0, 0.0)
+    points = np.concatenate((run.world.fiducials, run.world.landmarks))
+    for candidate, label in zip(run.candidate[: run.episode.detections], run.label):
+        by_true, by_filter = (pixel_of(lens, run.world.state.camera, points[label]) for lens in (true, believed))
+        np.testing.assert_allclose(candidate["pixel"], by_true, atol=0.1)
+        centre = np.array([true.u0, true.v0])
+        assert np.linalg.norm(by_true - centre) > 1.2 * np.linalg.norm(by_filter - centre)
+    assert run.episode.detections > 6

@@ -1,0 +1,279 @@
+"""Kernels and their cache: a place that cannot be written costs time and no more, and an edit is never overlooked."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import config
+from numba.core.dispatcher import Dispatcher
+
+from activeslam_gym import kernels
+from activeslam_gym.kernels import compiled, filled, inlined, one_of, record, row
+
+PACKAGE = Path(kernels.__file__).parent
+SMALL_KERNEL = """
+import numpy as np
+from activeslam_gym.geometry import skew
+print(skew(np.ones(3)).tolist())
+"""
+PRINTED = "[[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]]"
+
+compiles = pytest.mark.skipif(config.DISABLE_JIT, reason="nothing is compiled")
+
+
+def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    """``code`` in a fresh process in ``folder``, from which it imports."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "PYTHONPATH"))}
+    command = [sys.executable, "-B", "-c", code]
+    return subprocess.run(command, cwd=folder, env={**kept, **environment}, capture_output=True, text=True, check=False)
+
+
+# What kernels are made of -------------------------------------------------------------------------------------------
+
+PAIR = record(left="f8", right=("f8", 2), inside=record(count="i8"))
+
+
+@compiled
+def double(x: float) -> float:
+    """Called by kernels and by Python."""
+    return 2.0 * x
+
+
+@inlined
+def first(pairs):  # type: ignore[no-untyped-def]
+    """A record of an array."""
+    return pairs[0]
+
+
+@compiled
+def fill(pairs: np.ndarray, x: float) -> float:
+    """Write into a record, by the functions above."""
+    pair = first(pairs)
+    pair.left, pair.inside.count = double(double(x)), 3
+    pair.right[:] = pair.left
+    return pair.left
+
+
+def test_a_function_is_called_from_kernels_and_from_python() -> None:
+    pairs = np.zeros(2, PAIR)
+    assert (double(1.5), fill(pairs, 1.5)) == (3.0, 6.0)
+    assert pairs["left"].tolist() == [6.0, 0.0] and pairs["right"].tolist() == [[6.0, 6.0], [0.0, 0.0]]
+    assert pairs["inside"]["count"].tolist() == [3, 0]
+    assert double.__doc__ == "Called by kernels and by Python."
+
+
+def test_a_record_is_filled_by_the_names_of_all_its_fields() -> None:
+    pair = filled(PAIR, left=1, right=(2, 3), inside=(4,))
+    assert (pair.left, pair.right.tolist(), pair.inside.count) == (1.0, [2.0, 3.0], 4)
+    for values in ({"left": 1.0}, {"left": 1.0, "right": (2.0, 3.0), "inside": (4,), "middle": 5.0}):
+        with pytest.raises(TypeError, match=r"values must be given for \('left', 'right', 'inside'\), got"):
+            filled(PAIR, **values)
+
+
+@pytest.mark.parametrize("fields", [{"x": "nonsense"}, {"x": ("f8", "many")}])
+def test_a_record_of_no_type_is_refused(fields: dict[str, Any]) -> None:
+    with pytest.raises((TypeError, ValueError)):
+        record(**fields)
+
+
+def test_one_of_calls_the_function_of_that_number() -> None:
+    choose = one_of([double, compiled(lambda x: x - 1.0)])
+    assert (choose(0, 5.0), choose(1, 5.0)) == (10.0, 4.0)
+    assert np.isnan(choose(2, 5.0))
+
+
+def test_a_row_is_views_of_all_arrays() -> None:
+    class Tree(tuple):
+        def __new__(cls, *parts: Any) -> Tree:
+            return super().__new__(cls, parts)
+
+    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR)))
+    second = row(tree, 1)
+    second[0][:], second[1][0].left = 1.0, 2.0
+    assert tree[0].tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]] and tree[1][0]["left"].tolist() == [0.0, 2.0, 0.0]
+
+
+# What kernels are kept by -------------------------------------------------------------------------------------------
+
+
+def modules_with_kernels() -> list[ModuleType]:
+    """Those whose content the cache's folder is named after."""
+    names = [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in PACKAGE.rglob("*.py")]
+    return [
+        importlib.import_module(name)
+        for name in sorted(names)
+        if any(sign in (PACKAGE.parent / f"{name.replace('.', '/')}.py").read_bytes() for sign in kernels._SIGNS)
+    ]
+
+
+def compiled_functions(module: ModuleType) -> Iterator[Any]:
+    """The Python functions of a module that are compiled."""
+    for value in vars(module).values():
+        kernel = getattr(value, "kernel", value)
+        if isinstance(kernel, Dispatcher) and kernel.py_func.__module__ == module.__name__:
+            yield kernel.py_func
+
+
+def homes(module: ModuleType) -> dict[str, str]:
+    """From which module each name that a module imports comes."""
+    tree = ast.parse(Path(str(module.__file__)).read_text("utf-8"))
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    return {alias.asname or alias.name: str(node.module) for node in found for alias in node.names}
+
+
+@compiles
+def test_what_is_compiled_into_kernels_stands_in_modules_with_kernels() -> None:
+    """A number of another module would be compiled in, and a change of it overlooked by the cache."""
+    modules = modules_with_kernels()
+    hashed, functions, wrong = {module.__name__ for module in modules}, 0, []
+    for module in modules:
+        home = homes(module)
+        for function in compiled_functions(module):
+            functions += 1
+            for name in set(function.__code__.co_names) & set(vars(module)):
+                value, where = vars(module)[name], home.get(name, module.__name__)
+                if isinstance(value, ModuleType):
+                    where = value.__name__
+                is_constant = isinstance(value, (int, float, tuple, np.generic, ModuleType))
+                if is_constant and where.startswith(PACKAGE.name) and where not in hashed:
+                    wrong.append(f"{function.__module__}.{function.__qualname__}: {name} of {where}")
+    assert functions > 150
+    assert not wrong, "\n".join(wrong)
+
+
+# The cache ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A folder with a copy of the package, without a cache."""
+    shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path
+
+
+@pytest.fixture
+def read_only(copy: Path) -> Path:
+    """A copy of the package beside which nothing can be cached, not even by root: its __pycache__ are files."""
+    package = copy / PACKAGE.name
+    for folder in (package, *(path for path in package.iterdir() if path.is_dir())):
+        (folder / "__pycache__").touch()
+    return copy
+
+
+def kept_in(folder: Path, ending: str = "nbc") -> list[Path]:
+    """The files of the cache under a folder."""
+    return sorted(folder.rglob(f"kernels-*/*.{ending}"))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a home that cannot be written is made the POSIX way")
+@pytest.mark.parametrize("chosen", [{}, {"NUMBA_CACHE_DIR": "/dev/null/nowhere"}])
+def test_without_a_place_for_the_cache_it_works_and_says_what_to_do(read_only: Path, chosen: dict[str, str]) -> None:
+    nowhere = {"HOME": "/dev/null/nowhere", "XDG_CACHE_HOME": "/dev/null/nowhere"}
+    done = run(SMALL_KERNEL, read_only, **nowhere, **chosen)
+    assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
+    (line,) = done.stderr.splitlines()
+    assert "set NUMBA_CACHE_DIR to a directory that can" in line
+
+
+@compiles
+def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path, tmp_path: Path) -> None:
+    """Told where, a read-only install caches there; other modules do not matter, nor does the way to a content."""
+    cache = tmp_path / "cache"
+
+    def said() -> str:
+        done = run(SMALL_KERNEL, read_only, NUMBA_CACHE_DIR=str(cache))
+        assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
+        return done.stderr
+
+    (announcement,) = said().splitlines()
+    assert "kept for the next time" in announcement
+    assert said() == ""
+    drawing = read_only / PACKAGE.name / "rendering" / "panels.py"
+    drawing.write_text(drawing.read_text("utf-8") + "\n", encoding="utf-8")
+    assert said() == ""
+    source = read_only / PACKAGE.name / "linalg.py"  # another module than the kernel's own
+    old = source.read_text("utf-8")
+    source.write_text(old + "\n", encoding="utf-8")
+    assert "compiling" in said() and said() == ""
+    source.write_text(old, encoding="utf-8")  # later than before
+    os.utime(source, (1e9, 1e9))
+    assert said() == ""
+    assert len({path.parent for path in kept_in(cache)}) == 2
+
+
+@compiles
+def test_contents_that_were_not_used_for_long_are_forgotten(copy: Path) -> None:
+    source = copy / PACKAGE.name / "linalg.py"
+    for age in range(8):
+        (copy / PACKAGE.name / "__pycache__" / f"kernels-{age}").mkdir(parents=True)
+        os.utime(copy / PACKAGE.name / "__pycache__" / f"kernels-{age}", (1e9 - age, 1e9 - age))
+    source.write_text(source.read_text("utf-8") + "\n", encoding="utf-8")
+    assert "compiling" in run(SMALL_KERNEL, copy).stderr
+    (present,) = {path.parent for path in kept_in(copy)}
+    assert {path.name for path in present.parent.glob("kernels-*")} == {
+        present.name,
+        *(f"kernels-{age}" for age in range(4)),
+    }
+
+
+@compiles
+@pytest.mark.parametrize("ending", ["nbc", "nbi"])
+@pytest.mark.parametrize("size", [0, 40])
+def test_a_damaged_file_is_made_anew(copy: Path, ending: str, size: int) -> None:
+    run(SMALL_KERNEL, copy)
+    for path in kept_in(copy, ending):
+        os.truncate(path, size)
+    done = run(SMALL_KERNEL, copy)
+    assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
+    (line,) = done.stderr.splitlines()
+    assert "compiling" in line
+    assert run(SMALL_KERNEL, copy).stderr == ""
+
+
+@compiles
+def test_a_cache_that_cannot_be_written_is_told_once(copy: Path, tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    spoil = "from activeslam_gym import geometry, linalg\nimport shutil, pathlib\n"
+    spoil += f"folder = pathlib.Path({str(cache)!r})\nshutil.rmtree(folder, ignore_errors=True); folder.touch()\n"
+    done = run(
+        spoil + SMALL_KERNEL + "print(linalg.product(np.eye(2), np.eye(2)).sum())", copy, NUMBA_CACHE_DIR=str(cache)
+    )
+    assert (done.returncode, done.stdout.split("\n")[:2]) == (0, [PRINTED, "2.0"]), done.stderr
+    compiling, complaint = done.stderr.splitlines()
+    assert "compiling" in compiling
+    assert "could not be kept" in complaint and "compiled again at the next start" in complaint
+
+
+# Importing ----------------------------------------------------------------------------------------------------------
+
+
+def test_importing_changes_nothing_in_the_process(copy: Path) -> None:
+    code = """
+import gc, multiprocessing, sys, threading
+import gymnasium, numba
+from numba.core import event
+starting = {"subprocess.Popen", "os.fork", "os.exec", "os.posix_spawn", "os.system"}
+started = []
+sys.addaudithook(lambda name, _: started.append(name) if name in starting else None)
+def state():
+    listeners = [listener for found in event._registered.values() for listener in found]
+    return listeners, gc.isenabled(), gc.get_threshold(), gc.get_freeze_count(), gc.callbacks[:]
+before = state()
+import activeslam_gym
+env = activeslam_gym.ActiveSLAMVectorEnv(2, num_threads=2)
+assert state() == before, (before, state())
+assert (started, threading.active_count(), multiprocessing.active_children()) == ([], 1, [])
+"""
+    done = run(code, copy)
+    assert done.returncode == 0 and done.stderr == "", done.stderr

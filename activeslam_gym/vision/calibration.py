@@ -1,0 +1,114 @@
+"""The calibration of a real camera: equation 1's parameters in a small JSON file."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from activeslam_gym.config import Scenario
+
+_WHOLE = ("image_width", "image_height")
+_NUMBERS = ("focal_px", "principal_x_px", "principal_y_px", "distortion")
+
+
+class Calibration(NamedTuple):
+    """Equation 1: u = u0 - u_c / sqrt(1 + K_d (u_c^2 + v_c^2)). Pixel (0, 0) is the centre of the first pixel."""
+
+    image_width: int
+    """[px]"""
+    image_height: int
+    """[px]"""
+    focal_px: float
+    """[px]"""
+    principal_x_px: float
+    """[px]"""
+    principal_y_px: float
+    """[px]"""
+    distortion: float
+    """K_d [1/px^2]."""
+
+    def scenario(self, **fields: Any) -> Scenario:
+        """A scenario with this camera; ``fields`` are other fields of `Scenario`."""
+        return Scenario(**{**self._asdict(), **fields})
+
+    def check_image(self, image: np.ndarray) -> None:
+        """Demand a grey image (h, w) uint8 of the size that was calibrated.
+
+        Raises:
+            ValueError: it is something else; the message says what was expected.
+        """
+        size = (self.image_height, self.image_width)
+        if image.ndim != 2 or image.dtype != np.uint8:
+            raise ValueError(f"an image must be grey, (h, w) uint8, got {image.shape} {image.dtype}")
+        if image.shape != size:
+            raise ValueError(
+                f"the calibration is of images of {size[1]} x {size[0]} pixels, got {image.shape[1]} x {image.shape[0]}"
+            )
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """The calibration in a JSON file with the fields of `Calibration`.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is no JSON, or a field is missing, unknown or out of range; the message names it.
+    """
+    return calibration_from(read_object(path), str(path))
+
+
+def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> Calibration:
+    """The calibration that ``fields`` hold, checked; ``where`` they are from is said in errors.
+
+    Raises:
+        ValueError: a field is missing, unknown or out of range.
+    """
+    check_names(fields, set(Calibration._fields), where)
+    for name in _WHOLE:
+        if not isinstance(fields[name], int) or isinstance(fields[name], bool) or fields[name] < 1:
+            raise ValueError(f"{where}: {name} must be a whole number of 1 or more, got {fields[name]!r}")
+    for name in _NUMBERS:
+        value = fields[name]
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise ValueError(f"{where}: {name} must be a number, got {value!r}")
+    if fields["focal_px"] <= 0 or fields["distortion"] < 0:
+        raise ValueError(f"{where}: focal_px must be positive and distortion not negative")
+    found = Calibration(*(fields[name] for name in Calibration._fields))
+    radius = math.hypot(
+        max(found.principal_x_px, found.image_width - 1 - found.principal_x_px),
+        max(found.principal_y_px, found.image_height - 1 - found.principal_y_px),
+    )
+    if found.distortion * radius**2 >= 1.0:
+        raise ValueError(f"{where}: distortion {found.distortion:g} bends the image's corners beyond infinity")
+    return found
+
+
+def read_object(path: str | Path) -> dict[str, Any]:
+    """The JSON object in a file.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it holds no JSON object.
+    """
+    try:
+        value = json.loads(Path(path).read_text())
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path} is no JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise ValueError(f"{path} must hold a JSON object")
+    return value
+
+
+def check_names(fields: dict[str, Any], names: set[str], where: str) -> None:
+    """Demand that ``fields`` has just these ``names``.
+
+    Raises:
+        ValueError: one is missing or unknown.
+    """
+    if missing := sorted(names - set(fields)):
+        raise ValueError(f"{where} lacks {', '.join(missing)}")
+    if unknown := sorted(set(fields) - names):
+        raise ValueError(f"{where} has no field {', '.join(unknown)}; its fields are {', '.join(sorted(names))}")

@@ -1,0 +1,66 @@
+"""Where a new feature is worth it: good corners (Shi and Tomasi 1994) in the parts of the image that have few."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from activeslam_gym.vision.opencv import opencv
+
+_CELLS = (4, 5)
+"""Rows and columns of the cells whose features are counted."""
+_BLOCK = 7
+"""Side of the window over which gradients are summed [px]."""
+
+
+def corner_strength(image: np.ndarray) -> np.ndarray:
+    """Smaller eigenvalue (h, w) float32 of the gradients' covariance around each pixel of a grey ``image`` (h, w)."""
+    return opencv().cornerMinEigenVal(image, _BLOCK, ksize=3)
+
+
+def new_corners(
+    image: np.ndarray, occupied: np.ndarray, count: int, radius: float, border: int, least: float
+) -> np.ndarray:
+    """Up to ``count`` pixels (n, 2) of ``image`` (h, w) uint8 for new features, the best first.
+
+    Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
+    ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
+    """
+    strength = corner_strength(image)
+    strength[strength < least] = 0.0
+    h, w = image.shape
+    strength[:border], strength[h - border :] = 0.0, 0.0
+    strength[:, :border], strength[:, w - border :] = 0.0, 0.0
+    crowd = np.zeros(_CELLS)
+    for pixel in occupied:
+        _take(strength, crowd, pixel, radius)
+    found: list[tuple[int, int]] = []
+    while len(found) < count and (pixel := _strongest_in_thinnest(strength, crowd)) is not None:
+        found.append(pixel)
+        _take(strength, crowd, np.array(pixel, float), radius)
+    return np.array(found, float).reshape(-1, 2)
+
+
+def _take(strength: np.ndarray, crowd: np.ndarray, pixel: np.ndarray, radius: float) -> None:
+    """Count a feature at ``pixel`` (2,) and leave no corner near it."""
+    h, w = strength.shape
+    rows, columns = crowd.shape
+    x, y = pixel
+    if -radius < x < w + radius and -radius < y < h + radius:
+        left, top = max(int(x - radius), 0), max(int(y - radius), 0)
+        strength[top : int(y + radius) + 1, left : int(x + radius) + 1] = 0.0
+    if 0 <= x < w and 0 <= y < h:
+        crowd[int(y * rows / h), int(x * columns / w)] += 1
+
+
+def _strongest_in_thinnest(strength: np.ndarray, crowd: np.ndarray) -> tuple[int, int] | None:
+    """(x, y) of the strongest corner left in the cell with the fewest features that has one."""
+    h, w = strength.shape
+    rows, columns = crowd.shape
+    for cell in np.argsort(crowd, axis=None, kind="stable"):
+        i, j = divmod(int(cell), columns)
+        top, left = -(-i * h // rows), -(-j * w // columns)
+        part = strength[top : -(-(i + 1) * h // rows), left : -(-(j + 1) * w // columns)]
+        y, x = divmod(int(part.argmax()), part.shape[1])
+        if part[y, x] > 0.0:
+            return left + x, top + y
+    return None

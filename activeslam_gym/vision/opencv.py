@@ -1,0 +1,18 @@
+"""OpenCV, which reads images and finds corners: optional, and imported when it is first needed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def opencv() -> Any:
+    """The module `cv2`.
+
+    Raises:
+        ModuleNotFoundError: it is not installed; the message names the extra.
+    """
+    try:
+        import cv2
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("OpenCV is needed: install the extra `vision`") from None
+    return cv2

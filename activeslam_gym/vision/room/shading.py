@@ -1,0 +1,265 @@
+"""What a tile of the image shows: coverage by rectangles, and their textures filtered to the size of a pixel.
+
+A tile is a vector of TILE pixels; each step is one short loop over it, which the compiler turns into vector
+instructions. All is in 32 bits and without ``fastmath``, so that every machine gives the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.vision.room.lens import TILE
+
+SIZE = 256
+"""Texels a side; a power of two."""
+LEVELS = SIZE.bit_length()
+
+_ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(0.25)
+_TINY = np.float32(1e-20)
+
+_X, _Y, _X_U, _X_V, _Y_V = 0 * TILE, 1 * TILE, 2 * TILE, 3 * TILE, 4 * TILE
+"""In ``floats``: the covered pixels' rays and their derivatives, see `Lens.rays`."""
+_LEVEL = 5 * TILE
+"""Of the pyramid, where they are read."""
+_RIGHT, _BELOW = 6 * TILE, 7 * TILE
+"""Where between four texels a probe is."""
+_GREY = 8 * TILE
+"""Of the pixels at hand."""
+_WEIGHT = 9 * TILE
+"""The share of each pixel of the tile that the rectangle at hand covers."""
+REST = 10 * TILE
+"""The share that is not covered yet."""
+COLOUR = 11 * TILE
+"""The tile's pixels [grey levels]."""
+_FLOATS = 12 * TILE
+_U, _V = 0 * TILE, 1 * TILE
+"""In each of the ``probes``: its texel."""
+_AT, _PICK = 0 * TILE, 1 * TILE
+"""In ``integers``: positions of texels in a texture; which pixels of the tile are at hand."""
+
+
+class Tile(NamedTuple):
+    """Vectors of TILE numbers to work in, several in each array."""
+
+    floats: np.ndarray
+    """float32."""
+    probes: np.ndarray
+    """(2, …) float32: each pixel is looked at in two places."""
+    integers: np.ndarray
+    """int32."""
+    quads: np.ndarray
+    """uint32: texels."""
+
+
+def empty_tile() -> Tile:
+    """Room for a tile."""
+    return Tile(
+        np.zeros(_FLOATS, np.float32),
+        np.zeros((2, 2 * TILE), np.float32),
+        np.zeros(2 * TILE, np.int32),
+        np.zeros(TILE, np.uint32),
+    )
+
+
+_LANES = 8
+"""Pixels are handled in so many at a time: a rest would be done one by one."""
+_EXPONENT = np.int32(23)
+"""Where it begins in a number of 32 bits; its bias is 127."""
+_ONE_BITS = np.int32(127 << 23)
+_HALF_LOG = np.float32(0.5 / 2**23)
+_GREATEST = np.float32(4.0 ** (LEVELS - 2))
+"""Square of the largest texel to be asked for: there is one level above it."""
+
+
+@compiled(error_model="numpy")
+def clear_tile(tile: Tile) -> None:
+    """An empty tile."""
+    floats = tile.floats
+    for i in range(TILE):
+        floats[REST + i] = _ONE
+        floats[COLOUR + i] = _ZERO
+
+
+@compiled(error_model="numpy")
+def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndarray, tile: Tile) -> None:
+    """Lay a rectangle under what the ``tile`` shows already. ``whole``: it is known to cover the tile.
+
+    ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,).
+    """
+    floats, probes, integers, quads = tile
+    rows = (
+        np.float32(sight.rows[0, 0]), np.float32(sight.rows[0, 1]), np.float32(sight.rows[0, 2]),
+        np.float32(sight.rows[1, 0]), np.float32(sight.rows[1, 1]), np.float32(sight.rows[1, 2]),
+        np.float32(sight.rows[2, 0]), np.float32(sight.rows[2, 1]), np.float32(sight.rows[2, 2]),
+    )  # fmt: skip
+    limits = (
+        np.float32(sight.low[0]), np.float32(sight.high[0]), np.float32(sight.low[1]), np.float32(sight.high[1])
+    )  # fmt: skip
+    if whole:
+        for i in range(TILE):
+            floats[_WEIGHT + i] = floats[REST + i]
+    else:
+        _cover(rows, limits, rays, floats)
+    count = _pick(rays, floats, integers)
+    if count == 0:
+        return
+    vectors = -(-count // _LANES) * _LANES
+    _footprints(vectors, rows, limits, floats, probes[0], probes[1])
+    for i in range(vectors):
+        floats[_GREY + i] = _ZERO
+    for probe in range(2):
+        for coarser in range(2):
+            _address(vectors, probes[probe], np.int32(coarser), floats, integers)
+            _fetch(vectors, texture, integers, quads)
+            _blend(vectors, coarser == 1, quads, floats)
+    _lay(count, np.float32(_HALF * np.float32(sight.brightness)), floats, integers)
+
+
+@compiled(error_model="numpy")
+def _cover(rows: tuple, limits: tuple, rays: np.ndarray, floats: np.ndarray) -> None:
+    """The share of each pixel that the rectangle covers, of what is not covered yet, into the weights.
+
+    Across each of its two directions a rectangle is an interval of texels, and a pixel another one, as wide as the
+    texel changes from pixel to pixel: the share is that of their overlap. Shares of rectangles add up to one where
+    two faces of a box meet, or one is seen beside the wall behind it, since both measure the distance to the same line.
+    """
+    u_x, u_y, u_1, v_x, v_y, v_1, w_x, w_y, w_1 = rows
+    low_u, high_u, low_v, high_v = limits
+    for i in range(TILE):
+        x, y = rays[_X + i], rays[_Y + i]
+        x_u, x_v, y_v = rays[_X_U + i], rays[_X_V + i], rays[_Y_V + i]
+        w = w_x * x + w_y * y + w_1
+        depth = _ONE / w
+        u, v = (u_x * x + u_y * y + u_1) * depth, (v_x * x + v_y * y + v_1) * depth
+        slope_x, slope_y = u_x - u * w_x, u_y - u * w_y
+        a, b = slope_x * x_u + slope_y * x_v, slope_x * x_v + slope_y * y_v
+        wide = math.sqrt(a * a + b * b + _TINY) * depth
+        slope_x, slope_y = v_x - v * w_x, v_y - v * w_y
+        a, b = slope_x * x_u + slope_y * x_v, slope_x * x_v + slope_y * y_v
+        high = math.sqrt(a * a + b * b + _TINY) * depth
+        across = (min(u + _HALF * wide, high_u) - max(u - _HALF * wide, low_u)) / wide
+        down = (min(v + _HALF * high, high_v) - max(v - _HALF * high, low_v)) / high
+        share = max(min(across, _ONE), _ZERO) * max(min(down, _ONE), _ZERO)
+        floats[_WEIGHT + i] = min(share, floats[REST + i]) if w > _ZERO else _ZERO
+
+
+@compiled(error_model="numpy")
+def _pick(rays: np.ndarray, floats: np.ndarray, integers: np.ndarray) -> int:
+    """List the pixels that have a weight, with their rays one after the other; how many.
+
+    Behind them stand some more, to fill a whole number of ``_LANES``.
+    """
+    count = 0
+    for i in range(TILE):
+        integers[_PICK + count] = i
+        count += floats[_WEIGHT + i] > _ZERO
+    if count == TILE:
+        for i in range(5 * TILE):
+            floats[i] = rays[i]
+        return count
+    if count == 0:
+        return count
+    for i in range(count, -(-count // _LANES) * _LANES):
+        integers[_PICK + i] = integers[_PICK]
+    for i in range(-(-count // _LANES) * _LANES):
+        pixel = integers[_PICK + i]
+        floats[_X + i], floats[_Y + i] = rays[_X + pixel], rays[_Y + pixel]
+        floats[_X_U + i], floats[_X_V + i] = rays[_X_U + pixel], rays[_X_V + pixel]
+        floats[_Y_V + i] = rays[_Y_V + pixel]
+    return count
+
+
+@compiled(error_model="numpy")
+def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one: np.ndarray, other: np.ndarray) -> None:
+    """Where in its texture each pixel is, and how large: two probes along its longer side, and their level.
+
+    A pixel is an ellipse on the texture, with the axes of J J^T, where J = d(texel)/d(pixel) is the homography's
+    derivative by the ray times the ray's by the pixel. The probes are as large as the ellipse is wide, or half as large
+    as it is long, and set so that together they are as long as it is (an ellipse of ratio two is filtered
+    exactly; McCormack et al., "Feline", SIGGRAPH 1999, uses more of them).
+    """
+    u_x, u_y, u_1, v_x, v_y, v_1, w_x, w_y, w_1 = rows
+    low_u, high_u, low_v, high_v = limits
+    for i in range(count):
+        x, y = floats[_X + i], floats[_Y + i]
+        x_u, x_v, y_v = floats[_X_U + i], floats[_X_V + i], floats[_Y_V + i]
+        depth = _ONE / (w_x * x + w_y * y + w_1)
+        u, v = (u_x * x + u_y * y + u_1) * depth, (v_x * x + v_y * y + v_1) * depth
+        # J
+        slope_x, slope_y = (u_x - u * w_x) * depth, (u_y - u * w_y) * depth
+        u_across, u_down = slope_x * x_u + slope_y * x_v, slope_x * x_v + slope_y * y_v
+        slope_x, slope_y = (v_x - v * w_x) * depth, (v_y - v * w_y) * depth
+        v_across, v_down = slope_x * x_u + slope_y * x_v, slope_x * x_v + slope_y * y_v
+        # J J^T, its eigenvalues and the vector of the greater one
+        uu, vv = u_across * u_across + u_down * u_down, v_across * v_across + v_down * v_down
+        uv = u_across * v_across + u_down * v_down
+        mean, difference = _HALF * (uu + vv), _HALF * (uu - vv)
+        root = math.sqrt(difference * difference + uv * uv)
+        longer, shorter = mean + root, mean - root
+        along_u = difference + root if difference >= _ZERO else uv
+        along_v = uv if difference >= _ZERO else root - difference
+        # two probes
+        square = min(max(max(shorter, _QUARTER * longer), _ONE), _GREATEST)
+        apart = max(_HALF * (math.sqrt(longer) - math.sqrt(square)), _ZERO)
+        apart /= math.sqrt(along_u * along_u + along_v * along_v + _TINY)
+        u, v = min(max(u, low_u), high_u), min(max(v, low_v), high_v)
+        one[_U + i], other[_U + i] = u - apart * along_u, u + apart * along_u
+        one[_V + i], other[_V + i] = v - apart * along_v, v + apart * along_v
+        # log2 of the probes' side, by the bits of its square: exact at the powers of two, and straight between them
+        floats[_LEVEL + i] = np.float32(np.int32(np.float32(square).view(np.int32) - _ONE_BITS)) * _HALF_LOG
+
+
+@compiled(error_model="numpy")
+def _address(count: int, probe: np.ndarray, coarser: np.int32, floats: np.ndarray, integers: np.ndarray) -> None:
+    """Where the four texels around each probe are in the texture, at its level or the next; see `texture_library`."""
+    for i in range(count):
+        level = np.int32(np.int32(floats[_LEVEL + i]) + coarser)
+        side = np.int32(np.int32(SIZE) >> level)
+        scale = np.int32(np.int32(np.int32(127) - level) << _EXPONENT).view(np.float32)  # 2^-level
+        u, v = probe[_U + i] * scale - _HALF, probe[_V + i] * scale - _HALF
+        left, top = np.floor(u), np.floor(v)
+        floats[_RIGHT + i], floats[_BELOW + i] = u - left, v - top
+        column = np.int32(np.int32(left) & np.int32(side - np.int32(1)))
+        row = np.int32(np.int32(top) & np.int32(side - np.int32(1)))
+        start = np.int32(np.int32(2) * np.int32(np.int32(SIZE) - side))
+        integers[_AT + i] = np.int32(np.int32(np.int32(start + row) * np.int32(SIZE)) + column)
+
+
+@compiled(error_model="numpy")
+def _fetch(count: int, texture: np.ndarray, integers: np.ndarray, quads: np.ndarray) -> None:
+    """Read the texels."""
+    for i in range(count):
+        quads[i] = texture[np.uint32(integers[_AT + i])]
+
+
+@compiled(error_model="numpy")
+def _blend(count: int, coarser: bool, quads: np.ndarray, floats: np.ndarray) -> None:
+    """Add the bilinear mean of four texels, in its share of the mean of two levels."""
+    for i in range(count):
+        quad = quads[i]
+        here = np.float32(np.int32(quad & np.uint32(255)))
+        beside = np.float32(np.int32((quad >> np.uint32(8)) & np.uint32(255)))
+        below = np.float32(np.int32((quad >> np.uint32(16)) & np.uint32(255)))
+        across = np.float32(np.int32(quad >> np.uint32(24)))
+        right = floats[_RIGHT + i]
+        upper, lower = here + right * (beside - here), below + right * (across - below)
+        share = floats[_LEVEL + i] - np.floor(floats[_LEVEL + i])
+        floats[_GREY + i] += (share if coarser else _ONE - share) * (upper + floats[_BELOW + i] * (lower - upper))
+
+
+@compiled(error_model="numpy")
+def _lay(count: int, brightness: np.float32, floats: np.ndarray, integers: np.ndarray) -> None:
+    """Add the pixels at hand to the tile, by their weight."""
+    if count == TILE:
+        for i in range(TILE):
+            floats[COLOUR + i] += floats[_WEIGHT + i] * (brightness * floats[_GREY + i])
+    else:
+        for i in range(count):
+            pixel = integers[_PICK + i]
+            floats[COLOUR + pixel] += floats[_WEIGHT + pixel] * (brightness * floats[_GREY + i])
+    for i in range(TILE):
+        floats[REST + i] -= floats[_WEIGHT + i]

@@ -1,0 +1,314 @@
+"""Active search: a predicted template is correlated with the image inside its ellipse, and only there.
+
+The score is the normalised cross-correlation, which neither gain nor brightness changes (NSSD = 2 - 2 NCC). Peaks are
+refined below the pixel by Gauss-Newton on I(z + w) = gain T(w) + bias, whose normal equations also tell how well the
+patch can be localised: along an edge, badly.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import Record, compiled, record
+from activeslam_gym.motion import QUATERNION
+from activeslam_gym.vision.templates import (
+    TEMPLATE_HALF,
+    TEMPLATE_SIDE,
+    Templates,
+    predict_appearance,
+)
+
+PEAKS = 3
+"""Candidates kept of a feature."""
+UNSEARCHED, MISSING, FOUND = 0, 1, 2
+"""What became of a row: it was not searched; nothing there is like it; it has a candidate."""
+_COUNT = TEMPLATE_SIDE * TEMPLATE_SIDE
+
+
+SEARCH = record(
+    gate="f8",  # the ellipse is d^2 < gate
+    least_score="f8",  # a peak under this correlation is no candidate
+    largest_area="f8",  # an ellipse of more pixels than this is not searched [px^2]
+    shrink="b1",  # or is searched all the same, in its middle part of that size
+    floor_std="f8",  # deviation of a pixel that a perfect template would have: lens, timing, the plane [px]
+    grain="f8",  # inflation of the covariance of the fit: neighbouring residuals are correlated
+    warp="b1",  # whether templates are warped to the present view
+    subpixel="b1",  # whether peaks are refined below the pixel
+)
+"""Constants of the search."""
+
+
+class Findings(NamedTuple):
+    """What was found: v rows, up to 3 candidates each."""
+
+    state: np.ndarray
+    """(v,) UNSEARCHED, MISSING or FOUND."""
+    peaks: np.ndarray
+    """(v,) candidates."""
+    pixel: np.ndarray
+    """(v, 3, 2) [px]."""
+    R: np.ndarray
+    """(v, 3, 2, 2) [px^2]."""
+    score: np.ndarray
+    """(v, 3) normalised cross-correlation, the best first."""
+
+
+@compiled
+def search(
+    camera: Record,
+    model: Record,
+    templates: Templates,
+    image: np.ndarray,
+    pose: np.ndarray,
+    places: np.ndarray,
+    points: np.ndarray,
+    z_hat: np.ndarray,
+    S: np.ndarray,
+) -> Findings:
+    """Look for the features at ``points`` (v, 3), whose templates are at ``places`` (v,), in ``image`` (h, w) float32.
+
+    ``z_hat`` (v, 2) and ``S`` (v, 2, 2) are their predicted pixels; ``pose`` (>= 7,) is the camera's.
+    """
+    v = places.shape[0]
+    out = Findings(
+        np.zeros(v, np.int64),
+        np.zeros(v, np.int64),
+        np.zeros((v, PEAKS, 2)),
+        np.zeros((v, PEAKS, 2, 2)),
+        np.zeros((v, PEAKS)),
+    )
+    R_WC = rotation_matrix(pose[QUATERNION])
+    sums = integrals(image)
+    drawn, T = (
+        np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32),
+        np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32),
+    )
+    for a in range(v):
+        if places[a] < 0 or not _is_searchable(model, image, z_hat[a], S[a]):
+            continue
+        if not predict_appearance(camera, templates, places[a], pose, R_WC, points[a], model.warp, drawn):
+            continue
+        if not _normalise(drawn, T):
+            continue
+        _search_one(model, image, sums, T, z_hat[a], S[a], a, out)
+    return out
+
+
+@compiled
+def _is_searchable(model: Record, image: np.ndarray, z: np.ndarray, S: np.ndarray) -> bool:
+    """Whether the template fits into the image at ``z`` and the ellipse is not too large."""
+    h, w = image.shape
+    edge = TEMPLATE_HALF + 2
+    if not (edge <= z[0] < w - edge and edge <= z[1] < h - edge):
+        return False
+    det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+    return 0.0 < det and (model.shrink or math.pi * model.gate * math.sqrt(det) <= model.largest_area)
+
+
+@compiled
+def _normalise(drawn: np.ndarray, T: np.ndarray) -> bool:
+    """T = drawn with mean 0 and length 1, its unseen pixels at the mean; False if there is nothing on it."""
+    total, seen = 0.0, 0
+    for i in range(TEMPLATE_SIDE):
+        for j in range(TEMPLATE_SIDE):
+            if not math.isnan(drawn[i, j]):
+                total += drawn[i, j]
+                seen += 1
+    mean, square = total / max(seen, 1), 0.0
+    for i in range(TEMPLATE_SIDE):
+        for j in range(TEMPLATE_SIDE):
+            T[i, j] = 0.0 if math.isnan(drawn[i, j]) else drawn[i, j] - mean
+            square += T[i, j] * T[i, j]
+    if square < 25.0 * _COUNT:  # a standard deviation of 5 grey levels
+        return False
+    scale = 1.0 / math.sqrt(square)
+    for i in range(TEMPLATE_SIDE):
+        for j in range(TEMPLATE_SIDE):
+            T[i, j] *= scale
+    return True
+
+
+@compiled
+def integrals(image: np.ndarray) -> np.ndarray:
+    """(2, h + 1, w + 1): sums of the grey values, and of their squares, of all pixels above and left of each."""
+    h, w = image.shape
+    out = np.zeros((2, h + 1, w + 1))
+    for i in range(h):
+        total, square = 0.0, 0.0
+        for j in range(w):
+            value = float(image[i, j])
+            total += value
+            square += value * value
+            out[0, i + 1, j + 1] = out[0, i, j + 1] + total
+            out[1, i + 1, j + 1] = out[1, i, j + 1] + square
+    return out
+
+
+@compiled(fastmath=True)
+def _cross(image: np.ndarray, T: np.ndarray, top: int, left: int, out: np.ndarray) -> None:
+    """out[x] = sum of T times the window of ``image`` whose first pixel is (left + x, top). The front end's hot loop.
+
+    Five products to a pass: the sums stay in registers, and neighbouring windows go through vector instructions.
+    """
+    n = out.shape[0]
+    for x in range(n):
+        out[x] = np.float32(0.0)
+    for i in range(TEMPLATE_SIDE):
+        for j in range(0, TEMPLATE_SIDE, 5):
+            line = image[top + i, left + j : left + j + n + 4]
+            a, b, c, d, e = T[i, j], T[i, j + 1], T[i, j + 2], T[i, j + 3], T[i, j + 4]
+            for x in range(n):
+                out[x] += a * line[x] + b * line[x + 1] + c * line[x + 2] + d * line[x + 3] + e * line[x + 4]
+
+
+@compiled
+def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, row: int, column: int, out: np.ndarray) -> None:
+    """Normalised cross-correlations (n,) of ``T`` (zero mean, length 1) around the pixels (column + x, row)."""
+    top, left, n = row - TEMPLATE_HALF, column - TEMPLATE_HALF, out.shape[0]
+    _cross(image, T, top, left, out)
+    bottom = top + TEMPLATE_SIDE
+    for x in range(n):
+        i, j = left + x, left + x + TEMPLATE_SIDE
+        total = sums[0, bottom, j] - sums[0, bottom, i] - sums[0, top, j] + sums[0, top, i]
+        square = sums[1, bottom, j] - sums[1, bottom, i] - sums[1, top, j] + sums[1, top, i]
+        spread = square - total * total / _COUNT
+        out[x] = out[x] / math.sqrt(spread) if spread > _COUNT else 0.0
+
+
+@compiled
+def _search_one(
+    model: Record,
+    image: np.ndarray,
+    sums: np.ndarray,
+    T: np.ndarray,
+    z: np.ndarray,
+    S: np.ndarray,
+    a: int,
+    out: Findings,
+) -> None:
+    """Correlate ``T`` over the ellipse around ``z``; row ``a`` of ``out`` gets its peaks."""
+    h, w = image.shape
+    edge = TEMPLATE_HALF + 1
+    det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+    gate = min(model.gate, model.largest_area / (math.pi * math.sqrt(det)))
+    reach_x, reach_y = math.sqrt(gate * S[0, 0]), math.sqrt(gate * S[1, 1])
+    left, right = max(edge, int(math.ceil(z[0] - reach_x))), min(w - 1 - edge, int(math.floor(z[0] + reach_x)))
+    top, bottom = max(edge, int(math.ceil(z[1] - reach_y))), min(h - 1 - edge, int(math.floor(z[1] + reach_y)))
+    scores = np.full((max(bottom - top + 3, 3), max(right - left + 3, 3)), np.float32(-1.0))
+    for row in range(top, bottom + 1):  # the chord of the ellipse d^2 < gate at this row
+        y = row - z[1]
+        middle = z[0] + S[0, 1] / S[1, 1] * y
+        half = math.sqrt(max(det * (gate * S[1, 1] - y * y), 0.0)) / S[1, 1]
+        first, last = max(left, int(math.ceil(middle - half))), min(right, int(math.floor(middle + half)))
+        if first <= last:
+            to = scores[row - top + 1, first - left + 1 : last - left + 2]
+            _correlate_row(image, sums, T, row, first, to)
+    out.state[a] = MISSING
+    _keep_peaks(model, scores, out, a)
+    for k in range(out.peaks[a]):
+        out.state[a] = FOUND
+        out.pixel[a, k, 0] += left - 1
+        out.pixel[a, k, 1] += top - 1
+        _localise(model, image, T, out.pixel[a, k], out.R[a, k])
+
+
+@compiled
+def _keep_peaks(model: Record, scores: np.ndarray, out: Findings, a: int) -> None:
+    """The best local maxima of ``scores``, as (column, row) of the array."""
+    for i in range(1, scores.shape[0] - 1):
+        for j in range(1, scores.shape[1] - 1):
+            score = scores[i, j]
+            if score < model.least_score or (out.peaks[a] == PEAKS and score <= out.score[a, PEAKS - 1]):
+                continue
+            highest = True
+            for k in range(9):
+                di, dj = k // 3 - 1, k % 3 - 1
+                other = scores[i + di, j + dj]
+                highest &= other < score or (other == score and k >= 4)
+            if not highest:
+                continue
+            at = min(out.peaks[a], PEAKS - 1)
+            while at > 0 and out.score[a, at - 1] < score:
+                out.score[a, at] = out.score[a, at - 1]
+                out.pixel[a, at, 0], out.pixel[a, at, 1] = out.pixel[a, at - 1, 0], out.pixel[a, at - 1, 1]
+                at -= 1
+            out.score[a, at], out.pixel[a, at, 0], out.pixel[a, at, 1] = score, j, i
+            out.peaks[a] = min(out.peaks[a] + 1, PEAKS)
+
+
+@compiled
+def _localise(model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray, R: np.ndarray) -> None:
+    """Refine ``pixel`` (2,) by Gauss-Newton and write its covariance ``R`` (2, 2) [px^2].
+
+    With J = [dT/dx, dT/dy] and the residual r = (I - mean I) / |I - mean I| - T, both of length about 1:
+    d = -(J^T J)^-1 J^T r (inverse composition: the patch in the image is T shifted by d), and
+    R = floor^2 I + grain (r^T r / n) (J^T J)^-1.
+    """
+    A00, A01, A11 = _structure(T)
+    det = A00 * A11 - A01 * A01
+    start_x, start_y = pixel[0], pixel[1]
+    residual = 0.0
+    for step in range(4):
+        g0, g1, residual = _misfit(image, T, pixel)
+        if step == 3 or not model.subpixel or math.isnan(residual):
+            break
+        dx, dy = (A11 * g0 - A01 * g1) / det, (A00 * g1 - A01 * g0) / det
+        pixel[0] -= dx
+        pixel[1] -= dy
+        if abs(dx) + abs(dy) < 0.005:
+            break
+    if math.isnan(residual) or abs(pixel[0] - start_x) > 1.0 or abs(pixel[1] - start_y) > 1.0:
+        pixel[0], pixel[1], residual = start_x, start_y, 0.5
+    fit = model.grain * residual / _COUNT / det
+    floor = model.floor_std**2 + (0.0 if model.subpixel else 1.0 / 12.0)
+    R[0, 0], R[0, 1], R[1, 1] = floor + fit * A11, -fit * A01, floor + fit * A00
+    R[1, 0] = R[0, 1]
+
+
+@compiled
+def _structure(T: np.ndarray) -> tuple[float, float, float]:
+    """J^T J of the template's gradients: (xx, xy, yy)."""
+    xx, xy, yy = 1e-6, 0.0, 1e-6
+    for i in range(1, TEMPLATE_SIDE - 1):
+        for j in range(1, TEMPLATE_SIDE - 1):
+            gx, gy = 0.5 * (T[i, j + 1] - T[i, j - 1]), 0.5 * (T[i + 1, j] - T[i - 1, j])
+            xx += gx * gx
+            xy += gx * gy
+            yy += gy * gy
+    return xx, xy, yy
+
+
+@compiled
+def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float, float, float]:
+    """(J^T r as x and y, r^T r) of the image around ``pixel``, sampled between the pixels, against ``T``."""
+    total, square = 0.0, 0.0
+    column, row = math.floor(pixel[0]), math.floor(pixel[1])
+    h, w = image.shape
+    edge = TEMPLATE_HALF + 1
+    if not (edge <= column < w - 1 - edge and edge <= row < h - 1 - edge):
+        return 0.0, 0.0, np.nan
+    values = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE))
+    a, b = pixel[0] - column, pixel[1] - row
+    w00, w01, w10, w11 = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
+    for i in range(TEMPLATE_SIDE):
+        upper = image[int(row) - TEMPLATE_HALF + i, int(column) - TEMPLATE_HALF :]
+        lower = image[int(row) - TEMPLATE_HALF + i + 1, int(column) - TEMPLATE_HALF :]
+        for j in range(TEMPLATE_SIDE):
+            value = w00 * upper[j] + w01 * upper[j + 1] + w10 * lower[j] + w11 * lower[j + 1]
+            values[i, j] = value
+            total += value
+            square += value * value
+    mean = total / _COUNT
+    scale = 1.0 / math.sqrt(max(square - total * mean, 1.0))
+    g0, g1, residual = 0.0, 0.0, 0.0
+    for i in range(1, TEMPLATE_SIDE - 1):
+        for j in range(1, TEMPLATE_SIDE - 1):
+            r = (values[i, j] - mean) * scale - T[i, j]
+            g0 += 0.5 * (T[i, j + 1] - T[i, j - 1]) * r
+            g1 += 0.5 * (T[i + 1, j] - T[i - 1, j]) * r
+            residual += r * r
+    return g0, g1, residual

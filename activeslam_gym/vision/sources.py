@@ -1,0 +1,113 @@
+"""Sources of images: a folder, a pattern, a video. Each is an iterator of (time [s], grey image (h, w) uint8)."""
+
+from __future__ import annotations
+
+import glob
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from activeslam_gym.vision.opencv import opencv
+
+Frame = tuple[float, np.ndarray]
+"""Time [s] and grey image (h, w) uint8."""
+
+PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+"""Endings of the pictures that a folder is searched for."""
+
+
+class SourceError(ValueError):
+    """Images are missing or are not what they should be. What came before has been handed out and stays valid."""
+
+
+def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
+    """The images that ``path`` means, ``rate`` [Hz] a second: a folder, a pattern (``shots/*.png``) or a video.
+
+    Raises:
+        SourceError: there is nothing there (said at once), or an image is unreadable, coloured or of another size than
+            the first (said when it is reached).
+        ValueError: ``rate`` is not positive and finite.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+    if not 0.0 < rate < math.inf:
+        raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
+    where = Path(path)
+    if where.is_dir():
+        files = sorted(file for file in where.iterdir() if file.suffix.lower() in PICTURES)
+        return _checked(_pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})"), rate)
+    if where.is_file():
+        return _checked(_video(where), rate)
+    if glob.has_magic(str(path)):
+        files = sorted(Path(name) for name in glob.glob(str(path)))
+        return _checked(_pictures(files, f"nothing matches the pattern {path}"), rate)
+    raise SourceError(f"there is no {path}")
+
+
+def _checked(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
+    """The images with their times, each grey and of the first one's size. Opened at once, so errors come at once."""
+    name, first = next(images)
+    grey = _grey(first, name)
+
+    def rest() -> Iterator[Frame]:
+        yield 0.0, grey
+        for k, (name, image) in enumerate(images, 1):
+            now = _grey(image, name)
+            if now.shape != grey.shape:
+                raise SourceError(f"{name} is of {_size(now)} pixels, the first image of {_size(grey)}")
+            yield k / rate, now
+
+    return rest()
+
+
+def _grey(image: np.ndarray, name: str) -> np.ndarray:
+    """The image (h, w) uint8; three equal channels count as grey.
+
+    Raises:
+        SourceError: it has colours, or no 8 bits.
+    """
+    if image.dtype != np.uint8:
+        raise SourceError(f"{name} has {image.dtype} pixels; 8-bit grey is needed")
+    if image.ndim == 2:
+        return image
+    one = image[:, :, 0]
+    if any(not np.array_equal(one, image[:, :, channel]) for channel in range(1, min(image.shape[2], 3))):
+        raise SourceError(f"{name} is in colour; grey images are needed (convert them first)")
+    return np.ascontiguousarray(one)
+
+
+def _size(image: np.ndarray) -> str:
+    return f"{image.shape[1]} x {image.shape[0]}"
+
+
+def _pictures(files: list[Path], nothing: str) -> Iterator[tuple[str, np.ndarray]]:
+    if not files:
+        raise SourceError(nothing)
+    cv2 = opencv()
+    for file in files:
+        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        if image is None:
+            raise SourceError(f"{file} cannot be read as a picture")
+        yield file.name, image
+
+
+def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
+    cv2 = opencv()
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise SourceError(f"{path} cannot be read as a video")
+        count = 0
+        while True:
+            there, image = capture.read()
+            if not there:
+                break
+            yield f"image {count} of {path.name}", image
+            count += 1
+        if count == 0:
+            raise SourceError(f"{path} holds no image that can be read")
+        if 0 < count < int(capture.get(cv2.CAP_PROP_FRAME_COUNT)):
+            raise SourceError(f"{path} breaks off after {count} images")
+    finally:
+        capture.release()

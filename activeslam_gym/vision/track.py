@@ -1,0 +1,188 @@
+"""From a sequence of images to a trajectory, a map and a log: what ``track`` does.
+
+The trajectory is in TUM's format, ``t tx ty tz qx qy qz qw``: camera-to-world in the target's frame, with the camera's
+axes as image files have them, x right, y down, z forward. The filter's camera has x left, y up: R_file = R diag(-1, -1,
+1), a half turn about z.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import Scenario
+from activeslam_gym.files import written_whole
+from activeslam_gym.geometry import quaternion_product
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.calibration import Calibration, read_calibration
+from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.sources import Frame, open_images
+from activeslam_gym.vision.target import Rectangle, drawn_target, read_target, refine_corners, start_pose
+
+HAND_HELD: dict[str, Any] = {
+    "name": "track",
+    "landmark_count": 36,  # with its spare places, a map of 49: "fewer than 50"
+    "pixel_std": 1.0,
+    "filter_acceleration_std": 4.0,
+    "filter_angular_acceleration_std": 6.0,
+    "command_known": False,
+    "inverse_depth_mean": 1.5,  # a desk: 0.44 to 1.33 m at one deviation
+    "inverse_depth_std": 0.75,
+}
+"""Fields of the scenario of a camera in the hand before a desk."""
+_CORNER_STD = 0.35
+"""Of the target's corners in the first image: aliasing and the lens [px]."""
+_SPEED_STD, _TURN_STD = 0.05, 0.05
+"""Of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest."""
+_BEHIND = np.array((0.0, 0.0, -1.0))
+"""The target's normal, away from the camera."""
+_HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))
+"""Quaternion of diag(-1, -1, 1)."""
+
+
+class Track(NamedTuple):
+    """What became of a sequence: n images."""
+
+    times: np.ndarray
+    """(n,) [s]"""
+    cameras: np.ndarray
+    """(n, 13) means of the camera (filter axes)."""
+    covariances: np.ndarray
+    """(n, 6, 6) of position and rotation."""
+    logs: list[FrameLog]
+    """Of all images but the first."""
+    filter: Filter
+    """As it was after the last image."""
+    trouble: str | None
+    """Why it ended early, or None."""
+
+
+def start(
+    image: np.ndarray,
+    calibration: Calibration,
+    target: Rectangle,
+    rate: float,
+    settings: FrontEndSettings | None = None,
+    scenario_fields: dict[str, Any] | None = None,
+) -> FrontEnd:
+    """A front end that stands before ``target`` and has seen the first ``image``.
+
+    Raises:
+        ValueError: the image does not fit the calibration, or the target is not where it is said to be.
+    """
+    calibration.check_image(image)
+    scenario: Scenario = calibration.scenario(frame_time=1.0 / rate, **{**HAND_HELD, **(scenario_fields or {})})
+    camera = camera_of(scenario)
+    corners = refine_corners(image, camera, target.corners_px)
+    first = start_pose(camera, target.fiducials, corners, _CORNER_STD)
+    mean, covariance = np.zeros(13), np.zeros((12, 12))
+    mean[:7] = first.pose
+    covariance[:6, :6] = first.covariance
+    covariance[6:, 6:] = np.diag((_SPEED_STD**2,) * 3 + (_TURN_STD**2,) * 3)
+    filter = Filter(scenario, fiducials=target.fiducials, camera=mean, covariance=covariance)
+    front_end = FrontEnd(filter, settings)
+    drawn, drawn_corners = drawn_target(image, camera, target, mean)
+    front_end.start(image, drawn, drawn_corners, _BEHIND)
+    return front_end
+
+
+def follow(
+    images: Iterable[Frame],
+    calibration: Calibration,
+    target: Rectangle,
+    rate: float,
+    settings: FrontEndSettings | None = None,
+    scenario_fields: dict[str, Any] | None = None,
+) -> Track:
+    """Track ``images``; trouble with an image ends the track, and what was tracked until then is kept.
+
+    Raises:
+        SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target.
+    """
+    source = iter(images)
+    time, image = next(source)
+    front_end = start(image, calibration, target, rate, settings, scenario_fields)
+    belief = front_end.filter.belief
+    times, cameras = [time], [belief.state.camera.copy()]
+    covariances, logs = [belief.covariance[:6, :6].copy()], []
+    trouble = None
+    try:
+        for time, image in source:
+            calibration.check_image(image)
+            logs.append(front_end.step(image, time))
+            times.append(time)
+            cameras.append(belief.state.camera.copy())
+            covariances.append(belief.covariance[:6, :6].copy())
+    except ValueError as error:
+        trouble = str(error)
+    return Track(np.array(times), np.array(cameras), np.array(covariances), logs, front_end.filter, trouble)
+
+
+def track(images: str | Path, calibration: str | Path, target: str | Path, rate: float, out: str | Path) -> Track:
+    """Track the images that ``images`` means and write trajectory.tum, map.csv and frames.csv into the folder ``out``.
+
+    Raises:
+        OSError: a file is missing or cannot be written.
+        ValueError: a file is not what it should be, or the first image does not show the target.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+    opencv()
+    lens, rectangle = read_calibration(calibration), read_target(target)
+    frames, folder = open_images(images, rate), Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    done = follow(_with_progress(frames), lens, rectangle, rate)
+    write_trajectory(folder / "trajectory.tum", done)
+    write_map(folder / "map.csv", done.filter)
+    write_log(folder / "frames.csv", done.logs)
+    return done
+
+
+def _with_progress(frames: Iterable[Frame]) -> Iterable[Frame]:
+    """The same, with a progress bar where there is `tqdm` and a terminal."""
+    try:
+        from tqdm import tqdm
+    except ModuleNotFoundError:
+        return frames
+    return tqdm(frames, desc="track", unit=" images", disable=None)
+
+
+def summary(done: Track) -> str:
+    """A line on what was tracked."""
+    matched, searched = (sum(getattr(log, name) for log in done.logs) for name in ("matched", "searched"))
+    return f"{len(done.times)} images; {matched / max(searched, 1):.0%} of the searched features found"
+
+
+def write_trajectory(path: Path, done: Track) -> None:
+    """The camera's poses, one a line, in TUM's format; see the module."""
+    with written_whole(path) as unfinished, unfinished.open("w") as file:
+        for time, camera in zip(done.times, done.cameras):
+            w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
+            numbers = (*camera[:3], x, y, z, w)
+            file.write(f"{time:.6f} " + " ".join(f"{number:.7f}" for number in numbers) + "\n")
+
+
+def write_map(path: Path, filter: Filter) -> None:
+    """The features at the end: id, position and its standard deviations [m]."""
+    positions, P = filter.points()
+    stds = np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3)
+    with written_whole(path) as unfinished, unfinished.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
+        for id, position, std in zip(filter.ids, positions, stds):
+            writer.writerow((id, *(f"{value:.6f}" for value in (*position, *std))))
+
+
+def write_log(path: Path, logs: list[FrameLog]) -> None:
+    """What happened in each frame after the first."""
+    with written_whole(path) as unfinished, unfinished.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(FrameLog._fields)
+        for log in logs:
+            writer.writerow((f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"))

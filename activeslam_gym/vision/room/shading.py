@@ -15,8 +15,9 @@ from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.vision.room.lens import TILE
 
 SIZE = 256
-"""Texels a side; a power of two."""
+"""Texels a side of a texture; a power of two."""
 LEVELS = SIZE.bit_length()
+"""Of its pyramid."""
 
 _ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(0.25)
 _TINY = np.float32(1e-20)

@@ -28,8 +28,9 @@ from .timing import dispatch, restored
 @compiled
 def value_of_frames(run: Run) -> None:
     """What a step does after its frames."""
-    evaluate(run)
-    observe(run)
+    points, covariance = as_points(run.belief)
+    evaluate(run, points, covariance)
+    observe(run, points, covariance)
 
 
 class Stages:

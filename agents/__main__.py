@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
+import gymnasium
+
 COMMANDS = {
     "compare": "agents.compare.command",
     "consistency": "agents.honesty.command",
@@ -18,7 +20,10 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command that the arguments name; the exit status, 2 for a bad value, 130 for Ctrl-C."""
+    """Run the command that the arguments name; the exit status, 2 for a bad argument or a missing package or screen.
+
+    Ctrl-C is 130.
+    """
     try:
         import tyro
     except ModuleNotFoundError:
@@ -34,11 +39,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(f"python -m agents: {error}", file=sys.stderr)
         return 2
-    module = next(module for module in modules.values() if isinstance(args, module.Args))
+    name, module = next((name, module) for name, module in modules.items() if isinstance(args, module.Args))
     try:
         return module.main(args)
     except KeyboardInterrupt:
         return 130
+    except (ValueError, ImportError, gymnasium.error.Error) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 import time
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -47,12 +46,8 @@ class Args(Recipe):
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status: 2 for a bad argument, 130 when interrupted."""
-    try:
-        finished = train(args)
-    except ValueError as error:
-        print(f"train: {error}", file=sys.stderr)
-        return 2
+    """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
+    finished = train(args)
     if not finished:
         print("Interrupted; the same command goes on.")
     print(f"Written to {args.out}/: {WEIGHTS} and its card, {CHECKPOINT}, logs (tensorboard --logdir {args.out}/logs)")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shlex
-import sys
 from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -18,7 +17,7 @@ from agents.episode import Episode, outcome
 from agents.figures import draw_all
 from agents.summary import Summary, summarise
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import at_least, scenario_argument, times_within
+from agents.tools.arguments import at_least, given, scenario_argument, times_within
 from agents.tools.files import write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
@@ -66,8 +65,7 @@ class Args:
 
     def __post_init__(self) -> None:
         at_least(self, episodes=1, seed=0, jobs=1, target_landmarks=1)
-        if not self.names:
-            raise ValueError("policies: none given; allowed: one name or more")
+        given(self, *(() if self.policy else ("policies",)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,12 +89,8 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the comparison and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
-    try:
-        check(args.names, [args.environment])
-    except ValueError as error:
-        print(f"compare: {error}", file=sys.stderr)
-        return 2
+    """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
+    check(args.names, [args.environment])
     print(f"{len(args.names)} policies, {args.episodes} rooms each. The first run compiles, which takes a while.")
     summary = compare(args)
     if summary is None:
@@ -111,18 +105,16 @@ def compare(args: Args) -> Summary | None:
     """Run what is missing, write everything into `args.out`, and return the figures; None if no episode was finished.
 
     Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
-    policy or a bad argument of the environment, before anything is run.
+    policy or a bad argument of the environment, before any episode.
     """
-    check(args.names, [args.environment])
     rehearse(args.names, [args.environment], args.seed)
     tasks = _tasks(args)
     episodes = _run_until_interrupted(tasks, args)
     if not episodes:
         return None
     settings = _settings(args, complete=len(episodes) == len(tasks))
-    summary = summarise(
-        episodes, args.reference, args.target_landmarks, times_within(args.honesty_times, args.duration), settings
-    )
+    times = times_within(args.honesty_times, args.duration)
+    summary = summarise(episodes, args.reference, args.target_landmarks, times, settings)
     drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
@@ -182,10 +174,8 @@ def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None
 
 def _kept(task: Task, folder: Path) -> Episode | None:
     """The episode of an earlier run with the same settings and the same code."""
-    if not task.path(folder).exists():
-        return None
-    episode = Episode.load(task.path(folder))
-    return episode if episode.settings == task.key else None
+    episode = Episode.load(task.path(folder)) if task.path(folder).exists() else None
+    return episode if episode and episode.settings == task.key else None
 
 
 def _settings(args: Args, complete: bool) -> dict[str, Any]:

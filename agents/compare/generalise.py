@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from agents.compare import command
-from agents.summary import Summary
-from agents.tables import ERRORS, LEARNED, Table, legend, pipes, titled
+from agents.summary import ERRORS, LEARNED, Summary
+from agents.tables import Table, legend, pipes, shown, titled
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
 
@@ -50,19 +49,15 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status: 2 for a bad argument, 130 when interrupted."""
+    """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     summaries: dict[str, Summary] = {}
-    try:
-        for name, scenario in CONDITIONS.items():
-            print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
-            summary = command.compare(_comparison(args, name, scenario))
-            if summary is None or not summary.settings["complete"]:
-                print("Interrupted; the same command goes on.")
-                return 130
-            summaries[name] = summary
-    except ValueError as error:
-        print(f"generalise: {error}", file=sys.stderr)
-        return 2
+    for name, scenario in CONDITIONS.items():
+        print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
+        summary = command.compare(_comparison(args, name, scenario))
+        if summary is None or not summary.settings["complete"]:
+            print("Interrupted; the same command goes on.")
+            return 130
+        summaries[name] = summary
     text = f"{pipes(table(summaries))}\n\n{legend()}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
@@ -76,7 +71,7 @@ def table(summaries: dict[str, Summary]) -> Table:
     """A row for each condition and policy."""
     columns = (*LEARNED, *ERRORS[:2])
     rows = [
-        [condition, policy, *(figures[column.key].text(column.scale, column.digits) for column in columns)]
+        [condition, policy, *shown(figures, columns)]
         for condition, summary in summaries.items()
         for policy, figures in summary.policies.items()
     ]
@@ -87,13 +82,6 @@ def table(summaries: dict[str, Summary]) -> Table:
 
 def _comparison(args: Args, name: str, scenario: str) -> command.Args:
     """The comparison in one condition."""
-    return command.Args(
-        policies=args.policies,
-        episodes=args.episodes,
-        seed=args.seed,
-        out=args.out / name.replace(" ", "-"),
-        scenario=scenario,
-        jobs=args.jobs,
-        resume=True,
-        figures=False,
-    )
+    same = {key: getattr(args, key) for key in ("policies", "episodes", "seed", "jobs")}
+    out = args.out / name.replace(" ", "-")
+    return command.Args(**same, out=out, scenario=scenario, resume=True, figures=False)

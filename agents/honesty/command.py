@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
@@ -65,17 +64,13 @@ class Args:
     def environments(self) -> list[dict[str, Any]]:
         """Arguments of the environments: the scenario's fields, with each initialiser."""
         fields = asdict(scenario_from(self.scenario))
-        scenarios = [{**fields, "initialisation": initialisation} for initialisation in self.initialisations]
+        scenarios = [{**fields, "initialisation": name} for name in self.initialisations]
         return [{"scenario": scenario, "duration": self.duration} for scenario in scenarios]
 
 
 def main(args: Args) -> int:
-    """Make the report and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
-    try:
-        check(args.policies, args.environments)
-    except ValueError as error:
-        print(f"consistency: {error}", file=sys.stderr)
-        return 2
+    """Make the report and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
+    check(args.policies, args.environments)
     total = args.episodes * len(args.policies) * len(args.initialisations)
     print(f"{total} episodes. The first run compiles, which takes a while.")
     calibrations, complete = report(args)
@@ -90,9 +85,8 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
     """Run everything and write it into `args.out`; the figures by policy and initialiser, and whether all is in.
 
     Ctrl-C ends it early, with a report of the episodes that are over. Raises ValueError for an unknown policy or
-    initialiser or a bad argument of the environment, before anything is run.
+    initialiser or a bad argument of the environment, before any episode.
     """
-    check(args.policies, args.environments)
     rehearse(args.policies, args.environments, args.seed)
     tasks = _tasks(args)
     runs = _run_until_interrupted(tasks, args.jobs)
@@ -153,13 +147,8 @@ def _write(
     """Everything into `args.out`: runs.csv, report.json, report.md and, where matplotlib is, nees.png."""
     ordered = [run for group in grouped(runs, args) for run in group]
     write_csv(args.out / "runs.csv", [row(run, times) for run in ordered])
-    settings = {
-        **asdict(args),
-        "out": str(args.out),
-        "report": [str(path) for path in args.report],
-        "complete": complete,
-        "versions": package_versions(RESULTS_REST_ON),
-    }
+    paths = {"out": str(args.out), "report": [str(path) for path in args.report]}
+    settings = {**asdict(args), **paths, "complete": complete, "versions": package_versions(RESULTS_REST_ON)}
     write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
     text = page.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)

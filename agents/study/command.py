@@ -9,10 +9,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from agents.episode import Episode
 from agents.study import drawing, page
 from agents.study.claims import findings_of
-from agents.study.conditions import DEFAULT, LIVE, STRATEGIES, Condition, conditions
+from agents.study.conditions import DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Condition, conditions
 from agents.study.runs import Row, Rows, Run, play, run_conditions
 from agents.study.verdicts import Finding
 from agents.task import rehearse
@@ -92,7 +91,7 @@ def run(args: Args) -> Study:
     room = median_room(rows)
     by_key = {(one.choice, one.policy): one for one in plan}
     strategies = {name: play(Run(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
-    live = {choice: _median_run(rows, by_key[choice, LIVE]) for choice in drawing.LIVE_CHOICES}
+    live = {choice: play(Run(by_key[choice, LIVE], _median_seed([rows[choice, LIVE]])))[0] for choice in LIVE_CHOICES}
     return Study(rows, findings_of(rows), drawing.Drawn(strategies, live), _settings(args, room))
 
 
@@ -100,17 +99,12 @@ def median_room(rows: Rows) -> int:
     """Seed of the room with the median log score of the three strategies together, where none was lost (if any)."""
     together = [rows[DEFAULT, name] for name in STRATEGIES]
     alive = [runs for runs in zip(*together, strict=True) if not any(run["lost"] for run in runs)]
-    candidates = alive or list(zip(*together, strict=True))
-    return _median([(sum(run["log_score_gain"] for run in runs), runs[0]["seed"]) for runs in candidates])
+    return _median_seed(list(zip(*alive)) or together)
 
 
-def _median_run(rows: Rows, condition: Condition) -> Episode:
-    scores = [(row["log_score_gain"], row["seed"]) for row in rows[condition.choice, condition.policy]]
-    return play(Run(condition, _median(scores)))[0]
-
-
-def _median(scored: Sequence[tuple[float, int]]) -> int:
-    """The seed in the middle of the order by score."""
+def _median_seed(together: Sequence[Sequence[Row]]) -> int:
+    """Seed of the room in the middle of the order by the log score of one or several strategies together."""
+    scored = [(sum(run["log_score_gain"] for run in runs), runs[0]["seed"]) for runs in zip(*together, strict=True)]
     return sorted(scored)[len(scored) // 2][1]
 
 
@@ -119,7 +113,8 @@ def write(study: Study, args: Args) -> None:
     findings = [asdict(finding) | {"text": finding.text} for finding in study.findings]
     write_json(args.out / "study.json", {"settings": study.settings, "findings": findings})
     write_csv(args.out / "study.csv", [_flat(finding) for finding in study.findings])
-    write_csv(args.out / "rows.csv", [row for pair, rows in study.rows.items() for row in _plain_rows(pair, rows)])
+    named = [{"choice": pair[0], "policy": pair[1], **row} for pair, rows in study.rows.items() for row in rows]
+    write_csv(args.out / "rows.csv", [{k: v for k, v in row.items() if not isinstance(v, list)} for row in named])
     for name, episode in (study.drawn.strategies | study.drawn.live).items():
         episode.write_trajectories(args.out / "trajectories", name)
     if args.figures and find_spec("matplotlib") is not None:
@@ -129,16 +124,8 @@ def write(study: Study, args: Args) -> None:
 
 def _flat(finding: Finding) -> dict[str, Any]:
     """A line of study.csv."""
-    estimate = asdict(finding.estimate)
     names = ("claim", "choice", "measure", "verdict", "scale", "note")
-    return {name: getattr(finding, name) for name in names} | estimate
-
-
-def _plain_rows(pair: tuple[str, str], rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Lines of rows.csv: the numbers, without ladders and curves."""
-    choice, policy = pair
-    named = {"choice": choice, "policy": policy}
-    return [named | {key: value for key, value in row.items() if not isinstance(value, list)} for row in rows]
+    return {name: getattr(finding, name) for name in names} | asdict(finding.estimate)
 
 
 def _settings(args: Args, room: int) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import hashlib
 import os
 import platform
 from functools import cache
-from importlib.metadata import version
+from importlib import metadata
 from pathlib import Path
 
 import activeslam_gym
@@ -38,8 +38,9 @@ def versions(packages: tuple[str, ...]) -> dict[str, str]:
 
 
 def package_versions(packages: tuple[str, ...]) -> dict[str, str]:
-    """Of these packages alone."""
-    return {package: version(package) for package in packages}
+    """Of these packages alone, or "not installed"."""
+    found = {name: next(iter(metadata.distributions(name=name)), None) for name in packages}
+    return {name: one.version if one else "not installed" for name, one in found.items()}
 
 
 @cache

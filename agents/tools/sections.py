@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -14,8 +15,19 @@ PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
 
 def provenance(command: str) -> str:
     """The command, the day, the machine and the versions, as Markdown."""
-    named = ", ".join(f"{name} {version}" for name, version in versions(PACKAGES).items())
-    return f"```bash\n{command}\n```\n\n{datetime.now(timezone.utc):%Y-%m-%d}; {machine()}; {named}."
+    day = f"{datetime.now(timezone.utc):%Y-%m-%d}"
+    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}."
+
+
+def listed(versions: Mapping[str, str]) -> str:
+    """Names and versions in a line."""
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") -> str:
+    """A Markdown table; everything to the left, if there is no `rule` under the header."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
+    return "\n".join([lines[0], rule or "|---" * len(header) + "|", *lines[1:]])
 
 
 def put_section(path: Path, name: str, text: str) -> bool:

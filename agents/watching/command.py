@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
-
-import gymnasium as gym
 
 from agents.episode import Episode, outcome
 from agents.evaluate import Look
@@ -65,14 +62,10 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status: 2 for a bad argument, a missing package or a missing screen."""
-    try:
-        args.check()
-        for path in watch(args):
-            print(f"Written to {path}")
-    except (ValueError, ImportError, gym.error.Error) as error:
-        print(f"watch: {error}", file=sys.stderr)
-        return 2
+    """Run the command; the exit status. Raises as `watch` does, and ValueError for a bad argument."""
+    args.check()
+    for path in watch(args):
+        print(f"Written to {path}")
     return 0
 
 

@@ -29,7 +29,7 @@ BAND = (10.0, 90.0)
 WHISKERS = (1.0, 99.0)
 """Percentiles over all steps at the whiskers' ends."""
 
-AXES = ("X", "Y", "Z")
+ERRORS = ("X error, m", "Y error, m", "Z error, m", "qx error", "qy error", "qz error")
 PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
 ESTIMATE, TRUTH, BOUND = "tab:blue", "black", "tab:red"
 
@@ -61,18 +61,15 @@ def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
 
 def errors(by_policy: dict[str, list[Episode]]) -> Figure:
     """Fig. 3: errors of position and of the quaternion's vector part in the first room, with 2σ bounds."""
-    figure, grid = grid_of_panels(2 * len(AXES), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
+    figure, grid = grid_of_panels(len(ERRORS), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
     for column, (name, runs) in enumerate(by_policy.items()):
         first = runs[0]
-        kinds = (
-            ("{} error, m", first.position_offset, first.position_std),
-            ("q{} error", quaternion_error(first.rotation_offset), first.rotation_std / 2.0),
-        )
-        for kind, (label, offset, std) in enumerate(kinds):
-            for i, axis in enumerate(AXES):
-                axes = grid[kind * len(AXES) + i, column]
-                _with_bounds(axes, first.times, offset[:, i], SIGMAS * std[:, i])
-                axes.set_ylabel(label.format(axis if kind == 0 else axis.lower()) if column == 0 else "")
+        offsets = np.hstack((first.position_offset, quaternion_error(first.rotation_offset)))
+        bounds = SIGMAS * np.hstack((first.position_std, first.rotation_std / 2.0))
+        for axes, label, offset, bound in zip(grid[:, column], ERRORS, offsets.T, bounds.T):
+            axes.plot(first.times, offset, color=ESTIMATE, linewidth=0.8)
+            axes.plot(first.times, bound, first.times, -bound, color=BOUND, linewidth=0.8)
+            axes.set_ylabel(label if column == 0 else "")
         grid[0, column].set_title(name, fontsize=9)
         grid[-1, column].set_xlabel("time, s")
     figure.suptitle(f"True − estimated (blue) and {SIGMAS:g}σ bounds (red), room {_first_seed(by_policy)}")
@@ -93,10 +90,10 @@ def maps(by_policy: dict[str, list[Episode]]) -> Figure:
 def actions(by_policy: dict[str, list[Episode]]) -> Figure:
     """Fig. 5 b: how often each command was given, over all rooms."""
     figure, panels = _panels(2, (6.0, 3.4))
-    _bars(panels[0], Motion, {name: np.sum([motion_counts(r) for r in runs], 0) for name, runs in by_policy.items()})
-    _bars(panels[1], Gaze, {name: np.sum([gaze_counts(r) for r in runs], 0) for name, runs in by_policy.items()})
-    panels[0].set(title="Motion, a command each motion period", ylabel="share of commands")
-    panels[1].set(title="Gaze, a command each gaze period")
+    for axes, choices, counts in zip(panels, (Motion, Gaze), (motion_counts, gaze_counts)):
+        _bars(axes, choices, {name: np.sum([counts(run) for run in runs], 0) for name, runs in by_policy.items()})
+        axes.set(title=f"{choices.__name__}, a command each {choices.__name__.lower()} period")
+    panels[0].set(ylabel="share of commands")
     legend_below(figure, panels[:1], PANELS_A_ROW)
     return figure
 
@@ -144,12 +141,6 @@ def _map(axes: Axes, run: Episode) -> None:
     axes.plot(*run.estimated_position[:, plane].T, color=ESTIMATE, lw=0.8, label="estimated")
     (right, top), (left, bottom) = 1.1 * half, -1.1 * half
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="X, m", ylabel="Z, m")
-
-
-def _with_bounds(axes: Axes, times: np.ndarray, offset: np.ndarray, bound: np.ndarray) -> None:
-    """An error over time between its bounds."""
-    axes.plot(times, offset, color=ESTIMATE, linewidth=0.8)
-    axes.plot(times, bound, times, -bound, color=BOUND, linewidth=0.8)
 
 
 def _bars(axes: Axes, choices: Any, counts: dict[str, np.ndarray]) -> None:

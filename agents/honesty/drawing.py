@@ -29,9 +29,8 @@ def draw(calibrations: Sequence[Calibration], path: Path) -> Path:
     for i, quantity in enumerate(QUANTITIES):
         for j, strategy in enumerate(strategies):
             axes = grid[i, j]
-            for one in calibrations:
-                if one.strategy == strategy:
-                    _curves(axes, one, quantity, COLOURS[initialisations.index(one.initialisation) % len(COLOURS)])
+            for one in (one for one in calibrations if one.strategy == strategy):
+                _curves(axes, one, quantity, COLOURS[initialisations.index(one.initialisation) % len(COLOURS)])
             _bars(axes, strategy)
             axes.set(yscale="log", ylim=LIMITS, ylabel=f"NEES of {quantity}" if j == 0 else "")
             axes.set_title(strategy if i == 0 else "")

@@ -29,31 +29,21 @@ CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
 
 def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
     """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are."""
-    env = ActiveSLAMVecEnv(
-        num_envs,
-        discrete=recipe.algorithm == "dqn",
-        gaze_period=recipe.decision_period,
-        duration=recipe.duration,
-        reward=recipe.reward,
-    )
+    arguments: dict[str, Any] = {
+        "gaze_period": recipe.decision_period,
+        "duration": recipe.duration,
+        "reward": recipe.reward,
+    }
+    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", **arguments)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), recipe.reward_scale, recipe.reward_clip)
 
 
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path) -> Any:
     """A new learner. PPO's rollout is one episode of every environment, learned from in 5 minibatches, 4 times."""
-    steps = recipe.steps_per_episode
-    own: dict[str, dict[str, Any]] = {
-        "ppo": {
-            "n_steps": steps,
-            "batch_size": max(2, steps * recipe.num_envs // 5),
-            "n_epochs": 4,
-            "gae_lambda": 0.95,
-            "ent_coef": recipe.entropy_bonus,
-        },
-        "a2c": {"ent_coef": recipe.entropy_bonus},
-        "dqn": {"buffer_size": REPLAY_STEPS},
-    }
+    steps, entropy = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}
+    rollout = {"n_steps": steps, "batch_size": max(2, steps * recipe.num_envs // 5), "n_epochs": 4, "gae_lambda": 0.95}
+    own: dict[str, dict[str, Any]] = {"ppo": rollout | entropy, "a2c": entropy, "dqn": {"buffer_size": REPLAY_STEPS}}
     return CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,

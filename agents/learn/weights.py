@@ -56,9 +56,8 @@ class LearnedPolicy:
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
         self.card = card
         self._env = cast(Any, env.unwrapped)
-        self._hold = whole_multiple(
-            "decision_period", float(card["decision_period"]), "gaze_period", self._env.gaze_period
-        )
+        decision_period = float(card["decision_period"])
+        self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
         self._logits = _network(observation_layout(env), weights, card)
         space = getattr(self._env, "single_action_space", self._env.action_space)
         self._is_discrete = isinstance(space, spaces.Discrete)
@@ -120,7 +119,9 @@ def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: di
             f"{layout.token_shape[1]}: {error}"
         ) from error
     network.set_training_mode(False)
-    return _action_values(network) if isinstance(network, DQNPolicy) else _action_logits(network)
+    if isinstance(network, DQNPolicy):
+        return lambda observations: (network.q_net(observations),)  # the joint actions' values, as preferences
+    return _action_logits(network)
 
 
 def _action_logits(network: ActorCriticPolicy) -> Logits:
@@ -131,11 +132,6 @@ def _action_logits(network: ActorCriticPolicy) -> Logits:
         return network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
 
     return logits
-
-
-def _action_values(network: DQNPolicy) -> Logits:
-    """The values of the joint actions, as preferences."""
-    return lambda observations: (network.q_net(observations),)
 
 
 def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:

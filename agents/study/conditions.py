@@ -75,9 +75,11 @@ class Choice:
 
     def conditions(self) -> list[Condition]:
         """The three strategies under this choice; the default's keep their curves."""
-        same, first = (self.scenario, self.fields, self.place), self.name == DEFAULT
-        sources = {strategy: self.rereads.get(strategy, strategy) for strategy in STRATEGIES}
-        return [Condition(self.name, *who, *same, curves=first, every_room=first) for who in sources.items()]
+        first, sources = self.name == DEFAULT, {name: name for name in STRATEGIES} | self.rereads
+        return [
+            Condition(self.name, role, source, self.scenario, self.fields, self.place, curves=first, every_room=first)
+            for role, source in sources.items()
+        ]
 
 
 def _rereads(prefix: str, strategies: Sequence[str] = tuple(STRATEGIES)) -> dict[str, str]:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from agents.episode import Episode, outcome
 from agents.figures import draw_all
 from agents.summary import Summary, summarise
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import at_least, given, scenario_argument, times_within
+from agents.tools.arguments import Rooms, at_least, given, scenario_argument, times_within
 from agents.tools.files import write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
@@ -25,7 +24,7 @@ from agents.tools.sections import provenance, put_section
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """Run policies in the same unseen rooms; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
@@ -34,8 +33,6 @@ class Args:
     """More of them, beside `policies`."""
     episodes: int = 8
     """Rooms for each policy."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/compare")
     """Folder of the results."""
     scenario: str = "paper"
@@ -54,8 +51,6 @@ class Args:
     """The table tells when so many landmarks were mapped."""
     honesty_times: tuple[float, ...] = (5.0, 15.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     resume: bool = False
     """Take the finished episodes that `out` holds for the same settings and code instead of running them again."""
     report: tuple[Path, ...] = ()
@@ -64,7 +59,8 @@ class Args:
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        at_least(self, episodes=1, seed=0, jobs=1, target_landmarks=1)
+        super().__post_init__()
+        at_least(self, target_landmarks=1)
         given(self, *(() if self.policy else ("policies",)))
 
     @property

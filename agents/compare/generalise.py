@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
 from agents.tables import Table, legend, pipes, shown, titled
+from agents.tools.arguments import Rooms
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
 
@@ -25,21 +25,17 @@ CONDITIONS: dict[str, str] = {
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
 
     policies: tuple[str, ...] = ("ppo", "ppo-entropy", "mi-constant", "mi-fisher", "sweep")
     """Names of policies, as for compare."""
     episodes: int = 50
     """Rooms for each policy and condition."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/generalise")
     """Folder of the results; what it holds of the same rooms is not run again."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated section "generalise" is made anew, for instance RESULTS.md."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
 
     @property
     def command(self) -> str:

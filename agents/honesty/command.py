@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from agents.honesty import drawing, page
 from agents.honesty.calibration import Calibration, calibrate
 from agents.honesty.witness import WatchedRun, watch
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import at_least, given, times_within
+from agents.tools.arguments import Rooms, given, times_within
 from agents.tools.files import write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
@@ -25,7 +24,7 @@ from agents.tools.sections import provenance, put_section
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """Is the filter consistent? NEES, depth errors, associations and losses over rooms; report, CSV, JSON, figure."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep", "random")
@@ -44,15 +43,13 @@ class Args:
     """Seconds of an episode."""
     times: tuple[float, ...] = (5.0, 15.0, 25.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated section "consistency" is made anew, for instance docs/HONESTY.md."""
     figures: bool = True
     """Draw the figure (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        at_least(self, episodes=1, seed=0, jobs=1)
+        super().__post_init__()
         given(self, "policies", "initialisations")
 
     @property

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from agents.study.conditions import DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Con
 from agents.study.runs import Row, Rows, Run, play, run_conditions
 from agents.study.verdicts import Finding
 from agents.task import rehearse
-from agents.tools.arguments import at_least
+from agents.tools.arguments import Rooms, at_least
 from agents.tools.files import write_csv, write_json, write_text
 from agents.tools.machine import RESULTS_REST_ON, machine, versions
 
@@ -26,26 +25,23 @@ RULE = (
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """The paper's study: its figures redrawn from our runs, and a verdict on each of its claims."""
 
     episodes: int = 100
     """Rooms for the paper's strategies and for what single claims need."""
     choice_episodes: int = 50
     """Rooms, the first of these, for the other choices that the paper leaves open."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/figures")
     """Folder of the results; finished conditions that it holds are not run again."""
     duration: float | None = None
     """Seconds of an episode, for a quick look; the paper's if not given."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     figures: bool = True
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        at_least(self, episodes=1, choice_episodes=1, seed=0, jobs=1)
+        super().__post_init__()
+        at_least(self, choice_episodes=1)
 
     def plan(self) -> dict[Condition, list[int]]:
         """What is run, and the seeds of its rooms."""

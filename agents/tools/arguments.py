@@ -1,10 +1,26 @@
-"""What the commands check of their arguments; a ValueError names the argument, its value and what is allowed."""
+"""What the commands take and check; a ValueError names the argument, its value and what is allowed."""
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rooms:
+    """What every command takes that plays many rooms."""
+
+    seed: int = 1_000_000
+    """Episode j is reset(seed=seed + j)."""
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Processes."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a number that is less than it may be."""
+        at_least(self, episodes=1, seed=0, jobs=1)
 
 
 def at_least(args: Any, **least: int) -> None:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from pathlib import Path
+from traceback import extract_tb
+from typing import Any
 
 import baselines
 from agents import load, pretrained
+from agents.tools.machine import digest, module_sources
 from baselines.policy import Environment, Predictor
 
 Factory = Callable[[Environment, int], Predictor]
@@ -27,7 +30,7 @@ def factory(name: str) -> Factory:
     path = Path(name)
     if ":" in name:
         make = _imported(name)
-        return lambda env, seed: make(env)
+        return lambda env, seed: Own(name, make, env)
     if path.suffix == ".npz":
         if not (path.is_file() and path.with_suffix(".json").is_file()):
             raise ValueError(f"policy: {name!r} is no file with its card ({path.stem}.json) beside it")
@@ -42,10 +45,52 @@ def factory(name: str) -> Factory:
     )
 
 
-def _imported(name: str) -> Callable[[Environment], Predictor]:
+def content(name: str) -> str:
+    """Digest of what a policy is made of beside this project: weights and their card, or a module and its imports."""
+    if ":" in name:
+        return module_sources(name.partition(":")[0])
+    path = Path(name)
+    return digest(path, path.with_suffix(".json")) if path.suffix == ".npz" else ""
+
+
+def _imported(name: str) -> Callable[[Environment], Any]:
     """The user's own 'package.module:factory'."""
     module, _, attribute = name.partition(":")
     try:
         return getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(f"policy: {name!r} cannot be imported ({error}); allowed: 'package.module:factory'") from error
+    except (Exception, SystemExit) as error:
+        told = f"policy: {name!r} cannot be imported ({_told(error)})"
+        raise ValueError(f"{told}; allowed: 'package.module:factory'") from error
+
+
+class Own:
+    """A user's own policy, whose mistakes become a ValueError of one line."""
+
+    def __init__(self, name: str, make: Callable[[Environment], Any], env: Environment) -> None:
+        try:
+            self._policy = make(env)
+        except Exception as error:
+            raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
+        if not callable(getattr(self._policy, "predict", None)):
+            raise ValueError(f"policy: {name!r} made {self._policy!r}; allowed: an object with predict(observation, …)")
+        self._name = name
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """The policy's own action and state."""
+        asked = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
+        try:
+            action, state = self._policy.predict(observation, **asked)
+        except Exception as error:
+            raise ValueError(f"policy: {self._name!r}, asked for (action, state): {_told(error)}") from error
+        return action, state
+
+
+def _told(error: BaseException) -> str:
+    """An error and where it is from, in a line."""
+    lines = str(error).splitlines()
+    frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
+    ours = frames[-1].filename in (__file__, importlib.__file__)
+    where = "" if ours else f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+    return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"

@@ -11,13 +11,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from agents import tables
+from agents import policies, tables
 from agents.episode import Episode, outcome
 from agents.figures import draw_all
 from agents.summary import Summary, summarise
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import Rooms, at_least, given, scenario_argument, times_within
-from agents.tools.files import write_csv, write_json, write_text, written
+from agents.tools.arguments import Rooms, at_least, given, scenario_argument, times, times_within
+from agents.tools.files import alone_in, write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
 from agents.tools.sections import provenance, put_section
@@ -62,6 +62,9 @@ class Args(Rooms):
         super().__post_init__()
         at_least(self, target_landmarks=1)
         given(self, *(() if self.policy else ("policies",)))
+        times(self, "honesty_times")
+        if self.reference not in {*self.names, Args.reference}:
+            raise ValueError(f"reference: {self.reference!r} is not compared; allowed: {', '.join(self.names)}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,7 +89,6 @@ class Args(Rooms):
 
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    check(args.names, [args.environment])
     print(f"{len(args.names)} policies, {args.episodes} rooms each. The first run compiles, which takes a while.")
     summary = compare(args)
     if summary is None:
@@ -103,14 +105,21 @@ def compare(args: Args) -> Summary | None:
     Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
     policy or a bad argument of the environment, before any episode.
     """
+    check(args.names, [args.environment])
+    args.prepare("compare", "headline")
     rehearse(args.names, [args.environment], args.seed)
+    with alone_in(args.out):
+        return _compare(args)
+
+
+def _compare(args: Args) -> Summary | None:
     tasks = _tasks(args)
     episodes = _run_until_interrupted(tasks, args)
     if not episodes:
         return None
     settings = _settings(args, complete=len(episodes) == len(tasks))
-    times = times_within(args.honesty_times, args.duration)
-    summary = summarise(episodes, args.reference, args.target_landmarks, times, settings)
+    honest_at = times_within(args.honesty_times, args.duration)
+    summary = summarise(episodes, args.reference, args.target_landmarks, honest_at, settings)
     drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
@@ -130,7 +139,8 @@ def _tasks(args: Args) -> list[Task]:
     """Room by room, so that an interrupted study has seen the same rooms with every policy."""
     seeds = range(args.seed, args.seed + args.episodes)
     settings = json.dumps(args.environment, sort_keys=True)
-    return [Task(name, seed, settings, seed == args.seed) for seed in seeds for name in args.names]
+    made_of = {name: policies.content(name) for name in args.names}
+    return [Task(name, seed, settings, seed == args.seed, made_of[name]) for seed in seeds for name in args.names]
 
 
 def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
@@ -159,7 +169,7 @@ def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
 
 def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None]:
     """Yield the episodes as they finish, those of an earlier run first, and keep each in a file."""
-    kept = {task: episode for task in tasks if args.resume and (episode := _kept(task, args.out))}
+    kept = _kept(tasks, args.out) if args.resume else {}
     missing = [task for task in tasks if task not in kept]
     yield from kept.values()
     with closing(run_all(Task.run, missing, args.jobs, finished=len(kept))) as finished:
@@ -168,10 +178,22 @@ def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None
             yield episode
 
 
-def _kept(task: Task, folder: Path) -> Episode | None:
-    """The episode of an earlier run with the same settings and the same code."""
-    episode = Episode.load(task.path(folder)) if task.path(folder).exists() else None
-    return episode if episode and episode.settings == task.key else None
+def _kept(tasks: Sequence[Task], folder: Path) -> dict[Task, Episode]:
+    """The episodes of an earlier run with the same settings, code and policies; what was not taken is said."""
+    kept, other, damaged = {}, 0, 0
+    for task in (task for task in tasks if task.path(folder).exists()):
+        try:
+            episode = Episode.load(task.path(folder))
+        except ValueError:
+            damaged += 1
+            continue
+        if (episode.settings, episode.policy, episode.seed) == (task.key, task.policy, task.seed):
+            kept[task] = episode
+        else:
+            other += 1
+    left_out = f"; not taken: {other} of other settings, code or policies, {damaged} damaged" if other + damaged else ""
+    print(f"{len(kept)} of {len(tasks)} episodes are those of an earlier run{left_out}.")
+    return kept
 
 
 def _settings(args: Args, complete: bool) -> dict[str, Any]:

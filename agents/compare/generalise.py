@@ -9,6 +9,7 @@ from pathlib import Path
 from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
 from agents.tables import Table, legend, pipes, shown, titled
+from agents.task import check
 from agents.tools.arguments import Rooms
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
@@ -46,6 +47,9 @@ class Args(Rooms):
 
 def main(args: Args) -> int:
     """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
+    environments = [_comparison(args, *condition).environment for condition in CONDITIONS.items()]
+    check(args.policies, environments)
+    args.prepare("generalise")
     summaries: dict[str, Summary] = {}
     for name, scenario in CONDITIONS.items():
         print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")

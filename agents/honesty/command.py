@@ -16,8 +16,8 @@ from agents.honesty import drawing, page
 from agents.honesty.calibration import Calibration, calibrate
 from agents.honesty.witness import WatchedRun, watch
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import Rooms, given, times_within
-from agents.tools.files import write_csv, write_json, write_text, written
+from agents.tools.arguments import Rooms, given, times, times_within
+from agents.tools.files import alone_in, write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
 from agents.tools.sections import provenance, put_section
@@ -51,6 +51,7 @@ class Args(Rooms):
     def __post_init__(self) -> None:
         super().__post_init__()
         given(self, "policies", "initialisations")
+        times(self, "times")
 
     @property
     def command(self) -> str:
@@ -67,7 +68,6 @@ class Args(Rooms):
 
 def main(args: Args) -> int:
     """Make the report and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    check(args.policies, args.environments)
     total = args.episodes * len(args.policies) * len(args.initialisations)
     print(f"{total} episodes. The first run compiles, which takes a while.")
     calibrations, complete = report(args)
@@ -84,14 +84,21 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
     Ctrl-C ends it early, with a report of the episodes that are over. Raises ValueError for an unknown policy or
     initialiser or a bad argument of the environment, before any episode.
     """
+    check(args.policies, args.environments)
+    args.prepare("consistency")
     rehearse(args.policies, args.environments, args.seed)
+    with alone_in(args.out):
+        return _report(args)
+
+
+def _report(args: Args) -> tuple[list[Calibration], bool]:
     tasks = _tasks(args)
     runs = _run_until_interrupted(tasks, args.jobs)
-    times = times_within(args.times, args.duration)
-    calibrations = [calibrate(group, times, args.scenario) for group in grouped(runs, args)]
+    told_at = times_within(args.times, args.duration)
+    calibrations = [calibrate(group, told_at, args.scenario) for group in grouped(runs, args)]
     complete = len(runs) == len(tasks)
     if runs:
-        _write(calibrations, runs, times, args, complete)
+        _write(calibrations, runs, told_at, args, complete)
     return calibrations, complete
 
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from activeslam_gym import observation_layout
 from activeslam_gym.files import written_whole
 from agents.learn.recipe import Recipe
-from agents.learn.weights import policy_arguments
+from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
+from agents.tools.files import reading
 
 TRAINING_SEEDS = 2**32
 """Training rooms have seeds from here on, so that no room of the study is among them."""
@@ -21,6 +25,8 @@ HELD_OUT_SEEDS = 3_000_000
 """The rooms that choose the best weights: none of training, none of the study."""
 REPLAY_STEPS = 100_000
 """What DQN remembers: some hundreds of megabytes of observations."""
+COUNTS = {"num_timesteps": int, "_n_updates": int, "_episode_num": int, "seconds": float}
+"""What a checkpoint tells of the learner beside its tensors."""
 _LAST_RATE = 0.05
 """The learning rate's last value, relative to its first."""
 
@@ -57,14 +63,28 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path) -> Any:
     )
 
 
-def load_learner(recipe: Recipe, env: VecEnv, checkpoint: Path) -> Any:
-    """The learner as it was saved, in rooms that it has not yet seen."""
-    learner = CLASSES[recipe.algorithm].load(checkpoint, env=env, device="cpu")
+def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> Any:
+    """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
+
+    Of the file, tensors and plain numbers are read, never a pickle: `BaseAlgorithm.load` would run what stands in it.
+    Raises ValueError for a damaged file, or one of another learner.
+    """
+    learner = make_learner(recipe, env, logs)
+    with reading(checkpoint), ZipFile(checkpoint) as archive:
+        kept = json.loads(archive.read("data"))
+        _, parameters, _ = load_from_zip_file(checkpoint, load_data=False, device="cpu")
+        learner.set_parameters(parameters, device="cpu")
+        for name, kind in COUNTS.items():
+            setattr(learner, name, kind(kept.get(name, 0)))
     env.seed(TRAINING_SEEDS + recipe.num_envs * recipe.seed + learner.num_timesteps)
     return learner
 
 
 def save_learner(learner: BaseAlgorithm, checkpoint: Path) -> None:
-    """The learner with its optimiser, whole or not at all; DQN's memory is left out."""
+    """The learner with its optimiser, whole or not at all; DQN's memory is left out.
+
+    Raises ValueError for weights that are not finite.
+    """
+    require_finite({name: value.numpy() for name, value in learner.policy.state_dict().items()})
     with written_whole(checkpoint) as unfinished:
         learner.save(unfinished)

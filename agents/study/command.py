@@ -13,9 +13,9 @@ from agents.study.claims import findings_of
 from agents.study.conditions import DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Condition, conditions
 from agents.study.runs import Row, Rows, Run, play, run_conditions
 from agents.study.verdicts import Finding
-from agents.task import rehearse
+from agents.task import check, rehearse
 from agents.tools.arguments import Rooms, at_least
-from agents.tools.files import write_csv, write_json, write_text
+from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.machine import RESULTS_REST_ON, machine, versions
 
 RULE = (
@@ -64,13 +64,17 @@ class Study:
 
 def main(args: Args) -> int:
     """Make the study and print its verdicts; the exit status, 130 when interrupted."""
-    print(f"{args.episodes} rooms, {len(args.plan())} conditions. The first run compiles, which takes a while.")
+    args.prepare()
+    plan = args.plan()
+    check((), [one.environment() for one in plan])
+    print(f"{args.episodes} rooms, {len(plan)} conditions. The first run compiles, which takes a while.")
     try:
-        study = run(args)
+        with alone_in(args.out):
+            study = run(args)
+            write(study, args)
     except KeyboardInterrupt:
         print("Interrupted; the conditions that are complete are kept, and the same command goes on from them.")
         return 130
-    write(study, args)
     for finding in study.findings:
         print(f"{finding.verdict:>13}  {finding.claim}, {finding.choice}: {finding.measure}: {finding.text}")
     print(f"\nWritten to {args.out}/: STUDY.md, study.json, study.csv, rows.csv, images/study/, trajectories/")

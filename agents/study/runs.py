@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.episode import Episode
+from agents.policies import content
 from agents.study.conditions import Condition
 from agents.study.measures import VERSION, measures
 from agents.study.observer import Notes, Observer
 from agents.study.places import Placed
 from agents.task import make_environment, run_policy
-from agents.tools.files import write_json
+from agents.tools.files import reading, write_json
 from agents.tools.machine import sources
 from agents.tools.parallel import run_all
 
@@ -94,8 +95,8 @@ def _path(condition: Condition, folder: Path) -> Path:
 
 def _key(condition: Condition, seeds: Sequence[int]) -> dict[str, Any]:
     """What rows must share to be those of a condition."""
-    made = {"version": VERSION, "sources": sources(), "settings": condition.settings()}
-    return made | {"seeds": list(seeds), "curves": condition.curves}
+    made = {"version": VERSION, "sources": sources(), "content": content(condition.source)}
+    return made | {"settings": condition.settings(), "seeds": list(seeds), "curves": condition.curves}
 
 
 def _keep(condition: Condition, rows: list[Row], seeds: Sequence[int], folder: Path) -> list[Row]:
@@ -109,7 +110,12 @@ def _kept(condition: Condition, seeds: Sequence[int], folder: Path) -> list[Row]
     path = _path(condition, folder)
     if not path.exists():
         return None
-    contents = json.loads(path.read_text(encoding="utf-8"))
-    if any(contents.get(name) != value for name, value in _key(condition, seeds).items()):
+    try:
+        with reading(path):
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            if any(kept.get(name) != value for name, value in _key(condition, seeds).items()):
+                return None
+            return [{key: np.nan if value is None else value for key, value in row.items()} for row in kept["rows"]]
+    except ValueError as damaged:
+        print(f"Run again: {damaged}")
         return None
-    return [{key: np.nan if value is None else value for key, value in row.items()} for row in contents["rows"]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 from zipfile import ZipFile
 
@@ -72,7 +73,10 @@ def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> A
     learner = make_learner(recipe, env, logs)
     with reading(checkpoint), ZipFile(checkpoint) as archive:
         kept = json.loads(archive.read("data"))
-        _, parameters, _ = load_from_zip_file(checkpoint, load_data=False, device="cpu")
+        try:
+            _, parameters, _ = load_from_zip_file(checkpoint, load_data=False, device="cpu")
+        except UnpicklingError as error:
+            raise ValueError("it holds more than tensors and numbers, which could run code; remove it") from error
         learner.set_parameters(parameters, device="cpu")
         for name, kind in COUNTS.items():
             setattr(learner, name, kind(kept.get(name, 0)))

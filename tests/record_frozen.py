@@ -4,8 +4,6 @@ Six seconds of fixed, open-loop actions in each of some scenarios. Only behaviou
 anew, and a released environment then has a new id (see CONTRIBUTING.md).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

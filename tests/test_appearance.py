@@ -1,7 +1,5 @@
 """Identified candidates: those that agree are matched, looks decide where places cannot, too few are not believed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -76,9 +74,6 @@ def test_what_is_not_in_sight_or_looks_like_nothing_is_no_match() -> None:
     assert chosen(sight, candidates_of(GRID[:1], ids=[99], log_ratios=5.0)) == [False]
     assert chosen(sight, candidates_of(GRID[:1], ids=[1], log_ratios=-20.0)) == [False]
     assert chosen(sight, np.zeros(0, CANDIDATE)) == []
-
-
-# By the filter ------------------------------------------------------------------------------------------------------
 
 
 PIXELS = np.array([[80.0, 80.0], [240.0, 80.0], [160.0, 200.0], [100.0, 180.0]])

@@ -4,8 +4,6 @@ The tables below are the architecture; the code under them only reads the files'
 compares. A new module needs a row: where it stands is a decision.
 """
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,9 +83,6 @@ class Import(NamedTuple):
     """Runs when the importer is imported: outside functions and ``if TYPE_CHECKING``."""
 
 
-# --- reading the files ------------------------------------------------------------------------------------------------
-
-
 def module_name(path: Path) -> str:
     """``activeslam_gym/slam/belief.py`` → ``activeslam_gym.slam.belief``; a package is its ``__init__``."""
     return ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -127,9 +122,6 @@ def _imports(node: ast.AST, importer: str, at_top: bool) -> Iterator[Import]:
         else:
             is_function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
             yield from _imports(child, importer, at_top and not is_function)
-
-
-# --- the rules: each answers with what is wrong, or None --------------------------------------------------------------
 
 
 def unit(module: str) -> str:
@@ -207,9 +199,6 @@ def wrong(found: Import, modules: set[str]) -> list[str]:
         draws(found),
     ]
     return [answer for answer in answers if answer]
-
-
-# --- the tests --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("package", PACKAGES)

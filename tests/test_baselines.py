@@ -1,7 +1,5 @@
 """Policies: known best actions in a toy environment whose scores are given, then every policy on the real one."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,7 +34,7 @@ class ScoredEnv:
         self.step_index = np.zeros(leading, dtype=int)
 
     @property
-    def unwrapped(self) -> ScoredEnv:
+    def unwrapped(self) -> Any:
         return self
 
     @property

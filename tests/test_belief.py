@@ -1,7 +1,5 @@
 """Layout of the belief: appending, removing and converting leave the rest alone; the public belief is T P T^T."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -13,18 +11,8 @@ from activeslam_gym.slam.kalman import propagate
 from activeslam_gym.slam.manifold import MINIMUM_INVERSE_DEPTH, shift_mean, subtract_and_recentre
 from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 
-from .support import (
-    copied,
-    features_of,
-    joint_covariance,
-    mean_difference,
-    prior_belief,
-    random_belief,
-    random_spd,
-    rows_of,
-    scenario_for,
-    turn_of_everything,
-)
+from . import support
+from .support import copied, features_of, joint_covariance, mean_difference, random_spd, rows_of, turn_of_everything
 
 MIXES = [
     [],
@@ -37,7 +25,7 @@ every_mix = pytest.mark.parametrize("kinds", MIXES, ids=str)
 
 
 def belief_of(kinds: list[int], seed: int = 0) -> Belief:
-    return random_belief(scenario_for(kinds), kinds, np.random.default_rng(seed))
+    return support.random_belief(support.scenario_for(kinds), kinds, np.random.default_rng(seed))
 
 
 def public(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
@@ -78,9 +66,6 @@ def assert_well_laid(belief: Belief) -> None:
     np.testing.assert_array_equal(P, P.T)
 
 
-# Kinds --------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("angles, m", [((0, 0), (0, 0, 1)), ((np.pi / 2, 0), (1, 0, 0)), ((0.3, np.pi / 2), (0, 1, 0))])
 def test_bearing_directions(angles: tuple[float, float], m: tuple[int, int, int]) -> None:
     np.testing.assert_allclose(layout.bearing(*angles)[0], m, atol=1e-15)
@@ -101,7 +86,7 @@ def test_straight_up_is_finite() -> None:
 
 
 def test_prior_is_the_scenarios() -> None:
-    belief = prior_belief(
+    belief = support.prior_belief(
         Scenario(position_std=(0.1, 0.2, 0.3), orientation_std=0.4, velocity_std=0.5, angular_velocity_std=0.6)
     )
     stds = [0.1, 0.2, 0.3] + [0.4] * 3 + [0.5] * 3 + [0.6] * 3
@@ -123,9 +108,6 @@ def test_depth_ratio_is_sigma_over_depth(kind: int) -> None:
         distance = np.linalg.norm(sight)
         expected = np.sqrt(sight @ P @ sight) / distance / distance
     assert layout.depth_ratio(belief, 0) == pytest.approx(expected, rel=1e-12)
-
-
-# Append, remove, convert --------------------------------------------------------------------------------------------
 
 
 @every_mix
@@ -215,9 +197,6 @@ def test_a_full_belief_says_so() -> None:
     assert_well_laid(belief)
 
 
-# The public belief --------------------------------------------------------------------------------------------------
-
-
 @every_mix
 def test_public_covariance_is_T_P_Tt(kinds: list[int]) -> None:  # noqa: N802
     belief = belief_of(kinds)
@@ -249,9 +228,6 @@ def test_conversion_does_not_change_the_public_belief() -> None:
     points_after, P_after = public(belief)
     np.testing.assert_allclose(points_after, points, rtol=1e-14)
     np.testing.assert_allclose(P_after, P, rtol=1e-10, atol=1e-14)
-
-
-# The mean and the camera's rows -------------------------------------------------------------------------------------
 
 
 @every_mix

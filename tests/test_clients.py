@@ -3,8 +3,6 @@
 A client whose package is not installed is skipped; `make clients` installs each in an environment of its own.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import re

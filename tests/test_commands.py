@@ -1,7 +1,5 @@
 """`python -m agents`: what every command says to a bad argument, and that it says it before anything is run."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

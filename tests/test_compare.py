@@ -1,7 +1,5 @@
 """The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

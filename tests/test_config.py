@@ -1,7 +1,5 @@
 """A scenario's fields: each within its bounds, and plain enough for JSON whatever it was given as."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """The consistency report: its statistics on made-up runs, the witness on a made-up belief, and the command, small."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The manual tells the truth: its tables are the code's, its code runs, its names exist, and it builds."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect
@@ -42,9 +40,6 @@ def section(title: str) -> str:
 
 def first_names(title: str) -> list[str]:
     return [row[0].strip("`") for row in rows(section(title))]
-
-
-# The environment's specification ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)
@@ -91,9 +86,6 @@ def test_reward_table_is_the_rewards() -> None:
 def test_every_registered_version_has_a_history() -> None:
     versions = {name.rsplit("-", 1)[1] for name in gym.registry if name.startswith("ActiveSLAM")}
     assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
-
-
-# Pages --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -1,7 +1,5 @@
 """The worked examples of the manual: each runs, and does what its page says."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The filter: update, prediction, association, births and deaths."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -18,23 +16,8 @@ from activeslam_gym.slam.filter import COUNTS, candidates_of, filter_frame, filt
 from activeslam_gym.slam.kalman import predict, update
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
-from tests.support import (
-    CAMERA,
-    NO_BOXES,
-    NO_FIDUCIALS,
-    PAPER,
-    copied,
-    dense_H,
-    joint_covariance,
-    mean_difference,
-    prior_belief,
-    random_belief,
-    random_spd,
-    scenario_for,
-    sight_of,
-    turn_of_everything,
-    world_points,
-)
+from tests import support
+from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of
 
 MODEL = filter_of(PAPER)
 GATE, BIRTH_GATE = MODEL.association.gate, MODEL.association.birth_gate
@@ -55,9 +38,9 @@ def assert_updated(belief, before, H, R, nu) -> None:
     """The textbook's update, with the covariance expressed about the new mean."""
     P = joint_covariance(before)
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-    np.testing.assert_allclose(mean_difference(belief, before), K @ nu, atol=1e-10)
+    np.testing.assert_allclose(support.mean_difference(belief, before), K @ nu, atol=1e-10)
     M, G = np.eye(len(P)), np.eye(len(P))
-    M[:, 3:6] += turn_of_everything(belief) - turn_of_everything(before)
+    M[:, 3:6] += support.turn_of_everything(belief) - support.turn_of_everything(before)
     G[3:6, 3:6] = so3_left_jacobian((K @ nu)[3:6])
     G = G @ M
     np.testing.assert_allclose(joint_covariance(belief), G @ (P - K @ H @ P) @ G.T, atol=1e-12)
@@ -68,7 +51,7 @@ def assert_updated(belief, before, H, R, nu) -> None:
 def test_update_is_the_textbooks(kinds: list[int]) -> None:
     rng = np.random.default_rng(len(kinds))
     belief = random_belief(PAPER, kinds, rng)
-    sight, before = sight_of(belief, world_points(rng, belief.state.camera, 2)), copied(belief)
+    sight, before = sight_of(belief, support.world_points(rng, belief.state.camera, 2)), copied(belief)
     H, P, nu = dense_H(sight), joint_covariance(belief), rng.standard_normal(len(sight.S))
     R = VAR * np.eye(len(H))
     assert sight.thing["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
@@ -82,9 +65,9 @@ def test_every_candidate_is_used_with_its_own_noise() -> None:
     """The textbook's update with blockdiag R, of the matched things alone, in whatever order they come."""
     rng = np.random.default_rng(7)
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
-    fiducials = world_points(rng, belief.state.camera, 2)
+    fiducials = support.world_points(rng, belief.state.camera, 2)
     sight, before, matched = sight_of(belief, fiducials), copied(belief), [4, 0, 3]
-    nu, own = rng.standard_normal((3, 2)), np.array([random_spd(rng, [0.5, 2.0]) for _ in matched])
+    nu, own = rng.standard_normal((3, 2)), np.array([support.random_spd(rng, [0.5, 2.0]) for _ in matched])
     own[2] = 100.0 * R_PAPER
     candidates = candidates_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
     use_candidates(CAMERA, MODEL, belief, 2, NO_BOXES, sight, candidates, True, counters())
@@ -130,9 +113,6 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
         x, P = x + K @ (z - H @ x), P - K @ H @ P
     np.testing.assert_allclose(camera[[0, 1, 2, 7, 8, 9]], x, atol=1e-12)
     np.testing.assert_allclose(belief.covariance[np.ix_(kept, kept)], P, atol=1e-13)
-
-
-# Association --------------------------------------------------------------------------------------------------------
 
 
 def match(belief, pixels, **given):
@@ -239,7 +219,7 @@ def test_labelled_candidates_are_what_they_say() -> None:
 
 def a_ray():
     """A belief about one ray, and the pixel of the particle in its middle."""
-    belief = random_belief(scenario_for([RAY]), [RAY], np.random.default_rng(4))
+    belief = random_belief(support.scenario_for([RAY]), [RAY], np.random.default_rng(4))
     rays = predict_rays(CAMERA, belief, NO_BOXES)
     return belief, rays.z_hat[0, rays.z_hat.shape[1] // 2].copy()
 
@@ -284,12 +264,9 @@ def test_a_labelled_ray_is_weighed_by_its_own_candidate_alone() -> None:
     np.testing.assert_allclose(weights, expected / expected.sum(), rtol=1e-9, atol=1e-300)
 
 
-# Births and deaths --------------------------------------------------------------------------------------------------
-
-
 def still_belief(scenario: Scenario = PAPER):
     """A belief without features, sure of its pose and at rest."""
-    belief = prior_belief(scenario)
+    belief = support.prior_belief(scenario)
     belief.covariance[:12, :12] = np.diag([1e-8] * 12)
     return belief
 
@@ -299,7 +276,7 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
     motion, model, candidates = motion_of(quiet, 1.0), filter_of(scenario), candidates_at(pixels)
     u = np.zeros(6)
-    filter_frame(CAMERA, motion, model, belief, NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
+    filter_frame(CAMERA, motion, model, belief, support.NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
     return counts
 
 

@@ -1,7 +1,5 @@
 """`Filter` without an environment: its rounds, its messages, and that an environment's belief is its belief."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gymnasium as gym
@@ -28,9 +26,6 @@ R_PAPER = CAMERA.pixel_std**2 * np.eye(2)
 def sure_filter(**given) -> Filter:
     """A filter that knows its pose."""
     return Filter(PAPER, covariance=1e-8 * np.eye(12), **given)
-
-
-# Rounds -------------------------------------------------------------------------------------------------------------
 
 
 def test_it_begins_with_the_prior_or_with_what_it_is_given() -> None:
@@ -113,9 +108,6 @@ def test_labelled_candidates_are_taken_at_their_word() -> None:
         np.testing.assert_allclose(thing.z_hat, z, atol=4.0)
 
 
-# Time ---------------------------------------------------------------------------------------------------------------
-
-
 def test_time_steps_may_differ_from_call_to_call() -> None:
     """Without a command two halves move the mean as the whole does; noise enters once a step, so P is another."""
     whole, halves = (Filter(camera=random_camera(np.random.default_rng(1))) for _ in range(2))
@@ -130,9 +122,6 @@ def test_time_steps_may_differ_from_call_to_call() -> None:
     default.predict()
     frame.predict(dt=PAPER.frame_time)
     np.testing.assert_array_equal(joint_covariance(default.belief), joint_covariance(frame.belief))
-
-
-# Messages -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -160,9 +149,6 @@ def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
         call(filter)
     assert filter.belief.state == Filter().belief.state
     np.testing.assert_array_equal(filter.belief.covariance, Filter().belief.covariance)
-
-
-# Beside an environment ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])

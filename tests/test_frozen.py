@@ -5,8 +5,6 @@ a small difference as it is corrected by measurements, unless the difference dec
 rounds otherwise stays near 1e-11 for seconds (`test_rounding_decides_nothing`), far under the tolerances here.
 """
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

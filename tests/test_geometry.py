@@ -1,7 +1,5 @@
 """Quaternions and so(3): the laws of the group, against scipy, and at the small angles where the formulas change."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm

@@ -1,7 +1,5 @@
 """Entropy, mutual information and the other criteria, against brute force and against the updates that they predict."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -9,41 +7,14 @@ import numpy as np
 import pytest
 
 import activeslam_gym  # noqa: F401  (registers the environment)
-from activeslam_gym.information import CRITERIA
-from activeslam_gym.information.candidates import (
-    ACTION,
-    REMAIN,
-    Prospect,
-    checked_plans,
-    gaze_plans,
-    joint_plans,
-    motion_plans,
-    pose_after,
-    propagated,
-    score_plans,
-    sequence_plans,
-    sight_after,
-)
+from activeslam_gym.information import CRITERIA, candidates
 from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
 from activeslam_gym.slam.map import remove_feature
-from tests.support import (
-    CAMERA,
-    PAPER,
-    features_of,
-    joint_covariance,
-    log2_det,
-    numerical_sight,
-    prospect_with,
-    random_belief,
-    random_camera,
-    random_spd,
-    sight_of,
-    simulation_of,
-    world_points,
-)
+from tests import support
+from tests.support import CAMERA, PAPER, log2_det, numerical_sight, prospect_with, random_belief, sight_of, world_points
 
 R = CAMERA.pixel_std**2
 MOTION = motion_of(PAPER, 1.0)
@@ -51,12 +22,12 @@ VARIANCE = np.array(PAPER.landmark_prior_variance)
 SEEDS = pytest.mark.parametrize("seed", range(4))
 
 
-def case(seed: int, count: int = 5) -> tuple[Prospect, np.ndarray, np.ndarray]:
+def case(seed: int, count: int = 5) -> tuple[candidates.Prospect, np.ndarray, np.ndarray]:
     """A prospect of points and fiducials in view, its H by numerical differentiation, and S."""
     rng = np.random.default_rng(seed)
-    camera = random_camera(rng)
+    camera = support.random_camera(rng)
     points, fiducials = world_points(rng, camera, count), world_points(rng, camera, 2)
-    P = random_spd(rng, [0.05] * 3 + [0.02] * 3 + [0.1] * 6 + [0.2] * (3 * count))
+    P = support.random_spd(rng, [0.05] * 3 + [0.02] * 3 + [0.1] * 6 + [0.2] * (3 * count))
     prospect = prospect_with(points, P, camera, fiducials)
     H = numerical_sight(CAMERA, prospect, camera)
     return prospect, H, innovation_covariance(P, H)
@@ -66,9 +37,9 @@ def innovation_covariance(P: np.ndarray, H: np.ndarray) -> np.ndarray:
     return H @ P @ H.T + R * np.eye(len(H))
 
 
-def scored(prospect: Prospect, criterion: str, pose: np.ndarray | None = None) -> float:
+def scored(prospect: candidates.Prospect, criterion: str, pose: np.ndarray | None = None) -> float:
     P = prospect.covariance
-    sight = sight_after(CAMERA, prospect, P, prospect.camera if pose is None else pose)
+    sight = candidates.sight_after(CAMERA, prospect, P, prospect.camera if pose is None else pose)
     return CRITERIA[criterion](P, sight, R)
 
 
@@ -96,7 +67,7 @@ def test_mutual_information_is_that_of_the_update_which_it_predicts(seed: int) -
     promised = scored(prospect_with(points, P, belief.state.camera.copy(), fiducials), "mutual_information")
     sight = sight_of(belief, fiducials)
     assert len(sight.thing) == 2 + n
-    before = joint_covariance(belief)
+    before = support.joint_covariance(belief)
     drop = 0.5 * (log2_det(before) - log2_det(before - sight.HP.T @ np.linalg.solve(sight.S, sight.HP)))
     assert promised == pytest.approx(drop, abs=1e-9 * max(1.0, drop))
 
@@ -137,7 +108,7 @@ def test_nothing_in_view_scores_zero(criterion: str) -> None:
     away = prospect.camera.copy()
     away[:3] = (0.0, 0.0, 100.0)
     away[3:7] = (1.0, 0.0, 0.0, 0.0)
-    assert len(sight_after(CAMERA, prospect, prospect.covariance, away).thing) == 0
+    assert len(candidates.sight_after(CAMERA, prospect, prospect.covariance, away).thing) == 0
     assert scored(prospect, criterion, away) == 0.0
 
 
@@ -177,17 +148,14 @@ def test_figure_1_information_is_largest_between_landmarks_2_and_3() -> None:
     assert to_3 < best < to_2
 
 
-# Plans --------------------------------------------------------------------------------------------------------------
-
-
-def scores_of(prospect: Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
+def scores_of(prospect: candidates.Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
     out = np.full(len(plans), np.nan)
-    score_plans(CAMERA, MOTION, prospect, 0.0, plans, criterion_number(criterion), out)
+    candidates.score_plans(CAMERA, MOTION, prospect, 0.0, plans, criterion_number(criterion), out)
     return out
 
 
 def plans_of(*plans: list[tuple[int, int, int]]) -> np.ndarray:
-    return np.array([[*plan] for plan in plans], ACTION)
+    return np.array([[*plan] for plan in plans], candidates.ACTION)
 
 
 @SEEDS
@@ -200,7 +168,7 @@ def test_a_plan_of_two_actions_is_worth_the_information_of_both_measurements(see
         turn = (-1.0, 1.0, 0.0)[gaze] * PAPER.turn_rate
         F, Q = np.eye(len(P)), np.zeros_like(P)
         F[:12, :12], Q[:12, :12] = open_loop(MOTION, turn, frames)
-        P, pose = F @ P @ F.T + Q, pose_after(MOTION, pose, motion, turn * PAPER.frame_time * frames)
+        P, pose = F @ P @ F.T + Q, candidates.pose_after(MOTION, pose, motion, turn * PAPER.frame_time * frames)
         H = numerical_sight(CAMERA, prospect, pose)
         after = posterior(P, H, innovation_covariance(P, H))
         expected.append(0.5 * (log2_det(P) - log2_det(after)))
@@ -214,12 +182,17 @@ def test_a_plan_of_two_actions_is_worth_the_information_of_both_measurements(see
 def test_what_plans_share_changes_no_score(criterion: str) -> None:
     """Common beginnings, and ends with the same gaze and frames, are worked out once."""
     prospect, _, _ = case(1)
-    a, b, c, d = (0, 1, 4), (0, 1, 2), (3, 1, 4), (REMAIN, 2, 4)
+    a, b, c, d = (0, 1, 4), (0, 1, 2), (3, 1, 4), (candidates.REMAIN, 2, 4)
     plans = plans_of([a, a], [a, c], [a, b], [b, b], [c, c], [a, c], [a, c], [d, a], [d, d], [c, d])
     together = scores_of(prospect, plans, criterion)
     np.testing.assert_array_equal(together, [scores_of(prospect, plan[None], criterion)[0] for plan in plans])
     assert len(set(together.tolist())) == 8
-    for plans in (motion_plans(5), gaze_plans(1), joint_plans(5), sequence_plans(5, 2)[:12]):
+    for plans in (
+        candidates.motion_plans(5),
+        candidates.gaze_plans(1),
+        candidates.joint_plans(5),
+        candidates.sequence_plans(5, 2)[:12],
+    ):
         together = scores_of(prospect, plans, criterion)
         np.testing.assert_array_equal(together, [scores_of(prospect, plan[None], criterion)[0] for plan in plans])
 
@@ -227,18 +200,18 @@ def test_what_plans_share_changes_no_score(criterion: str) -> None:
 def test_no_frames_leave_the_covariance_unpropagated() -> None:
     prospect, _, _ = case(2)
     for turn in (0.0, 0.2):
-        np.testing.assert_array_equal(propagated(MOTION, prospect.covariance, turn, 0), prospect.covariance)
-    assert np.trace(propagated(MOTION, prospect.covariance, 0.0, 3)) > np.trace(prospect.covariance)
+        np.testing.assert_array_equal(candidates.propagated(MOTION, prospect.covariance, turn, 0), prospect.covariance)
+    assert np.trace(candidates.propagated(MOTION, prospect.covariance, 0.0, 3)) > np.trace(prospect.covariance)
     for criterion in CRITERIA:
-        here = scores_of(prospect, plans_of([(REMAIN, Gaze.STAY, 0)]), criterion)
+        here = scores_of(prospect, plans_of([(candidates.REMAIN, Gaze.STAY, 0)]), criterion)
         assert here[0] == scored(prospect, criterion) > 0.0
 
 
 def test_plans_are_all_actions_in_order() -> None:
-    assert motion_plans(5)[:, 0].tolist() == [(motion, Gaze.STAY, 5) for motion in range(7)]
-    assert gaze_plans(5)[:, 0].tolist() == [(REMAIN, gaze, 5) for gaze in range(3)]
-    assert joint_plans(5)[:, 0].tolist() == [(motion, gaze, 5) for gaze in range(3) for motion in range(7)]
-    two = sequence_plans(5, 2)
+    assert candidates.motion_plans(5)[:, 0].tolist() == [(motion, Gaze.STAY, 5) for motion in range(7)]
+    assert candidates.gaze_plans(5)[:, 0].tolist() == [(candidates.REMAIN, gaze, 5) for gaze in range(3)]
+    assert candidates.joint_plans(5)[:, 0].tolist() == [(motion, gaze, 5) for gaze in range(3) for motion in range(7)]
+    two = candidates.sequence_plans(5, 2)
     assert two.shape == (49, 2) and two["motion"].tolist() == [[i, j] for i in range(7) for j in range(7)]
 
 
@@ -247,8 +220,8 @@ def test_plans_are_all_actions_in_order() -> None:
     [
         ([], "plans must be an array"),
         (np.zeros((2, 2)), "plans must be an array"),
-        (np.zeros(3, ACTION), "plans must be an array"),
-        (np.zeros((3, 0), ACTION), "plans must be an array"),
+        (np.zeros(3, candidates.ACTION), "plans must be an array"),
+        (np.zeros((3, 0), candidates.ACTION), "plans must be an array"),
         (plans_of([(7, 0, 1)]), "motion of plans must be in -1 … 6, got"),
         (plans_of([(-2, 0, 1)]), "motion of plans must be in -1 … 6, got"),
         (plans_of([(0, 3, 1)]), "gaze of plans must be in 0 … 2, got"),
@@ -257,9 +230,9 @@ def test_plans_are_all_actions_in_order() -> None:
 )
 def test_plans_that_are_none_are_named(plans: Any, named: str) -> None:
     with pytest.raises(ValueError, match=named):
-        checked_plans(plans)
-    spread = sequence_plans(5, 2)[::5, ::-1]
-    assert checked_plans(spread).flags.c_contiguous and (checked_plans(spread) == spread).all()
+        candidates.checked_plans(plans)
+    spread = candidates.sequence_plans(5, 2)[::5, ::-1]
+    assert candidates.checked_plans(spread).flags.c_contiguous and (candidates.checked_plans(spread) == spread).all()
 
 
 def test_an_environments_scores_are_scores_of_plans() -> None:
@@ -271,23 +244,24 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
 
     def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
         out = np.empty(len(plans))
-        score_plans(CAMERA, motion, env.prospect, time, plans, criterion_number(criterion), out)
+        candidates.score_plans(CAMERA, motion, env.prospect, time, plans, criterion_number(criterion), out)
         return out
 
     for name in CRITERIA:
-        np.testing.assert_allclose(env.motion_scores(name), alone(motion_plans(frames), name), rtol=1e-12)
-        np.testing.assert_allclose(env.gaze_scores(name), alone(gaze_plans(5), name), rtol=1e-12)
-        joint = alone(joint_plans(frames), name).reshape(3, 7).T
+        np.testing.assert_allclose(env.motion_scores(name), alone(candidates.motion_plans(frames), name), rtol=1e-12)
+        np.testing.assert_allclose(env.gaze_scores(name), alone(candidates.gaze_plans(5), name), rtol=1e-12)
+        joint = alone(candidates.joint_plans(frames), name).reshape(3, 7).T
         np.testing.assert_allclose(env.joint_scores(name), joint, rtol=1e-12)
-        np.testing.assert_array_equal(env.scores(joint_plans(frames), name), alone(joint_plans(frames), name))
-    two = alone(sequence_plans(frames, 2), "mutual_information").reshape(7, 7).max(axis=1)
+        np.testing.assert_array_equal(
+            env.scores(candidates.joint_plans(frames), name), alone(candidates.joint_plans(frames), name)
+        )
+    np.testing.assert_allclose(env.joint_scores()[:, Gaze.STAY], env.motion_scores())
+    assert env.motion_score(2) == pytest.approx(env.motion_scores()[2])
+    two = alone(candidates.sequence_plans(frames, 2), "mutual_information").reshape(7, 7).max(axis=1)
     np.testing.assert_allclose(env.lookahead_scores(2), two, rtol=1e-12)
     one = env.lookahead_scores(1)
     np.testing.assert_allclose(one, env.motion_scores(), rtol=1e-10)
     assert (env.lookahead_scores(2) >= one - 1e-9).all()
-
-
-# Expected landmarks -------------------------------------------------------------------------------------------------
 
 
 def expectation(count: int, seed: int = 0) -> Any:
@@ -301,7 +275,7 @@ def retired(expected: np.ndarray, belief: Belief) -> list[int]:
     """Ids of the features that have retired one, after an update."""
     update_expectation(expected, VARIANCE, belief)
     ids = sorted(expected["serial"][expected["serial"] > 0].tolist())
-    assert features_of(belief)["serial"][find_counting(expected, belief)].tolist() == ids
+    assert support.features_of(belief)["serial"][find_counting(expected, belief)].tolist() == ids
     assert waiting_count(expected) == len(expected) - len(ids)
     return ids
 
@@ -333,7 +307,7 @@ def test_entropy_is_the_formula_at_constant_dimension() -> None:
     env.reset(seed=1)
     for _ in range(20):
         _, _, _, _, info = env.step((2, 1))
-    run, belief = simulation_of(env), env.unwrapped.belief
+    run, belief = support.simulation_of(env), env.unwrapped.belief
     counting = np.flatnonzero(np.isin(belief.ids, run.expected["serial"]))
     assert len(counting) > 0
     kept = np.concatenate([np.arange(12)] + [12 + 3 * k + np.arange(3) for k in counting])
@@ -359,7 +333,7 @@ def test_homeostasis_share_of_stay_without_expected_landmarks() -> None:
             belief, truth = env.belief, env.truth
             camera = np.concatenate((belief.position, belief.quaternion, np.zeros(6)))
             prospect = prospect_with(belief.landmarks, belief.covariance, camera, truth.fiducials)
-            wins += int(np.argmax(scores_of(prospect, motion_plans(20))) == Motion.STAY)
+            wins += int(np.argmax(scores_of(prospect, candidates.motion_plans(20))) == Motion.STAY)
             asked += 1
     print(f"\nwithout expected landmarks STAY wins {wins} of {asked}")
     assert 0 <= wins <= asked

@@ -1,7 +1,5 @@
 """Every analytic Jacobian against a numerical one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -20,25 +18,8 @@ from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.manifold import subtract_and_recentre
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
-from .support import (
-    CAMERA,
-    NO_BOXES,
-    PAPER,
-    joint_covariance,
-    moved,
-    numerical_jacobian,
-    pixel_of,
-    prior_belief,
-    random_belief,
-    random_camera,
-    random_spd,
-    relative_error,
-    replaced,
-    rotation_between,
-    rows_of,
-    scenario_for,
-    world_points,
-)
+from . import support
+from .support import CAMERA, PAPER, joint_covariance, moved, numerical_jacobian, pixel_of, random_camera, relative_error
 
 MOTION = motion_of(PAPER, 1.0)
 TOLERANCE = 1e-6
@@ -53,9 +34,6 @@ class Case(NamedTuple):
     step: float = 1e-3
 
 
-# The camera ---------------------------------------------------------------------------------------------------------
-
-
 def projection(rng: np.random.Generator) -> Case:
     p_C = np.array([rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(0.8, 3.0)])
     J = np.empty((2, 3))
@@ -67,9 +45,6 @@ def projection(rng: np.random.Generator) -> Case:
 def back_projection(rng: np.random.Generator) -> Case:
     z = rng.uniform([5, 5], [315, 235])
     return Case(lambda e: ray_from_pixel(CAMERA, z + e), ray_jacobian(CAMERA, z), 0.1)
-
-
-# Motion -------------------------------------------------------------------------------------------------------------
 
 
 def motion(rng: np.random.Generator, dt: float = MOTION.dt, push: float = 1.0) -> Case:
@@ -92,7 +67,7 @@ def process_noise(rng: np.random.Generator) -> Case:
         return camera_error(transition(x, u + e, MOTION.dt), x_new)
 
     F_x = transition_jacobian(x_new[10:], MOTION.dt)
-    model = replaced(MOTION, filter_acceleration_std=0.5, filter_angular_acceleration_std=0.7)
+    model = support.replaced(MOTION, filter_acceleration_std=0.5, filter_angular_acceleration_std=0.7)
     G = numerical_jacobian(f, 6, 1e-2)
     Q = G @ np.diag([0.5**2] * 3 + [0.7**2] * 3) @ G.T
     assert relative_error(process_covariance(model, F_x, MOTION.dt), Q) < TOLERANCE
@@ -101,19 +76,21 @@ def process_noise(rng: np.random.Generator) -> Case:
 
 def so3_left(rng: np.random.Generator) -> Case:
     phi = rng.uniform(-1.5, 1.5, 3)
-    return Case(lambda e: rotation_between(quaternion_exp(phi + e), quaternion_exp(phi)), so3_left_jacobian(phi))
+    return Case(
+        lambda e: support.rotation_between(quaternion_exp(phi + e), quaternion_exp(phi)), so3_left_jacobian(phi)
+    )
 
 
 def recentring(rng: np.random.Generator) -> Case:
     """dtheta+ of Exp(dtheta) = Exp(dtheta+) Exp(phi) at dtheta = phi + e, read off P+ = J P J^T."""
-    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
+    belief = support.random_belief(PAPER, [POINT, INVERSE_DEPTH], rng)
     P, phi = joint_covariance(belief), rng.uniform(-0.5, 0.5, 3)
     delta = np.concatenate((np.zeros(3), phi, np.zeros(len(P) - 6)))
     subtract_and_recentre(belief, np.zeros((0, len(P))), delta)
     P_new = joint_covariance(belief)
 
     def f(e: np.ndarray) -> np.ndarray:
-        return rotation_between(quaternion_exp(phi + e), quaternion_exp(phi))
+        return support.rotation_between(quaternion_exp(phi + e), quaternion_exp(phi))
 
     J = np.eye(len(P))
     J[3:6, 3:6] = numerical_jacobian(f, 3, 1e-3)
@@ -121,16 +98,13 @@ def recentring(rng: np.random.Generator) -> Case:
     return Case(f, P_new[3:6, :3] @ np.linalg.inv(P[3:6, :3]))
 
 
-# Measurements -------------------------------------------------------------------------------------------------------
-
-
 def camera_and_point(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     x = random_camera(rng)
-    return x, world_points(rng, x, 1)[0]
+    return x, support.world_points(rng, x, 1)[0]
 
 
 def camera_and_inverse_depth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    belief = random_belief(PAPER, [INVERSE_DEPTH], rng)
+    belief = support.random_belief(PAPER, [INVERSE_DEPTH], rng)
     return belief.state.camera, belief.feature[0].mean
 
 
@@ -178,9 +152,6 @@ def point_at(feature: np.ndarray) -> np.ndarray:
     return feature[:3] + np.array(m) / rho
 
 
-# Features -----------------------------------------------------------------------------------------------------------
-
-
 def bearing(rng: np.random.Generator) -> Case:
     angles = rng.uniform([-3, -1.4], [3, 1.4])
     return Case(lambda e: layout.bearing(*(angles + e))[0], layout.bearing(*angles)[1:].T)
@@ -202,7 +173,7 @@ def conversion_of_inverse_depth(rng: np.random.Generator) -> Case:
 
 
 def conversion(kind: int, rng: np.random.Generator) -> Case:
-    belief = random_belief(scenario_for([kind]), [kind], rng)
+    belief = support.random_belief(support.scenario_for([kind]), [kind], rng)
     width, feature = KIND_DIM[kind], belief.feature[0]
     T, unused, mean = np.empty((3, 6)), np.empty((3, 6)), feature.mean.copy()
     layout.point_of(belief, 0, T)
@@ -216,14 +187,14 @@ def conversion(kind: int, rng: np.random.Generator) -> Case:
 
 def new_feature_by_camera(rng: np.random.Generator) -> Case:
     """dy/dx of a birth, read off the cross-covariance: P_yx = J P_xx."""
-    x, pixel, P_xx = random_camera(rng), rng.uniform([20, 20], [300, 220]), random_spd(rng, [0.1] * 12)
+    x, pixel, P_xx = random_camera(rng), rng.uniform([20, 20], [300, 220]), support.random_spd(rng, [0.1] * 12)
     P = joint_covariance(born(x, pixel, P_xx))
     return Case(lambda e: born_mean(moved(x, e), pixel), P[12:, :12] @ np.linalg.inv(P_xx))
 
 
 def new_feature_by_pixel(rng: np.random.Generator) -> Case:
     """What a birth adds of its own is J_z R J_z^T in the angles, with the pixel's own R, and sigma_rho^2."""
-    x, pixel, R = random_camera(rng), rng.uniform([20, 20], [300, 220]), random_spd(rng, [2.0, 5.0])
+    x, pixel, R = random_camera(rng), rng.uniform([20, 20], [300, 220]), support.random_spd(rng, [2.0, 5.0])
     Q = joint_covariance(born(x, pixel, np.zeros((12, 12)), R))[12:, 12:]
 
     def f(e: np.ndarray) -> np.ndarray:
@@ -236,7 +207,7 @@ def new_feature_by_pixel(rng: np.random.Generator) -> Case:
 
 
 def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray, R: np.ndarray = R_PAPER):
-    belief, model = prior_belief(), filter_of(PAPER)
+    belief, model = support.prior_belief(), filter_of(PAPER)
     belief.state.camera[:] = x
     belief.covariance[:12, :12] = P_xx
     assert give_birth(CAMERA, model.initialisation, model.particles, belief, pixel, R) == 1
@@ -280,9 +251,9 @@ def test_jacobian_is_the_numerical_one(make: Callable[[np.random.Generator], Cas
 @pytest.mark.parametrize("seed", range(4))
 def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
     """S = H P H^T + R of each particle, with H by the camera and the ray at the particle's depth."""
-    belief = random_belief(scenario_for([RAY]), [POINT, RAY], np.random.default_rng(seed))
-    feature, rays = belief.feature[1], predict_rays(CAMERA, belief, NO_BOXES)
-    P, at = joint_covariance(belief), rows_of(belief, 1)
+    belief = support.random_belief(support.scenario_for([RAY]), [POINT, RAY], np.random.default_rng(seed))
+    feature, rays = belief.feature[1], predict_rays(CAMERA, belief, support.NO_BOXES)
+    P, at = joint_covariance(belief), support.rows_of(belief, 1)
     x, ray = belief.state.camera.copy(), feature.mean[:5].copy()
     for k in (0, 50, 99):
         depth = belief.particles[feature.slot, k, 0]

@@ -1,7 +1,5 @@
 """Kernels and their cache: a place that cannot be written costs time and no more, and an edit is never overlooked."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import os
@@ -38,8 +36,6 @@ def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProc
     command = [sys.executable, "-B", "-c", code]
     return subprocess.run(command, cwd=folder, env={**kept, **environment}, capture_output=True, text=True, check=False)
 
-
-# What kernels are made of -------------------------------------------------------------------------------------------
 
 PAIR = record(left="f8", right=("f8", 2), inside=record(count="i8"))
 
@@ -95,16 +91,13 @@ def test_one_of_calls_the_function_of_that_number() -> None:
 
 def test_a_row_is_views_of_all_arrays() -> None:
     class Tree(tuple):
-        def __new__(cls, *parts: Any) -> Tree:
+        def __new__(cls, *parts: Any) -> Any:
             return super().__new__(cls, parts)
 
     tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR)))
     second = row(tree, 1)
     second[0][:], second[1][0].left = 1.0, 2.0
     assert tree[0].tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]] and tree[1][0]["left"].tolist() == [0.0, 2.0, 0.0]
-
-
-# What kernels are kept by -------------------------------------------------------------------------------------------
 
 
 def modules_with_kernels() -> list[ModuleType]:
@@ -150,9 +143,6 @@ def test_what_is_compiled_into_kernels_stands_in_modules_with_kernels() -> None:
                     wrong.append(f"{function.__module__}.{function.__qualname__}: {name} of {where}")
     assert functions > 150
     assert not wrong, "\n".join(wrong)
-
-
-# The cache ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -253,9 +243,6 @@ def test_a_cache_that_cannot_be_written_is_told_once(copy: Path, tmp_path: Path)
     compiling, complaint = done.stderr.splitlines()
     assert "compiling" in compiling
     assert "could not be kept" in complaint and "compiled again at the next start" in complaint
-
-
-# Importing ----------------------------------------------------------------------------------------------------------
 
 
 def test_importing_changes_nothing_in_the_process(copy: Path) -> None:

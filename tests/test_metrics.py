@@ -1,7 +1,5 @@
 """Errors, NEES and trajectory files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,38 +1,25 @@
 """The appendix's motion model, and a controller that goes where it is told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from activeslam_gym import Gaze, Motion
+from activeslam_gym import motion as m
 from activeslam_gym.config import SCENARIOS
-from activeslam_gym.motion import (
-    accelerations,
-    clipped_goal,
-    displacement,
-    goal_of,
-    motion_of,
-    open_loop,
-    process_covariance,
-    transition,
-    transition_jacobian,
-    turn_of,
-)
 
 from .support import CAMERA, PAPER, pixel_of, random_camera
 
-MODEL = motion_of(PAPER, 1.0)
+MODEL = m.motion_of(PAPER, 1.0)
 START = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 
 
 def drive(motion: int, gaze: int, seconds: float = 1.0, start: np.ndarray = START) -> np.ndarray:
     """The camera after following one command without noise, with a perfect estimate."""
     x = start.copy()
-    goal = goal_of(MODEL, x, int(motion))
+    goal = m.goal_of(MODEL, x, int(motion))
     for frame in range(round(seconds / MODEL.dt)):
-        u = accelerations(MODEL, x, start[:3], goal, frame * MODEL.dt, turn_of(MODEL, int(gaze), frame * MODEL.dt))
-        x = transition(x, u, MODEL.dt)
+        u = m.accelerations(MODEL, x, start[:3], goal, frame * MODEL.dt, m.turn_of(MODEL, int(gaze), frame * MODEL.dt))
+        x = m.transition(x, u, MODEL.dt)
     return x
 
 
@@ -46,27 +33,27 @@ def test_transition_is_the_papers() -> None:
     norm = np.linalg.norm(w_new)
     Q = np.cos(dt * norm / 2) * np.eye(4) + np.sin(dt * norm / 2) / norm * M
     expected = np.concatenate((p + (v + u[:3] * dt) * dt, Q @ q, v + u[:3] * dt, w_new))
-    np.testing.assert_allclose(transition(x, u, dt), expected, atol=1e-15)
+    np.testing.assert_allclose(m.transition(x, u, dt), expected, atol=1e-15)
 
 
 def test_a_camera_at_rest_stays() -> None:
-    np.testing.assert_array_equal(transition(START, np.zeros(6), 0.05), START)
+    np.testing.assert_array_equal(m.transition(START, np.zeros(6), 0.05), START)
 
 
 def test_open_loop_is_frame_after_frame() -> None:
     rng = np.random.default_rng(1)
     A = rng.standard_normal((12, 12))
     P = P_0 = A @ A.T
-    F_x = transition_jacobian(np.array([0.0, 0.2, 0.0]), MODEL.dt)
+    F_x = m.transition_jacobian(np.array([0.0, 0.2, 0.0]), MODEL.dt)
     for _ in range(20):
-        P = F_x @ P @ F_x.T + process_covariance(MODEL, F_x, MODEL.dt)
-    F, Q = open_loop(MODEL, 0.2, 20)
+        P = F_x @ P @ F_x.T + m.process_covariance(MODEL, F_x, MODEL.dt)
+    F, Q = m.open_loop(MODEL, 0.2, 20)
     np.testing.assert_allclose(F @ P_0 @ F.T + Q, P, rtol=1e-12, atol=1e-12)
 
 
 def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
     """Of one frame of held acceleration: dv = a dt and dp = a dt^2, hence fully correlated."""
-    Q = process_covariance(MODEL, transition_jacobian(np.zeros(3), MODEL.dt), MODEL.dt)
+    Q = m.process_covariance(MODEL, m.transition_jacobian(np.zeros(3), MODEL.dt), MODEL.dt)
     std, dt = MODEL.filter_acceleration_std, MODEL.dt
     for i in range(3):
         np.testing.assert_allclose(Q[i, i], (std * dt * dt) ** 2)
@@ -78,9 +65,9 @@ def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
 @pytest.mark.parametrize("motion", Motion)
 def test_goal_is_reached_within_the_period_and_at_rest(motion: Motion) -> None:
     x = drive(motion, Gaze.STAY)
-    np.testing.assert_allclose(x[:3], displacement(MODEL, int(motion)), atol=0.01)
+    np.testing.assert_allclose(x[:3], m.displacement(MODEL, int(motion)), atol=0.01)
     assert np.linalg.norm(x[7:10]) < 0.05
-    assert np.linalg.norm(displacement(MODEL, int(motion))) == pytest.approx(0.0 if motion == Motion.STAY else 0.3)
+    assert np.linalg.norm(m.displacement(MODEL, int(motion))) == pytest.approx(0.0 if motion == Motion.STAY else 0.3)
 
 
 @pytest.mark.parametrize(
@@ -120,20 +107,20 @@ def test_turns_on_other_axes_are_stopped() -> None:
 
 
 def test_goals_stay_inside_the_room() -> None:
-    np.testing.assert_allclose(clipped_goal(MODEL, np.array([5.0, -5.0, 0.3])), [2.6, -0.6, 0.3])
+    np.testing.assert_allclose(m.clipped_goal(MODEL, np.array([5.0, -5.0, 0.3])), [2.6, -0.6, 0.3])
 
 
 def test_hand_held_gaze_is_scripted() -> None:
     scenario = SCENARIOS["hand-held"]
-    model = motion_of(scenario, 1.0)
+    model = m.motion_of(scenario, 1.0)
     times = np.arange(0.0, scenario.scripted_gaze_period, 0.01)
     for gaze in Gaze:
-        angle = 0.01 * np.cumsum([turn_of(model, int(gaze), t) for t in times])
+        angle = 0.01 * np.cumsum([m.turn_of(model, int(gaze), t) for t in times])
         assert angle.max() == pytest.approx(scenario.scripted_gaze_amplitude, rel=0.01)
         assert angle.min() == pytest.approx(-scenario.scripted_gaze_amplitude, rel=0.01)
 
 
 def test_filter_may_assume_other_noise_than_there_is() -> None:
-    model = motion_of(SCENARIOS["hand-held"], 1.0)
+    model = m.motion_of(SCENARIOS["hand-held"], 1.0)
     assert (model.acceleration_std, model.filter_acceleration_std) == (0.5, 4.0)
     assert (MODEL.acceleration_std, MODEL.filter_acceleration_std) == (0.5, 0.5)

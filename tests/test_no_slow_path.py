@@ -3,8 +3,6 @@
 Numba warns of slow code where it compiles, so a warning is caught where the cache is empty, as on CI.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

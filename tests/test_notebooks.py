@@ -1,7 +1,5 @@
 """Notebooks import and never define, and are committed without their output; `pytest --nbmake notebooks` runs them."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

@@ -1,7 +1,5 @@
 """Flying by hand: what each key means, the loop under scripted keys, the window, the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -9,31 +7,16 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym import Gaze, Motion
+from activeslam_gym import Gaze, Motion, play
 from activeslam_gym.__main__ import main
-from activeslam_gym.play import (
-    GAZE_KEYS,
-    HELP,
-    MOTION_KEYS,
-    Command,
-    Pilot,
-    action_scores,
-    command_after,
-    fly,
-    labels,
-    pilot_after,
-)
 
 
-def after(*keys: str, pilot: Pilot | None = None) -> Pilot:
+def after(*keys: str, pilot: play.Pilot | None = None) -> play.Pilot:
     """What is asked for after these keys."""
-    pilot = pilot or Pilot()
+    pilot = pilot or play.Pilot()
     for key in keys:
-        pilot = pilot_after(key, pilot)
+        pilot = play.pilot_after(key, pilot)
     return pilot
-
-
-# Keys ---------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -52,15 +35,15 @@ def after(*keys: str, pilot: Pilot | None = None) -> Pilot:
     ],
 )
 def test_a_key_is_an_action(key: str, command: tuple[int, int]) -> None:
-    assert command_after(key, Command()) == command
+    assert play.command_after(key, play.Command()) == command
 
 
 def test_every_action_has_a_key_and_the_help_names_it() -> None:
-    assert set(MOTION_KEYS.values()) == set(Motion) - {Motion.STAY}
-    assert set(GAZE_KEYS.values()) == set(Gaze) - {Gaze.STAY}
-    for key in (*MOTION_KEYS, *GAZE_KEYS):
-        assert key.removeprefix("page") in HELP
-    assert [len(group) for group in labels()] == [len(Motion), len(Gaze)]
+    assert set(play.MOTION_KEYS.values()) == set(Motion) - {Motion.STAY}
+    assert set(play.GAZE_KEYS.values()) == set(Gaze) - {Gaze.STAY}
+    for key in (*play.MOTION_KEYS, *play.GAZE_KEYS):
+        assert key.removeprefix("page") in play.HELP
+    assert [len(group) for group in play.labels()] == [len(Motion), len(Gaze)]
 
 
 def test_moving_and_turning_go_together_and_the_same_key_stops_its_own() -> None:
@@ -69,7 +52,7 @@ def test_moving_and_turning_go_together_and_the_same_key_stops_its_own() -> None
     assert after("up", "left", "left").command == (Motion.FORWARD, Gaze.STAY)
     assert after("up", "left", "w").command == (Motion.STAY, Gaze.LEFT)
     assert after("left", "right").command.gaze == Gaze.RIGHT
-    assert after("up", "left", " ").command == Command()
+    assert after("up", "left", " ").command == play.Command()
     assert after("W").command.motion == Motion.FORWARD
 
 
@@ -82,15 +65,12 @@ def test_the_first_command_starts_the_clock_and_a_pause_holds_it() -> None:
     assert not after("up", "p", "left", " ", "down").running
     assert after("up", "p", "p").running
     assert after("up", "p", "p").command.motion == Motion.FORWARD
-    assert after("up", ".") == Pilot(Command(Motion.FORWARD), running=False, started=True, one_step=True)
+    assert after("up", ".") == play.Pilot(play.Command(Motion.FORWARD), running=False, started=True, one_step=True)
 
 
 def test_a_new_room_and_leaving() -> None:
-    assert after("up", "n") == Pilot(new_room=True)
+    assert after("up", "n") == play.Pilot(new_room=True)
     assert after("up", "escape").quit
-
-
-# The loop -----------------------------------------------------------------------------------------------------------
 
 
 class Scripted:
@@ -128,7 +108,7 @@ def room(seed: int) -> Any:
 
 def test_it_flies_what_the_keys_say() -> None:
     cockpit = Scripted([], ["up"], [], ["left"], [])
-    assert fly(make(), cockpit, seed=4) == []
+    assert play.fly(make(), cockpit, seed=4) == []
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0]
     last, _, chosen, _ = cockpit.shown[-1]
     assert (last.motion, last.gaze) == (Motion.FORWARD, Gaze.LEFT)
@@ -143,10 +123,10 @@ def test_it_flies_what_the_keys_say() -> None:
 
 def test_each_action_s_scores_are_shown_of_the_present_moment() -> None:
     cockpit = Scripted(["right"], [])
-    fly(make(), cockpit, seed=4)
+    play.fly(make(), cockpit, seed=4)
     core = room(4)
     for step in range(2):
-        for title, values in action_scores(core).items():
+        for title, values in play.action_scores(core).items():
             np.testing.assert_array_equal(cockpit.shown[step][1][title], values)
             assert values.shape == (10,) and values.max() > 0.0
         core.step(np.array([6, 0]))
@@ -154,13 +134,13 @@ def test_each_action_s_scores_are_shown_of_the_present_moment() -> None:
 
 def test_a_pause_holds_the_time_and_a_single_step_moves_it() -> None:
     cockpit = Scripted(["up"], ["p"], [], ["left"], ["."], [], ["p"], [])
-    fly(make(), cockpit)
+    play.fly(make(), cockpit)
     assert cockpit.times == [0.0, 0.25, 0.25, 0.25, 0.5, 0.75, 1.0]
 
 
 def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
     cockpit = Scripted(["left"], [], [], [], [], ["n"], [])
-    told = fly(make(duration=1.0), cockpit, seed=7)
+    told = play.fly(make(duration=1.0), cockpit, seed=7)
     assert len(told) == 1
     assert told[0].startswith("Room 7: ") and "bits removed" in told[0]
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]
@@ -169,11 +149,8 @@ def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
 
 def test_a_lost_run_is_called_lost() -> None:
     cockpit = Scripted(["left"], *[[]] * 20, ["escape"])
-    (told,) = fly(make(lost_position_error=1e-4), cockpit)
+    (told,) = play.fly(make(lost_position_error=1e-4), cockpit)
     assert "lost" in told and "removed" not in told
-
-
-# The window and the command line ------------------------------------------------------------------------------------
 
 
 def press(pyplot: Any, *keys: str) -> None:
@@ -188,8 +165,8 @@ def press(pyplot: Any, *keys: str) -> None:
 def test_the_window_shows_the_scores_and_hears_the_keys(screen: Any) -> None:
     from activeslam_gym import rendering
 
-    core, cockpit = room(1), rendering.Cockpit(labels())
-    scores = action_scores(core)
+    core, cockpit = room(1), rendering.Cockpit(play.labels())
+    scores = play.action_scores(core)
     pictures = []
     for chosen in ((0, 9), (3, 8)):
         cockpit.show(core.snapshot(), scores, chosen, "a caption")
@@ -232,7 +209,7 @@ def test_the_command_flies_until_the_window_is_closed(
 def test_without_a_screen_the_command_says_so_and_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["play"]) == 1
     error = capsys.readouterr().err
-    assert "screen" in error and HELP in error
+    assert "screen" in error and play.HELP in error
 
 
 @pytest.mark.parametrize("bad", [["--scenario", "nowhere"], ["--gaze-period", "0.07"], ["--speed", "0"]])
@@ -245,4 +222,4 @@ def test_help_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as leaving:
         main(["play", "--help"])
     assert leaving.value.code == 0
-    assert HELP in capsys.readouterr().out
+    assert play.HELP in capsys.readouterr().out

@@ -1,7 +1,5 @@
 """The project around the code: what an import costs, what is installed, and that the README tells the truth."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Rerun recordings: what the file holds, read back with Rerun's own tools."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Votes: whose detections a feature is made of, and which matches were wrong."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 import numpy as np

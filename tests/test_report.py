@@ -1,7 +1,5 @@
 """Generated sections, and the table of conditions outside the training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

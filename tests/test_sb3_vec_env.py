@@ -1,7 +1,5 @@
 """The batch environment behind Stable-Baselines3's interface."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

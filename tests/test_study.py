@@ -1,7 +1,5 @@
 """The paper's study: verdicts on made-up rows with known answers, the altered strategies, then the command, small."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -42,9 +40,6 @@ def environment(duration: float = 3.0) -> gym.Env:
 
 def figure(value: float, low: float, high: float, rooms: int = ROOMS) -> Estimate:
     return Estimate(value, low, high, rooms, "mean")
-
-
-# Verdicts -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -131,9 +126,6 @@ def test_the_median_room_has_no_lost_run() -> None:
     assert median_room(rows) == 3  # of 10, 20, 40, 50: the upper of the two in the middle
 
 
-# Figure 1 -----------------------------------------------------------------------------------------------------------
-
-
 def test_toy_information_is_the_drop_of_entropy() -> None:
     """1/2 log2(|S| / |R|) = 1/2 log2(|P| / |P - P H^T S^-1 H P|), with H by differences."""
     scene, place = toy.Toy(half_view=np.pi), np.array([0.2, 0.1])
@@ -160,9 +152,6 @@ def test_between_two_equal_landmarks_the_best_move_is_straight_ahead() -> None:
 
 def test_nothing_in_view_teaches_nothing() -> None:
     assert float(toy.information(toy.Toy(half_view=0.0), np.array([0.3, 0.3]))) == 0.0
-
-
-# Altered readings ---------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("gaze_criterion", [None, "mutual_information"])
@@ -234,9 +223,6 @@ def test_there_is_no_such_place() -> None:
         Placed(environment(), "elsewhere")
 
 
-# What is noted and measured -----------------------------------------------------------------------------------------
-
-
 def test_a_loop_closes_after_the_gap_and_not_before() -> None:
     observer, fiducials = Observer(), [-1, -2, -3]
     observer._last_match[fiducials[0]] = -CLOSURE_GAP
@@ -290,9 +276,6 @@ def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
     assert (row["before_change_camera"], row["closure_change_camera"]) == (-20.0, -60.0)
     closures[:] = 0
     assert np.isnan(measures(episode, notes)["closure_change_camera"])
-
-
-# Conditions and runs ------------------------------------------------------------------------------------------------
 
 
 def test_conditions_have_names_of_their_own_and_known_policies() -> None:

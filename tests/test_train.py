@@ -1,7 +1,5 @@
 """Training and the learned policies: small, but all the way."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The batch environment: Gymnasium's own `SyncVectorEnv` over single environments is the law, to the bit."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import multiprocessing
@@ -64,9 +62,6 @@ def compare(ours: Any, theirs: Any, steps: int, seed: Any = 3) -> int:
         if over.any() and ours.metadata["autoreset_mode"] is AutoresetMode.DISABLED:
             same(ours.reset(options={"reset_mask": over}), theirs.reset(options={"reset_mask": over.copy()}))
     return lost
-
-
-# The law ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -134,9 +129,6 @@ def test_record_episode_statistics(mode: AutoresetMode) -> None:
             if mode is AutoresetMode.DISABLED:
                 env.reset(options={"reset_mask": over})
     assert env.episode_count > 8
-
-
-# Gymnasium's forms --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -240,9 +232,6 @@ def test_render() -> None:
     np.testing.assert_array_equal(env.render()[0], single.render())
 
 
-# What policies and referees read --------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def played() -> tuple[ActiveSLAMVectorEnv, list[ActiveSLAMEnv]]:
     """A batch on two threads and its single environments, after 6 s of the same actions."""
@@ -333,9 +322,6 @@ def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: Autorese
             observation, _ = single.reset()
 
 
-# Threads and processes ------------------------------------------------------------------------------------------------
-
-
 def rollout(env: ActiveSLAMVectorEnv, out: Any) -> None:
     """Put the observations after a few steps."""
     env.reset(seed=5)
@@ -410,9 +396,6 @@ def test_an_error_in_a_slice_is_raised() -> None:
 
     with pytest.raises(RuntimeError, match="slice"):
         Workers(4, 2).call(fail)
-
-
-# Bad input ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

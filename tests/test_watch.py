@@ -1,7 +1,5 @@
 """`python -m agents watch`: animations and trajectories."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

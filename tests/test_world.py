@@ -1,7 +1,5 @@
 """The truth: rooms, noise that depends on the frame alone, walls, and what is detected."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 
@@ -14,17 +12,9 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of, transition
 from activeslam_gym.slam.filter import candidates_of
+from activeslam_gym.world import simulator
 from activeslam_gym.world.noise import normals, uniforms
 from activeslam_gym.world.room import draw_room, draw_start
-from activeslam_gym.world.simulator import (
-    CLUTTER_LABEL,
-    World,
-    detect,
-    detection_capacity,
-    empty_worlds,
-    move,
-    sensor_of,
-)
 
 from .support import CAMERA, PAPER, pixel_of, replaced, rotation_between
 
@@ -33,40 +23,37 @@ MOTION = motion_of(PAPER, 1.0)
 CALM = replaced(MOTION, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 
-def world(scenario: Scenario = PAPER, seed: int = 0) -> World:
-    out, rng = row(empty_worlds(scenario, 1), 0), np.random.default_rng(seed)
+def world(scenario: Scenario = PAPER, seed: int = 0) -> simulator.World:
+    out, rng = row(simulator.empty_worlds(scenario, 1), 0), np.random.default_rng(seed)
     out.state.camera[:], out.state.noise_key[:] = draw_start(scenario, rng), KEY
     out.fiducials[:], out.landmarks[:] = draw_room(scenario, out.state.camera, rng)
     out.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
     return out
 
 
-def points_of(truth: World) -> np.ndarray:
+def points_of(truth: simulator.World) -> np.ndarray:
     """(K + L, 3) as labels count them."""
     return np.concatenate((truth.fiducials, truth.landmarks))
 
 
-def look(scenario: Scenario, truth: World, frame: int) -> tuple[np.ndarray, np.ndarray]:
+def look(scenario: Scenario, truth: simulator.World, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (M, 2) and labels (M,) of one image."""
-    candidates = candidates_of(np.zeros((detection_capacity(scenario), 2)))
+    candidates = candidates_of(np.zeros((simulator.detection_capacity(scenario), 2)))
     labels = np.zeros(len(candidates), np.int64)
-    n = detect(camera_of(scenario), sensor_of(scenario), truth, frame, candidates, labels)
+    n = simulator.detect(camera_of(scenario), simulator.sensor_of(scenario), truth, frame, candidates, labels)
     return candidates["pixel"][:n], labels[:n]
 
 
-def seen(scenario: Scenario, truth: World, frame: int) -> dict[int, list[float]]:
+def seen(scenario: Scenario, truth: simulator.World, frame: int) -> dict[int, list[float]]:
     """The pixel of each detection, by its label."""
     pixels, labels = look(scenario, truth, frame)
     return dict(zip(labels.tolist(), pixels.tolist(), strict=True))
 
 
-def errors_of(truth: World, frame: int) -> dict[int, np.ndarray]:
+def errors_of(truth: simulator.World, frame: int) -> dict[int, np.ndarray]:
     """The pixel noise (2,) of each detection, by its label."""
     points = points_of(truth)
     return {i: z - pixel_of(CAMERA, truth.state.camera, points[i]) for i, z in seen(PAPER, truth, frame).items()}
-
-
-# Rooms --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -101,9 +88,6 @@ def test_start_is_drawn_from_the_prior() -> None:
     np.testing.assert_allclose(starts[:, 7:10].std(axis=0), PAPER.velocity_std, rtol=0.15)
 
 
-# Noise --------------------------------------------------------------------------------------------------------------
-
-
 def test_a_draw_is_a_function_of_key_and_counter_alone() -> None:
     whole = uniforms(KEY, 0, 100)
     np.testing.assert_array_equal(uniforms(KEY, 40, 10), whole[40:50])
@@ -124,13 +108,10 @@ def test_neighbouring_streams_are_unrelated() -> None:
     assert abs(np.corrcoef(normals(KEY, 0, 5000), normals(KEY + np.uint64(1), 0, 5000))[0, 1]) < 0.05
 
 
-# Motion -------------------------------------------------------------------------------------------------------------
-
-
 def test_without_noise_the_camera_moves_by_the_model() -> None:
     truth, u = world(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 0.0])
     expected = transition(truth.state.camera, u, MOTION.dt)
-    assert move(CALM, truth, u, 0) == 0
+    assert simulator.move(CALM, truth, u, 0) == 0
     np.testing.assert_array_equal(truth.state.camera, expected)
 
 
@@ -138,7 +119,7 @@ def test_disturbance_is_as_strong_as_it_says() -> None:
     truth, speeds = world(), []
     for frame in range(2000):
         truth.state.camera[:] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6
-        move(MOTION, truth, np.zeros(6), frame)
+        simulator.move(MOTION, truth, np.zeros(6), frame)
         speeds.append(truth.state.camera[7:] / MOTION.dt)
     np.testing.assert_allclose(np.std(speeds, axis=0), [0.5] * 6, rtol=0.07)
     np.testing.assert_allclose(np.mean(speeds, axis=0), 0.0, atol=0.05)
@@ -147,11 +128,11 @@ def test_disturbance_is_as_strong_as_it_says() -> None:
 def test_disturbance_of_a_frame_does_not_depend_on_the_past() -> None:
     one, other = world(), world()
     for frame in range(10):
-        move(MOTION, one, np.ones(6), frame)
+        simulator.move(MOTION, one, np.ones(6), frame)
         other.state.camera[7:] = one.state.camera[7:]
     before = one.state.camera[7:].copy()
-    move(MOTION, one, np.zeros(6), 10)
-    move(MOTION, other, np.zeros(6), 10)
+    simulator.move(MOTION, one, np.zeros(6), 10)
+    simulator.move(MOTION, other, np.zeros(6), 10)
     np.testing.assert_array_equal(one.state.camera[7:] - before, other.state.camera[7:] - before)
 
 
@@ -162,15 +143,12 @@ def test_a_wall_stops_what_runs_into_it_alone(axis: int, reach: float, side: flo
     p, v = truth.state.camera[:3], truth.state.camera[7:10]
     p[:], v[:] = 0.0, 0.1
     p[axis], v[axis] = side * (reach - 0.001), side
-    assert move(CALM, truth, np.zeros(6), 0) == 1
+    assert simulator.move(CALM, truth, np.zeros(6), 0) == 1
     assert p[axis] == pytest.approx(side * reach)
     np.testing.assert_allclose(v, [0.0 if i == axis else 0.1 for i in range(3)])
     v[axis] = -side
-    assert move(CALM, truth, np.zeros(6), 1) == 0
+    assert simulator.move(CALM, truth, np.zeros(6), 1) == 0
     assert v[axis] == -side
-
-
-# Detections ---------------------------------------------------------------------------------------------------------
 
 
 def test_every_visible_point_is_detected_once_and_nothing_else() -> None:
@@ -196,7 +174,7 @@ def test_detections_follow_the_true_camera() -> None:
     """`detect` is given the true lens: another focal length moves the pixels, and nothing else."""
     truth, candidates, labels = world(), candidates_of(np.zeros((40, 2))), np.zeros(40, np.int64)
     other, z = replaced(CAMERA, focal=1.05 * CAMERA.focal, pixel_std=1e-9), np.empty(2)
-    n = detect(other, sensor_of(PAPER), truth, 0, candidates, labels)
+    n = simulator.detect(other, simulator.sensor_of(PAPER), truth, 0, candidates, labels)
     R_WC = rotation_matrix(truth.state.camera[3:7])
     for candidate, label in zip(candidates[:n], labels):
         assert pixel_from_camera_point(other, R_WC.T @ (points_of(truth)[label] - truth.state.camera[:3]), z)
@@ -241,8 +219,8 @@ def test_clutter_comes_at_its_rate_over_the_whole_image() -> None:
     counts, false = [], []
     for frame in range(500):
         pixels, labels = look(scenario, truth, frame)
-        counts.append(np.sum(labels == CLUTTER_LABEL))
-        false.append(pixels[labels == CLUTTER_LABEL])
+        counts.append(np.sum(labels == simulator.CLUTTER_LABEL))
+        false.append(pixels[labels == simulator.CLUTTER_LABEL])
     pixels = np.concatenate(false)
     assert np.mean(counts) == pytest.approx(2.0, abs=0.2)
     assert np.var(counts) == pytest.approx(2.0, abs=0.4)
@@ -260,4 +238,4 @@ def test_clutter_does_not_change_the_noise_of_the_points() -> None:
 
 def test_there_is_room_for_every_detection() -> None:
     scenario, truth = replace(PAPER, clutter_rate=30.0), world()
-    assert max(len(look(scenario, truth, frame)[1]) for frame in range(300)) <= detection_capacity(scenario)
+    assert max(len(look(scenario, truth, frame)[1]) for frame in range(300)) <= simulator.detection_capacity(scenario)

@@ -148,10 +148,8 @@ def test_between_two_equal_landmarks_the_best_move_is_straight_ahead() -> None:
     scene = toy.Toy(bearings=(np.pi / 3, 2 * np.pi / 3), ranges=(1.5, 1.5))
     assert toy.best_direction(scene) == pytest.approx(np.pi / 2)
     assert toy.lies_between(scene, 0, 1)
-
-
-def test_nothing_in_view_teaches_nothing() -> None:
-    assert float(toy.information(toy.Toy(half_view=0.0), np.array([0.3, 0.3]))) == 0.0
+    assert toy.lies_between(toy.Toy(step=0.6, half_view=np.pi))  # figure 1: landmarks 2 and 3, seen all around
+    assert float(toy.information(toy.Toy(half_view=0.0), np.array([0.3, 0.3]))) == 0.0  # nothing is in view
 
 
 @pytest.mark.parametrize("gaze_criterion", [None, "mutual_information"])

@@ -5,6 +5,7 @@ compares. A new module needs a row: where it stands is a decision.
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -190,14 +191,8 @@ def draws(found: Import) -> str | None:
 
 def wrong(found: Import, modules: set[str]) -> list[str]:
     """Every rule that this import breaks."""
-    answers = [
-        goes_up_a_floor(found),
-        crosses_a_wall(found, modules),
-        looks_behind(found, modules),
-        reads_the_truth(found),
-        is_slow_at_the_top(found),
-        draws(found),
-    ]
+    answers = [goes_up_a_floor(found), crosses_a_wall(found, modules), looks_behind(found, modules)]
+    answers += [reads_the_truth(found), is_slow_at_the_top(found), draws(found)]
     return [answer for answer in answers if answer]
 
 
@@ -245,79 +240,73 @@ def test_nobody_reads_what_is_not_for_them(module: str) -> None:
 KNOWN = {GYM, *(f"{GYM}.{name}" for name in MAY_IMPORT), f"{GYM}.slam.belief", f"{GYM}.slam.filter"}
 
 
-@pytest.mark.parametrize(
-    ("importer", "source"),
-    [
-        ("activeslam_gym.envs.active_slam", "import baselines"),
-        ("baselines.greedy", "from agents.learn.encoder import Encoder"),
-        ("activeslam_gym.geometry", "from activeslam_gym.config import Scenario"),
-        ("activeslam_gym.camera", "from activeslam_gym import motion"),
-        ("activeslam_gym.camera", "from . import motion"),
-        ("activeslam_gym.camera", "import activeslam_gym"),
-        ("activeslam_gym.slam.filter", "from ..world.room import Room"),
-        ("activeslam_gym.slam.__init__", "from ..world import room"),
-        ("activeslam_gym.slam.filter", "def f():\n    import activeslam_gym.world.room"),
-        ("activeslam_gym.world.simulator", "from activeslam_gym.slam.belief import Belief"),
-        ("activeslam_gym.slam.filter", "from activeslam_gym.metrics import nees"),
-        ("activeslam_gym.slam.filter", "from activeslam_gym.information.entropy import gathered"),
-        ("activeslam_gym.information.criteria", "from activeslam_gym.slam.filter import filter_frame"),
-        ("activeslam_gym.information.criteria", "from activeslam_gym.slam import belief, filter"),
-        ("activeslam_gym.information.candidates", "from activeslam_gym.envs.reward import EVALUATION"),
-        ("activeslam_gym.kernels", "from activeslam_gym.config import Scenario"),
-        ("activeslam_gym.threads", "from activeslam_gym.kernels import row"),
-        ("activeslam_gym.metrics", "from activeslam_gym.world.room import Room"),
-        ("activeslam_gym.metrics", "from activeslam_gym.slam.belief import Belief"),
-        ("activeslam_gym.__init__", "from .world import Room"),
-        ("baselines.greedy", "from activeslam_gym import world"),
-        ("activeslam_gym.envs.active_slam", "from activeslam_gym.rendering import draw"),
-        ("activeslam_gym.rendering.__init__", "import matplotlib.pyplot as plt"),
-        ("activeslam_gym.rendering.window", "from matplotlib import pyplot"),
-        ("activeslam_gym.rendering.window", "from activeslam_gym.rendering.panels import MapPanel"),
-        ("activeslam_gym.rendering.panels", "import torch"),
-        ("activeslam_gym.rendering.panels", "from activeslam_gym.slam.belief import Belief"),
-        ("activeslam_gym.rendering.scene", "from activeslam_gym.envs.public import Reads"),
-        ("activeslam_gym.metrics", "def f():\n    import matplotlib"),
-        ("activeslam_gym.metrics", "from scipy import stats"),
-        ("activeslam_gym.metrics", "try:\n    from scipy.stats import chi2\nexcept ImportError:\n    pass"),
-        ("activeslam_gym.envs.reward", "class A:\n    import torch"),
-        ("activeslam_gym.vision.opencv", "import cv2"),
-        ("activeslam_gym.vision.sources", "def read():\n    import cv2"),
-        ("activeslam_gym.vision.room.scene", "from activeslam_gym.world.room import Room"),
-        ("activeslam_gym.vision.frontend", "from activeslam_gym.envs.public import Reads"),
-        ("activeslam_gym.slam.filter", "from activeslam_gym.vision import search"),
-        ("baselines.greedy", "import torch.nn as nn"),
-        ("agents.study.observer", "from activeslam_gym.slam.belief import POINT"),
-        ("agents.compare.command", "from activeslam_gym.envs.simulation import Run"),
-        ("agents.compare.command", "from activeslam_gym.envs.episode import info_at"),
-    ],
-)
-def test_a_violation_is_caught(importer: str, source: str) -> None:
-    assert any(wrong(found, KNOWN) for found in imports(importer, source))
+VIOLATIONS = {
+    "activeslam_gym.envs.active_slam": "import baselines; from activeslam_gym.rendering import draw",
+    "activeslam_gym.envs.reward": "class A: import torch",
+    "activeslam_gym.geometry": "from activeslam_gym.config import Scenario",
+    "activeslam_gym.camera": "from activeslam_gym import motion; from . import motion; import activeslam_gym",
+    "activeslam_gym.slam.__init__": "from ..world import room",
+    "activeslam_gym.slam.filter": """from ..world.room import Room; def f(): import activeslam_gym.world.room;
+        from activeslam_gym.metrics import nees; from activeslam_gym.information.entropy import gathered;
+        from activeslam_gym.vision import search""",
+    "activeslam_gym.world.simulator": "from activeslam_gym.slam.belief import Belief",
+    "activeslam_gym.information.criteria": """from activeslam_gym.slam.filter import filter_frame;
+        from activeslam_gym.slam import belief, filter""",
+    "activeslam_gym.information.candidates": "from activeslam_gym.envs.reward import EVALUATION",
+    "activeslam_gym.kernels": "from activeslam_gym.config import Scenario",
+    "activeslam_gym.threads": "from activeslam_gym.kernels import row",
+    "activeslam_gym.metrics": """from activeslam_gym.world.room import Room; def f(): import matplotlib;
+        from activeslam_gym.slam.belief import Belief; from scipy import stats;
+        try: from scipy.stats import chi2\nexcept ImportError: pass""",
+    "activeslam_gym.__init__": "from .world import Room",
+    "activeslam_gym.rendering.__init__": "import matplotlib.pyplot as plt",
+    "activeslam_gym.rendering.window": """from matplotlib import pyplot;
+        from activeslam_gym.rendering.panels import MapPanel""",
+    "activeslam_gym.rendering.panels": "import torch; from activeslam_gym.slam.belief import Belief",
+    "activeslam_gym.rendering.scene": "from activeslam_gym.envs.public import Reads",
+    "activeslam_gym.vision.opencv": "import cv2",
+    "activeslam_gym.vision.sources": "def read(): import cv2",
+    "activeslam_gym.vision.room.scene": "from activeslam_gym.world.room import Room",
+    "activeslam_gym.vision.frontend": "from activeslam_gym.envs.public import Reads",
+    "baselines.greedy": """from agents.learn.encoder import Encoder; from activeslam_gym import world;
+        import torch.nn as nn""",
+    "agents.study.observer": "from activeslam_gym.slam.belief import POINT",
+    "agents.compare.command": """from activeslam_gym.envs.simulation import Run;
+        from activeslam_gym.envs.episode import info_at""",
+}
 
 
-@pytest.mark.parametrize(
-    ("importer", "source"),
-    [
-        ("agents.compare", "import baselines\nfrom activeslam_gym import metrics\nimport matplotlib"),
-        ("baselines.greedy", "from activeslam_gym import Motion\nfrom . import policy"),
-        ("activeslam_gym.camera", "import numpy\nfrom . import kernels\nfrom .config import Scenario"),
-        ("activeslam_gym.slam.filter", "from .belief import Belief\nfrom ..camera import project"),
-        ("activeslam_gym.information.candidates", "from activeslam_gym.slam import belief, kalman, sight"),
-        ("activeslam_gym.envs.active_slam", "def render():\n    from activeslam_gym import rendering"),
-        ("activeslam_gym.envs.simulation", "from ..world import room\nfrom ..slam import filter"),
-        ("activeslam_gym.rendering.picture", "def draw():\n    import matplotlib.pyplot as plt"),
-        ("activeslam_gym.rendering.picture", "def draw():\n    from activeslam_gym.rendering import panels"),
-        ("activeslam_gym.rendering.panels", "from matplotlib import lines\nfrom activeslam_gym.rendering import scene"),
-        ("activeslam_gym.rendering.__init__", "from activeslam_gym.rendering.window import Window"),
-        ("activeslam_gym.metrics", "def chi2():\n    from scipy import stats\nfrom scipy import linalg"),
-        ("activeslam_gym.metrics", "if TYPE_CHECKING:\n    import torch"),
-        ("activeslam_gym.__init__", "from activeslam_gym.envs import ActiveSLAM"),
-        ("activeslam_gym.rendering.scene", "if TYPE_CHECKING:\n    from activeslam_gym.envs.snapshot import Snapshot"),
-        ("agents.sb3_vec_env", "from activeslam_gym.envs.episode import info_at"),
-        ("activeslam_gym.vision.opencv", "def opencv():\n    import cv2"),
-        ("activeslam_gym.vision.room.sensor", "from activeslam_gym.world.noise import normals"),
-        ("activeslam_gym.vision.frontend", "from activeslam_gym.slam.filter import Filter"),
-    ],
-)
-def test_what_is_allowed_passes(importer: str, source: str) -> None:
-    assert not [what for found in imports(importer, source) for what in wrong(found, KNOWN)]
+@pytest.mark.parametrize("importer", VIOLATIONS)
+def test_a_violation_is_caught(importer: str) -> None:
+    for source in re.split(r";\s*", VIOLATIONS[importer]):
+        assert any(wrong(found, KNOWN) for found in imports(importer, source)), source
+
+
+ALLOWED = {
+    "agents.compare": "import baselines; from activeslam_gym import metrics; import matplotlib",
+    "agents.sb3_vec_env": "from activeslam_gym.envs.episode import info_at",
+    "baselines.greedy": "from activeslam_gym import Motion; from . import policy",
+    "activeslam_gym.camera": "import numpy; from . import kernels; from .config import Scenario",
+    "activeslam_gym.slam.filter": "from .belief import Belief; from ..camera import project",
+    "activeslam_gym.information.candidates": "from activeslam_gym.slam import belief, kalman, sight",
+    "activeslam_gym.envs.active_slam": "def render(): from activeslam_gym import rendering",
+    "activeslam_gym.envs.simulation": "from ..world import room; from ..slam import filter",
+    "activeslam_gym.rendering.picture": """def draw(): import matplotlib.pyplot as plt;
+        def draw(): from activeslam_gym.rendering import panels""",
+    "activeslam_gym.rendering.panels": "from matplotlib import lines; from activeslam_gym.rendering import scene",
+    "activeslam_gym.rendering.scene": "if TYPE_CHECKING: from activeslam_gym.envs.snapshot import Snapshot",
+    "activeslam_gym.rendering.__init__": "from activeslam_gym.rendering.window import Window",
+    "activeslam_gym.metrics": """def chi2(): from scipy import stats; from scipy import linalg;
+        if TYPE_CHECKING: import torch""",
+    "activeslam_gym.__init__": "from activeslam_gym.envs import ActiveSLAM",
+    "activeslam_gym.vision.opencv": "def opencv(): import cv2",
+    "activeslam_gym.vision.room.sensor": "from activeslam_gym.world.noise import normals",
+    "activeslam_gym.vision.frontend": "from activeslam_gym.slam.filter import Filter",
+}
+
+
+@pytest.mark.parametrize("importer", ALLOWED)
+def test_what_is_allowed_passes(importer: str) -> None:
+    for source in re.split(r";\s*", ALLOWED[importer]):
+        found = imports(importer, source)
+        assert found and not [what for one in found for what in wrong(one, KNOWN)], source

@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+import json
 import re
 import subprocess
 import sys
@@ -20,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path for pattern in ("*.md", "docs/**/*.md", ".github/**/*.md") for path in ROOT.glob(pattern) if path.is_file()
 )
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SPECIFICATION = inspect.getdoc(ActiveSLAMEnv) or ""
 
 
@@ -88,12 +90,28 @@ def test_every_registered_version_has_a_history() -> None:
     assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: str(page.relative_to(ROOT)))
 def test_relative_links_lead_to_files(page: Path) -> None:
-    text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = "\n".join(cells(page, "markdown")) if page in NOTEBOOKS else page.read_text(encoding="utf-8")
+    text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", text, flags=re.DOTALL)
     links = [link for link in re.findall(r"\]\(([^)\s#]+)", text) if not re.match(r"[a-z]+:", link)]
     generated = {"changelog.md", "contributing.md", "results.md"}  # on the site they come from the root
     assert not [link for link in links if not (page.parent / link).exists() and link not in generated]
+
+
+def cells(notebook: Path, kind: str) -> list[str]:
+    found = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
+
+
+def test_notebooks_import_and_never_define_and_are_committed_without_output() -> None:
+    assert NOTEBOOKS
+    for notebook in NOTEBOOKS:
+        code = re.sub(r"^[%!].*$", "", "\n".join(cells(notebook, "code")), flags=re.MULTILINE)
+        defined = [n.name for n in ast.walk(ast.parse(code)) if isinstance(n, (ast.FunctionDef, ast.ClassDef))]
+        assert not defined, f"{', '.join(defined)} of {notebook.name} belongs into a module"
+        assert cells(notebook, "markdown")[0].startswith("# ")
+        assert notebook.stat().st_size < 100_000, f"clear the output of {notebook.name}"
 
 
 SNIPPETS = [

@@ -1,6 +1,7 @@
 """Every analytic Jacobian against a numerical one."""
 
 from collections.abc import Callable
+from inspect import isfunction
 from typing import NamedTuple
 
 import numpy as np
@@ -98,49 +99,29 @@ def recentring(rng: np.random.Generator) -> Case:
     return Case(f, P_new[3:6, :3] @ np.linalg.inv(P[3:6, :3]))
 
 
-def camera_and_point(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    x = random_camera(rng)
-    return x, support.world_points(rng, x, 1)[0]
-
-
-def camera_and_inverse_depth(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    belief = support.random_belief(PAPER, [INVERSE_DEPTH], rng)
-    return belief.state.camera, belief.feature[0].mean
-
-
-def measure(measurement: Callable[..., bool], x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Pixel, H_x and H_y, with the pixel checked."""
+def measurement(measure: Callable[..., bool], x: np.ndarray, y: np.ndarray) -> Case:
+    """Of a pixel, which is checked, by the camera and the feature."""
     z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, len(y)))
-    assert measurement(CAMERA, x, rotation_matrix(x[3:7]), y, z, H_x, H_y)
+    assert measure(CAMERA, x, rotation_matrix(x[3:7]), y, z, H_x, H_y)
     np.testing.assert_allclose(z, pixel_of(CAMERA, x, point_at(y)), atol=1e-9)
-    return z, H_x, H_y
+    return Case(lambda e: pixel_of(CAMERA, moved(x, e[:6]), point_at(y + e[6:])), np.hstack((H_x, H_y)))
 
 
-def point_by_camera(rng: np.random.Generator) -> Case:
-    x, y = camera_and_point(rng)
-    return Case(lambda e: pixel_of(CAMERA, moved(x, e), y), measure(point_measurement, x, y)[1])
+def point(rng: np.random.Generator) -> Case:
+    x = random_camera(rng)
+    return measurement(point_measurement, x, support.world_points(rng, x, 1)[0])
 
 
-def point_by_point(rng: np.random.Generator) -> Case:
-    x, y = camera_and_point(rng)
-    return Case(lambda e: pixel_of(CAMERA, x, y + e), measure(point_measurement, x, y)[2])
+def inverse_depth(rng: np.random.Generator) -> Case:
+    belief = support.random_belief(PAPER, [INVERSE_DEPTH], rng)
+    return measurement(inverse_depth_measurement, belief.state.camera, belief.feature[0].mean)
 
 
-def inverse_depth_by_camera(rng: np.random.Generator) -> Case:
-    x, y = camera_and_inverse_depth(rng)
-    return Case(lambda e: pixel_of(CAMERA, moved(x, e), point_at(y)), measure(inverse_depth_measurement, x, y)[1])
-
-
-def inverse_depth_by_feature(rng: np.random.Generator) -> Case:
-    x, y = camera_and_inverse_depth(rng)
-    return Case(lambda e: pixel_of(CAMERA, x, point_at(y + e)), measure(inverse_depth_measurement, x, y)[2])
-
-
-def far_inverse_depth_by_feature(rng: np.random.Generator) -> Case:
+def far_inverse_depth(rng: np.random.Generator) -> Case:
     """A point a hundred metres away, where rho is almost zero."""
-    x, y = camera_and_inverse_depth(rng)
-    y[5] = 0.01
-    return Case(lambda e: measure(inverse_depth_measurement, x, y + e)[0], measure(inverse_depth_measurement, x, y)[2])
+    belief = support.random_belief(PAPER, [INVERSE_DEPTH], rng)
+    belief.feature[0].mean[5] = 0.01
+    return measurement(inverse_depth_measurement, belief.state.camera, belief.feature[0].mean)
 
 
 def point_at(feature: np.ndarray) -> np.ndarray:
@@ -218,26 +199,8 @@ def born_mean(x: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     return born(x, pixel, np.zeros((12, 12))).feature[0].mean
 
 
-CASES = [
-    projection,
-    back_projection,
-    motion,
-    motion_of_a_fast_turn,
-    process_noise,
-    so3_left,
-    recentring,
-    point_by_camera,
-    point_by_point,
-    inverse_depth_by_camera,
-    inverse_depth_by_feature,
-    far_inverse_depth_by_feature,
-    bearing,
-    angles_of,
-    conversion_of_a_ray,
-    conversion_of_inverse_depth,
-    new_feature_by_camera,
-    new_feature_by_pixel,
-]
+CASES = [f for f in vars().copy().values() if isfunction(f) and [*f.__annotations__] == ["rng", "return"]]
+"""Every function above from a generator to a case."""
 
 
 @pytest.mark.parametrize("seed", range(4))

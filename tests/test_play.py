@@ -1,6 +1,7 @@
 """Flying by hand: what each key means, the loop under scripted keys, the window, the command line."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from functools import reduce
 from typing import Any
 
 import gymnasium as gym
@@ -11,31 +12,18 @@ from activeslam_gym import Gaze, Motion, play
 from activeslam_gym.__main__ import main
 
 
-def after(*keys: str, pilot: play.Pilot | None = None) -> play.Pilot:
+def after(*keys: str) -> play.Pilot:
     """What is asked for after these keys."""
-    pilot = pilot or play.Pilot()
-    for key in keys:
-        pilot = play.pilot_after(key, pilot)
-    return pilot
+    return reduce(lambda pilot, key: play.pilot_after(key, pilot), keys, play.Pilot())
 
 
-@pytest.mark.parametrize(
-    ("key", "command"),
-    [
-        ("up", (Motion.FORWARD, Gaze.STAY)),
-        ("down", (Motion.BACKWARDS, Gaze.STAY)),
-        ("a", (Motion.LEFT, Gaze.STAY)),
-        ("d", (Motion.RIGHT, Gaze.STAY)),
-        ("pageup", (Motion.UP, Gaze.STAY)),
-        ("pagedown", (Motion.DOWN, Gaze.STAY)),
-        ("left", (Motion.STAY, Gaze.LEFT)),
-        ("right", (Motion.STAY, Gaze.RIGHT)),
-        (" ", (Motion.STAY, Gaze.STAY)),
-        ("f12", (Motion.STAY, Gaze.STAY)),
-    ],
-)
-def test_a_key_is_an_action(key: str, command: tuple[int, int]) -> None:
-    assert play.command_after(key, play.Command()) == command
+KEYS = {key: (motion, Gaze.STAY) for key, motion in zip("up down a d pageup pagedown".split(), Motion)}
+KEYS |= {"left": (Motion.STAY, Gaze.LEFT), "right": (Motion.STAY, Gaze.RIGHT)}
+
+
+@pytest.mark.parametrize("key", [*KEYS, " ", "f12"])
+def test_a_key_is_an_action(key: str) -> None:
+    assert play.command_after(key, play.Command()) == KEYS.get(key, (Motion.STAY, Gaze.STAY))
 
 
 def test_every_action_has_a_key_and_the_help_names_it() -> None:
@@ -57,18 +45,12 @@ def test_moving_and_turning_go_together_and_the_same_key_stops_its_own() -> None
 
 
 def test_the_first_command_starts_the_clock_and_a_pause_holds_it() -> None:
-    assert not after().running
-    assert not after("f12", " ").running
-    assert after("up").running
-    assert after("p").running
-    assert not after("up", "p").running
-    assert not after("up", "p", "left", " ", "down").running
-    assert after("up", "p", "p").running
+    for keys in ((), ("f12", " "), ("up", "p"), ("up", "p", "left", " ", "down")):
+        assert not after(*keys).running
+    for keys in (("up",), ("p",), ("up", "p", "p")):
+        assert after(*keys).running
     assert after("up", "p", "p").command.motion == Motion.FORWARD
     assert after("up", ".") == play.Pilot(play.Command(Motion.FORWARD), running=False, started=True, one_step=True)
-
-
-def test_a_new_room_and_leaving() -> None:
     assert after("up", "n") == play.Pilot(new_room=True)
     assert after("up", "escape").quit
 
@@ -101,9 +83,9 @@ def make(**kwargs: Any) -> gym.Env:
 
 def room(seed: int) -> Any:
     """The environment itself, at the start of a room."""
-    env = make()
-    env.reset(seed=seed)
-    return env.unwrapped
+    core = make().unwrapped
+    core.reset(seed=seed)
+    return core
 
 
 def test_it_flies_what_the_keys_say() -> None:
@@ -210,16 +192,9 @@ def test_without_a_screen_the_command_says_so_and_names_the_keys(capsys: pytest.
     assert main(["play"]) == 1
     error = capsys.readouterr().err
     assert "screen" in error and play.HELP in error
-
-
-@pytest.mark.parametrize("bad", [["--scenario", "nowhere"], ["--gaze-period", "0.07"], ["--speed", "0"]])
-def test_a_bad_value_is_named(bad: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["play", *bad]) == 2
-    assert bad[0].removeprefix("--").replace("-", "_") in capsys.readouterr().err
-
-
-def test_help_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as leaving:
         main(["play", "--help"])
-    assert leaving.value.code == 0
-    assert play.HELP in capsys.readouterr().out
+    assert leaving.value.code == 0 and play.HELP in capsys.readouterr().out
+    for option, value in (("--scenario", "nowhere"), ("--gaze-period", "0.07"), ("--speed", "0")):
+        assert main(["play", option, value]) == 2
+        assert option.removeprefix("--").replace("-", "_") in capsys.readouterr().err

@@ -197,7 +197,9 @@ def run(env: Any, name: str, steps: int) -> None:
     for _ in range(steps):
         action, _ = policy.predict(observation)
         assert env.action_space.contains(action)
-        observation, *_ = env.step(action)
+        observation, _, terminated, truncated, _ = env.step(action)
+        if not hasattr(env, "num_envs") and (terminated or truncated):
+            return
 
 
 @pytest.mark.parametrize("count", [None, 2])

@@ -17,7 +17,7 @@ def after(*keys: str) -> play.Pilot:
     return reduce(lambda pilot, key: play.pilot_after(key, pilot), keys, play.Pilot())
 
 
-KEYS = {key: (motion, Gaze.STAY) for key, motion in zip("up down a d pageup pagedown".split(), Motion)}
+KEYS = {key: (motion, Gaze.STAY) for key, motion in zip("up down d a pageup pagedown".split(), Motion)}
 KEYS |= {"left": (Motion.STAY, Gaze.LEFT), "right": (Motion.STAY, Gaze.RIGHT)}
 
 

@@ -7,20 +7,27 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
 import activeslam_gym
+import baselines
 from activeslam_gym import ActiveSLAMEnv, Gaze, Motion, observation_layout
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.information import CRITERIA
+from agents import pretrained
+from docs import tables
+from examples import fisher_trace
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path for pattern in ("*.md", "docs/**/*.md", ".github/**/*.md") for path in ROOT.glob(pattern) if path.is_file()
 )
+MATHEMATICS = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SPECIFICATION = inspect.getdoc(ActiveSLAMEnv) or ""
 
@@ -77,12 +84,12 @@ def test_information_tables_are_what_is_returned() -> None:
         assert list(info["reward_terms"]) == [*REWARDS, "forfeit"]
 
 
-def test_reward_table_is_the_rewards() -> None:
-    from docs import tables
-
+def test_tables_of_rewards_and_scenarios_hold_every_name_and_field() -> None:
     told = rows(tables.rewards())
     assert [row[0].strip("`") for row in told] == list(REWARDS)
     assert all(len(row) == 2 and len(row[1]) > 5 for row in told)
+    assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
+    assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
 
 
 def test_every_registered_version_has_a_history() -> None:
@@ -129,14 +136,15 @@ def test_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.
     exec(compile(code, f"<{page}>", "exec", dont_inherit=True), {"__name__": "manual"})
 
 
-def test_the_mathematics_names_code_that_exists() -> None:
-    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
-    named = {name for row in rows(text) for name in re.findall(r"`((?:\w+\.)+\w+)`", row[-1])}
-    named |= set(re.findall(r"`((?:slam|information|motion|camera|metrics|envs)\.[\w.]+)`", text))
+def test_the_mathematics_names_code_that_exists_and_every_criterion() -> None:
+    told = rows(MATHEMATICS)
+    named = {name for row in told for name in re.findall(r"`((?:\w+\.)+\w+)`", row[-1])}
+    named |= set(re.findall(r"`((?:slam|information|motion|camera|metrics|envs)\.[\w.]+)`", MATHEMATICS))
     assert len(named) > 30
     for name in named:
         module, attribute = name.rsplit(".", 1)
         assert hasattr(importlib.import_module(f"activeslam_gym.{module}"), attribute), name
+    assert {row[0].strip("`") for row in told} >= set(CRITERIA)
 
 
 def test_the_mathematics_names_every_function_that_cites_an_equation() -> None:
@@ -162,37 +170,13 @@ def test_the_reference_names_what_exists() -> None:
         assert not [one for one in (members[1].split(", ") if members else []) if not hasattr(home, one)], name
 
 
-def test_the_mathematics_names_every_criterion() -> None:
-    from activeslam_gym.information import CRITERIA
-
-    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
-    assert {row[0].strip("`") for row in rows(text)} >= set(CRITERIA)
-
-
-def test_the_table_of_the_fisher_trace_is_computed() -> None:
-    from examples.fisher_trace import TABLE, main
-
-    told = [(float(row[1]), float(row[2].split()[0])) for row in rows(TABLE)]
-    assert told == [(round(trace), float(f"{bits:.3g}")) for trace, bits in main()]
-
-
-def test_the_readme_lists_the_policies() -> None:
-    import baselines
-    from agents import pretrained
-
+def test_the_readme_lists_the_policies_and_the_table_of_the_fisher_trace_is_computed() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     table = text[text.index("[start:policies]") : text.index("[end:policies]")]
     told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]
     assert told == [*baselines.names(), *pretrained.names()]
-
-
-def test_tables_of_scenarios_hold_every_name_and_field() -> None:
-    from dataclasses import fields
-
-    from docs import tables
-
-    assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
-    assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
+    shown = [(float(row[1]), float(row[2].split()[0])) for row in rows(fisher_trace.TABLE)]
+    assert shown == [(round(trace), float(f"{bits:.3g}")) for trace, bits in fisher_trace.main()]
 
 
 def test_the_manual_builds_without_a_warning(tmp_path: Path) -> None:

@@ -64,6 +64,7 @@ BEHIND: dict[str, set[str]] = {"agents.sb3_vec_env": {"envs.episode"}}
 SLOW_TO_IMPORT = {"torch", "matplotlib", "stable_baselines3", "scipy.stats", "cv2"}
 """Imported inside the functions that use them, in ``activeslam_gym`` and ``baselines``."""
 
+RENDERING = "activeslam_gym.rendering"
 PANELS = "activeslam_gym.rendering.panels"
 """Imports matplotlib at its top, and is itself imported inside the functions that draw."""
 
@@ -93,12 +94,8 @@ SOURCES = {module_name(path): path for package in PACKAGES for path in sorted((R
 MODULES = {name.removesuffix(".__init__") for name in SOURCES}
 
 
-def is_under(name: str, prefix: str) -> bool:
-    return name == prefix or name.startswith(prefix + ".")
-
-
-def is_under_any(name: str, prefixes: set[str]) -> bool:
-    return any(is_under(name, prefix) for prefix in prefixes)
+def is_under(name: str, *prefixes: str) -> bool:
+    return any(name == prefix or name.startswith(prefix + ".") for prefix in prefixes)
 
 
 def imports(importer: str, source: str) -> list[Import]:
@@ -127,79 +124,41 @@ def _imports(node: ast.AST, importer: str, at_top: bool) -> Iterator[Import]:
 
 def unit(module: str) -> str:
     """The row of ``MAY_IMPORT`` for a module of ``activeslam_gym``: the first name under it."""
-    inside = module.removeprefix(GYM).removeprefix(".")
-    return inside.split(".")[0] or "__init__"
-
-
-def goes_up_a_floor(found: Import) -> str | None:
-    here, there = found.importer.split(".")[0], found.target.split(".")[0]
-    if there in PACKAGES and there != here and there not in FLOORS[here]:
-        return f"{here} may not import {there}"
-    return None
-
-
-def crosses_a_wall(found: Import, modules: set[str]) -> str | None:
-    """Inside ``activeslam_gym``, against ``MAY_IMPORT``."""
-    if not (is_under(found.importer, GYM) and is_under(found.target, GYM)):
-        return None
-    here = unit(found.importer)
-    target = found.target  # `from activeslam_gym import x` means the module x, if there is one, and else __init__
-    if target.count(".") == 1 and target not in modules:
-        target = f"{GYM}.__init__"
-    inside = target.removeprefix(GYM + ".")
-    if is_under_any(inside, MAY_IMPORT.get(here, set()) | {here}):
-        return None
-    return f"{here} may not import {inside}"
-
-
-def reads_the_truth(found: Import) -> str | None:
-    for prefix, forbidden in NEVER.items():
-        if is_under(found.importer, prefix) and is_under_any(found.target, forbidden):
-            return f"{prefix} may not import {found.target}"
-    return None
-
-
-def looks_behind(found: Import, modules: set[str]) -> str | None:
-    """Above ``activeslam_gym``, against ``PUBLIC``."""
-    target = found.target
-    if is_under(found.importer, GYM) or not is_under(target, GYM) or target == GYM:
-        return None
-    if target.count(".") == 1 and target not in modules:  # a name of the package itself
-        return None
-    allowed = PUBLIC | BEHIND.get(found.importer, set())
-    return None if is_under_any(target.removeprefix(GYM + "."), allowed) else f"{found.importer} looks behind {target}"
-
-
-def is_slow_at_the_top(found: Import) -> str | None:
-    lazy = is_under(found.importer, GYM) or is_under(found.importer, "baselines")
-    slow = SLOW_TO_IMPORT | {PANELS if is_under(found.importer, f"{GYM}.rendering") else f"{GYM}.rendering"}
-    if found.importer == PANELS:
-        slow = slow - {"matplotlib"}
-    if lazy and found.at_top and is_under_any(found.target, slow):
-        return f"{found.target} belongs inside the function that uses it"
-    return None
-
-
-def draws(found: Import) -> str | None:
-    inside = is_under(found.importer, GYM) and not is_under(found.importer, f"{GYM}.rendering")
-    if found.importer == OPENCV and is_under(found.target, "cv2"):
-        return None
-    if inside and is_under_any(found.target, DRAWING):
-        return f"only rendering draws, not {found.importer}"
-    return None
+    return module.removeprefix(GYM).removeprefix(".").split(".")[0] or "__init__"
 
 
 def wrong(found: Import, modules: set[str]) -> list[str]:
     """Every rule that this import breaks."""
-    answers = [goes_up_a_floor(found), crosses_a_wall(found, modules), looks_behind(found, modules)]
-    answers += [reads_the_truth(found), is_slow_at_the_top(found), draws(found)]
-    return [answer for answer in answers if answer]
+    importer, target = found.importer, found.target
+    here, there = importer.split(".")[0], target.split(".")[0]
+    # `from activeslam_gym import x` means the module x, if there is one, and else a name of the package itself
+    own_name = target.count(".") == 1 and target not in modules
+    inside = "__init__" if own_name else target.removeprefix(f"{GYM}.")
+    painter = is_under(importer, RENDERING)
+    slow = (SLOW_TO_IMPORT | {PANELS if painter else RENDERING}) - ({"matplotlib"} if importer == PANELS else set())
+    rules = {
+        "goes up a floor": there in PACKAGES and there not in FLOORS[here] | {here},
+        "crosses a wall": here == there == GYM
+        and not is_under(inside, unit(importer), *MAY_IMPORT.get(unit(importer), ())),
+        "looks behind the package": here != there == GYM
+        and not (own_name or target == GYM or is_under(inside, *PUBLIC, *BEHIND.get(importer, ()))),
+        "reads the truth": any(is_under(importer, who) and is_under(target, *what) for who, what in NEVER.items()),
+        "belongs inside the function that uses it": found.at_top
+        and here in (GYM, "baselines")
+        and is_under(target, *slow),
+        "draws, which only rendering does": here == GYM
+        and not painter
+        and is_under(target, *DRAWING - ({"cv2"} if importer == OPENCV else set())),
+    }
+    return [f"{importer}, {target}: {rule}" for rule, broken in rules.items() if broken]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_package_is_there(package: str) -> None:
-    assert f"{package}.__init__" in SOURCES
-    assert any(path.stat().st_size for name, path in SOURCES.items() if is_under(name, package))
+def test_every_package_is_there_and_every_module_has_a_row() -> None:
+    for package in PACKAGES:
+        assert f"{package}.__init__" in SOURCES
+        assert any(path.stat().st_size for name, path in SOURCES.items() if is_under(name, package))
+    missing = {unit(name) for name in MODULES if is_under(name, GYM)} - set(MAY_IMPORT)
+    assert not missing, f"say in MAY_IMPORT where these stand: {sorted(missing)}"
 
 
 @pytest.mark.parametrize("module", SOURCES)
@@ -210,16 +169,10 @@ def test_imports_go_down(module: str) -> None:
     assert not faults, "\n".join(faults)
 
 
-def test_every_module_has_a_row() -> None:
-    missing = {unit(name) for name in MODULES if is_under(name, GYM)} - set(MAY_IMPORT)
-    assert not missing, f"say in MAY_IMPORT where these stand: {sorted(missing)}"
-
-
 def test_truth_and_belief_meet_in_envs_alone() -> None:
-    def meets(allowed: set[str]) -> bool:
-        return "world" in allowed and any(is_under(name, "slam") for name in allowed)
-
-    assert {name for name, allowed in MAY_IMPORT.items() if meets(allowed | {name})} == {"envs"}
+    reach = {name: allowed | {name} for name, allowed in MAY_IMPORT.items()}
+    meet = [name for name, all in reach.items() if "world" in all and any(is_under(one, "slam") for one in all)]
+    assert meet == ["envs"]
 
 
 SECRETS = {
@@ -229,7 +182,7 @@ SECRETS = {
 """Attributes that a package must not read: what referees may see, and what nobody may who stands outside."""
 
 
-@pytest.mark.parametrize("module", [name for name in SOURCES if is_under_any(name, set(SECRETS))])
+@pytest.mark.parametrize("module", [name for name in SOURCES if is_under(name, *SECRETS)])
 def test_nobody_reads_what_is_not_for_them(module: str) -> None:
     tree, secret = ast.parse(SOURCES[module].read_text(encoding="utf-8")), SECRETS[module.split(".")[0]]
     read = [(node.lineno, node.attr) for node in ast.walk(tree) if isinstance(node, ast.Attribute)]

@@ -1,5 +1,7 @@
 """Layout of the belief: appending, removing and converting leave the rest alone; the public belief is T P T^T."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -68,10 +70,11 @@ def assert_well_laid(belief: Belief) -> None:
 
 def test_angles_undo_the_bearing_everywhere() -> None:
     J = np.empty((2, 3))
-    for azimuth in np.linspace(-3.1, 3.1, 13):
-        for elevation in np.linspace(-1.5, 1.5, 7):
-            angles = layout.angles_of(2.5 * layout.bearing(azimuth, elevation)[0], J)
-            np.testing.assert_allclose(angles, [azimuth, elevation], atol=1e-12)
+    for angles, m in (((0, 0), (0, 0, 1)), ((np.pi / 2, 0), (1, 0, 0)), ((0.3, np.pi / 2), (0, 1, 0))):
+        np.testing.assert_allclose(layout.bearing(*angles)[0], m, atol=1e-15)
+    for angles in itertools.product(np.linspace(-3.1, 3.1, 13), np.linspace(-1.5, 1.5, 7)):
+        np.testing.assert_allclose(layout.angles_of(2.5 * layout.bearing(*angles)[0], J), angles, atol=1e-12)
+    assert np.isfinite(layout.angles_of(np.array([0.0, 1.0, 0.0]), J)).all() and np.isfinite(J).all()  # straight up
 
 
 def test_prior_is_the_scenarios() -> None:

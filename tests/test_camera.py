@@ -19,9 +19,12 @@ def project(x: float, y: float, z: float) -> np.ndarray:
 
 
 def test_left_is_left_and_up_is_up() -> None:
-    """Camera axes are x left, y up; u runs to the right, v downwards."""
-    assert project(0.5, 0.0, 2.0)[0] < 162.0
-    assert project(0.0, 0.5, 2.0)[1] < 125.0
+    """Camera axes are x left, y up; u runs to the right, v downwards; the optical axis meets the principal point."""
+    np.testing.assert_array_equal(project(0.0, 0.0, 2.0), [162.0, 125.0])
+    assert project(0.5, 0.0, 2.0)[0] < 162.0 and project(0.0, 0.5, 2.0)[1] < 125.0
+    u_c, v_c = 195.0 * 0.5 / 2.0, 195.0 * -0.25 / 2.0
+    root = np.sqrt(1.0 + 1.8e-5 * (u_c**2 + v_c**2))
+    np.testing.assert_allclose(project(0.5, -0.25, 2.0), [162.0 - u_c / root, 125.0 - v_c / root], rtol=1e-15)
 
 
 def test_projection_and_back_projection_are_inverse_over_the_whole_image() -> None:

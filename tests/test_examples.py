@@ -76,12 +76,6 @@ def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         P_after = P - P @ H.T @ np.linalg.solve(S, H @ P)
         np.testing.assert_allclose(scores[index], np.trace((P - P_after)[:3, :3]), rtol=1e-5)
-
-
-def test_scores_of_ones_own_are_those_of_the_environment() -> None:
-    from examples.extend_criterion import motion_scores
-
-    inner = in_the_middle(seed=4)
     for name in ("mutual_information", "variance_reduction"):
         np.testing.assert_allclose(motion_scores(inner, CRITERIA[name]), inner.motion_scores(name), rtol=1e-9)
 
@@ -123,23 +117,14 @@ def test_a_screen_hides_and_a_planner_reckons_with_one_it_knows() -> None:
     assert expected["a screen"] == expected["no screen"] > expected["a known screen"]
 
 
-@pytest.mark.parametrize("num_envs", [None, 3])
-def test_the_policy_is_bound_to_one_or_many(num_envs: int | None) -> None:
+def test_the_policy_is_bound_to_one_or_many_and_joins_the_comparison() -> None:
+    from agents.policies import resolve
     from examples.extend_policy import make
 
-    if num_envs is None:
-        env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    else:
-        env = gym.make_vec("ActiveSLAM-v0", num_envs=num_envs, gaze_period=0.25)
-    observation, _ = env.reset(seed=0)
-    policy = make(env)
-    action, _ = policy.predict(observation)
-    assert np.shape(action) == ((2,) if num_envs is None else (num_envs, 2))
-    assert np.all(np.asarray(action)[..., 1] == Gaze.LEFT)  # everything is still expected
-
-
-def test_the_policy_joins_the_comparison() -> None:
-    from agents.policies import resolve
-
-    env = gym.make("ActiveSLAM-v0")
-    assert type(resolve("examples.extend_policy:make", env)).__name__ == "LookAround"
+    one = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
+    for env, shape in ((one, (2,)), (many, (3, 2))):
+        observation, _ = env.reset(seed=0)
+        action = np.asarray(make(env).predict(observation)[0])
+        assert action.shape == shape and np.all(action[..., 1] == Gaze.LEFT)  # everything is still expected
+    assert type(resolve("examples.extend_policy:make", one)).__name__ == "LookAround"

@@ -102,14 +102,11 @@ class Tree(NamedTuple):
 
 
 def test_a_row_is_views_of_all_arrays() -> None:
-    class Tree(tuple):
-        def __new__(cls, *parts: Any) -> Any:
-            return super().__new__(cls, parts)
-
-    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR)))
-    second = row(tree, 1)
-    second[0][:], second[1][0].left = 1.0, 2.0
-    assert tree[0].tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]] and tree[1][0]["left"].tolist() == [0.0, 2.0, 0.0]
+    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR), np.zeros(3)))
+    one = row(tree, 1)
+    one.first[:], one.second.first.left = 1.0, 2.0
+    assert tree.first.tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
+    assert tree.second.first["left"].tolist() == [0.0, 2.0, 0.0]
 
 
 def modules_with_kernels() -> list[ModuleType]:

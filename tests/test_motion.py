@@ -77,6 +77,9 @@ def test_the_view_moves_against_the_camera(motion: Motion, axis: int, sign: int)
 
 
 def test_motions_are_along_the_cameras_axes() -> None:
+    np.testing.assert_array_equal(m.transition(START, np.zeros(6), 0.05), START)  # at rest it stays
+    assert drive(Motion.FORWARD, Gaze.STAY)[2] > 0.25
+    assert drive(Motion.BACKWARDS, Gaze.STAY)[2] < -0.25
     turned = START.copy()
     turned[3:7] = [np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0]  # a quarter turn to the left: faces +X
     np.testing.assert_allclose(drive(Motion.FORWARD, Gaze.STAY, start=turned)[:3], [0.3, 0, 0], atol=0.01)
@@ -102,10 +105,7 @@ def test_hand_held_gaze_is_scripted_and_the_filter_may_assume_other_noise_than_t
     model = m.motion_of(scenario, 1.0)
     times = np.arange(0.0, scenario.scripted_gaze_period, 0.01)
     for gaze in Gaze:
-        angle, most = (
-            0.01 * np.cumsum([m.turn_of(model, int(gaze), t) for t in times]),
-            scenario.scripted_gaze_amplitude,
-        )
-        assert (angle.max(), angle.min()) == pytest.approx((most, -most), rel=0.01)
+        angle = 0.01 * np.cumsum([m.turn_of(model, int(gaze), t) for t in times]) / scenario.scripted_gaze_amplitude
+        assert (angle.max(), angle.min()) == pytest.approx((1.0, -1.0), rel=0.01)
     assert (model.acceleration_std, model.filter_acceleration_std) == (0.5, 4.0)
     assert (MODEL.acceleration_std, MODEL.filter_acceleration_std) == (0.5, 0.5)

@@ -36,20 +36,11 @@ class Referee:
         return owners_of(self.owner, self.belief).tolist()
 
 
-@pytest.mark.parametrize(
-    ("match", "label", "wrong"),
-    [
-        (fiducial_id(1), 1, 0),
-        (fiducial_id(1), 0, 1),
-        (fiducial_id(1), CLUTTER_LABEL, 1),
-        (NEW, 0, 0),
-        (REJECTED, 0, 0),
-        (99, 0, 0),
-    ],
-)
-def test_a_fiducial_is_itself_and_what_is_not_matched_is_not_wrong(match: int, label: int, wrong: int) -> None:
+@pytest.mark.parametrize("label, wrong", [(1, 0), (0, 1), (CLUTTER_LABEL, 1)])
+def test_a_fiducial_is_itself_and_what_is_not_matched_is_not_wrong(label: int, wrong: int) -> None:
     referee = Referee()
-    assert referee.frame((match, label)) == wrong
+    assert referee.frame((fiducial_id(1), label)) == wrong
+    assert referee.frame((NEW, 0)) == referee.frame((REJECTED, 0)) == referee.frame((99, 0)) == 0
     assert referee.owners == [NOBODY] * 3 and not referee.votes.any()
 
 

@@ -57,15 +57,12 @@ def test_looks_decide_where_places_cannot(ratios, wanted: int) -> None:
     assert found[wanted] and found[2] and sum(found) == 2
 
 
-def test_if_too_few_agree_none_is_believed() -> None:
+def test_if_too_few_agree_or_nothing_is_in_sight_none_is_believed() -> None:
     sight, strangers = sight_of_a_turn(GRID), candidates_of(GRID + STRANGERS, ids=np.arange(1, 7), log_ratios=3.0)
     agree = sum(chosen(sight, strangers.copy()))
     assert 0 < agree < 6
     assert sum(chosen(sight, strangers.copy(), agree)) == agree
     assert not any(chosen(sight, strangers.copy(), agree + 1))
-
-
-def test_what_is_not_in_sight_or_looks_like_nothing_is_no_match() -> None:
     sight = sight_of_a_turn(GRID)
     assert chosen(sight, candidates_of(GRID[:1], ids=[99], log_ratios=5.0)) == [False]
     assert chosen(sight, candidates_of(GRID[:1], ids=[1], log_ratios=-20.0)) == [False]

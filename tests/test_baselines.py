@@ -20,22 +20,17 @@ class ScoredEnv:
     """Scores by criterion, and a clock; counts how often each score was asked for. `leading` is (B,) for a batch."""
 
     def __init__(self, leading: tuple[int, ...] = (), amortised: bool = False, steps_per_motion: int = STEPS) -> None:
+        self.unwrapped, self.leading = self, leading
         self.action_space: gym.Space = gym.spaces.MultiDiscrete([7, 3])
         self.scenario = SimpleNamespace(motion_criterion="mutual_information", amortised_decision=amortised)
         self.steps_per_motion, self.motion_period = steps_per_motion, 1.0
-        self.leading = leading
         if leading:
-            (self.num_envs,) = leading
-            self.single_action_space = self.action_space
-        self.motion = {"mutual_information": np.zeros((*leading, 7)), "fisher_trace": np.zeros((*leading, 7))}
-        self.gaze = {"mutual_information": np.zeros((*leading, 3)), "fisher_trace": np.zeros((*leading, 3))}
-        self.joint = np.zeros((*leading, 7, 3))
+            (self.num_envs,), self.single_action_space = leading, self.action_space
+        criteria = ("mutual_information", "fisher_trace")
+        self.motion, self.gaze = ({name: np.zeros((*leading, n)) for name in criteria} for n in (7, 3))
+        self.joint, self.step_index = np.zeros((*leading, 7, 3)), np.zeros(leading, dtype=int)
+        self.gaze_scores = self.gaze.__getitem__
         self.calls: list[Any] = []
-        self.step_index = np.zeros(leading, dtype=int)
-
-    @property
-    def unwrapped(self) -> Any:
-        return self
 
     @property
     def motion_phase(self) -> Any:
@@ -53,15 +48,11 @@ class ScoredEnv:
         self.calls.append(motion)
         return self.motion[criterion][..., motion]
 
-    def gaze_scores(self, criterion: str) -> np.ndarray:
-        return self.gaze[criterion]
-
     def joint_scores(self, criterion: str) -> np.ndarray:
         return self.joint
 
     def lookahead_scores(self, horizon: int) -> np.ndarray:
-        self.calls.append(horizon)
-        return self.motion["mutual_information"]
+        return self.motion_scores("mutual_information")
 
 
 def act(policy: Any, observation: np.ndarray = OBSERVATION) -> Any:
@@ -96,7 +87,7 @@ def test_takes_the_best_action(name: str, leading: tuple[int, ...]) -> None:
     np.testing.assert_array_equal(action, np.broadcast_to(BEST[name], (*leading, 2)))
 
 
-def test_motion_is_chosen_once_a_period_and_held() -> None:
+def test_motion_is_chosen_once_a_period_and_held_in_each_environment_of_a_batch() -> None:
     env = ScoredEnv()
     policy = baselines.make("mi-mi", env)
     env.motion["mutual_information"][Motion.UP] = 1.0
@@ -108,9 +99,6 @@ def test_motion_is_chosen_once_a_period_and_held() -> None:
             env.motion["mutual_information"][Motion.DOWN] = 2.0
     assert actions == [Motion.UP] * STEPS + [Motion.DOWN] * STEPS
     assert env.calls == ["all", "all"]
-
-
-def test_each_environment_of_a_batch_keeps_its_own_phase() -> None:
     env = ScoredEnv((2,))
     policy = baselines.make("mi-mi", env)
     env.motion["mutual_information"][:, Motion.UP] = 1.0

@@ -58,13 +58,7 @@ def assert_same(one: Episode, other: Episode, skip: tuple[str, ...] = ()) -> Non
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
 
 
-def test_interval_of_a_mean_covers_it_as_often_as_it_says() -> None:
-    generator = np.random.default_rng(0)
-    covered = [(e := estimate(generator.normal(size=60), "mean")).low < 0.0 < e.high for _ in range(100)]
-    assert 88 <= sum(covered) <= 100
-
-
-def test_figures_of_equal_missing_and_zero_values() -> None:
+def test_figures_of_equal_missing_and_zero_values_and_how_often_an_interval_covers() -> None:
     for statistic in ("mean", "median"):
         assert estimate([2.0, 2.0, 2.0], statistic) == Estimate(2.0, 2.0, 2.0, 3, statistic)  # of no width
     assert estimate([1.0, np.nan, 3.0], "mean").rooms == 2
@@ -74,17 +68,17 @@ def test_figures_of_equal_missing_and_zero_values() -> None:
     assert none.value == none.low == 0.0 and 0.1 < none.high < 0.2
     assert paired_rmse([1.0, 3.0, np.nan], [2.0, np.nan, 5.0]) == (1.0, 2.0)  # of the landmarks that both mapped
     assert np.isnan(paired_rmse([1.0, np.nan], [np.nan, 2.0])).all()
+    generator = np.random.default_rng(0)
+    covered = [(e := estimate(generator.normal(size=60), "mean")).low < 0.0 < e.high for _ in range(100)]
+    assert 88 <= sum(covered) <= 100
 
 
-def test_episode_comes_back_from_its_file(tmp_path: Path) -> None:
+def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     written = episode("own:mine", lost=True)
     written.save(tmp_path / "a" / "episode.npz")
     read = Episode.load(tmp_path / "a" / "episode.npz")
     assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
     assert_same(read, written)
-
-
-def test_thinned_keeps_whole_seconds_the_end_and_the_outcome() -> None:
     whole = episode()
     cut = replace(whole, lost=True, **{name: getattr(whole, name)[:4] for name in SAMPLED})
     assert whole.thinned().times.tolist() == [0.0, 1.0, 2.0]
@@ -178,17 +172,13 @@ def test_own_policy_is_imported_and_an_unknown_one_named(tmp_path: Path, monkeyp
             policies.factory(name)
 
 
-@pytest.fixture(scope="module")
-def run() -> Episode:
-    return played()
-
-
 def played() -> Episode:
     env = gym.make("ActiveSLAM-v0", duration=DURATION)
     return run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
 
 
-def test_record_of_an_episode(run: Episode) -> None:
+def test_record_of_an_episode_is_that_of_its_seed() -> None:
+    run = played()
     samples, steps = len(run.times), len(run.actions)
     assert samples == steps + 1 == round(DURATION / 0.05) + 1
     assert run.times[-1] == pytest.approx(DURATION)
@@ -199,9 +189,6 @@ def test_record_of_an_episode(run: Episode) -> None:
     np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
     assert len(run.landmark_times) == run.landmarks_mapped.max()
     assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
-
-
-def test_same_seed_gives_the_same_record(run: Episode) -> None:
     assert_same(played(), run, skip=("decision_us",))
 
 

@@ -38,7 +38,7 @@ def mean_of_sums(sums: np.ndarray) -> float:
     return sums[1] / sums[0]
 
 
-def test_figures_of_sums_are_those_of_all_values_together() -> None:
+def test_figures_of_sums_are_those_of_all_values_and_their_intervals_cover_as_often_as_they_say() -> None:
     rng = np.random.default_rng(1)
     groups = [rng.normal(0.3, 2.0, size=n) for n in (0, 3, 40, 7, 25)]
     rows, everything = [depth_sums(group) for group in groups], np.concatenate(groups)
@@ -47,9 +47,6 @@ def test_figures_of_sums_are_those_of_all_values_together() -> None:
     assert (mean.value, std.value) == pytest.approx((everything.mean(), everything.std()))
     assert mean.low < mean.value < mean.high and mean.statistic == "pooled"
     assert estimate_from_sums([(0, 0)], lambda sums: sums[0] / sums[1]).text() == "–"
-
-
-def test_interval_from_sums_covers_as_often_as_it_says() -> None:
     rng = np.random.default_rng(2)
     samples = ([(1.0, value) for value in rng.normal(size=60)] for _ in range(100))
     intervals = [estimate_from_sums(rows, mean_of_sums) for rows in samples]
@@ -85,10 +82,13 @@ def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
     assert np.isnan(depth_error(estimate, truth, 0, -1, p_hat + 0.1))
 
 
-def test_the_younger_of_two_features_of_one_landmark_is_the_double() -> None:
+def test_the_witness_knows_a_double_and_wants_steps_of_a_frame() -> None:
     witness = Witness()
     witness._note_owners(owners=np.array([7, -1, 7]), ids=np.array([1, 2, 5]))
     assert (witness.testimony.features, witness.testimony.duplicates, witness._doubles) == (2, 1, {5})
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.1)
+    with pytest.raises(ValueError, match="gaze_period"):
+        run_episode(env, baselines.make("stay", env), seed=3, looks=[Witness().look])
 
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
@@ -102,12 +102,6 @@ def test_witness_sees_every_conversion(initialisation: str) -> None:
     assert said.wrong_matches <= said.matches
     witness.look(env.unwrapped, env.reset(seed=3)[1])
     assert witness.testimony.matches == 0
-
-
-def test_witness_wants_steps_of_a_frame() -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.1)
-    with pytest.raises(ValueError, match="gaze_period"):
-        run_episode(env, baselines.make("stay", env), seed=3, looks=[Witness().look])
 
 
 def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -62,18 +62,17 @@ def test_observation_table_is_the_layout(scenario: str) -> None:
     assert "32 + 11 (K + N + 13)" in section("Observation space")
 
 
-def test_action_table_is_the_enums() -> None:
+def test_the_specification_tells_actions_arguments_and_versions() -> None:
     told = rows(section("Action space"))
     assert [(int(row[0]), re.match(r"\w+", row[1])[0]) for row in told] == [(m.value, m.name) for m in Motion]
     gazes = [re.match(r"\w+", row[2])[0] for row in told if len(row) > 2 and row[2].strip("| ")]
     assert gazes == [gaze.name for gaze in Gaze]
-
-
-def test_argument_table_is_the_signature() -> None:
     signature = inspect.signature(ActiveSLAMEnv.__init__).parameters
     told = [(row[0].strip("`"), row[1].strip("`")) for row in rows(section("Arguments"))]
     defaults = [(name, repr(p.default).replace("'", '"')) for name, p in signature.items() if name != "self"]
     assert told == defaults
+    versions = {name.rsplit("-", 1)[1] for name in gym.registry if name.startswith("ActiveSLAM")}
+    assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
 
 
 def test_information_tables_are_what_is_returned() -> None:
@@ -90,11 +89,6 @@ def test_tables_of_rewards_and_scenarios_hold_every_name_and_field() -> None:
     assert all(len(row) == 2 and len(row[1]) > 5 for row in told)
     assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
     assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
-
-
-def test_every_registered_version_has_a_history() -> None:
-    versions = {name.rsplit("-", 1)[1] for name in gym.registry if name.startswith("ActiveSLAM")}
-    assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
 
 
 @pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: str(page.relative_to(ROOT)))

@@ -132,11 +132,15 @@ def two_points(separation_px: float = 60.0, std: float = 0.005, yaw_std: float =
     return belief, sight_of(belief).thing["z_hat"]
 
 
-def test_clear_matches_are_made_in_any_order() -> None:
+def test_clear_and_labelled_matches_are_made_in_any_order() -> None:
     belief, z = two_points()
     assert (sight_of(belief).thing["visibility"] == INSIDE).all()
     assert match(belief, z + 1.0)[0] == [1, 2]
     assert match(belief, z[::-1] + 1.0)[0] == [2, 1]
+    # Labelled ones are what they say, however far they are; one without an id is of nothing known.
+    candidates = candidates_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
+    assert match_by_id(sight_of(belief), candidates).tolist() == [2, 0]
+    assert candidates["match"].tolist() == [2, NEW, 1]
 
 
 @pytest.mark.parametrize("scale", [0.25, 1.0, 9.0])
@@ -189,14 +193,6 @@ def test_a_vague_row_is_matched_only_with_support() -> None:
     assert match(belief, z + shift)[0] == [1, 2]
     belief.feature["mean"][:2, 1] -= 2.0 * (CAMERA.height - 10.0 - z[0, 1]) / CAMERA.focal
     assert match(belief, sight_of(belief).thing["z_hat"] + shift)[0] == [REJECTED, REJECTED]
-
-
-def test_labelled_candidates_are_what_they_say() -> None:
-    """However far they are; one without an id is of nothing known."""
-    belief, z = two_points()
-    candidates = candidates_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
-    assert match_by_id(sight_of(belief), candidates).tolist() == [2, 0]
-    assert candidates["match"].tolist() == [2, NEW, 1]
 
 
 def a_ray():

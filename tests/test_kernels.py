@@ -88,10 +88,15 @@ def test_a_record_is_filled_by_the_names_of_all_its_fields() -> None:
             record(x=no_type)
 
 
-def test_one_of_calls_the_function_of_that_number() -> None:
+def test_one_of_calls_the_function_of_that_number_and_a_row_is_views() -> None:
     choose = one_of([double, compiled(lambda x: x - 1.0)])
     assert (choose(0, 5.0), choose(1, 5.0)) == (10.0, 4.0)
     assert np.isnan(choose(2, 5.0))
+    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR), np.zeros(3)))
+    one = row(tree, 1)
+    one.first[:], one.second.first.left = 1.0, 2.0
+    assert tree.first.tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
+    assert tree.second.first["left"].tolist() == [0.0, 2.0, 0.0]
 
 
 class Tree(NamedTuple):
@@ -99,14 +104,6 @@ class Tree(NamedTuple):
 
     first: Any
     second: Any
-
-
-def test_a_row_is_views_of_all_arrays() -> None:
-    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR), np.zeros(3)))
-    one = row(tree, 1)
-    one.first[:], one.second.first.left = 1.0, 2.0
-    assert tree.first.tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
-    assert tree.second.first["left"].tolist() == [0.0, 2.0, 0.0]
 
 
 def modules_with_kernels() -> list[ModuleType]:

@@ -120,16 +120,13 @@ def test_a_pause_holds_the_time_and_a_single_step_moves_it() -> None:
     assert cockpit.times == [0.0, 0.25, 0.25, 0.25, 0.5, 0.75, 1.0]
 
 
-def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
+def test_an_episode_ends_with_its_summary_and_n_is_the_next_room_and_a_lost_run_is_called_lost() -> None:
     cockpit = Scripted(["left"], [], [], [], [], ["n"], [])
     told = play.fly(make(duration=1.0), cockpit, seed=7)
     assert len(told) == 1
     assert told[0].startswith("Room 7: ") and "bits removed" in told[0]
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]
     np.testing.assert_array_equal(cockpit.shown[-1][0].true_landmarks, room(8).truth.landmarks)
-
-
-def test_a_lost_run_is_called_lost() -> None:
     cockpit = Scripted(["left"], *[[]] * 20, ["escape"])
     (told,) = play.fly(make(lost_position_error=1e-4), cockpit)
     assert "lost" in told and "removed" not in told

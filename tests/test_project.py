@@ -47,12 +47,7 @@ def test_opencv_comes_with_its_extra_alone() -> None:
     assert pulls == ["all"], "neither the learners nor the demo may pull it"
 
 
-def test_editable_install_exposes_the_upper_floors(tmp_path: Path) -> None:
-    code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
-    assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
-
-
-def test_wheel_holds_the_environment_alone() -> None:
+def test_wheel_holds_the_environment_alone_and_an_editable_install_all_floors(tmp_path: Path) -> None:
     setuptools = pytest.importorskip("setuptools")
     include = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
     packages = setuptools.find_packages(str(ROOT), include=include)
@@ -60,6 +55,8 @@ def test_wheel_holds_the_environment_alone() -> None:
     folders = {path.parent.relative_to(ROOT) for path in (ROOT / "activeslam_gym").rglob("*.py")}
     assert {".".join(folder.parts) for folder in folders} == set(packages), "a package without an __init__.py"
     assert (ROOT / "activeslam_gym" / "py.typed").is_file()
+    code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
+    assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
 
 
 def test_version_is_said_alike_everywhere() -> None:

@@ -59,7 +59,7 @@ def test_a_feature_is_owned_by_the_landmark_of_more_than_half_of_its_detections(
             assert owner == (label - K if owned else NOBODY)
 
 
-def test_a_slots_next_feature_begins_with_no_votes() -> None:
+def test_a_slots_next_feature_begins_with_no_votes_and_the_oldest_stands_for_its_landmark() -> None:
     referee = Referee()
     for _ in range(3):
         assert referee.frame((1, K + 2)) == 0
@@ -68,9 +68,6 @@ def test_a_slots_next_feature_begins_with_no_votes() -> None:
     append_feature(referee.belief, POINT, np.zeros(6), np.zeros((3, 12)), np.eye(3))
     assert referee.frame((4, K)) == 0
     assert referee.owners == [NOBODY, NOBODY, 0]
-
-
-def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
     owners, everyone = np.array([1, NOBODY, 1, 0]), np.ones(4, bool)
     assert features_of_landmarks(owners, L, everyone).tolist() == [3, 0, -1]
     assert features_of_landmarks(owners, L, np.array([False, True, True, True])).tolist() == [3, 2, -1]

@@ -116,17 +116,13 @@ def test_view_is_right_handed_and_up_is_up():
     assert axes[0] @ [1, 0, 0] < 0 and axes[1] @ [0, 1, 0] > 0 and axes[0] @ [0, 1, 0] == pytest.approx(0.0)
 
 
-def test_ellipses_and_great_circles_lie_at_their_sigmas():
+def test_ellipses_and_great_circles_lie_at_their_sigmas_and_within_the_outline():
     rng = np.random.default_rng(0)
     for dimension, curves in ((2, geometry.ellipses), (3, geometry.great_circles)):
         means, covariances = rng.normal(size=(4, dimension)), spheroids(rng, 4, dimension)
         points = curves(means, covariances, 2.0).reshape(4, -1, dimension) - means[:, None]
         mahalanobis = np.einsum("nki,nij,nkj->nk", points, np.linalg.inv(covariances), points)
         np.testing.assert_allclose(mahalanobis, 4.0)
-
-
-def test_great_circles_stay_within_the_outline():
-    """The outline of an ellipsoid under an orthographic view V is the ellipse of V P Vᵀ."""
     centre, covariance = np.zeros((1, 3)), spheroids(np.random.default_rng(1), 1, 3)
     outline = np.linalg.inv(geometry.VIEW @ covariance[0] @ geometry.VIEW.T)
     circles = geometry.screen_from_world(geometry.great_circles(centre, covariance, 2.0))

@@ -46,18 +46,7 @@ def test_is_the_dummy_vec_env_of_single_environments(bootstrap: bool) -> None:
     assert ours.reset_infos == theirs.reset_infos and 0 < lost < ended
 
 
-def test_seeds_serve_one_reset() -> None:
-    env = ActiveSLAMVecEnv(2)
-    env.seed(1)
-    first = env.reset()
-    assert not np.array_equal(env.reset(), first)
-    env.seed(1)
-    np.testing.assert_array_equal(env.reset(), first)
-    with pytest.raises(ValueError, match="num_envs"):
-        ActiveSLAMVecEnv(0)
-
-
-def test_attributes_and_methods_are_those_of_single_environments() -> None:
+def test_attributes_methods_and_seeds_are_those_of_single_environments() -> None:
     env = ActiveSLAMVecEnv(3, gaze_period=0.25)
     env.reset()
     env.step(np.zeros((3, 2), int))
@@ -74,6 +63,14 @@ def test_attributes_and_methods_are_those_of_single_environments() -> None:
     assert env.get_attr("label", 2) == ["mine"]
     with pytest.raises(ValueError, match="indices"):
         env.set_attr("label", "other", indices=[1])
+    env = ActiveSLAMVecEnv(2)
+    env.seed(1)
+    first = env.reset()
+    assert not np.array_equal(env.reset(), first)
+    env.seed(1)
+    np.testing.assert_array_equal(env.reset(), first)
+    with pytest.raises(ValueError, match="num_envs"):
+        ActiveSLAMVecEnv(0)
 
 
 @pytest.mark.parametrize("name", ["sweep", "mi-fisher", "joint-mi"])

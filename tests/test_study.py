@@ -81,20 +81,17 @@ def test_equal_strategies_show_nothing_and_rooms_left_out_are_counted() -> None:
     assert finding.estimate.rooms == ROOMS - 3 and finding.note == f"3 of {ROOMS} rooms left out"
 
 
-@pytest.mark.parametrize(("stated", "verdict"), [(50.0, WITHIN), (1.0, OUTSIDE), (99.0, OUTSIDE)])
-def test_a_stated_number_is_one_draw(stated: float, verdict: str) -> None:
-    assert judge_draw(np.linspace(0.0, 100.0, 101).tolist(), stated) == verdict
+def test_a_stated_number_is_one_draw() -> None:
+    draws = np.linspace(0.0, 100.0, 101).tolist()
+    assert [judge_draw(draws, stated) for stated in (50.0, 1.0, 99.0)] == [WITHIN, OUTSIDE, OUTSIDE]
 
 
-def test_a_time_that_was_not_seen_counts_as_the_whole_duration_and_a_lost_run_has_no_final_error() -> None:
+def test_a_time_not_seen_is_the_whole_duration_and_ladders_are_compared_on_a_rung_that_both_reached() -> None:
     lost_early, reached = {"ladder_time": [1.0, 2.0], "lost": 1}, {"ladder_time": [1.0, 2.0, 7.0], "lost": 0}
     np.testing.assert_array_equal(verdicts.restricted_time([lost_early, reached], 3, 35.0), [35.0, 7.0])
     np.testing.assert_array_equal(verdicts.restricted([{"t": np.nan}, {"t": 4.0}], "t", 35.0), [35.0, 4.0])
     rows = [{"lost": 1, "error": 0.1}, {"lost": 0, "error": 0.2}]
     np.testing.assert_array_equal(verdicts.while_alive(rows, "error"), [np.nan, 0.2])
-
-
-def test_ladders_are_compared_on_a_rung_that_both_reached() -> None:
     ours = [{"l": [-1.0, -2.0, -3.0]}, {"l": [-1.0]}, {"l": []}]
     theirs = [{"l": [-10.0, -20.0]}, {"l": [-10.0, -20.0]}, {"l": [-10.0]}]
     first, second = verdicts.at_common_rung(ours, theirs, "l", most=14)
@@ -103,15 +100,12 @@ def test_ladders_are_compared_on_a_rung_that_both_reached() -> None:
     np.testing.assert_array_equal(verdicts.at_common_rung(ours[:1], theirs[:1], "l", most=1)[0], [-1.0])
 
 
-def test_verdicts_of_several_choices_in_a_line() -> None:
+def test_verdicts_of_several_choices_in_a_line_and_the_median_room() -> None:
     one = verdicts.Finding("c", "a", "m", figure(1, 0.5, 2), HOLDS)
     assert verdicts.under_choices([one]) == ""
     assert verdicts.under_choices([one, replace(one, choice="b")]) == "holds under every choice"
     text = verdicts.under_choices([replace(one, choice="z", verdict=FAILS), one, replace(one, choice="b")])
     assert text == "holds: a, b; does not hold: z"
-
-
-def test_the_median_room_has_no_lost_run() -> None:
     rows = runs.Rows()
     scores = [10.0, 20.0, 30.0, 40.0, 50.0]
     for name in STRATEGIES:
@@ -209,26 +203,23 @@ def test_the_lattice_fills_the_room() -> None:
         Placed(environment(), "elsewhere")
 
 
-def test_a_loop_closes_after_the_gap_and_not_before() -> None:
-    observer, fiducials = Observer(), [-1, -2, -3]
-    observer._last_match[fiducials[0]] = -CLOSURE_GAP
-    observer._last_match[fiducials[1]] = 0.1 - CLOSURE_GAP
-    assert observer._closures(fiducials, now=0.0) == 1
-    assert observer._closures(fiducials, now=0.0) == 0
-
-
 def observed(name: str) -> tuple[Episode, Notes]:
     """Four seconds of a baseline, and what the observer notes of them."""
     env, observer = environment(4.0), Observer()
     return run_episode(env, baselines.make(name, env), seed=5, looks=[observer.look]), observer.notes
 
 
-def test_notes_of_a_run() -> None:
+def test_notes_of_a_run_and_when_a_loop_closes() -> None:
     episode, notes = observed("mi-mi")
     assert len(notes.fiducials) == len(notes.births) == len(notes.nearest) == len(episode.actions)
     assert 0 < notes.fiducials.max() <= SCENARIO.fiducial_count
     assert len(notes.visited_log2_det) == len(episode.landmark_times) > 0
     assert (np.diff(notes.visited_log2_det) < 0).all()  # each brings three small variances
+    observer, fiducials = Observer(), [-1, -2, -3]
+    observer._last_match[fiducials[0]] = -CLOSURE_GAP
+    observer._last_match[fiducials[1]] = 0.1 - CLOSURE_GAP
+    assert observer._closures(fiducials, now=0.0) == 1
+    assert observer._closures(fiducials, now=0.0) == 0
 
 
 def test_measures_of_a_made_up_run() -> None:

@@ -163,14 +163,6 @@ def test_seeds() -> None:
     assert len({one.bit_generator.state["state"]["state"] for one in env.np_random}) == 3
 
 
-def test_next_step_ignores_the_action_of_an_ended_run() -> None:
-    env = ActiveSLAMVectorEnv(2, max_episode_steps=1)
-    env.reset(seed=0)
-    env.step([[0, 0], [0, 0]])
-    _, *numbers, _ = env.step(np.full((2, 2), np.nan))
-    assert not np.any(numbers) and env.time.tolist() == [0.0, 0.0]
-
-
 @pytest.mark.parametrize("mode", MODES)
 def test_what_is_returned_is_fresh(mode: AutoresetMode) -> None:
     def spoil(tree: Any) -> None:
@@ -332,22 +324,18 @@ def test_a_copy_goes_its_own_way(make: Any) -> None:
     np.testing.assert_array_equal(env.belief.position, twin.belief.position)
 
 
-@pytest.mark.parametrize(("rows", "threads"), [(1, 1), (7, 3), (64, 2), (3, 9)])
-def test_every_row_is_in_one_slice(rows: int, threads: int) -> None:
+def test_every_row_is_in_one_slice_and_an_error_in_one_is_raised() -> None:
     def visit(out: np.ndarray, start: int, stop: int) -> None:
         out[start:stop] += 1
 
-    workers, visits = Workers(rows, threads), np.zeros(rows)
-    workers.call(visit, visits)
-    assert workers.threads == min(rows, threads)
-    assert (visits == 1).all()
-    workers.close()
-    workers.call(visit, visits)
-    assert (visits == 2).all()
+    for rows, threads in ((1, 1), (7, 3), (64, 2), (3, 9)):
+        workers, visits = Workers(rows, threads), np.zeros(rows)
+        workers.call(visit, visits)
+        assert workers.threads == min(rows, threads) and (visits == 1).all()
+        workers.close()
+        workers.call(visit, visits)
+        assert (visits == 2).all()
     assert Workers(1000).threads == available_cores()
-
-
-def test_an_error_in_a_slice_is_raised() -> None:
     with pytest.raises(ZeroDivisionError):
         Workers(4, 2).call(lambda start, stop: 1 // (start == 0))
 
@@ -389,17 +377,14 @@ def test_a_bad_action_is_named_and_changes_nothing() -> None:
             with pytest.raises(ValueError, match=named):
                 env.step(actions)
             same(env.step([[0, 0], [1, 1]]), twin.step([[0, 0], [1, 1]]))
-
-
-@pytest.mark.parametrize("actions", [[0, 21], [0, -1], [[0, 0], [0, 0]], 3])
-def test_a_bad_discrete_action_is_named(actions: Any) -> None:
     env = ActiveSLAMDiscreteVectorEnv(2)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="actions"):
-        env.step(actions)
+    for actions in ([0, 21], [0, -1], [[0, 0], [0, 0]], 3):
+        with pytest.raises(ValueError, match="actions"):
+            env.step(actions)
 
 
-def test_a_reset_is_asked_for() -> None:
+def test_a_reset_is_asked_for_and_next_step_ignores_the_action_of_an_ended_run() -> None:
     env, stay = ActiveSLAMVectorEnv(2, autoreset_mode="DISABLED", max_episode_steps=1), [[0, 0], [0, 0]]
     with pytest.raises(gym.error.ResetNeeded, match=r"\[0, 1\]"):
         env.step(stay)
@@ -412,3 +397,8 @@ def test_a_reset_is_asked_for() -> None:
         env.step(stay)
     with pytest.raises(ValueError, match="i must be"):
         env.run(2)
+    env = ActiveSLAMVectorEnv(2, max_episode_steps=1)
+    env.reset(seed=0)
+    env.step([[0, 0], [0, 0]])
+    _, *numbers, _ = env.step(np.full((2, 2), np.nan))
+    assert not np.any(numbers) and env.time.tolist() == [0.0, 0.0]

@@ -107,7 +107,7 @@ def test_without_noise_the_camera_moves_by_the_model() -> None:
     np.testing.assert_array_equal(truth.state.camera, expected)
 
 
-def test_disturbance_is_as_strong_as_it_says() -> None:
+def test_disturbance_is_as_strong_as_it_says_and_does_not_depend_on_the_past() -> None:
     truth, speeds = world(), []
     for frame in range(2000):
         truth.state.camera[:] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6
@@ -115,9 +115,6 @@ def test_disturbance_is_as_strong_as_it_says() -> None:
         speeds.append(truth.state.camera[7:] / MOTION.dt)
     np.testing.assert_allclose(np.std(speeds, axis=0), [0.5] * 6, rtol=0.07)
     np.testing.assert_allclose(np.mean(speeds, axis=0), 0.0, atol=0.05)
-
-
-def test_disturbance_of_a_frame_does_not_depend_on_the_past() -> None:
     one, other = world(), world()
     for frame in range(10):
         simulator.move(MOTION, one, np.ones(6), frame)

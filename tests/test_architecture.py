@@ -98,12 +98,8 @@ def is_under(name: str, *prefixes: str) -> bool:
     return any(name == prefix or name.startswith(prefix + ".") for prefix in prefixes)
 
 
-def imports(importer: str, source: str) -> list[Import]:
-    """Every import in ``source``, wherever it stands."""
-    return list(_imports(ast.parse(source), importer, at_top=True))
-
-
-def _imports(node: ast.AST, importer: str, at_top: bool) -> Iterator[Import]:
+def imports(importer: str, node: ast.AST, at_top: bool = True) -> Iterator[Import]:
+    """Every import in ``node``, wherever it stands."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.Import):
             for alias in child.names:
@@ -116,10 +112,10 @@ def _imports(node: ast.AST, importer: str, at_top: bool) -> Iterator[Import]:
                 yield Import(importer, base if alias.name == "*" else f"{base}.{alias.name}", child.lineno, at_top)
         elif isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
             for part, top in ((child.body, False), (child.orelse, at_top)):
-                yield from _imports(ast.Module(part, []), importer, top)
+                yield from imports(importer, ast.Module(part, []), top)
         else:
             is_function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
-            yield from _imports(child, importer, at_top and not is_function)
+            yield from imports(importer, child, at_top and not is_function)
 
 
 def unit(module: str) -> str:
@@ -164,7 +160,7 @@ def test_every_package_is_there_and_every_module_has_a_row() -> None:
 @pytest.mark.parametrize("module", SOURCES)
 def test_imports_go_down(module: str) -> None:
     path = SOURCES[module]
-    found = imports(module, path.read_text(encoding="utf-8"))
+    found = imports(module, ast.parse(path.read_text(encoding="utf-8")))
     faults = [f"{path.relative_to(ROOT)}:{one.line}: {what}" for one in found for what in wrong(one, MODULES)]
     assert not faults, "\n".join(faults)
 
@@ -191,7 +187,6 @@ def test_nobody_reads_what_is_not_for_them(module: str) -> None:
 
 
 KNOWN = {GYM, *(f"{GYM}.{name}" for name in MAY_IMPORT), f"{GYM}.slam.belief", f"{GYM}.slam.filter"}
-
 
 VIOLATIONS = {
     "activeslam_gym.envs.active_slam": "import baselines; from activeslam_gym.rendering import draw",
@@ -232,7 +227,7 @@ VIOLATIONS = {
 @pytest.mark.parametrize("importer", VIOLATIONS)
 def test_a_violation_is_caught(importer: str) -> None:
     for source in re.split(r";\s*", VIOLATIONS[importer]):
-        assert any(wrong(found, KNOWN) for found in imports(importer, source)), source
+        assert any(wrong(found, KNOWN) for found in imports(importer, ast.parse(source))), source
 
 
 ALLOWED = {
@@ -261,5 +256,5 @@ ALLOWED = {
 @pytest.mark.parametrize("importer", ALLOWED)
 def test_what_is_allowed_passes(importer: str) -> None:
     for source in re.split(r";\s*", ALLOWED[importer]):
-        found = imports(importer, source)
+        found = list(imports(importer, ast.parse(source)))
         assert found and not [what for one in found for what in wrong(one, KNOWN)], source

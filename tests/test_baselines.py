@@ -150,7 +150,13 @@ def test_amortised_decision_scores_every_motion_once_a_period(steps: int) -> Non
     assert act(policy)[0] == Motion.DOWN  # afresh after a reset
 
 
-def test_discrete_action_is_one_integer() -> None:
+def test_one_observation_may_have_a_leading_axis_and_a_discrete_action_is_one_integer() -> None:
+    policy = baselines.make("stay", ScoredEnv())
+    assert act(policy).shape == (2,) and act(policy, OBSERVATION[None]).shape == (1, 2)
+    assert policy.predict(OBSERVATION, state="kept", episode_start=np.ones(1), deterministic=False)[1] == "kept"
+    for leading, shape in (((), (3, 4)), ((2,), (4,)), ((2,), (3, 4))):
+        with pytest.raises(ValueError, match="observation"):
+            act(baselines.make("stay", ScoredEnv(leading)), np.zeros(shape))
     env = ScoredEnv()
     env.action_space = gym.spaces.Discrete(21)
     env.motion["mutual_information"][Motion.UP] = 1.0
@@ -158,15 +164,6 @@ def test_discrete_action_is_one_integer() -> None:
     assert env.action_space.contains(act(policy))
     assert act(policy) == 3 * Motion.UP + Gaze.LEFT
     assert act(policy, OBSERVATION[None]).tolist() == [3 * Motion.UP + Gaze.LEFT]
-
-
-def test_observation_of_one_environment_may_have_a_leading_axis() -> None:
-    policy = baselines.make("stay", ScoredEnv())
-    assert act(policy).shape == (2,) and act(policy, OBSERVATION[None]).shape == (1, 2)
-    assert policy.predict(OBSERVATION, state="kept", episode_start=np.ones(1), deterministic=False)[1] == "kept"
-    for leading, shape in (((), (3, 4)), ((2,), (4,)), ((2,), (3, 4))):
-        with pytest.raises(ValueError, match="observation"):
-            act(baselines.make("stay", ScoredEnv(leading)), np.zeros(shape))
 
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:

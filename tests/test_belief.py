@@ -147,16 +147,6 @@ def test_converting_a_feature_is_its_jacobian_on_the_joint_covariance(kinds: lis
     assert_well_laid(belief)
 
 
-def test_a_slot_is_used_again_and_its_tenants_told_apart() -> None:
-    belief = belief_of([POINT, POINT, POINT])
-    first = belief.feature[0].copy()
-    remove_feature(belief, 0)
-    again = belief.feature[append(belief, POINT)]
-    assert again.slot == first.slot and again.serial > first.serial
-    assert [layout.position_of(belief, one.serial) for one in (first, again)] == [-1, 2]
-    assert_well_laid(belief)
-
-
 def test_many_births_and_deaths_keep_the_layout() -> None:
     rng = np.random.default_rng(3)
     belief = belief_of(MIXES[3])
@@ -173,7 +163,7 @@ def test_many_births_and_deaths_keep_the_layout() -> None:
         assert_well_laid(belief)
 
 
-def test_a_full_belief_says_so() -> None:
+def test_a_full_belief_says_so_and_a_slot_is_used_again() -> None:
     belief = belief_of([])
     while room_for(belief, 6):
         append(belief, INVERSE_DEPTH, np.full(6, 0.5))
@@ -183,6 +173,13 @@ def test_a_full_belief_says_so() -> None:
     while room_for(belief, 3):
         append(belief, POINT)
     assert belief.state.count == len(belief.feature)
+    assert_well_laid(belief)
+    belief = belief_of([POINT, POINT, POINT])
+    first = belief.feature[0].copy()
+    remove_feature(belief, 0)
+    again = belief.feature[append(belief, POINT)]
+    assert again.slot == first.slot and again.serial > first.serial
+    assert [layout.position_of(belief, one.serial) for one in (first, again)] == [-1, 2]
     assert_well_laid(belief)
 
 

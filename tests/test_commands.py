@@ -15,12 +15,18 @@ from agents.watching import command as watch
 from agents.watching.film import side_by_side
 
 
-def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_tells_its_options_and_names_a_bad_number(capsys: pytest.CaptureFixture[str]) -> None:
     for command in COMMANDS:
         with pytest.raises(SystemExit) as exit_:
             main([command, "--help"])
         assert exit_.value.code == 0
         assert ("--save" if command == "watch" else "--out") in capsys.readouterr().out
+    for args, change in BAD:
+        with pytest.raises(ValueError, match=next(iter(change))):
+            args(**change)
+    with pytest.raises(SystemExit) as exit_:
+        main(["study", "--episodes", "0"])
+    assert exit_.value.code == 2
 
 
 @pytest.mark.parametrize(
@@ -46,16 +52,7 @@ BAD = [(compare.Args, {"episodes": 0}), (compare.Args, {"jobs": 0}), (compare.Ar
 BAD += [(compare.Args, {"policies": ()}), (consistency.Args, {"episodes": 0})]
 
 
-def test_bad_number_is_named_and_ends_a_command() -> None:
-    for args, change in BAD:
-        with pytest.raises(ValueError, match=next(iter(change))):
-            args(**change)
-    with pytest.raises(SystemExit) as exit_:
-        main(["study", "--episodes", "0"])
-    assert exit_.value.code == 2
-
-
-def test_a_section_is_replaced_and_the_rest_is_left_alone(tmp_path: Path) -> None:
+def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     marks = [f"<!-- generated: {name} -->\n<!-- end: {name} -->" for name in "ab"]
     page.write_text("# Mine\n\n" + "\n\n".join(marks) + "\n\nEnd.\n")
@@ -66,6 +63,10 @@ def test_a_section_is_replaced_and_the_rest_is_left_alone(tmp_path: Path) -> Non
     assert "second \\2" in text and "other" in text and "first" not in text and "nowhere" not in text
     with pytest.raises(ValueError, match="report: there is no page"):
         put_section(tmp_path / "absent.md", "a", "")
+    assert scenario_argument("hall") == "hall"
+    assert scenario_argument('{"pixel_std": 4.0}') == {"pixel_std": 4.0}
+    with pytest.raises(ValueError, match="is no JSON object"):
+        scenario_argument("{pixel_std}")
 
 
 def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,13 +79,6 @@ def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatc
     wanted = [[f"| {one}", policy] for one in ("default", "9 landmarks") for policy in ("stay", "sweep")]
     assert [line.split(" | ")[:2] for line in rows[2:]] == wanted
     assert "python -m agents generalise --policies stay sweep" in page.read_text()
-
-
-def test_a_scenario_is_a_name_or_json() -> None:
-    assert scenario_argument("hall") == "hall"
-    assert scenario_argument('{"pixel_std": 4.0}') == {"pixel_std": 4.0}
-    with pytest.raises(ValueError, match="is no JSON object"):
-        scenario_argument("{pixel_std}")
 
 
 def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

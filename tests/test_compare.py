@@ -86,7 +86,7 @@ def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     assert outcome(whole.thinned(), 1) == outcome(whole, 1)
 
 
-def test_outcome_of_a_known_episode() -> None:
+def test_outcome_and_honesty_of_a_known_episode() -> None:
     row = outcome(episode(bits=10.0), target_landmarks=1)
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
     assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
@@ -94,9 +94,6 @@ def test_outcome_of_a_known_episode() -> None:
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
     assert np.isnan(outcome(episode(), target_landmarks=2)["target_time"])
     assert outcome(episode(lost=True), 1)["bits"] == 0.0
-
-
-def test_honesty_counts_the_runs_alive() -> None:
     nees = [
         honesty(episode(lost=lost), time)["position_nees"] for lost, time in ((0, 2.0), (0, 3.0), (1, 1.0), (1, 2.0))
     ]
@@ -112,7 +109,7 @@ def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
     np.testing.assert_allclose(quaternion_error(offset), Rotation.from_rotvec(offset).as_quat()[:, :3], atol=1e-12)
 
 
-def test_paired_difference_is_within_rooms() -> None:
+def test_paired_difference_is_within_rooms_and_a_users_policy_is_compared_with_the_best_baseline() -> None:
     runs = [episode("stay", seed, 10.0 * seed) for seed in range(4)]
     runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(4)]
     summary = summarise(runs, target_landmarks=1, honesty_times=(1.0,))
@@ -121,9 +118,6 @@ def test_paired_difference_is_within_rooms() -> None:
     assert summary.policies["stay"]["bits"].value == 15.0
     assert summary.best_baseline == "mi-fisher"
     assert list(summary.paired) == ["mi-fisher"]
-
-
-def test_users_policy_is_compared_with_the_best_baseline() -> None:
     summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
     assert summary.best_baseline == "sweep" and set(summary.paired["sweep"]) == {"own:mine", "stay"}
     assert "own:mine" in summary.notes[0] and any("mi-fisher was not run" in note for note in summary.notes)

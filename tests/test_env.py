@@ -97,17 +97,6 @@ def test_noise_does_not_depend_on_the_actions() -> None:
         np.testing.assert_allclose(noises[0][label], noises[1][label], atol=1e-9)
 
 
-def test_stable_baselines_scores_a_computing_policy() -> None:
-    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
-    import baselines
-
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=2.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # about the missing Monitor
-        mean, _ = evaluation.evaluate_policy(baselines.make("mi-fisher", env), env, n_eval_episodes=2)
-    assert mean > 0.0
-
-
 def test_async_vector_env_works() -> None:
     envs = gym.make_vec("ActiveSLAM-v0", num_envs=2, vectorization_mode="async", duration=1.0)
     with contextlib.closing(envs):

@@ -153,12 +153,17 @@ def test_a_candidate_outside_every_gate_is_new_and_between_the_gates_rejected(sc
         assert match(belief, z[:1] + offset, R=scale * R_PAPER)[0] == [expected]
 
 
-def test_an_ambiguous_candidate_waits_unless_an_id_says_which_it_is() -> None:
+def test_an_ambiguous_candidate_waits_unless_its_id_or_its_looks_decide() -> None:
     belief, z = two_points(3.0)
     found, waits = match(belief, z.mean(axis=0))
     assert found == [REJECTED] and waits.all()
     for id in (1, 2):
         assert match(belief, z.mean(axis=0), ids=id)[0] == [id]
+    belief, z = two_points()
+    pixels, enough = np.stack((z[0] + 0.5, z[0] - 0.5)), 0.6 * MODEL.association.clear_margin
+    assert match(belief, pixels)[0] == [REJECTED, REJECTED]
+    for ratios, expected in (((0, 0.5), [REJECTED, REJECTED]), ((0, 1), [REJECTED, 1]), ((1, 0), [1, REJECTED])):
+        assert match(belief, pixels, ids=1, log_ratios=enough * np.array(ratios))[0] == expected
 
 
 def test_an_id_restricts_but_does_not_command() -> None:
@@ -174,23 +179,13 @@ def test_an_id_restricts_but_does_not_command() -> None:
     assert found == [REJECTED, REJECTED] and waits.tolist() == [True, False]
 
 
-def test_appearance_decides_between_two_that_are_equal() -> None:
-    belief, z = two_points()
-    pixels, enough = np.stack((z[0] + 0.5, z[0] - 0.5)), 0.6 * MODEL.association.clear_margin
-    assert match(belief, pixels)[0] == [REJECTED, REJECTED]
-    for ratios, expected in (((0, 0.5), [REJECTED, REJECTED]), ((0, 1), [REJECTED, 1]), ((1, 0), [1, REJECTED])):
-        assert match(belief, pixels, ids=1, log_ratios=enough * np.array(ratios))[0] == expected
-
-
 def test_a_vague_row_is_matched_only_with_support() -> None:
-    """Two points that the camera's rotation makes vague together: one detection waits, both explain each other.
-
-    At the edge of the image, where their ellipses reach over it, more support is needed.
-    """
+    """Two points that the camera's rotation makes vague together: one detection waits, both explain each other."""
     belief, z = two_points(std=0.002, yaw_std=np.radians(3.0))  # about 10 px, for both alike
     shift = np.array([8.0, 0.0])
     assert match(belief, z[:1] + shift)[0] == [REJECTED]
     assert match(belief, z + shift)[0] == [1, 2]
+    # At the edge of the image, where their ellipses reach over it, more support is needed.
     belief.feature["mean"][:2, 1] -= 2.0 * (CAMERA.height - 10.0 - z[0, 1]) / CAMERA.focal
     assert match(belief, sight_of(belief).thing["z_hat"] + shift)[0] == [REJECTED, REJECTED]
 
@@ -277,17 +272,13 @@ def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: 
     assert belief.state.count == int(kept)
 
 
-def test_a_full_map_gives_no_birth_and_no_error() -> None:
+def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() -> None:
     belief = still_belief()
     grid = [[20.0 + 24.0 * i, 20.0 + 28.0 * j] for i in range(12) for j in range(8)]
     for _ in range(5):
         frame(belief, grid)
     assert 20 < belief.state.count <= len(belief.feature)
     frame(belief, [[5.0, 5.0]])
-
-
-def test_what_a_known_box_hides_is_not_expected() -> None:
-    """Neither seen nor missed; in sight again without the box."""
     belief, _ = two_points()
     wall = np.array([[[-0.9, -1.0, 1.0], [-0.2, 1.0, 1.1]]])  # before the second
     assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]

@@ -68,15 +68,12 @@ def fill(pairs: np.ndarray, x: float) -> float:
     return pair.left
 
 
-def test_a_function_is_called_from_kernels_and_from_python() -> None:
+def test_a_kernel_is_called_from_python_too_and_a_record_is_filled_by_the_names_of_its_fields() -> None:
     pairs = np.zeros(2, PAIR)
     assert (double(1.5), fill(pairs, 1.5)) == (3.0, 6.0)
     assert pairs["left"].tolist() == [6.0, 0.0] and pairs["right"].tolist() == [[6.0, 6.0], [0.0, 0.0]]
     assert pairs["inside"]["count"].tolist() == [3, 0]
     assert double.__doc__ == "Called by kernels and by Python."
-
-
-def test_a_record_is_filled_by_the_names_of_all_its_fields() -> None:
     values = {"left": 1, "right": (2, 3), "inside": (4,)}
     pair = filled(PAIR, **values)
     assert (pair.left, pair.right.tolist(), pair.inside.count) == (1.0, [2.0, 3.0], 4)

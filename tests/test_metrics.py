@@ -19,7 +19,14 @@ def test_camera_error_is_the_tangent_vector_and_nees_its_quadratic_form() -> Non
     assert nees(e, -P) == np.inf
 
 
-def test_log_density_is_the_normal_distributions() -> None:
+def test_factor_is_numpys_and_the_log_density_the_normal_distributions() -> None:
+    for n in (1, 2, 3, 4, 5, 11, 12, 93):
+        P = random_spd(np.random.default_rng(n), np.geomspace(1e-3, 1.0, n))
+        U = P.copy()
+        assert cholesky_in_place(U)
+        np.testing.assert_allclose(np.triu(U).T, np.linalg.cholesky(P), rtol=1e-9, atol=1e-15)
+        P[n // 2, n // 2] = -1.0
+        assert not cholesky_in_place(P)
     rng = np.random.default_rng(2)
     e, P = rng.standard_normal(6), random_spd(rng, [1.0] * 6)
     U = P.copy()
@@ -27,16 +34,6 @@ def test_log_density_is_the_normal_distributions() -> None:
     for n in (6, 4):  # a factor's leading block is the marginal's
         expected = multivariate_normal(cov=P[:n, :n]).logpdf(e[:n]) / np.log(2.0)
         assert log2_normal_of_factor(e[:n].copy(), U) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 11, 12, 93])
-def test_factor_is_numpys(n: int) -> None:
-    P = random_spd(np.random.default_rng(n), np.geomspace(1e-3, 1.0, n))
-    U = P.copy()
-    assert cholesky_in_place(U)
-    np.testing.assert_allclose(np.triu(U).T, np.linalg.cholesky(P), rtol=1e-9, atol=1e-15)
-    P[n // 2, n // 2] = -1.0
-    assert not cholesky_in_place(P)
 
 
 def test_tum_file_has_time_position_and_scalar_last_quaternion(tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ def test_transition_is_the_papers() -> None:
     np.testing.assert_allclose(m.transition(x, u, dt), expected, atol=1e-15)
 
 
-def test_open_loop_is_frame_after_frame() -> None:
+def test_open_loop_is_frame_after_frame_and_noise_reaches_the_pose_as_the_velocities_do() -> None:
     rng = np.random.default_rng(1)
     A = rng.standard_normal((12, 12))
     P = P_0 = A @ A.T
@@ -45,10 +45,6 @@ def test_open_loop_is_frame_after_frame() -> None:
         P = F_x @ P @ F_x.T + m.process_covariance(MODEL, F_x, MODEL.dt)
     F, Q = m.open_loop(MODEL, 0.2, 20)
     np.testing.assert_allclose(F @ P_0 @ F.T + Q, P, rtol=1e-12, atol=1e-12)
-
-
-def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
-    """Of one frame of held acceleration: dv = a dt and dp = a dt^2, hence fully correlated."""
     Q = m.process_covariance(MODEL, m.transition_jacobian(np.zeros(3), MODEL.dt), MODEL.dt)
     std, dt = MODEL.filter_acceleration_std, MODEL.dt
     for i in range(3):
@@ -76,13 +72,17 @@ def test_the_view_moves_against_the_camera(motion: Motion, axis: int, sign: int)
     assert np.sign(np.round(change[axis])) == sign
 
 
-def test_motions_are_along_the_cameras_axes() -> None:
+def test_motions_are_along_the_cameras_axes_inside_the_room_and_other_turns_are_stopped() -> None:
     np.testing.assert_array_equal(m.transition(START, np.zeros(6), 0.05), START)  # at rest it stays
     assert drive(Motion.FORWARD, Gaze.STAY)[2] > 0.25
     assert drive(Motion.BACKWARDS, Gaze.STAY)[2] < -0.25
     turned = START.copy()
     turned[3:7] = [np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0]  # a quarter turn to the left: faces +X
     np.testing.assert_allclose(drive(Motion.FORWARD, Gaze.STAY, start=turned)[:3], [0.3, 0, 0], atol=0.01)
+    x = START.copy()
+    x[10:] = [0.3, 0.0, -0.4]
+    assert np.abs(drive(Motion.STAY, Gaze.STAY, start=x)[10:]).max() < 1e-3
+    np.testing.assert_allclose(m.clipped_goal(MODEL, np.array([5.0, -5.0, 0.3])), [2.6, -0.6, 0.3])
 
 
 @pytest.mark.parametrize(("gaze", "rate"), [(Gaze.LEFT, 0.2), (Gaze.RIGHT, -0.2), (Gaze.STAY, 0.0)])
@@ -91,13 +91,6 @@ def test_gaze_turns_about_the_vertical(gaze: Gaze, rate: float) -> None:
     np.testing.assert_allclose(x[10:], [0.0, rate, 0.0], atol=1e-4)
     y = np.array([0.0, 0.0, 2.0])
     assert np.sign(np.round(pixel_of(CAMERA, x, y)[0] - 162.0)) == np.sign(rate)  # to the left, the view goes right
-
-
-def test_turns_on_other_axes_are_stopped_and_goals_stay_inside_the_room() -> None:
-    x = START.copy()
-    x[10:] = [0.3, 0.0, -0.4]
-    assert np.abs(drive(Motion.STAY, Gaze.STAY, start=x)[10:]).max() < 1e-3
-    np.testing.assert_allclose(m.clipped_goal(MODEL, np.array([5.0, -5.0, 0.3])), [2.6, -0.6, 0.3])
 
 
 def test_hand_held_gaze_is_scripted_and_the_filter_may_assume_other_noise_than_there_is() -> None:

@@ -15,7 +15,6 @@ else:
 
 ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-README_SNIPPETS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
 
 
 def run_elsewhere(code: str, cwd: Path) -> str:
@@ -47,7 +46,7 @@ def test_opencv_comes_with_its_extra_alone() -> None:
     assert pulls == ["all"], "neither the learners nor the demo may pull it"
 
 
-def test_wheel_holds_the_environment_alone_and_an_editable_install_all_floors(tmp_path: Path) -> None:
+def test_wheel_holds_the_environment_alone_an_editable_install_all_floors_and_both_one_version(tmp_path: Path) -> None:
     setuptools = pytest.importorskip("setuptools")
     include = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
     packages = setuptools.find_packages(str(ROOT), include=include)
@@ -57,19 +56,9 @@ def test_wheel_holds_the_environment_alone_and_an_editable_install_all_floors(tm
     assert (ROOT / "activeslam_gym" / "py.typed").is_file()
     code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
     assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
-
-
-def test_version_is_said_alike_everywhere() -> None:
     import activeslam_gym
 
     version = PYPROJECT["project"]["version"]
     assert activeslam_gym.__version__ == version
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(rf"^## .*\b{re.escape(version)}\b", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
-
-
-def test_readme_snippets_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert README_SNIPPETS
-    for snippet in README_SNIPPETS:
-        exec(compile(snippet, "<README.md>", "exec", dont_inherit=True), {"__name__": "readme"})

@@ -78,11 +78,16 @@ def test_command_names_motion_and_gaze():
 
 
 @pytest.mark.filterwarnings("error")
-def test_empty_map_and_no_history():
+def test_nothing_to_draw_and_a_lost_belief_still_make_a_picture():
     snapshot = make_snapshot(steps=0, mode=None)
     assert len(snapshot.landmarks) == len(snapshot.times) == 0
     nothing = dict.fromkeys(("expected_landmarks", "fiducials", "true_landmarks"), np.zeros((0, 3)))
     assert rendering.draw(replace(snapshot, **nothing)).std() > 5
+    snapshot = make_snapshot()
+    for name in ("position", "quaternion", "covariance", "landmarks", "predicted", "predicted_covariance"):
+        getattr(snapshot, name)[:] = np.nan
+    snapshot.entropy[-1] = np.nan
+    assert rendering.draw(snapshot).std() > 5
 
 
 @pytest.mark.filterwarnings("error")
@@ -94,26 +99,22 @@ def test_degenerate_covariances_do_not_raise(block):
     assert rendering.draw(snapshot).std() > 5
 
 
-@pytest.mark.filterwarnings("error")
-def test_a_lost_belief_that_is_nan_still_draws_the_truth():
-    snapshot = make_snapshot()
-    for name in ("position", "quaternion", "covariance", "landmarks", "predicted", "predicted_covariance"):
-        getattr(snapshot, name)[:] = np.nan
-    snapshot.entropy[-1] = np.nan
-    assert rendering.draw(snapshot).std() > 5
-
-
 def spheroids(rng, count, dimension):
     """Covariances (count, d, d)."""
     return np.array([random_spd(rng, np.linspace(0.3, 1.0, dimension)) for _ in range(count)])
 
 
-def test_view_is_right_handed_and_up_is_up():
+def test_view_is_right_handed_and_the_frustum_projects_back_to_the_image():
     """A mirrored room would show a gaze to the LEFT turning right."""
     axes = geometry.view_axes(0.4, 0.6)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
     assert axes[0] @ [1, 0, 0] < 0 and axes[1] @ [0, 1, 0] > 0 and axes[0] @ [0, 1, 0] == pytest.approx(0.0)
+    position, quaternion = np.random.default_rng(2).normal(size=3), np.array([0.5, -0.5, 0.1, 0.7])
+    corners = geometry.camera_frustum(Scenario(), (320, 240), position, quaternion, 0.7)[-1]
+    x, y, z = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(corners - position).T
+    pixels = np.stack((162 - 195 * x / z, 125 - 195 * y / z), axis=1)
+    np.testing.assert_allclose(pixels, [(0, 0), (320, 0), (320, 240), (0, 240)], atol=1e-9)
 
 
 def test_ellipses_and_great_circles_lie_at_their_sigmas_and_within_the_outline():
@@ -129,14 +130,6 @@ def test_ellipses_and_great_circles_lie_at_their_sigmas_and_within_the_outline()
     assert np.einsum("cki,ij,ckj->ck", circles, outline, circles).max() <= 4.0 + 1e-9
     drawn = geometry.ellipsoid_outlines(centre, covariance, 2.0)
     np.testing.assert_allclose(np.einsum("cki,ij,ckj->ck", drawn, outline, drawn), 4.0)
-
-
-def test_frustum_corners_project_back_to_the_image_corners():
-    position, quaternion = np.random.default_rng(2).normal(size=3), np.array([0.5, -0.5, 0.1, 0.7])
-    corners = geometry.camera_frustum(Scenario(), (320, 240), position, quaternion, 0.7)[-1]
-    x, y, z = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(corners - position).T
-    pixels = np.stack((162 - 195 * x / z, 125 - 195 * y / z), axis=1)
-    np.testing.assert_allclose(pixels, [(0, 0), (320, 0), (320, 240), (0, 240)], atol=1e-9)
 
 
 def test_drawing_leaves_the_users_settings_and_pyplot_alone():

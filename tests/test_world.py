@@ -68,14 +68,11 @@ def test_points_lie_in_the_room_and_landmarks_are_uniform(name: str) -> None:
         np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=0.15)
 
 
-def test_fiducials_are_in_the_first_image_at_their_distance() -> None:
+def test_fiducials_are_in_the_first_image_and_the_start_is_drawn_from_the_prior() -> None:
     for truth in (world(seed=seed) for seed in range(5)):
         pixels = np.array([pixel_of(CAMERA, truth.state.camera, y) for y in truth.fiducials])
         assert (0.0 < pixels).all() and (pixels < (320.0, 240.0)).all()
         assert (np.linalg.norm(truth.fiducials - truth.state.camera[:3], axis=1) < 3.0).all()
-
-
-def test_start_is_drawn_from_the_prior() -> None:
     starts = np.array([draw_start(PAPER, np.random.default_rng(seed)) for seed in range(400)])
     turns = np.array([rotation_between(q, np.array([1.0, 0, 0, 0])) for q in starts[:, 3:7]])
     np.testing.assert_allclose(starts[:, :3].std(axis=0), PAPER.position_std, rtol=0.15)
@@ -100,14 +97,11 @@ def test_draws_are_uniform_and_normal() -> None:
     assert abs(np.corrcoef(z[:-1], z[1:])[0, 1]) < 0.03
 
 
-def test_without_noise_the_camera_moves_by_the_model() -> None:
+def test_the_camera_moves_by_the_model_and_by_its_disturbance() -> None:
     truth, u = world(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 0.0])
     expected = transition(truth.state.camera, u, MOTION.dt)
     assert simulator.move(CALM, truth, u, 0) == 0
     np.testing.assert_array_equal(truth.state.camera, expected)
-
-
-def test_disturbance_is_as_strong_as_it_says_and_does_not_depend_on_the_past() -> None:
     truth, speeds = world(), []
     for frame in range(2000):
         truth.state.camera[:] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6
@@ -151,16 +145,13 @@ def test_every_visible_point_is_detected_once_and_nothing_else() -> None:
     assert inside[:6].all() and not inside.all() and len(in_front) < len(points)
 
 
-def test_noise_is_two_pixels_and_order_tells_nothing() -> None:
+def test_noise_is_two_pixels_order_tells_nothing_and_missed_detections_are_missed_as_often_as_they_say() -> None:
     truth = world()
     errors = [error for frame in range(300) for error in errors_of(truth, frame).values()]
     np.testing.assert_allclose(np.std(errors, axis=0), 2.0, rtol=0.05)
     np.testing.assert_allclose(np.mean(errors, axis=0), 0.0, atol=0.1)
     firsts = Counter(int(look(PAPER, truth, frame)[1][0]) for frame in range(200))
     assert len(firsts) >= 6 and max(firsts.values()) < 100
-
-
-def test_missed_detections_are_missed_as_often_as_they_say() -> None:
     scenario, truth = replace(PAPER, missed_detection_probability=0.2), world()
     whole = len(look(PAPER, truth, 0)[1])
     seen = np.mean([len(look(scenario, truth, frame)[1]) for frame in range(400)])

@@ -43,7 +43,7 @@ def shifted_among_strangers() -> np.ndarray:
     return candidates_of(pixels, ids=np.repeat(np.arange(1, 7), 2), log_ratios=np.tile((2.0, 1.0), 6))
 
 
-def test_candidates_that_agree_are_matched_in_any_order_and_the_better_looking_stranger_is_not() -> None:
+def test_candidates_that_agree_are_matched_in_any_order_and_strangers_not() -> None:
     order, wanted = np.random.default_rng(0).permutation(12), np.array([False, True] * 6)
     assert chosen(sight_of_a_turn(GRID), shifted_among_strangers()) == wanted.tolist()
     assert chosen(sight_of_a_turn(GRID), shifted_among_strangers()[order]) == wanted[order].tolist()

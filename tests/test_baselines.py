@@ -117,7 +117,7 @@ def test_joint_decision_holds_its_gaze_too_and_a_tie_goes_to_stay_with_its_best_
     assert act(policy).tolist() == [Motion.STAY, Gaze.LEFT]
 
 
-def test_sweep_strafes_right_and_left_in_turn_and_random_is_reproducible_and_uses_every_action() -> None:
+def test_sweep_strafes_in_turn_and_random_uses_every_action() -> None:
     def actions(name: str, periods: int, **seed: int) -> list[tuple[int, int]]:
         env = ScoredEnv()
         policy, made = baselines.make(name, env, **seed), []
@@ -150,7 +150,7 @@ def test_amortised_decision_scores_every_motion_once_a_period(steps: int) -> Non
     assert act(policy)[0] == Motion.DOWN  # afresh after a reset
 
 
-def test_one_observation_may_have_a_leading_axis_and_a_discrete_action_is_one_integer() -> None:
+def test_shapes_of_observations_and_actions() -> None:
     policy = baselines.make("stay", ScoredEnv())
     assert act(policy).shape == (2,) and act(policy, OBSERVATION[None]).shape == (1, 2)
     assert policy.predict(OBSERVATION, state="kept", episode_start=np.ones(1), deterministic=False)[1] == "kept"

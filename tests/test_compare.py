@@ -109,7 +109,7 @@ def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
     np.testing.assert_allclose(quaternion_error(offset), Rotation.from_rotvec(offset).as_quat()[:, :3], atol=1e-12)
 
 
-def test_paired_difference_is_within_rooms_and_a_users_policy_is_compared_with_the_best_baseline() -> None:
+def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
     runs = [episode("stay", seed, 10.0 * seed) for seed in range(4)]
     runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(4)]
     summary = summarise(runs, target_landmarks=1, honesty_times=(1.0,))
@@ -142,7 +142,7 @@ def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:
     np.testing.assert_array_equal(np.isnan(values), [[False, False, True], [False, False, False]])
 
 
-def test_interrupted_write_leaves_the_old_file_and_json_has_null_for_what_is_not_finite(tmp_path: Path) -> None:
+def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     write_csv(path, [{"a": 1, "b": np.nan}])
     with pytest.raises(KeyboardInterrupt), written_whole(path) as unfinished:

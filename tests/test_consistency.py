@@ -29,7 +29,7 @@ def mean_of_sums(sums: np.ndarray) -> float:
     return sums[1] / sums[0]
 
 
-def test_figures_of_sums_are_those_of_all_values_and_their_intervals_cover_as_often_as_they_say() -> None:
+def test_figures_and_intervals_of_sums_are_those_of_all_values() -> None:
     rng = np.random.default_rng(1)
     groups = [rng.normal(0.3, 2.0, size=n) for n in (0, 3, 40, 7, 25)]
     rows, everything = [depth_sums(group) for group in groups], np.concatenate(groups)

@@ -160,7 +160,7 @@ def test_the_reference_names_what_exists() -> None:
         assert not [one for one in (members[1].split(", ") if members else []) if not hasattr(home, one)], name
 
 
-def test_the_readme_lists_the_policies_and_the_table_of_the_fisher_trace_is_computed() -> None:
+def test_the_readmes_policies_and_the_table_of_the_fisher_trace_are_the_codes() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     table = text[text.index("[start:policies]") : text.index("[end:policies]")]
     told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]

@@ -62,7 +62,7 @@ def in_the_middle(seed: int) -> Any:
     return env.unwrapped
 
 
-def test_the_criterion_is_the_drop_that_the_update_predicts_and_can_move_into_the_package() -> None:
+def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
     """Against the EKF's update in full: tr(P_pp) before and after, for what is in view of each goal."""
     inner = in_the_middle(seed=3)
     scores = extend_criterion.motion_scores(inner, extend_criterion.position_variance)

@@ -227,7 +227,7 @@ def retired(expected: np.ndarray, belief: Belief) -> list[int]:
     return ids
 
 
-def test_a_counting_feature_retires_the_nearest_and_brings_it_back_unless_too_many_or_too_vague() -> None:
+def test_a_feature_that_counts_retires_the_nearest_and_brings_it_back() -> None:
     belief = random_belief(PAPER, [POINT] * 3, np.random.default_rng(6))
     expected = expectation(5)
     assert retired(expected, belief) == [1, 2, 3]

@@ -220,7 +220,7 @@ def test_ellipse_of_a_rays_particle_is_the_numerical_one(seed: int) -> None:
         assert relative_error(rays.S[0, k], H @ P @ H.T + CAMERA.pixel_std**2 * np.eye(2)) < TOLERANCE
 
 
-def test_a_wrong_jacobian_would_be_found_and_the_left_perturbation_is_in_the_world_frame() -> None:
+def test_a_wrong_jacobian_would_be_found_and_perturbations_are_in_the_world_frame() -> None:
     """The test itself: a hundred-thousandth off in one entry, or one forgotten sign, is over the tolerance."""
     case = motion(np.random.default_rng(0))
     numerical = numerical_jacobian(case.f, 12, case.step)

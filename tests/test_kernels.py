@@ -68,7 +68,7 @@ def fill(pairs: np.ndarray, x: float) -> float:
     return pair.left
 
 
-def test_a_kernel_is_called_from_python_too_and_a_record_is_filled_by_the_names_of_its_fields() -> None:
+def test_a_kernel_is_called_from_python_too_and_a_record_filled_by_names() -> None:
     pairs = np.zeros(2, PAIR)
     assert (double(1.5), fill(pairs, 1.5)) == (3.0, 6.0)
     assert pairs["left"].tolist() == [6.0, 0.0] and pairs["right"].tolist() == [[6.0, 6.0], [0.0, 0.0]]

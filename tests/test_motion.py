@@ -36,7 +36,7 @@ def test_transition_is_the_papers() -> None:
     np.testing.assert_allclose(m.transition(x, u, dt), expected, atol=1e-15)
 
 
-def test_open_loop_is_frame_after_frame_and_noise_reaches_the_pose_as_the_velocities_do() -> None:
+def test_process_noise_of_one_frame_and_of_many() -> None:
     rng = np.random.default_rng(1)
     A = rng.standard_normal((12, 12))
     P = P_0 = A @ A.T
@@ -72,7 +72,7 @@ def test_the_view_moves_against_the_camera(motion: Motion, axis: int, sign: int)
     assert np.sign(np.round(change[axis])) == sign
 
 
-def test_motions_are_along_the_cameras_axes_inside_the_room_and_other_turns_are_stopped() -> None:
+def test_motions_are_along_the_cameras_axes_and_inside_the_room() -> None:
     np.testing.assert_array_equal(m.transition(START, np.zeros(6), 0.05), START)  # at rest it stays
     assert drive(Motion.FORWARD, Gaze.STAY)[2] > 0.25
     assert drive(Motion.BACKWARDS, Gaze.STAY)[2] < -0.25
@@ -93,7 +93,7 @@ def test_gaze_turns_about_the_vertical(gaze: Gaze, rate: float) -> None:
     assert np.sign(np.round(pixel_of(CAMERA, x, y)[0] - 162.0)) == np.sign(rate)  # to the left, the view goes right
 
 
-def test_hand_held_gaze_is_scripted_and_the_filter_may_assume_other_noise_than_there_is() -> None:
+def test_hand_held_gaze_is_scripted_and_the_filter_assumes_other_noise() -> None:
     scenario = SCENARIOS["hand-held"]
     model = m.motion_of(scenario, 1.0)
     times = np.arange(0.0, scenario.scripted_gaze_period, 0.01)

@@ -114,7 +114,7 @@ def test_each_action_s_scores_are_shown_of_the_present_moment() -> None:
         core.step(np.array([6, 0]))
 
 
-def test_an_episode_ends_with_its_summary_and_n_is_the_next_room_and_a_lost_run_is_called_lost() -> None:
+def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
     cockpit = Scripted(["left"], [], [], [], [], ["n"], [])
     told = play.fly(make(duration=1.0), cockpit, seed=7)
     assert len(told) == 1

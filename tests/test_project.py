@@ -46,7 +46,7 @@ def test_opencv_comes_with_its_extra_alone() -> None:
     assert pulls == ["all"], "neither the learners nor the demo may pull it"
 
 
-def test_wheel_holds_the_environment_alone_an_editable_install_all_floors_and_both_one_version(tmp_path: Path) -> None:
+def test_what_is_installed_and_its_version(tmp_path: Path) -> None:
     setuptools = pytest.importorskip("setuptools")
     include = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
     packages = setuptools.find_packages(str(ROOT), include=include)

@@ -59,7 +59,7 @@ def test_a_feature_is_owned_by_the_landmark_of_more_than_half_of_its_detections(
             assert owner == (label - K if owned else NOBODY)
 
 
-def test_a_slots_next_feature_begins_with_no_votes_and_the_oldest_stands_for_its_landmark() -> None:
+def test_a_slots_next_feature_has_no_votes_and_the_oldest_stands_for_its_landmark() -> None:
     referee = Referee()
     for _ in range(3):
         assert referee.frame((1, K + 2)) == 0

@@ -83,7 +83,7 @@ def test_a_stated_number_is_one_draw() -> None:
     assert [judge_draw(draws, stated) for stated in (50.0, 1.0, 99.0)] == [WITHIN, OUTSIDE, OUTSIDE]
 
 
-def test_a_time_not_seen_is_the_whole_duration_and_ladders_are_compared_on_a_rung_that_both_reached() -> None:
+def test_times_not_seen_and_ladders_that_end_early_are_compared_fairly() -> None:
     lost_early, reached = {"ladder_time": [1.0, 2.0], "lost": 1}, {"ladder_time": [1.0, 2.0, 7.0], "lost": 0}
     np.testing.assert_array_equal(verdicts.restricted_time([lost_early, reached], 3, 35.0), [35.0, 7.0])
     np.testing.assert_array_equal(verdicts.restricted([{"t": np.nan}, {"t": 4.0}], "t", 35.0), [35.0, 4.0])

@@ -125,7 +125,7 @@ def test_make_vec_makes_it_without_a_warning(cls: type) -> None:
     env.close()
 
 
-def test_arguments_and_defaults_are_those_of_the_single_environment_and_a_mode_has_two_names() -> None:
+def test_arguments_are_those_of_the_single_environment_and_a_mode_has_two_names() -> None:
     ours = inspect.signature(ActiveSLAMVectorEnv).parameters
     for name, parameter in inspect.signature(ActiveSLAMEnv).parameters.items():
         assert ours[name].default == parameter.default

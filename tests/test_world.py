@@ -145,7 +145,7 @@ def test_every_visible_point_is_detected_once_and_nothing_else() -> None:
     assert inside[:6].all() and not inside.all() and len(in_front) < len(points)
 
 
-def test_noise_is_two_pixels_order_tells_nothing_and_missed_detections_are_missed_as_often_as_they_say() -> None:
+def test_noise_order_and_misses_of_detections_are_as_told() -> None:
     truth = world()
     errors = [error for frame in range(300) for error in errors_of(truth, frame).values()]
     np.testing.assert_allclose(np.std(errors, axis=0), 2.0, rtol=0.05)

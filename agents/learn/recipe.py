@@ -1,7 +1,5 @@
 """What is learned, and how: the arguments of training, apart from PyTorch and its slow import."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 

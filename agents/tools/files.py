@@ -1,7 +1,5 @@
 """Results as CSV, JSON and text, each whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

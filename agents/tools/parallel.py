@@ -1,7 +1,5 @@
 """The same function for many tasks, in several processes, with a progress bar."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Generator, Sequence

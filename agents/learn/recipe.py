@@ -49,7 +49,7 @@ class Recipe:
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
-            raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: two decisions a rollout")
+            raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
         if self.algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm: {self.algorithm!r}; allowed: {', '.join(ALGORITHMS)}")
 

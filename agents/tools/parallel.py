@@ -42,7 +42,7 @@ def _run(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Generator
         for future in as_completed(futures):
             yield futures[future], future.result()
     except BrokenProcessPool as error:
-        raise ChildProcessError("a process ended before its episode was over (was it killed, or out of memory?)") from error
+        raise ChildProcessError("a process ended before its episode was over: killed, or out of memory") from error
     finally:
         executor.shutdown(cancel_futures=True)
 

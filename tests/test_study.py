@@ -282,6 +282,10 @@ def test_complete_conditions_are_not_run_again(tmp_path: Path, monkeypatch: pyte
     for condition, seeds in ((twins[0], [1, 3]), (replace(twins[0], duration=2.0), [1, 2])):
         runs.run_conditions({condition: seeds}, tmp_path, jobs=1)
     assert played == [1, 2, 1, 3, 1, 2]
+    (kept,) = (tmp_path / "runs").glob("a--*.json")
+    kept.write_bytes(kept.read_bytes()[:-20])
+    runs.run_conditions({twins[0]: [5]}, tmp_path, jobs=1)
+    assert played[6:] == [5]
 
 
 def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,7 +50,7 @@ class Args(Rooms):
     honesty_times: tuple[float, ...] = (5.0, 15.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
     resume: bool = False
-    """Take the finished episodes that `out` holds for the same settings and code instead of running them again."""
+    """Take the finished episodes that `out` holds of the same settings, code and policies, instead of new ones."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated sections "compare" (all tables) and "headline" (one) are made anew."""
     figures: bool = True

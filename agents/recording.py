@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 TIMELINE = "time"
 """Seconds since the reset."""
 
+WHOSE = {"truth": TRUTH, "belief": CAMERA}
+"""The two cameras, with their colours."""
 _CURVES = ("entropy", "landmarks_mapped", "position_error", "orientation_error", "landmark_rmse", "log_score")
 """Numbers of `info` that become curves of their own."""
 
@@ -118,7 +120,7 @@ class Recording:
         self._stream.log("world", rr.ViewCoordinates.LUF, static=True)
         room = rr.Boxes3D(half_sizes=[np.array(scenario.room_size) / 2], colors=_rgb(MUTED))
         self._stream.log("world/room", room, static=True)
-        for whose, colour in (("truth", TRUTH), ("belief", CAMERA)):
+        for whose, colour in WHOSE.items():
             lens = rr.Pinhole(
                 focal_length=scenario.focal_px,
                 principal_point=(scenario.principal_x_px, scenario.principal_y_px),
@@ -149,8 +151,7 @@ class Recording:
         path.append(position)
         pose = rr.Transform3D(translation=position, quaternion=rr.Quaternion(xyzw=np.roll(quaternion, -1)))
         self._stream.log(f"world/{whose}/camera", pose)
-        colour = CAMERA if whose == "belief" else TRUTH
-        self._stream.log(f"world/{whose}/path", rr.LineStrips3D([np.array(path)], colors=_rgb(colour)))
+        self._stream.log(f"world/{whose}/path", rr.LineStrips3D([np.array(path)], colors=_rgb(WHOSE[whose])))
 
     def _log_map(self, snapshot: Snapshot) -> None:
         """Ellipsoids of the landmarks and of the camera's position; the landmarks that are still expected."""

@@ -93,8 +93,7 @@ def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
         Progress(args.total_steps),
     ]
     try:
-        if learner.num_timesteps < args.total_steps:
-            left = args.total_steps - learner.num_timesteps
+        if (left := args.total_steps - learner.num_timesteps) > 0:
             learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
         finished = True
     except KeyboardInterrupt:
@@ -124,10 +123,8 @@ class Keeper:
 
     def best(self) -> float:
         """The best mean return in the held-out rooms that an earlier call reached."""
-        if not self.path.exists():
-            return -math.inf
-        value = read_card(self.path)["held_out_mean_return"]
-        return -math.inf if value is None else value
+        best = read_card(self.path).get("held_out_mean_return") if self.path.exists() else None
+        return -math.inf if best is None else float(best)
 
     def keep(self, held_out_mean_return: float) -> None:
         """Write the present weights and their card."""
@@ -147,12 +144,10 @@ class Keeper:
 
 def _see_that_it_is_the_same(args: Args) -> None:
     """Raise ValueError where the folder holds a training with other arguments; `total_steps` alone may differ."""
-    path = args.out / ARGUMENTS
-    if not path.exists():
-        return
+    path, recipe = args.out / ARGUMENTS, args.recipe()
     with reading(path):
-        held = dict(json.loads(path.read_text(encoding="utf-8")))
-    for name, wanted in args.recipe().items():
+        held = dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else recipe
+    for name, wanted in recipe.items():
         if name != "total_steps" and held.get(name) != wanted:
             raise ValueError(
                 f"out: {args.out} holds a training with {name}={held.get(name)!r}, got {wanted!r}; "

@@ -85,7 +85,7 @@ def test_a_stated_number_is_one_draw() -> None:
 
 def test_times_not_seen_and_ladders_that_end_early_are_compared_fairly() -> None:
     lost_early, reached = {"ladder_time": [1.0, 2.0], "lost": 1}, {"ladder_time": [1.0, 2.0, 7.0], "lost": 0}
-    np.testing.assert_array_equal(verdicts.restricted_time([lost_early, reached], 3, 35.0), [35.0, 7.0])
+    np.testing.assert_array_equal(verdicts.at_rung([lost_early, reached], "ladder_time", 3, 35.0), [35.0, 7.0])
     np.testing.assert_array_equal(verdicts.restricted([{"t": np.nan}, {"t": 4.0}], "t", 35.0), [35.0, 4.0])
     rows = [{"lost": 1, "error": 0.1}, {"lost": 0, "error": 0.2}]
     np.testing.assert_array_equal(verdicts.while_alive(rows, "error"), [np.nan, 0.2])

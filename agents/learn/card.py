@@ -31,7 +31,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
     """
     best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms"
     return {
-        "command": command(recipe),
+        "command": " ".join(["python -m agents train", *(f"--{k.replace('_', '-')} {v}" for k, v in recipe.items())]),
         **recipe,
         "steps": steps,
         "seconds": round(seconds, 1),
@@ -40,11 +40,6 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
         "versions": versions(PACKAGES),
         "limits": LIMITS,
     }
-
-
-def command(recipe: dict[str, Any]) -> str:
-    """The command that trains with these arguments."""
-    return "python -m agents train " + " ".join(f"--{k.replace('_', '-')} {v}" for k, v in recipe.items())
 
 
 def read_card(weights: Path) -> dict[str, Any]:

@@ -29,7 +29,6 @@ from agents.study.verdicts import (
     judged,
     one_draw,
     restricted,
-    restricted_time,
     while_alive,
 )
 
@@ -112,7 +111,7 @@ def _with_live(rows: Rows) -> dict[str, list[Row]]:
 
 def _stated_times(rows: Rows) -> Iterator[Finding]:
     for strategy, (time, _) in STATED.items():
-        times = restricted_time(rows[DEFAULT, strategy], TARGET, rows.duration)
+        times = at_rung(rows[DEFAULT, strategy], "ladder_time", TARGET, rows.duration)
         early, reached = int(np.sum(times <= time)), int(np.sum(times < rows.duration))
         measure = f"median time of the 14th landmark, s, {STRATEGIES[strategy]} (the paper: {time:g})"
         note = f"{_spread(times)}, {early} as early; reached in {reached} of {len(times)}"
@@ -220,7 +219,7 @@ def _claims() -> Iterator[Claim]:
     yield Claim("figure-1", "moving between landmarks 2 and 3 maximises the mutual information", "Fig. 1", _figure_1)
     for other in OTHERS:
         words, what = "{} inserts landmarks faster than (iii)", "time of the 14th landmark, s"
-        reached = _each(lambda runs, end: restricted_time(runs, TARGET, end))
+        reached = _each(lambda runs, end: at_rung(runs, "ladder_time", TARGET, end))
         yield _against(other, "faster-{}", words, "IV-B, Fig. 2", what, reached, "above")
     yield Claim("stated-times", "the 14th landmark is added after 19, 18 and 30 s", "IV-B", _stated_times)
     yield Claim("stated-entropies", "log₂\\|P\\| is then −530, −550 and −610", "IV-B", _stated_entropies)

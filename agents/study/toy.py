@@ -77,16 +77,10 @@ def field(toy: Toy, xs: Array, ys: Array) -> Array:
     return information(toy, np.stack(np.meshgrid(xs, ys), axis=-1))
 
 
-def ring(toy: Toy, count: int = 360) -> tuple[Array, Array]:
-    """Directions (count,) of a move [rad] and what each would teach (count,) [bit]."""
-    angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
-    return angles, information(toy, toy.step * direction(angles))
-
-
 def best_direction(toy: Toy, count: int = 360) -> float:
     """The direction of the move that teaches the most [rad]."""
-    angles, bits = ring(toy, count)
-    return float(angles[bits.argmax()])
+    angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
+    return float(angles[information(toy, toy.step * direction(angles)).argmax()])
 
 
 def lies_between(toy: Toy, first: int = 1, second: int = 2) -> bool:
@@ -97,15 +91,10 @@ def lies_between(toy: Toy, first: int = 1, second: int = 2) -> bool:
 
 def drawn(seed: int, isotropic: bool = True, half_view: float = np.pi) -> Toy:
     """Another scene of the same kind: directions within 15 degrees, ranges 0.75 to 1.5 times, ratios 0.1 to 0.5."""
-    rng = np.random.default_rng(seed)
-    toy = Toy()
-    return Toy(
-        bearings=tuple(np.array(toy.bearings) + np.radians(rng.uniform(-15.0, 15.0, len(toy.bearings)))),
-        ranges=tuple(np.array(toy.ranges) * rng.uniform(0.75, 1.5, len(toy.ranges))),
-        range_ratio=float(rng.uniform(0.1, 0.5)),
-        isotropic=isotropic,
-        half_view=half_view,
-    )
+    rng, L = np.random.default_rng(seed), len(Toy.bearings)
+    bearings = tuple(np.array(Toy.bearings) + np.radians(rng.uniform(-15.0, 15.0, L)))
+    ranges = tuple(np.array(Toy.ranges) * rng.uniform(0.75, 1.5, L))
+    return Toy(bearings, ranges, float(rng.uniform(0.1, 0.5)), isotropic, half_view)
 
 
 def direction(angle: float | Array) -> Array:

@@ -72,23 +72,18 @@ def while_alive(rows: Sequence[Row], name: str) -> Array:
     return np.where(column(rows, "lost") == 1.0, np.nan, column(rows, name))
 
 
-def restricted_time(rows: Sequence[Row], rung: int, duration: float) -> Array:
-    """(rooms,) s until `rung` landmarks were mapped, but `duration` where that was not seen: lost before, or never.
+def restricted(rows: Sequence[Row], name: str, duration: float) -> Array:
+    """(rooms,) s until something happened, but `duration` where it was not seen: lost before, or never.
 
     The mean of these is the restricted mean, the usual figure of times that are censored at the end of a study.
     """
-    return np.array([_rung(row["ladder_time"], rung, duration) for row in rows])
-
-
-def restricted(rows: Sequence[Row], name: str, duration: float) -> Array:
-    """(rooms,) s until something happened, but `duration` where it was not seen."""
     times = column(rows, name)
     return np.where(np.isnan(times), duration, times)
 
 
-def at_rung(rows: Sequence[Row], ladder: str, rung: int) -> Array:
-    """(rooms,) the value when `rung` landmarks were mapped; NaN where they never were."""
-    return np.array([_rung(row[ladder], rung, np.nan) for row in rows], dtype=float)
+def at_rung(rows: Sequence[Row], ladder: str, rung: int, otherwise: float = np.nan) -> Array:
+    """(rooms,) the value when `rung` landmarks were mapped, or `otherwise` where they never were."""
+    return np.array([_rung(row[ladder], rung, otherwise) for row in rows], dtype=float)
 
 
 def at_common_rung(ours: Sequence[Row], theirs: Sequence[Row], ladder: str, most: int) -> tuple[Array, Array]:

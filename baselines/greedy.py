@@ -15,10 +15,7 @@ class Greedy(Policy):
     """
 
     def __init__(
-        self,
-        env: Environment,
-        motion_criterion: str | None = None,
-        gaze_criterion: str | None = None,
+        self, env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None
     ) -> None:
         super().__init__(env)
         self.motion_criterion: str = motion_criterion or self.env.scenario.motion_criterion
@@ -41,10 +38,7 @@ class AmortisedGreedy(Greedy):
     """
 
     def __init__(
-        self,
-        env: Environment,
-        motion_criterion: str | None = None,
-        gaze_criterion: str | None = None,
+        self, env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None
     ) -> None:
         super().__init__(env, motion_criterion, gaze_criterion)
         steps = self.env.steps_per_motion

@@ -185,7 +185,8 @@ def _kept(tasks: Sequence[Task], folder: Path) -> dict[Task, Episode]:
         except ValueError:
             damaged += 1
             continue
-        if (episode.settings, episode.policy, episode.seed) == (task.key, task.policy, task.seed):
+        whole = len(episode.times) == len(episode.actions) + 1
+        if (episode.settings, episode.policy, episode.seed, whole) == (task.key, task.policy, task.seed, task.whole):
             kept[task] = episode
         else:
             other += 1

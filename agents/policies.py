@@ -28,7 +28,7 @@ def factory(name: str) -> Factory:
     path = Path(name)
     if ":" in name:
         make = _imported(name)
-        return lambda env, seed: Own(name, make, env)
+        return lambda env, seed: _made(name, make, env)
     if path.suffix == ".npz":
         if not (path.is_file() and path.with_suffix(".json").is_file()):
             raise ValueError(f"policy: {name!r} is no file with its card ({path.stem}.json) beside it")
@@ -61,17 +61,22 @@ def _imported(name: str) -> Callable[[Environment], Any]:
         raise ValueError(f"{told}; allowed: 'package.module:factory'") from error
 
 
+def _made(name: str, make: Callable[[Environment], Any], env: Environment) -> Predictor:
+    """The user's own policy. Raises ValueError where its factory fails, or makes something else."""
+    try:
+        policy = make(env)
+    except Exception as error:
+        raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
+    if not callable(getattr(policy, "predict", None)):
+        raise ValueError(f"policy: {name!r} made {policy!r}; allowed: an object with predict(observation, …)")
+    return policy
+
+
 class Own:
     """A user's own policy, whose mistakes become a ValueError of one line."""
 
-    def __init__(self, name: str, make: Callable[[Environment], Any], env: Environment) -> None:
-        try:
-            self._policy = make(env)
-        except Exception as error:
-            raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
-        if not callable(getattr(self._policy, "predict", None)):
-            raise ValueError(f"policy: {name!r} made {self._policy!r}; allowed: an object with predict(observation, …)")
-        self._name = name
+    def __init__(self, name: str, policy: Predictor) -> None:
+        self._name, self._policy = name, policy
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True

@@ -74,7 +74,9 @@ def run_policy(
     `name` is what the record calls it, `source` if not given.
     """
     try:
-        return run_episode(env, policies.resolve(source, env, seed), seed, name or source, settings, looks)
+        policy = policies.resolve(source, env, seed)
+        policy = policies.Own(source, policy) if ":" in source else policy
+        return run_episode(env, policy, seed, name or source, settings, looks)
     except ValueError as error:
         raise ValueError(str(error) if source in str(error) else f"policy: {source!r}, room {seed}: {error}") from error
     finally:

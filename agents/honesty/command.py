@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ class Args(Rooms):
     """Initialisers of features that each policy runs with."""
     episodes: int = 100
     """Rooms for each policy with each initialiser."""
-    seed: int = 2_000_000
+    seed: int = field(default=2_000_000, kw_only=True)
     """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/consistency")
     """Folder of the results."""

@@ -103,7 +103,7 @@ def borrowed(array: np.ndarray) -> np.ndarray:
     return array
 
 
-overload(borrowed)(lambda array: lambda array: _without_owner(array))
+overload(borrowed)(lambda array: lambda array: _without_owner(array))  # type: ignore[call-arg]
 
 
 def record(**fields: Any) -> np.dtype[Any]:

@@ -145,8 +145,7 @@ def _copy_upper_to_lower(P: np.ndarray, n: int) -> None:
         if last < n:
             row0, row1, row2, row3 = P[first], P[first + 1], P[first + 2], P[first + 3]
             for i in range(last, n):
-                row = P[i, first:last]
-                row[0], row[1], row[2], row[3] = row0[i], row1[i], row2[i], row3[i]
+                P[i, first], P[i, first + 1], P[i, first + 2], P[i, first + 3] = row0[i], row1[i], row2[i], row3[i]
 
 
 @compiled

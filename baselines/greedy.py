@@ -1,7 +1,5 @@
 """Policies that take the best action of one step: the paper's three, and others by the same scores."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, core_of

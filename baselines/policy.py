@@ -1,7 +1,5 @@
 """What every computing policy shares: `predict`, the held motion, and how scores become an action."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any, Protocol
 

@@ -4,8 +4,6 @@ Weights are kept as plain arrays (``.npz``, read without unpickling) beside a ca
 to be; the network is built anew for the environment at hand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

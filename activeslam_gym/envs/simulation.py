@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import Scenario, scenario_from, whole_multiple
+from activeslam_gym.config import Scenario, positive_number, scenario_from, whole_multiple
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.referee import OWNER, vote
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
-from activeslam_gym.kernels import Record, compiled, filled, inlined, record, row
+from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
     MOTION,
@@ -133,13 +133,13 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         runs.models[i],
         world_at(runs.world, i),
         belief_at(runs.belief, i),
-        runs.expected[i],
-        runs.candidate[i],
-        runs.label[i],
-        runs.owner[i],
-        runs.votes[i],
+        borrowed(runs.expected[i]),
+        borrowed(runs.candidate[i]),
+        borrowed(runs.label[i]),
+        borrowed(runs.owner[i]),
+        borrowed(runs.votes[i]),
         runs.episode[i],
-        runs.observation[i],
+        borrowed(runs.observation[i]),
     )
 
 
@@ -190,16 +190,16 @@ def resolve(
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time)
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
-    lost = lost_position_error
-    if isinstance(lost, bool) or not isinstance(lost, (int, float)) or not lost > 0 or math.isnan(lost):
-        raise ValueError(f"lost_position_error must be a positive number of metres, got {lost!r}")
+    if resolved.motion_criterion not in CRITERIA:
+        known = ", ".join(CRITERIA)
+        raise ValueError(f"scenario.motion_criterion must be one of {known}, got {resolved.motion_criterion!r}")
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
         steps_per_motion=steps_per_motion,
         steps=steps,
         reward=reward_number(reward),
-        lost_position_error=lost,
+        lost_position_error=positive_number("lost_position_error", lost_position_error, "metres"),
         labelled_first_match=resolved.labelled_first_match,
     )
     return Setting(

@@ -328,16 +328,16 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float) -> int:
     return count
 
 
-def positive_whole_number(name: str, value: Any) -> int:
+def whole_number(name: str, value: Any, least: int = 1) -> int:
     """``value`` as an int.
 
     Raises:
-        ValueError: it is no whole number of 1 or more; the message names it.
+        ValueError: it is no whole number of ``least`` or more; the message names it.
     """
     try:
         number = operator.index(value)
     except TypeError:
-        number = 0
-    if number < 1 or isinstance(value, bool):
-        raise ValueError(f"{name} must be a whole number of 1 or more, got {value!r}")
+        number = least - 1
+    if number < least or isinstance(value, bool):
+        raise ValueError(f"{name} must be a whole number of {least} or more, got {value!r}")
     return number

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
-from activeslam_gym.config import positive_whole_number
+from activeslam_gym.config import whole_number
 
 
 def available_cores() -> int:
@@ -32,7 +32,7 @@ class Workers:
     """
 
     def __init__(self, rows: int, threads: int | None = None) -> None:
-        wanted = available_cores() if threads is None else positive_whole_number("num_threads", threads)
+        wanted = available_cores() if threads is None else whole_number("num_threads", threads)
         count = min(wanted, rows)
         ends = [rows * i // count for i in range(count + 1)]
         self._slices = list(zip(ends[:-1], ends[1:], strict=True))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -13,7 +12,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from activeslam_gym.config import Scenario, positive_whole_number
+from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import action_space, discrete_action_space, motions_and_gazes, split_indices
 from activeslam_gym.envs.episode import BEGIN, REST, infos_of
 from activeslam_gym.envs.observation import observation_space
@@ -50,6 +49,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    _make_action_space: Callable[[], spaces.Space[Any]] = staticmethod(action_space)
+    _read_actions: Callable[..., tuple[np.ndarray, np.ndarray]] = staticmethod(motions_and_gazes)
 
     def __init__(
         self,
@@ -67,7 +68,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     ) -> None:
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
-        self.num_envs = positive_whole_number("num_envs", num_envs)
+        self.num_envs = whole_number("num_envs", num_envs)
         setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
         workers = Workers(self.num_envs, num_threads)
         super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
@@ -79,18 +80,12 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
-        self._steps = min(int(setting.task.steps), positive_whole_number("max_episode_steps", limit))
+        self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
         self._motions, self._gazes = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
         self._histories = [History() for _ in range(self.num_envs)]
-
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return action_space()
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return motions_and_gazes(actions, playing)
 
     # Gymnasium ------------------------------------------------------------------------------------------------------
 
@@ -237,66 +232,35 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
 class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMDiscrete-v0`` a batch at a time: one integer for an action, index = 3 motion + gaze."""
 
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return discrete_action_space()
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return split_indices(actions, playing)
+    _make_action_space = staticmethod(discrete_action_space)
+    _read_actions = staticmethod(split_indices)
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
-    """The mode that is meant: an enum member, its name or its value.
-
-    Raises:
-        ValueError: there is no such mode.
-    """
-    known: dict[Any, AutoresetMode] = {
-        name: member for member in AutoresetMode for name in (member, member.name, member.value)
-    }
-    if not isinstance(mode, (str, AutoresetMode)) or mode not in known:
-        names = ", ".join(f"{member.name} ({member.value!r})" for member in AutoresetMode)
-        raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}")
-    return known[mode]
+    """The mode that is meant: an enum member, its name or its value."""
+    for member in AutoresetMode:
+        if mode in (member, member.name, member.value):
+            return member
+    names = ", ".join(f"{member.name} ({member.value!r})" for member in AutoresetMode)
+    raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}")
 
 
 def _seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """A seed for each environment: ``seed`` + i, or those of a sequence; None leaves a generator as it is.
-
-    Raises:
-        ValueError: not as many as environments, or one is no whole number of 0 or more.
-    """
+    """A seed for each environment: ``seed`` + i, or those of a sequence; None leaves a generator as it is."""
     if seed is None:
         return [None] * count
-    given: Sequence[int | None] = _spread(seed, count) if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
+    if np.ndim(seed) == 0:  # type: ignore[arg-type]
+        first = whole_number("seed", seed, 0)
+        return [first + i for i in range(count)]
+    given = list(seed)  # type: ignore[arg-type]
     if len(given) != count:
         raise ValueError(f"seed must be one number or {count} (num_envs) of them, got {len(given)}: {seed!r}")
-    return [None if one is None else _whole(one) for one in given]
-
-
-def _spread(seed: Any, count: int) -> list[int | None]:
-    first = _whole(seed)
-    return [first + i for i in range(count)]
-
-
-def _whole(seed: Any) -> int:
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise ValueError(f"seed must be a whole number of 0 or more, got {seed!r}")
-    return number
+    return [None if one is None else whole_number("seed", one, 0) for one in given]
 
 
 def _reset_mask(options: dict[str, Any] | None, count: int) -> np.ndarray:
-    """Which environments to reset, (B,): all, or those of ``options["reset_mask"]``.
-
-    Raises:
-        ValueError: the mask is no bool array of that shape, or chooses none.
-    """
-    if options is None or "reset_mask" not in options:
-        return np.ones(count, bool)
-    mask = options["reset_mask"]
+    """Which environments to reset, (B,): all, or those of ``options["reset_mask"]``."""
+    mask = (options or {}).get("reset_mask", np.ones(count, bool))
     if not (isinstance(mask, np.ndarray) and mask.shape == (count,) and mask.dtype == np.bool_ and mask.any()):
         raise ValueError(f"options['reset_mask'] must be a bool array ({count},) with a true value, got {mask!r}")
     return mask.copy()

@@ -14,7 +14,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.linalg import congruence, copy_into, product
+from activeslam_gym.linalg import congruence, copy_block, copy_into, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -57,14 +57,14 @@ MOTION = record(
     command_known="b1",
     step_length="f8",
     turn_rate="f8",
-    frequency="f8",
+    controller_frequency="f8",
     rate_loop_time="f8",
     period="f8",
     half=("f8", 3),
     goal_margin="f8",
     wall_margin="f8",
-    script_amplitude="f8",
-    script_period="f8",
+    scripted_gaze_amplitude="f8",
+    scripted_gaze_period="f8",
 )
 """Constants of the motion model and the controller (SI units); see the fields of `Scenario`. ``half`` of the room."""
 
@@ -74,22 +74,12 @@ def motion_of(scenario: Scenario, motion_period: float) -> Record:
     linear, angular = scenario.filter_acceleration_stds
     return filled(
         MOTION,
+        scenario,
         dt=scenario.frame_time,
-        acceleration_std=scenario.acceleration_std,
-        angular_acceleration_std=scenario.angular_acceleration_std,
         filter_acceleration_std=linear,
         filter_angular_acceleration_std=angular,
-        command_known=scenario.command_known,
-        step_length=scenario.step_length,
-        turn_rate=scenario.turn_rate,
-        frequency=scenario.controller_frequency,
-        rate_loop_time=scenario.rate_loop_time,
         period=motion_period,
         half=0.5 * np.array(scenario.room_size),
-        goal_margin=scenario.goal_margin,
-        wall_margin=scenario.wall_margin,
-        script_amplitude=scenario.scripted_gaze_amplitude,
-        script_period=scenario.scripted_gaze_period,
     )
 
 
@@ -103,16 +93,12 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     v+ = v + a dt, p+ = p + v+ dt, w+ = w + alpha dt, q+ = Exp(w+ dt) q: the paper's matrix Q with its factor
     corrected to 1/|w|, and the angular velocity in the world frame.
     """
-    p, q, v, w = x[POSITION], x[QUATERNION], x[VELOCITY], x[ANGULAR_VELOCITY]
     out = np.empty(CAMERA_SIZE)
-    p_next, v_next, w_next = out[POSITION], out[VELOCITY], out[ANGULAR_VELOCITY]
-    turned = np.empty(3)
-    for i in range(3):
-        v_next[i] = v[i] + dt * u[i]
-        p_next[i] = p[i] + dt * v_next[i]
-        w_next[i] = w[i] + dt * u[3 + i]
-        turned[i] = dt * w_next[i]
-    copy_into(out[QUATERNION], rotate_left(turned, q))
+    v, w = x[VELOCITY] + dt * u[:3], x[ANGULAR_VELOCITY] + dt * u[3:]
+    copy_into(out[POSITION], x[POSITION] + dt * v)
+    copy_into(out[QUATERNION], rotate_left(dt * w, x[QUATERNION]))
+    copy_into(out[VELOCITY], v)
+    copy_into(out[ANGULAR_VELOCITY], w)
     return out
 
 
@@ -122,21 +108,10 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
 
     dtheta+ = Exp(w+ dt) dtheta + J_l(w+ dt) dt dw+, which follows from Exp((w + dw) dt) = Exp(J_l dw dt) Exp(w dt).
     """
-    phi = np.array((dt * angular_velocity[0], dt * angular_velocity[1], dt * angular_velocity[2]))
-    turn, spread = so3_exp(phi), so3_left_jacobian(phi)
-    F_x = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    for i in range(CAMERA_DIM):
-        F_x[i, i] = 1.0
-    p_by_v, theta_by_theta, theta_by_w = (
-        F_x[D_POSITION, D_VELOCITY],
-        F_x[D_ROTATION, D_ROTATION],
-        F_x[D_ROTATION, D_ANGULAR],
-    )
-    for i in range(3):
-        p_by_v[i, i] = dt
-        for j in range(3):
-            theta_by_theta[i, j] = turn[i, j]
-            theta_by_w[i, j] = dt * spread[i, j]
+    phi, F_x = dt * angular_velocity, np.eye(CAMERA_DIM)
+    copy_block(dt * np.eye(3), F_x[D_POSITION, D_VELOCITY])
+    copy_block(so3_exp(phi), F_x[D_ROTATION, D_ROTATION])
+    copy_block(dt * so3_left_jacobian(phi), F_x[D_ROTATION, D_ANGULAR])
     return F_x
 
 
@@ -180,11 +155,8 @@ def displacement(motion: Record, index: int) -> np.ndarray:
 @compiled
 def clipped_goal(motion: Record, goal: np.ndarray) -> np.ndarray:
     """``goal`` (3,) moved to the nearest place that is ``goal_margin`` inside the room."""
-    out = np.empty(3)
-    for i in range(3):
-        reach = motion.half[i] - motion.goal_margin
-        out[i] = min(max(goal[i], -reach), reach)
-    return out
+    reach = motion.half - motion.goal_margin
+    return np.minimum(np.maximum(goal, -reach), reach)
 
 
 @compiled
@@ -200,9 +172,9 @@ def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
 @compiled
 def turn_of(motion: Record, gaze: int, time: float) -> float:
     """Reference of the turn rate about the vertical [rad/s]: RIGHT is negative, LEFT positive (Y is up)."""
-    if motion.script_amplitude > 0.0:
-        pulse = 2.0 * math.pi / motion.script_period
-        return motion.script_amplitude * pulse * math.cos(pulse * time)
+    if motion.scripted_gaze_amplitude > 0.0:
+        pulse = 2.0 * math.pi / motion.scripted_gaze_period
+        return motion.scripted_gaze_amplitude * pulse * math.cos(pulse * time)
     return (-motion.turn_rate, motion.turn_rate, 0.0)[gaze]
 
 
@@ -219,7 +191,7 @@ def accelerations(
     place = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
     speed = 30.0 * s * s * (1.0 - s) * (1.0 - s) / motion.period
     push = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (motion.period * motion.period)
-    w_n = motion.frequency
+    w_n = motion.controller_frequency
     p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     u = np.empty(6)
     for i in range(3):

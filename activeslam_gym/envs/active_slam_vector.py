@@ -81,8 +81,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
         self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
-        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._seeds = [-1] * self.num_envs
+        self._seeded: list[tuple[np.random.Generator, int] | None] = [None] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
         self._motions, self._gazes = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
         self._histories = [History() for _ in range(self.num_envs)]
@@ -102,7 +101,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         seeds, chosen = _seeds(seed, self.num_envs), _reset_mask(options, self.num_envs)
         for i in np.flatnonzero(chosen).tolist():
             if seeds[i] is not None:
-                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+                self._seeded[i] = seeding.np_random(seeds[i])
         self._begin(chosen)
         return self._runs.observation.copy(), infos_of(self._runs, chosen)
 
@@ -153,14 +152,12 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generators of the environments."""
-        return tuple(self._generator(i) for i in range(self.num_envs))
+        return tuple(self._generator_and_seed(i)[0] for i in range(self.num_envs))
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the environments' generators."""
-        for i in range(self.num_envs):
-            self._generator(i)  # which draws a seed if it was never given one
-        return tuple(self._seeds)
+        return tuple(self._generator_and_seed(i)[1] for i in range(self.num_envs))
 
     def snapshot(self, i: int) -> Snapshot:
         """All that a picture of this moment of environment ``i`` needs.
@@ -196,16 +193,14 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     def _reset_runs(self, chosen: np.ndarray) -> None:
         """Give new rooms, each by a key of its own generator, where ``chosen`` (B,)."""
         for i in np.flatnonzero(chosen).tolist():
-            key = int(self._generator(i).integers(2**63))
-            reset_run(self.setting, self._runs, i, key)
+            generator, _ = self._generator_and_seed(i)
+            reset_run(self.setting, self._runs, i, key=int(generator.integers(2**63)))
             self._histories[i] = History()
 
-    def _generator(self, i: int) -> np.random.Generator:
-        generator = self._generators[i]
-        if generator is None:
-            generator, self._seeds[i] = seeding.np_random()
-            self._generators[i] = generator
-        return generator
+    def _generator_and_seed(self, i: int) -> tuple[np.random.Generator, int]:
+        """Those of environment ``i``, from a seed of their own where it was given none."""
+        self._seeded[i] = seeded = self._seeded[i] or seeding.np_random()
+        return seeded
 
     def _end_same_step(self) -> dict[str, Any]:
         """Begin anew where a run is over, and return what it ended with: ``final_obs``, ``final_info``."""

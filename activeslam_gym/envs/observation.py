@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.camera import camera_point, visible
+from activeslam_gym.camera import View, camera_point, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
@@ -157,52 +157,42 @@ def observe_tokens(
     as there are. ``points``, ``covariance``: the public belief, by age.
     """
     pose = belief.state.camera
-    R_WC = rotation_matrix(pose[QUATERNION])
+    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
     K, F = fiducials.shape[0], belief.feature.shape[0]
     taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0
     for i in range(K):
-        _place(camera, boxes, pose, R_WC, fiducials[i], z, out[i])
+        _place(view, fiducials[i], z, out[i])
         out[i, _TOKEN.log_uncertainty], out[i, _TOKEN.log_depth_uncertainty], out[i, _TOKEN.fiducial] = -1.0, -1.0, 1.0
     for k in range(belief.state.count):
         feature, at = belief.feature[k], CAMERA_DIM + 3 * k
         token = out[K + feature.slot]
         taken[feature.slot] = True
-        _place(camera, boxes, pose, R_WC, points[k], z, token)
+        _place(view, points[k], z, token)
         _uncertainty(pose, points[k], covariance[at:, at:], token)
         token[_TOKEN.mapped if feature.mapped else _TOKEN.initialising] = 1.0
-    slot, prior = 0, np.zeros((3, 3))
-    for i in range(3):
-        prior[i, i] = landmark_var[i]
+    slot, prior = 0, np.diag(landmark_var)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
             while slot < F and taken[slot]:
                 slot += 1
             if slot == F:
                 return
-            _place(camera, boxes, pose, R_WC, expected[e].point, z, out[K + slot])
+            _place(view, expected[e].point, z, out[K + slot])
             _uncertainty(pose, expected[e].point, prior, out[K + slot])
             out[K + slot, _TOKEN.expected] = 1.0
             slot += 1
 
 
 @compiled
-def _place(
-    camera: Record,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    token: np.ndarray,
-) -> None:
+def _place(view: View, y: np.ndarray, z: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,); writes its pixel into ``z`` (2,)."""
-    p_C = camera_point(R_WC, pose, y)
+    p_C = camera_point(view.R_WC, view.pose, y)
     distance = max(math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2]), _LOG_FLOOR)
     for i in range(3):
         token[_TOKEN.direction + i] = p_C[i] / distance
     token[_TOKEN.log_distance] = math.log10(distance) / 1.5
-    token[_TOKEN.in_view] = 1.0 if visible(camera, boxes, R_WC, pose, y, 0.0, z) else 0.0
+    token[_TOKEN.in_view] = 1.0 if visible(view, y, 0.0, z) else 0.0
 
 
 @compiled

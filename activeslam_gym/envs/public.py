@@ -120,7 +120,7 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     return copy
 
 
-def _camera_of(camera: np.ndarray) -> dict[str, np.ndarray]:
+def _parts_of(camera: np.ndarray) -> dict[str, np.ndarray]:
     """The parts of the mean of a camera (13,), or of a batch of them, by name."""
     return {
         "position": _frozen(camera[..., POSITION]),
@@ -135,7 +135,7 @@ def public_belief(run: Run) -> PublicBelief:
     n, e = int(run.belief.state.count), run.episode.evaluation
     feature, (points, covariance) = run.belief.feature[:n], as_points(run.belief)
     return PublicBelief(
-        **_camera_of(run.belief.state.camera),
+        **_parts_of(run.belief.state.camera),
         landmarks=_frozen(points),
         mapped=_frozen(feature["mapped"]),
         ids=_frozen(feature["serial"]),
@@ -149,7 +149,7 @@ def public_belief(run: Run) -> PublicBelief:
 def truth_of(runs: Run) -> Truth:
     """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
     world = runs.world
-    parts = _camera_of(world.state["camera"])
+    parts = _parts_of(world.state["camera"])
     return Truth(**parts, landmarks=_frozen(world.landmarks), fiducials=_frozen(world.fiducials))
 
 
@@ -286,12 +286,7 @@ class Reads:
         return np.swapaxes(scores.reshape(*scores.shape[:-1], GAZE_COUNT, MOTION_COUNT), -1, -2)
 
     def motion_score(self, motion: int, criterion: str = "mutual_information") -> Any:
-        """What one motion would teach; see `motion_scores`.
-
-        Raises:
-            ValueError: there is no such criterion or motion.
-            gymnasium.error.ResetNeeded: no run has begun.
-        """
+        """What one motion would teach; see `motion_scores`, and raises so, and ValueError for a motion that is none."""
         if motion not in range(MOTION_COUNT):
             raise ValueError(f"motion must be in 0 … {MOTION_COUNT - 1}, got {motion!r}")
         plans = self._motion_plans[int(motion) :][:1]

@@ -35,9 +35,15 @@ CAMERA = record(
 
 def camera_of(scenario: Scenario) -> Record:
     """The camera of a scenario, a CAMERA record."""
-    centre = {"u0": scenario.principal_x_px, "v0": scenario.principal_y_px}
-    size = {"width": scenario.image_width, "height": scenario.image_height}
-    return filled(CAMERA, scenario, focal=scenario.focal_px, **centre, **size)
+    return filled(
+        CAMERA,
+        scenario,
+        focal=scenario.focal_px,
+        u0=scenario.principal_x_px,
+        v0=scenario.principal_y_px,
+        width=scenario.image_width,
+        height=scenario.image_height,
+    )
 
 
 class View(NamedTuple):

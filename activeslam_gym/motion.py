@@ -14,12 +14,19 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.linalg import congruence, copy_block, copy_into, product
+from activeslam_gym.linalg import congruence, copy_block, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
 POSITION, QUATERNION, VELOCITY, ANGULAR_VELOCITY = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13)
 """Blocks of the mean."""
+CAMERA_PARTS = {
+    "position": POSITION,
+    "quaternion": QUATERNION,
+    "velocity": VELOCITY,
+    "angular_velocity": ANGULAR_VELOCITY,
+}
+"""The same by name."""
 D_POSITION, D_ROTATION, D_VELOCITY, D_ANGULAR = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 """Blocks of the tangent."""
 
@@ -93,13 +100,8 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     v+ = v + a dt, p+ = p + v+ dt, w+ = w + alpha dt, q+ = Exp(w+ dt) q: the paper's matrix Q with its factor
     corrected to 1/|w|, and the angular velocity in the world frame.
     """
-    out = np.empty(CAMERA_SIZE)
     v, w = x[VELOCITY] + dt * u[:3], x[ANGULAR_VELOCITY] + dt * u[3:]
-    copy_into(out[POSITION], x[POSITION] + dt * v)
-    copy_into(out[QUATERNION], rotate_left(dt * w, x[QUATERNION]))
-    copy_into(out[VELOCITY], v)
-    copy_into(out[ANGULAR_VELOCITY], w)
-    return out
+    return np.concatenate((x[POSITION] + dt * v, rotate_left(dt * w, x[QUATERNION]), v, w))
 
 
 @compiled
@@ -118,12 +120,8 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
 @compiled
 def process_covariance(motion: Record, F_x: np.ndarray, dt: float) -> np.ndarray:
     """Q (12, 12) = F_x Q_u F_x^T of ``dt`` seconds: the noise enters v and w, and reaches p and theta as they do."""
-    Q_u = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    Q_v, Q_w = Q_u[D_VELOCITY, D_VELOCITY], Q_u[D_ANGULAR, D_ANGULAR]
-    for i in range(3):
-        Q_v[i, i] = (dt * motion.filter_acceleration_std) ** 2
-        Q_w[i, i] = (dt * motion.filter_angular_acceleration_std) ** 2
-    return congruence(F_x, Q_u)
+    of_v, of_w = (dt * motion.filter_acceleration_std) ** 2, (dt * motion.filter_angular_acceleration_std) ** 2
+    return congruence(F_x, np.diag(np.repeat(np.array((0.0, 0.0, of_v, of_w)), 3)))
 
 
 @compiled

@@ -17,17 +17,7 @@ from activeslam_gym.information.candidates import Prospect, prospect_of, score_p
 from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
-from activeslam_gym.motion import (
-    ANGULAR_VELOCITY,
-    CAMERA_DIM,
-    D_POSITION,
-    D_ROTATION,
-    GAZE_COUNT,
-    MOTION_COUNT,
-    POSITION,
-    QUATERNION,
-    VELOCITY,
-)
+from activeslam_gym.motion import CAMERA_DIM, CAMERA_PARTS, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.slam.belief import ANCHOR, POINT, as_points
 from activeslam_gym.threads import Workers
 
@@ -122,12 +112,7 @@ def _frozen(array: np.ndarray) -> np.ndarray:
 
 def _parts_of(camera: np.ndarray) -> dict[str, np.ndarray]:
     """The parts of the mean of a camera (13,), or of a batch of them, by name."""
-    return {
-        "position": _frozen(camera[..., POSITION]),
-        "quaternion": _frozen(camera[..., QUATERNION]),
-        "velocity": _frozen(camera[..., VELOCITY]),
-        "angular_velocity": _frozen(camera[..., ANGULAR_VELOCITY]),
-    }
+    return {name: _frozen(camera[..., part]) for name, part in CAMERA_PARTS.items()}
 
 
 def public_belief(run: Run) -> PublicBelief:
@@ -324,14 +309,9 @@ class Reads:
 class SingleReads(Reads):
     """Of one run: a batch of one, or one row of a larger batch, of which it shows the present state."""
 
-    def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
-        super().__init__(setting, runs, workers)
-        self._run = row(runs, 0)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy's or a pickle's row is a view of its own runs."""
-        self.__dict__.update(state)
-        self._run = row(self._runs, 0)
+    @property
+    def _run(self) -> Run:
+        return row(self._runs, 0)
 
     def _given(self, batch: np.ndarray) -> Any:
         return batch[0] if batch.ndim > 1 else batch[0].item()

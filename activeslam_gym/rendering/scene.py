@@ -26,8 +26,8 @@ def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndar
 
     What a lost filter has no finite belief of is left out.
     """
-    means = np.concatenate((snapshot.landmarks, snapshot.position[None]))
-    covariances = np.concatenate((landmark_covariances(snapshot.covariance), snapshot.covariance[None, :3, :3]))
+    P, means = snapshot.covariance, np.concatenate((snapshot.landmarks, snapshot.position[None]))
+    covariances = np.array([P[at : at + 3, at : at + 3] for at in (*range(CAMERA_DIMENSION, len(P), 3), 0)])
     colours = np.array([MAPPED if mapped else INITIALISED for mapped in snapshot.mapped] + [CAMERA])
     finite = are_finite(means, covariances)
     return means[finite], covariances[finite], colours[finite]
@@ -37,12 +37,6 @@ def predicted_pixels(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray]:
     """Where detections were predicted, as far as finite: means (m, 2) [px] and covariances (m, 2, 2) [px²]."""
     finite = are_finite(snapshot.predicted, snapshot.predicted_covariance)
     return snapshot.predicted[finite], snapshot.predicted_covariance[finite]
-
-
-def landmark_covariances(covariance: np.ndarray) -> np.ndarray:
-    """The landmarks' own blocks (n, 3, 3), m², of the joint covariance (12 + 3n, 12 + 3n)."""
-    rows = np.arange(CAMERA_DIMENSION, len(covariance)).reshape(-1, 3)
-    return covariance[rows[:, :, None], rows[:, None, :]]
 
 
 def are_finite(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:

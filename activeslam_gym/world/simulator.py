@@ -76,11 +76,8 @@ def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
     noise = normals(world.state.noise_key, _draws(world) * frame, 6)
-    disturbed = np.empty(6)
-    for i in range(3):
-        disturbed[i] = u[i] + motion.acceleration_std * noise[i]
-        disturbed[3 + i] = u[3 + i] + motion.angular_acceleration_std * noise[3 + i]
-    x = transition(world.state.camera, disturbed, motion.dt)
+    stds = np.repeat(np.array((motion.acceleration_std, motion.angular_acceleration_std)), 3)
+    x = transition(world.state.camera, u + stds * noise, motion.dt)
     p, v = x[POSITION], x[VELOCITY]
     contacts = 0
     for i in range(3):

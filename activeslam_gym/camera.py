@@ -7,6 +7,7 @@ Camera axes are x left, y up, z forward, hence the minus signs; u runs to the ri
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,15 +37,26 @@ def camera_of(scenario: Scenario) -> Record:
     """The camera of a scenario, a CAMERA record."""
     return filled(
         CAMERA,
+        scenario,
         focal=scenario.focal_px,
         u0=scenario.principal_x_px,
         v0=scenario.principal_y_px,
-        distortion=scenario.distortion,
         width=scenario.image_width,
         height=scenario.image_height,
-        minimum_depth=scenario.minimum_depth,
-        pixel_std=scenario.pixel_std,
     )
+
+
+class View(NamedTuple):
+    """A camera where it stands, and what may hide things from it."""
+
+    camera: Record
+    """CAMERA."""
+    pose: np.ndarray
+    """(>= 3,) begins with the position [m]."""
+    R_WC: np.ndarray
+    """(3, 3) its rotation."""
+    boxes: np.ndarray = np.zeros((0, 2, 3))
+    """(B, 2, 3) see `hidden`."""
 
 
 @compiled
@@ -83,25 +95,16 @@ def inside_image(camera: Record, z: Pixel, margin: float) -> bool:
 
 
 @compiled
-def visible(
-    camera: Record,
-    boxes: np.ndarray,
-    R_WC: np.ndarray,
-    pose: np.ndarray,
-    y: np.ndarray,
-    margin: float,
-    z: np.ndarray,
-) -> bool:
-    """Whether the camera at ``pose`` sees the world point ``y`` (>= 3,): the one test of visibility.
+def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
+    """Whether the world point ``y`` (>= 3,) is in ``view``: the one test of visibility.
 
-    It does where the point lies in front of it, its pixel in the image grown by ``margin`` [px] on each side, and none
-    of the ``boxes`` (B, 2, 3) (see `hidden`) between them. Writes the pixel into ``z`` (2,). ``pose`` begins with the
-    position; R_WC is its rotation.
+    It is where it lies in front of the camera, its pixel in the image grown by ``margin`` [px] on each side, and none
+    of the boxes between them. Writes the pixel into ``z`` (2,).
     """
-    p_C = camera_point(R_WC, pose, y)
-    if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
+    p_C = camera_point(view.R_WC, view.pose, y)
+    if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
         return False
-    return inside_image(camera, (z[0], z[1]), margin) and not hidden(boxes, pose, y)
+    return inside_image(view.camera, (z[0], z[1]), margin) and not hidden(view.boxes, view.pose, y)
 
 
 @compiled

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numba import config as _numba_config
 from numba import njit
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.extending import intrinsic, overload
 
 Tree = TypeVar("Tree", bound=tuple)
@@ -116,8 +116,9 @@ def record(**fields: Any) -> np.dtype[Any]:
     )
 
 
-def filled(kind: np.dtype[Any], **values: Any) -> Record:
-    """A record of that ``kind`` with these values, one for each of its fields."""
+def filled(kind: np.dtype[Any], source: Any = None, **values: Any) -> Record:
+    """A record of that ``kind`` with these values; the others of its fields are ``source``'s of the same names."""
+    values = {name: getattr(source, name) for name in kind.names or () if hasattr(source, name)} | values
     if set(values) != set(kind.names or ()):
         raise TypeError(f"values must be given for {kind.names}, got {tuple(values)}")
     out = np.zeros(1, kind)[0]
@@ -129,10 +130,7 @@ def filled(kind: np.dtype[Any], **values: Any) -> Record:
 def one_of(functions: Any) -> Any:
     """A function for kernels, of (number, *arguments), that calls the one of that number; NaN where there is none."""
     first, *others = functions
-    if not others:
-        rest = njit(lambda number, *arguments: np.nan)
-    else:
-        rest = one_of(others)
+    rest = one_of(others) if others else njit(lambda number, *arguments: np.nan)
 
     def choose(number, *arguments):  # type: ignore[no-untyped-def]
         return first(*arguments) if number == 0 else rest(number - 1, *arguments)
@@ -190,21 +188,16 @@ class _Cache(FunctionCache):
                 _forget_old_folders(Path(self._cache_path))
             super().save_overload(sig, data)
         except OSError as error:
-            _complain(f"a kernel could not be kept in {self._cache_path}: {error}")
+            problem = f"a kernel could not be kept in {self._cache_path}: {error}"
+            _say_once("cache", f"{problem}; they will be compiled again at the next start")
 
 
-class _NoCache:
+class _NoCache(NullCache):
     """In the place of `_Cache` where nothing can be written."""
 
     def load_overload(self, sig: Any, target_context: Any) -> None:
         """Every kernel has to be compiled."""
         _announce(kept=False)
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Nothing is kept."""
-
-    def flush(self) -> None:
-        """Nothing to flush."""
 
 
 def _keep(kernel: Any) -> None:
@@ -229,23 +222,17 @@ _said: set[str] = set()
 
 
 def _announce(kept: bool) -> None:
-    """Say, once a process, why the first step takes long."""
-    if "compiling" not in _said:
-        _said.add("compiling")
-        then = (
-            "which is kept for the next time"
-            if kept
-            else "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
-        )
-        _tell(f"compiling its kernels (about half a minute), {then} ...")
+    """Say why the first step takes long."""
+    then = (
+        "which is kept for the next time"
+        if kept
+        else "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
+    )
+    _say_once("compiling", f"compiling its kernels (about half a minute), {then} ...")
 
 
-def _complain(message: str) -> None:
-    """Say, once a process, what is wrong with the cache."""
-    if "wrong" not in _said:
-        _said.add("wrong")
-        _tell(f"{message}; they will be compiled again at the next start")
-
-
-def _tell(message: str) -> None:
-    print(f"{_PACKAGE.name}: {message}", file=sys.stderr, flush=True)
+def _say_once(topic: str, message: str) -> None:
+    """Say something on a topic, once a process."""
+    if topic not in _said:
+        _said.add(topic)
+        print(f"{_PACKAGE.name}: {message}", file=sys.stderr, flush=True)

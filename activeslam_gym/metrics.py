@@ -11,20 +11,14 @@ from activeslam_gym.files import written_whole
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector, sum_of_squares
-from activeslam_gym.motion import CAMERA_DIM, QUATERNION
+from activeslam_gym.motion import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 
 @compiled
 def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
     """Tangent error (12,) of an estimated camera (13,): truth minus estimate, the rotation by Log(R R_hat^T)."""
-    out = np.empty(CAMERA_DIM)
-    turn = rotation_error(true_camera[QUATERNION], camera[QUATERNION])
-    for i in range(3):
-        out[i] = true_camera[i] - camera[i]
-        out[3 + i] = turn[i]
-        out[6 + i] = true_camera[7 + i] - camera[7 + i]
-        out[9 + i] = true_camera[10 + i] - camera[10 + i]
-    return out
+    turn, d = rotation_error(true_camera[QUATERNION], camera[QUATERNION]), true_camera - camera
+    return np.concatenate((d[POSITION], turn, d[VELOCITY], d[ANGULAR_VELOCITY]))
 
 
 @compiled

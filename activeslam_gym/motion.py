@@ -14,12 +14,19 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.linalg import congruence, copy_into, product
+from activeslam_gym.linalg import congruence, copy_block, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
 POSITION, QUATERNION, VELOCITY, ANGULAR_VELOCITY = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13)
 """Blocks of the mean."""
+CAMERA_PARTS = {
+    "position": POSITION,
+    "quaternion": QUATERNION,
+    "velocity": VELOCITY,
+    "angular_velocity": ANGULAR_VELOCITY,
+}
+"""The same by name."""
 D_POSITION, D_ROTATION, D_VELOCITY, D_ANGULAR = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 """Blocks of the tangent."""
 
@@ -57,14 +64,14 @@ MOTION = record(
     command_known="b1",
     step_length="f8",
     turn_rate="f8",
-    frequency="f8",
+    controller_frequency="f8",
     rate_loop_time="f8",
     period="f8",
     half=("f8", 3),
     goal_margin="f8",
     wall_margin="f8",
-    script_amplitude="f8",
-    script_period="f8",
+    scripted_gaze_amplitude="f8",
+    scripted_gaze_period="f8",
 )
 """Constants of the motion model and the controller (SI units); see the fields of `Scenario`. ``half`` of the room."""
 
@@ -74,22 +81,12 @@ def motion_of(scenario: Scenario, motion_period: float) -> Record:
     linear, angular = scenario.filter_acceleration_stds
     return filled(
         MOTION,
+        scenario,
         dt=scenario.frame_time,
-        acceleration_std=scenario.acceleration_std,
-        angular_acceleration_std=scenario.angular_acceleration_std,
         filter_acceleration_std=linear,
         filter_angular_acceleration_std=angular,
-        command_known=scenario.command_known,
-        step_length=scenario.step_length,
-        turn_rate=scenario.turn_rate,
-        frequency=scenario.controller_frequency,
-        rate_loop_time=scenario.rate_loop_time,
         period=motion_period,
         half=0.5 * np.array(scenario.room_size),
-        goal_margin=scenario.goal_margin,
-        wall_margin=scenario.wall_margin,
-        script_amplitude=scenario.scripted_gaze_amplitude,
-        script_period=scenario.scripted_gaze_period,
     )
 
 
@@ -103,17 +100,8 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     v+ = v + a dt, p+ = p + v+ dt, w+ = w + alpha dt, q+ = Exp(w+ dt) q: the paper's matrix Q with its factor
     corrected to 1/|w|, and the angular velocity in the world frame.
     """
-    p, q, v, w = x[POSITION], x[QUATERNION], x[VELOCITY], x[ANGULAR_VELOCITY]
-    out = np.empty(CAMERA_SIZE)
-    p_next, v_next, w_next = out[POSITION], out[VELOCITY], out[ANGULAR_VELOCITY]
-    turned = np.empty(3)
-    for i in range(3):
-        v_next[i] = v[i] + dt * u[i]
-        p_next[i] = p[i] + dt * v_next[i]
-        w_next[i] = w[i] + dt * u[3 + i]
-        turned[i] = dt * w_next[i]
-    copy_into(out[QUATERNION], rotate_left(turned, q))
-    return out
+    v, w = x[VELOCITY] + dt * u[:3], x[ANGULAR_VELOCITY] + dt * u[3:]
+    return np.concatenate((x[POSITION] + dt * v, rotate_left(dt * w, x[QUATERNION]), v, w))
 
 
 @compiled
@@ -122,33 +110,18 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
 
     dtheta+ = Exp(w+ dt) dtheta + J_l(w+ dt) dt dw+, which follows from Exp((w + dw) dt) = Exp(J_l dw dt) Exp(w dt).
     """
-    phi = np.array((dt * angular_velocity[0], dt * angular_velocity[1], dt * angular_velocity[2]))
-    turn, spread = so3_exp(phi), so3_left_jacobian(phi)
-    F_x = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    for i in range(CAMERA_DIM):
-        F_x[i, i] = 1.0
-    p_by_v, theta_by_theta, theta_by_w = (
-        F_x[D_POSITION, D_VELOCITY],
-        F_x[D_ROTATION, D_ROTATION],
-        F_x[D_ROTATION, D_ANGULAR],
-    )
-    for i in range(3):
-        p_by_v[i, i] = dt
-        for j in range(3):
-            theta_by_theta[i, j] = turn[i, j]
-            theta_by_w[i, j] = dt * spread[i, j]
+    phi, F_x = dt * angular_velocity, np.eye(CAMERA_DIM)
+    copy_block(dt * np.eye(3), F_x[D_POSITION, D_VELOCITY])
+    copy_block(so3_exp(phi), F_x[D_ROTATION, D_ROTATION])
+    copy_block(dt * so3_left_jacobian(phi), F_x[D_ROTATION, D_ANGULAR])
     return F_x
 
 
 @compiled
 def process_covariance(motion: Record, F_x: np.ndarray, dt: float) -> np.ndarray:
     """Q (12, 12) = F_x Q_u F_x^T of ``dt`` seconds: the noise enters v and w, and reaches p and theta as they do."""
-    Q_u = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    Q_v, Q_w = Q_u[D_VELOCITY, D_VELOCITY], Q_u[D_ANGULAR, D_ANGULAR]
-    for i in range(3):
-        Q_v[i, i] = (dt * motion.filter_acceleration_std) ** 2
-        Q_w[i, i] = (dt * motion.filter_angular_acceleration_std) ** 2
-    return congruence(F_x, Q_u)
+    of_v, of_w = (dt * motion.filter_acceleration_std) ** 2, (dt * motion.filter_angular_acceleration_std) ** 2
+    return congruence(F_x, np.diag(np.repeat(np.array((0.0, 0.0, of_v, of_w)), 3)))
 
 
 @compiled
@@ -180,11 +153,8 @@ def displacement(motion: Record, index: int) -> np.ndarray:
 @compiled
 def clipped_goal(motion: Record, goal: np.ndarray) -> np.ndarray:
     """``goal`` (3,) moved to the nearest place that is ``goal_margin`` inside the room."""
-    out = np.empty(3)
-    for i in range(3):
-        reach = motion.half[i] - motion.goal_margin
-        out[i] = min(max(goal[i], -reach), reach)
-    return out
+    reach = motion.half - motion.goal_margin
+    return np.minimum(np.maximum(goal, -reach), reach)
 
 
 @compiled
@@ -200,9 +170,9 @@ def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
 @compiled
 def turn_of(motion: Record, gaze: int, time: float) -> float:
     """Reference of the turn rate about the vertical [rad/s]: RIGHT is negative, LEFT positive (Y is up)."""
-    if motion.script_amplitude > 0.0:
-        pulse = 2.0 * math.pi / motion.script_period
-        return motion.script_amplitude * pulse * math.cos(pulse * time)
+    if motion.scripted_gaze_amplitude > 0.0:
+        pulse = 2.0 * math.pi / motion.scripted_gaze_period
+        return motion.scripted_gaze_amplitude * pulse * math.cos(pulse * time)
     return (-motion.turn_rate, motion.turn_rate, 0.0)[gaze]
 
 
@@ -219,7 +189,7 @@ def accelerations(
     place = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
     speed = 30.0 * s * s * (1.0 - s) * (1.0 - s) / motion.period
     push = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (motion.period * motion.period)
-    w_n = motion.frequency
+    w_n = motion.controller_frequency
     p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     u = np.empty(6)
     for i in range(3):

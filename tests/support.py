@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import camera_of, pixel_from_camera_point, visible
+from activeslam_gym.camera import View, camera_of, pixel_from_camera_point, visible
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.simulation import Run
@@ -206,10 +206,10 @@ def prospect_with(
 def numerical_sight(model: np.record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
     """H (2 v, 12 + 3 M) of everything in the image of ``pose``, fiducials first, by numerical differentiation."""
     K, M = len(prospect.fiducials), len(prospect.points)
-    R_WC, z = rotation_matrix(pose[QUATERNION]), np.empty(2)
+    view, z = View(model, pose, rotation_matrix(pose[QUATERNION]), prospect.boxes), np.empty(2)
     blocks = [np.zeros((0, 12 + 3 * M))]
     for i, y in enumerate(np.concatenate((prospect.fiducials, prospect.points))):
-        if visible(model, prospect.boxes, R_WC, pose, y, 0.0, z):
+        if visible(view, y, 0.0, z):
             H = np.zeros((2, 12 + 3 * M))
             H[:, :6] = numerical_jacobian(lambda e, y=y: pixel_of(model, moved(pose, e), y), 6, 1e-3)
             if i >= K:

@@ -47,7 +47,7 @@ def test_nothing_is_seen_behind_or_nearer_than_the_minimum_depth() -> None:
         np.testing.assert_array_equal(pixel, [1.0, 2.0])
     for depth, expected in ((0.99, False), (1.01, True)):
         y = np.array([0.0, 0.0, depth * CAMERA.minimum_depth])
-        assert camera.visible(CAMERA, NO_BOXES, np.eye(3), pose, y, 0.0, z) == expected
+        assert camera.visible(camera.View(CAMERA, pose, np.eye(3)), y, 0.0, z) == expected
 
 
 INSIDE = [((0.0, 0.0), 0.0), ((319.9, 239.9), 0.0), ((-1.0, 100.0), 2.0)]
@@ -114,10 +114,11 @@ def test_visible_is_in_front_inside_the_image_and_not_hidden(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose, y, z = random_camera(rng), rng.uniform(-3.0, 3.0, 3), np.empty(2)
     R_WC, box = rotation_matrix(pose[3:7]), np.sort(rng.uniform(-3.0, 3.0, (1, 2, 3)), axis=1)
+    view = camera.View(CAMERA, pose, R_WC)
     in_front = camera.camera_point(R_WC, pose, y)[2] >= CAMERA.minimum_depth
     for margin in (0.0, 50.0, 1e9):
         inside = in_front and camera.inside_image(CAMERA, pixel_of(CAMERA, pose, y), margin)
-        assert camera.visible(CAMERA, NO_BOXES, R_WC, pose, y, margin, z) == inside
-        assert camera.visible(CAMERA, box, R_WC, pose, y, margin, z) == (inside and not camera.hidden(box, pose, y))
+        assert camera.visible(view, y, margin, z) == inside
+        assert camera.visible(view._replace(boxes=box), y, margin, z) == (inside and not camera.hidden(box, pose, y))
         if inside:
             np.testing.assert_allclose(z, pixel_of(CAMERA, pose, y), atol=1e-12)

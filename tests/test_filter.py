@@ -223,7 +223,7 @@ def test_a_labelled_ray_is_weighed_by_its_own_candidate_alone() -> None:
     S = rays.S[0] + R - R_PAPER
     error = pixel + 3.0 - rays.z_hat[0]
     expected = np.exp(-0.5 * np.einsum("ij,ijk,ik->i", error, np.linalg.inv(S), error)) / np.sqrt(np.linalg.det(S))
-    expected[expected < MODEL.particles.prune * expected.mean()] = 0.0
+    expected[expected < MODEL.particles.particle_prune * expected.mean()] = 0.0
     candidates = candidates_at(np.stack((pixel, pixel + 3.0)), ids=[ANYTHING, 1], R=np.stack((R_PAPER, R)))
     match_by_id(sight_of(belief), candidates)
     belief.state.frame = 5

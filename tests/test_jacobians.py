@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from activeslam_gym.camera import pixel_jacobian, ray_from_pixel, ray_jacobian
+from activeslam_gym.camera import View, pixel_jacobian, ray_from_pixel, ray_jacobian
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix, so3_left_jacobian
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import motion_of, process_covariance, transition, transition_jacobian
@@ -95,7 +95,7 @@ def recentring(rng: np.random.Generator) -> Case:
 def measurement(measure: Callable[..., bool], x: np.ndarray, y: np.ndarray) -> Case:
     """Of a pixel, which is checked, by the camera and the feature."""
     z, H_x, H_y = np.empty(2), np.empty((2, 6)), np.empty((2, len(y)))
-    assert measure(CAMERA, x, rotation_matrix(x[3:7]), y, z, H_x, H_y)
+    assert measure(View(CAMERA, x, rotation_matrix(x[3:7])), y, z, H_x, H_y)
     np.testing.assert_allclose(z, pixel_of(CAMERA, x, point_at(y)), atol=1e-9)
     return Case(lambda e: pixel_of(CAMERA, moved(x, e[:6]), point_at(y + e[6:])), np.hstack((H_x, H_y)))
 

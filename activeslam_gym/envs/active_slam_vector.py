@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -55,6 +55,8 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    _make_action_space: Callable[[], spaces.Space[Any]] = staticmethod(action_space)
+    _read_actions: Callable[..., tuple[np.ndarray, np.ndarray]] = staticmethod(motions_and_gazes)
 
     def __init__(
         self,
@@ -85,17 +87,10 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
         self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
-        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._seeds = [-1] * self.num_envs
+        self._seeded: list[tuple[np.random.Generator, int] | None] = [None] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
         self._motions, self._gazes = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
         self._histories = [History() for _ in range(self.num_envs)]
-
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return action_space()
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return motions_and_gazes(actions, playing)
 
     # Gymnasium ------------------------------------------------------------------------------------------------------
 
@@ -112,7 +107,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         seeds, chosen = _seeds(seed, self.num_envs), _reset_mask(options, self.num_envs)
         for i in np.flatnonzero(chosen).tolist():
             if seeds[i] is not None:
-                self._generators[i], self._seeds[i] = seeding.np_random(seeds[i])
+                self._seeded[i] = seeding.np_random(seeds[i])
         self._begin(chosen)
         return self._runs.observation.copy(), infos_of(self._runs, chosen)
 
@@ -163,14 +158,12 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generators of the environments."""
-        return tuple(self._generator(i) for i in range(self.num_envs))
+        return tuple(self._generator_and_seed(i)[0] for i in range(self.num_envs))
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
         """The seeds of the environments' generators."""
-        for i in range(self.num_envs):
-            self._generator(i)  # which draws a seed if it was never given one
-        return tuple(self._seeds)
+        return tuple(self._generator_and_seed(i)[1] for i in range(self.num_envs))
 
     def snapshot(self, i: int) -> Snapshot:
         """All that a picture of this moment of environment ``i`` needs.
@@ -206,16 +199,14 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     def _reset_runs(self, chosen: np.ndarray) -> None:
         """Give new rooms, each by a key of its own generator, where ``chosen`` (B,)."""
         for i in np.flatnonzero(chosen).tolist():
-            key = int(self._generator(i).integers(2**63))
-            reset_run(self.setting, self._runs, i, key)
+            generator, _ = self._generator_and_seed(i)
+            reset_run(self.setting, self._runs, i, key=int(generator.integers(2**63)))
             self._histories[i] = History()
 
-    def _generator(self, i: int) -> np.random.Generator:
-        generator = self._generators[i]
-        if generator is None:
-            generator, self._seeds[i] = seeding.np_random()
-            self._generators[i] = generator
-        return generator
+    def _generator_and_seed(self, i: int) -> tuple[np.random.Generator, int]:
+        """Those of environment ``i``, from a seed of their own where it was given none."""
+        self._seeded[i] = seeded = self._seeded[i] or seeding.np_random()
+        return seeded
 
     def _end_same_step(self) -> dict[str, Any]:
         """Begin anew where a run is over, and return what it ended with: ``final_obs``, ``final_info``."""
@@ -242,53 +233,34 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
 class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMDiscrete-v0`` a batch at a time: one integer for an action, index = 3 motion + gaze."""
 
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return discrete_action_space()
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return split_indices(actions, playing)
+    _make_action_space = staticmethod(discrete_action_space)
+    _read_actions = staticmethod(split_indices)
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
-    """The mode that is meant: an enum member, its name or its value.
-
-    Raises:
-        ValueError: there is no such mode.
-    """
-    known: dict[Any, AutoresetMode] = {
-        name: member for member in AutoresetMode for name in (member, member.name, member.value)
-    }
-    if not isinstance(mode, (str, AutoresetMode)) or mode not in known:
-        names = ", ".join(f"{member.name} ({member.value!r})" for member in AutoresetMode)
-        raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}")
-    return known[mode]
+    """The mode that is meant: an enum member, its name or its value."""
+    for member in AutoresetMode:
+        if mode in (member, member.name, member.value):
+            return member
+    names = ", ".join(f"{member.name} ({member.value!r})" for member in AutoresetMode)
+    raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}")
 
 
 def _seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | None]:
-    """A seed for each environment: ``seed`` + i, or those of a sequence; None leaves a generator as it is.
-
-    Raises:
-        ValueError: not as many as environments, or one is no whole number of 0 or more.
-    """
+    """A seed for each environment: ``seed`` + i, or those of a sequence; None leaves a generator as it is."""
     if seed is None:
         return [None] * count
-    given: Sequence[int | None] = _spread(seed, count) if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
+    if np.ndim(seed) == 0:  # type: ignore[arg-type]
+        first = whole_number("seed", seed, 0)
+        return [first + i for i in range(count)]
+    given = list(seed)  # type: ignore[arg-type]
     if len(given) != count:
         raise ValueError(f"seed must be one number or {count} (num_envs) of them, got {len(given)}: {seed!r}")
     return [None if one is None else whole_number("seed", one, 0) for one in given]
 
 
-def _spread(seed: Any, count: int) -> list[int | None]:
-    first = whole_number("seed", seed, 0)
-    return [first + i for i in range(count)]
-
-
 def _reset_mask(options: dict[str, Any] | None, count: int) -> np.ndarray:
-    """Which environments to reset, (B,): all, or those of ``options["reset_mask"]``.
-
-    Raises:
-        ValueError: the mask is no bool array of that shape, or chooses none.
-    """
+    """Which environments to reset, (B,): all, or those of ``options["reset_mask"]``."""
     mask = checked_options(options).get("reset_mask", np.ones(count, bool))
     if not (isinstance(mask, np.ndarray) and mask.shape == (count,) and mask.dtype == np.bool_ and mask.any()):
         raise ValueError(f"options['reset_mask'] must be a bool array ({count},) with a true value, got {mask!r}")

@@ -6,12 +6,14 @@ Directions are in camera axes (x left, y up, z forward) and every number is scal
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.camera import camera_point, visible
+from activeslam_gym.camera import View, camera_point, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
@@ -51,37 +53,12 @@ TOKEN_FEATURES = {
 """Name and length of each feature of a token, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 
-def _starts(lengths: dict[str, int]) -> list[int]:
-    """Where each of the named parts begins."""
-    return [0, *np.cumsum(list(lengths.values())).tolist()][:-1]
+def _starts(lengths: dict[str, int]) -> Any:
+    """Where each of the named parts begins: a named tuple."""
+    return namedtuple("Starts", lengths)(*[0, *np.cumsum(list(lengths.values())).tolist()][:-1])  # type: ignore[misc]
 
 
-(
-    _POSITION,
-    _FORWARD,
-    _UP,
-    _VELOCITY,
-    _ANGULAR_VELOCITY,
-    _TIME,
-    _PHASE,
-    _MOTION,
-    _UNCERTAINTY,
-    _MAPPED_SHARE,
-    _COUNTING_SHARE,
-    _FEATURE_SHARE,
-    _GAIN,
-) = _starts(GLOBAL_FEATURES)
-(
-    _DIRECTION,
-    _LOG_DISTANCE,
-    _LOG_UNCERTAINTY,
-    _LOG_DEPTH_UNCERTAINTY,
-    _IN_VIEW,
-    _FIDUCIAL,
-    _EXPECTED,
-    _INITIALISING,
-    _MAPPED,
-) = _starts(TOKEN_FEATURES)
+_GLOBAL, _TOKEN = _starts(GLOBAL_FEATURES), _starts(TOKEN_FEATURES)
 GLOBAL_SIZE = sum(GLOBAL_FEATURES.values())
 TOKEN_SIZE = sum(TOKEN_FEATURES.values())
 _LOG_FLOOR = 1e-3
@@ -127,8 +104,7 @@ def observation_space(layout: ObservationLayout) -> spaces.Box:
 
 
 def _slices(lengths: dict[str, int]) -> dict[str, slice]:
-    starts = _starts(lengths)
-    return {name: slice(start, start + lengths[name]) for name, start in zip(lengths, starts, strict=True)}
+    return {name: slice(start, start + lengths[name]) for name, start in _starts(lengths)._asdict().items()}
 
 
 @compiled
@@ -149,18 +125,18 @@ def observe_globals(
     p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     R_WC = rotation_matrix(x[QUATERNION])
     for i in range(3):
-        out[_POSITION + i] = p[i] / motion.half[i]
-        out[_FORWARD + i], out[_UP + i] = R_WC[i, 2], R_WC[i, 1]
-        out[_VELOCITY + i], out[_ANGULAR_VELOCITY + i] = v[i], w[i]
-    out[_TIME], out[_PHASE] = time, phase
+        out[_GLOBAL.position + i] = p[i] / motion.half[i]
+        out[_GLOBAL.forward + i], out[_GLOBAL.up + i] = R_WC[i, 2], R_WC[i, 1]
+        out[_GLOBAL.velocity + i], out[_GLOBAL.angular_velocity + i] = v[i], w[i]
+    out[_GLOBAL.time], out[_GLOBAL.phase] = time, phase
     for i in range(MOTION_COUNT):
-        out[_MOTION + i] = 1.0 if i == motion_index else 0.0
+        out[_GLOBAL.motion + i] = 1.0 if i == motion_index else 0.0
     for block in range(4):
         variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
-        out[_UNCERTAINTY + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
-    out[_MAPPED_SHARE], out[_COUNTING_SHARE] = mapped / landmarks, counting / landmarks
-    out[_FEATURE_SHARE] = belief.state.count / belief.feature.shape[0]
-    out[_GAIN] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
+        out[_GLOBAL.uncertainty + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
+    out[_GLOBAL.mapped], out[_GLOBAL.counting] = mapped / landmarks, counting / landmarks
+    out[_GLOBAL.features] = belief.state.count / belief.feature.shape[0]
+    out[_GLOBAL.gain] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
 
 
 @compiled
@@ -181,52 +157,42 @@ def observe_tokens(
     as there are. ``points``, ``covariance``: the public belief, by age.
     """
     pose = belief.state.camera
-    R_WC = rotation_matrix(pose[QUATERNION])
+    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
     K, F = fiducials.shape[0], belief.feature.shape[0]
     taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0
     for i in range(K):
-        _place(camera, boxes, pose, R_WC, fiducials[i], z, out[i])
-        out[i, _LOG_UNCERTAINTY], out[i, _LOG_DEPTH_UNCERTAINTY], out[i, _FIDUCIAL] = -1.0, -1.0, 1.0
+        _place(view, fiducials[i], z, out[i])
+        out[i, _TOKEN.log_uncertainty], out[i, _TOKEN.log_depth_uncertainty], out[i, _TOKEN.fiducial] = -1.0, -1.0, 1.0
     for k in range(belief.state.count):
         feature, at = belief.feature[k], CAMERA_DIM + 3 * k
         token = out[K + feature.slot]
         taken[feature.slot] = True
-        _place(camera, boxes, pose, R_WC, points[k], z, token)
+        _place(view, points[k], z, token)
         _uncertainty(pose, points[k], covariance[at:, at:], token)
-        token[_MAPPED if feature.mapped else _INITIALISING] = 1.0
-    slot, prior = 0, np.zeros((3, 3))
-    for i in range(3):
-        prior[i, i] = landmark_var[i]
+        token[_TOKEN.mapped if feature.mapped else _TOKEN.initialising] = 1.0
+    slot, prior = 0, np.diag(landmark_var)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
             while slot < F and taken[slot]:
                 slot += 1
             if slot == F:
                 return
-            _place(camera, boxes, pose, R_WC, expected[e].point, z, out[K + slot])
+            _place(view, expected[e].point, z, out[K + slot])
             _uncertainty(pose, expected[e].point, prior, out[K + slot])
-            out[K + slot, _EXPECTED] = 1.0
+            out[K + slot, _TOKEN.expected] = 1.0
             slot += 1
 
 
 @compiled
-def _place(
-    camera: Record,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    token: np.ndarray,
-) -> None:
+def _place(view: View, y: np.ndarray, z: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,); writes its pixel into ``z`` (2,)."""
-    p_C = camera_point(R_WC, pose, y)
+    p_C = camera_point(view.R_WC, view.pose, y)
     distance = max(math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2]), _LOG_FLOOR)
     for i in range(3):
-        token[_DIRECTION + i] = p_C[i] / distance
-    token[_LOG_DISTANCE] = math.log10(distance) / 1.5
-    token[_IN_VIEW] = 1.0 if visible(camera, boxes, R_WC, pose, y, 0.0, z) else 0.0
+        token[_TOKEN.direction + i] = p_C[i] / distance
+    token[_TOKEN.log_distance] = math.log10(distance) / 1.5
+    token[_TOKEN.in_view] = 1.0 if visible(view, y, 0.0, z) else 0.0
 
 
 @compiled
@@ -239,8 +205,8 @@ def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.nda
         for j in range(3):
             along += sight * P_y[i, j] * (y[j] - pose[j])
     log2_deviation = log2_det_3(P_y) / 6.0
-    token[_LOG_UNCERTAINTY] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
-    token[_LOG_DEPTH_UNCERTAINTY] = _log_deviation(math.sqrt(max(along, 0.0)) / square)
+    token[_TOKEN.log_uncertainty] = math.log10(2.0) * log2_deviation / 3.0 if math.isfinite(log2_deviation) else 1.0
+    token[_TOKEN.log_depth_uncertainty] = _log_deviation(math.sqrt(max(along, 0.0)) / square)
 
 
 @compiled

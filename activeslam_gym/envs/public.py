@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from activeslam_gym.config import Scenario
 from activeslam_gym.envs.episode import landmark_distances, play
 from activeslam_gym.envs.referee import Labels, Truth, features_of_landmarks, owners_of
 from activeslam_gym.envs.simulation import Run, Setting, known_boxes, run_at
@@ -18,17 +17,7 @@ from activeslam_gym.information.candidates import Prospect, prospect_of, score_p
 from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
-from activeslam_gym.motion import (
-    ANGULAR_VELOCITY,
-    CAMERA_DIM,
-    D_POSITION,
-    D_ROTATION,
-    GAZE_COUNT,
-    MOTION_COUNT,
-    POSITION,
-    QUATERNION,
-    VELOCITY,
-)
+from activeslam_gym.motion import CAMERA_DIM, CAMERA_PARTS, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.slam.belief import ANCHOR, POINT, as_points
 from activeslam_gym.threads import Workers
 
@@ -73,6 +62,11 @@ class PublicBelief:
         return self.log2_dets[part]
 
 
+def _of_each(field: str, gather: Callable[[list[np.ndarray]], Any]) -> Any:
+    """A property of `PublicBeliefs`: that field of all beliefs."""
+    return property(lambda beliefs: gather([getattr(belief, field) for belief in beliefs]))
+
+
 class PublicBeliefs(tuple[PublicBelief, ...]):
     """The beliefs of a batch of B: a tuple of them whose fields can be read for all at once.
 
@@ -81,55 +75,26 @@ class PublicBeliefs(tuple[PublicBelief, ...]):
 
     __slots__ = ()
 
-    @property
-    def position(self) -> np.ndarray:
-        """(B, 3) [m]."""
-        return np.stack([belief.position for belief in self])
-
-    @property
-    def quaternion(self) -> np.ndarray:
-        """(B, 4) q_WC, scalar first."""
-        return np.stack([belief.quaternion for belief in self])
-
-    @property
-    def velocity(self) -> np.ndarray:
-        """(B, 3) [m/s], world frame."""
-        return np.stack([belief.velocity for belief in self])
-
-    @property
-    def angular_velocity(self) -> np.ndarray:
-        """(B, 3) [rad/s], world frame."""
-        return np.stack([belief.angular_velocity for belief in self])
-
-    @property
-    def landmarks(self) -> tuple[np.ndarray, ...]:
-        """B arrays (n, 3) [m]."""
-        return tuple(belief.landmarks for belief in self)
-
-    @property
-    def mapped(self) -> tuple[np.ndarray, ...]:
-        """B arrays (n,) bool."""
-        return tuple(belief.mapped for belief in self)
-
-    @property
-    def ids(self) -> tuple[np.ndarray, ...]:
-        """B arrays (n,)."""
-        return tuple(belief.ids for belief in self)
-
-    @property
-    def converted(self) -> tuple[np.ndarray, ...]:
-        """B arrays (n,) bool."""
-        return tuple(belief.converted for belief in self)
-
-    @property
-    def anchors(self) -> tuple[np.ndarray, ...]:
-        """B arrays (n, 3) [m]."""
-        return tuple(belief.anchors for belief in self)
-
-    @property
-    def covariance(self) -> tuple[np.ndarray, ...]:
-        """B arrays (12 + 3 n, 12 + 3 n)."""
-        return tuple(belief.covariance for belief in self)
+    position = _of_each("position", np.stack)
+    """(B, 3) [m]."""
+    quaternion = _of_each("quaternion", np.stack)
+    """(B, 4) q_WC, scalar first."""
+    velocity = _of_each("velocity", np.stack)
+    """(B, 3) [m/s], world frame."""
+    angular_velocity = _of_each("angular_velocity", np.stack)
+    """(B, 3) [rad/s], world frame."""
+    landmarks = _of_each("landmarks", tuple)
+    """B arrays (n, 3) [m]."""
+    mapped = _of_each("mapped", tuple)
+    """B arrays (n,) bool."""
+    ids = _of_each("ids", tuple)
+    """B arrays (n,)."""
+    converted = _of_each("converted", tuple)
+    """B arrays (n,) bool."""
+    anchors = _of_each("anchors", tuple)
+    """B arrays (n, 3) [m]."""
+    covariance = _of_each("covariance", tuple)
+    """B arrays (12 + 3 n, 12 + 3 n)."""
 
     def log2_det(self, part: str = "total") -> np.ndarray:
         """(B,) see `PublicBelief.log2_det`."""
@@ -145,15 +110,17 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     return copy
 
 
+def _parts_of(camera: np.ndarray) -> dict[str, np.ndarray]:
+    """The parts of the mean of a camera (13,), or of a batch of them, by name."""
+    return {name: _frozen(camera[..., part]) for name, part in CAMERA_PARTS.items()}
+
+
 def public_belief(run: Run) -> PublicBelief:
     """A read-only copy of the public belief."""
-    camera, n, e = run.belief.state.camera, int(run.belief.state.count), run.episode.evaluation
+    n, e = int(run.belief.state.count), run.episode.evaluation
     feature, (points, covariance) = run.belief.feature[:n], as_points(run.belief)
     return PublicBelief(
-        position=_frozen(camera[POSITION]),
-        quaternion=_frozen(camera[QUATERNION]),
-        velocity=_frozen(camera[VELOCITY]),
-        angular_velocity=_frozen(camera[ANGULAR_VELOCITY]),
+        **_parts_of(run.belief.state.camera),
         landmarks=_frozen(points),
         mapped=_frozen(feature["mapped"]),
         ids=_frozen(feature["serial"]),
@@ -167,25 +134,14 @@ def public_belief(run: Run) -> PublicBelief:
 def truth_of(runs: Run) -> Truth:
     """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
     world = runs.world
-    camera = world.state["camera"]
-    return Truth(
-        position=_frozen(camera[..., POSITION]),
-        quaternion=_frozen(camera[..., QUATERNION]),
-        velocity=_frozen(camera[..., VELOCITY]),
-        angular_velocity=_frozen(camera[..., ANGULAR_VELOCITY]),
-        landmarks=_frozen(world.landmarks),
-        fiducials=_frozen(world.fiducials),
-    )
+    parts = _parts_of(world.state["camera"])
+    return Truth(**parts, landmarks=_frozen(world.landmarks), fiducials=_frozen(world.fiducials))
 
 
 def labels_of(run: Run) -> Labels:
     """A read-only copy of a run's hidden labels."""
-    candidates, count = run.candidate, int(run.episode.detections)
-    return Labels(
-        owners=_frozen(owners_of(run.owner, run.belief)),
-        detected=_frozen(run.label[:count]),
-        matched=_frozen(candidates["match"][:count]),
-    )
+    owners, count = owners_of(run.owner, run.belief), int(run.episode.detections)
+    return Labels(_frozen(owners), _frozen(run.label[:count]), _frozen(run.candidate["match"][:count]))
 
 
 def _landmark_errors(run: Run) -> np.ndarray:
@@ -238,9 +194,24 @@ class Reads:
     """B runs and what may be read of them: a batch has a leading axis B, a single environment (B = 1) none."""
 
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
+        task = setting.task
         self.setting = setting
+        self.scenario = setting.scenario
+        """The scenario."""
+        self.gaze_period = setting.gaze_period
+        """Time of a step [s]."""
+        self.motion_period = setting.motion_period
+        """Time of a translation [s]."""
+        self.duration = setting.duration
+        """Time of an episode [s]."""
+        self.steps_per_motion = int(task.steps_per_motion)
+        """Steps in a motion period."""
         self._runs = runs
         self._workers = workers
+        self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
+        self._motion_plans = candidates.motion_plans(self._motion_frames)
+        self._gaze_plans = candidates.gaze_plans(int(task.frames_per_step))
+        self._joint_plans = candidates.joint_plans(self._motion_frames)
 
     def _given(self, batch: np.ndarray) -> Any:
         """``batch`` (B, ...) as readers get it."""
@@ -249,33 +220,6 @@ class Reads:
     def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
         """One step of every run: ``motions`` (B,) and ``gazes`` (B,) as `episode.play` takes them."""
         self._workers.call(play, self._runs, motions, gazes)
-
-    # Constants ------------------------------------------------------------------------------------------------------
-
-    @property
-    def scenario(self) -> Scenario:
-        """The scenario."""
-        return self.setting.scenario
-
-    @property
-    def gaze_period(self) -> float:
-        """Time of a step [s]."""
-        return self.setting.gaze_period
-
-    @property
-    def motion_period(self) -> float:
-        """Time of a translation [s]."""
-        return self.setting.motion_period
-
-    @property
-    def duration(self) -> float:
-        """Time of an episode [s]."""
-        return self.setting.duration
-
-    @property
-    def steps_per_motion(self) -> int:
-        """Steps in a motion period."""
-        return int(self.setting.task.steps_per_motion)
 
     # For policies ---------------------------------------------------------------------------------------------------
 
@@ -327,12 +271,7 @@ class Reads:
         return np.swapaxes(scores.reshape(*scores.shape[:-1], GAZE_COUNT, MOTION_COUNT), -1, -2)
 
     def motion_score(self, motion: int, criterion: str = "mutual_information") -> Any:
-        """What one motion would teach; see `motion_scores`.
-
-        Raises:
-            ValueError: there is no such criterion or motion.
-            gymnasium.error.ResetNeeded: no run has begun.
-        """
+        """What one motion would teach; see `motion_scores`, and raises so, and ValueError for a motion that is none."""
         if motion not in range(MOTION_COUNT):
             raise ValueError(f"motion must be in 0 … {MOTION_COUNT - 1}, got {motion!r}")
         plans = self._motion_plans[int(motion) :][:1]
@@ -350,23 +289,6 @@ class Reads:
             raise ValueError(f"horizon must be a whole number in 1 … {_LONGEST_HORIZON}, got {horizon!r}")
         scores = self._scores(candidates.sequence_plans(self._motion_frames, int(horizon)), "mutual_information")
         return scores.reshape(*scores.shape[:-1], MOTION_COUNT, -1).max(axis=-1)
-
-    @functools.cached_property
-    def _motion_frames(self) -> int:
-        """Frames of a motion period."""
-        return int(self.setting.task.frames_per_step * self.setting.task.steps_per_motion)
-
-    @functools.cached_property
-    def _motion_plans(self) -> np.ndarray:
-        return candidates.motion_plans(self._motion_frames)
-
-    @functools.cached_property
-    def _gaze_plans(self) -> np.ndarray:
-        return candidates.gaze_plans(int(self.setting.task.frames_per_step))
-
-    @functools.cached_property
-    def _joint_plans(self) -> np.ndarray:
-        return candidates.joint_plans(self._motion_frames)
 
     # For referees ---------------------------------------------------------------------------------------------------
 
@@ -387,14 +309,9 @@ class Reads:
 class SingleReads(Reads):
     """Of one run: a batch of one, or one row of a larger batch, of which it shows the present state."""
 
-    def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
-        super().__init__(setting, runs, workers)
-        self._run = row(runs, 0)
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy's or a pickle's row is a view of its own runs."""
-        self.__dict__.update(state)
-        self._run = row(self._runs, 0)
+    @property
+    def _run(self) -> Run:
+        return row(self._runs, 0)
 
     def _given(self, batch: np.ndarray) -> Any:
         return batch[0] if batch.ndim > 1 else batch[0].item()

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.kernels import compiled, one_of
-from activeslam_gym.linalg import cholesky_in_place, log2_det, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, copy_block, log2_det, product, solve_transposed, subtract_gram
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.sight import POSE_DIM, Sight
+from activeslam_gym.slam.sight import Sight
 
 Criterion = Callable[[np.ndarray, Sight, float], float]
 CRITERIA: dict[str, Criterion] = {}
@@ -59,56 +59,34 @@ def mutual_information_position_map(P: np.ndarray, sight: Sight, pixel_var: floa
     return information_about(np.concatenate((np.arange(3), np.arange(CAMERA_DIM, P.shape[0]))), P, sight)
 
 
+@compiled
+def _whitened(P: np.ndarray, sight: Sight) -> np.ndarray:
+    """A (2 v, 12 + 3 M) with A^T A = J = sum_i H_i^T S_i^-1 H_i: the rows U_i^-T H_i, where S_i = U_i^T U_i."""
+    A = np.zeros((2 * sight.thing.shape[0], P.shape[0]))
+    for a in range(sight.thing.shape[0]):
+        thing, rows, U = sight.thing[a], A[2 * a : 2 * a + 2], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2].copy()
+        copy_block(thing.H_camera, rows)
+        copy_block(thing.H_feature[:, : thing.width], rows[:, thing.column :])
+        cholesky_in_place(U)
+        solve_transposed(U, rows)
+    return A
+
+
 @named("fisher_trace")
 def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr J of J = sum_i H_i^T S_i^-1 H_i over the tangent (section III-B), literally.
 
     It mixes units and depends on the parameterisation; mostly it counts features whose image is predictable.
     """
-    total = 0.0
-    for a in range(sight.thing.shape[0]):
-        thing = sight.thing[a]
-        p, q, r = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
-        det = p * r - q * q
-        for k in range(POSE_DIM):
-            h0, h1 = thing.H_camera[0, k], thing.H_camera[1, k]
-            total += (r * h0 * h0 - 2.0 * q * h0 * h1 + p * h1 * h1) / det
-        for k in range(thing.width):
-            h0, h1 = thing.H_feature[0, k], thing.H_feature[1, k]
-            total += (r * h0 * h0 - 2.0 * q * h0 * h1 + p * h1 * h1) / det
-    return total
+    A = _whitened(P, sight)
+    return np.sum(A * A)
 
 
 @named("fisher_max_eigenvalue")
 def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
-    """Largest eigenvalue of the same J (the end of section III-B), from its small twin.
-
-    With A = blockdiag(L_i^-1) H, where L_i L_i^T = S_i, J = A^T A; A A^T (2 v, 2 v) has the same non-zero eigenvalues.
-    """
-    v = sight.thing.shape[0]
-    if v == 0:
-        return 0.0
-    A_camera, A_feature = np.empty((2 * v, POSE_DIM)), np.zeros((2 * v, 6))
-    for a in range(v):
-        thing = sight.thing[a]
-        l00 = math.sqrt(sight.S[2 * a, 2 * a])
-        l10 = sight.S[2 * a + 1, 2 * a] / l00
-        l11 = math.sqrt(sight.S[2 * a + 1, 2 * a + 1] - l10 * l10)
-        for k in range(POSE_DIM):
-            A_camera[2 * a, k] = thing.H_camera[0, k] / l00
-            A_camera[2 * a + 1, k] = (thing.H_camera[1, k] - l10 * A_camera[2 * a, k]) / l11
-        for k in range(thing.width):
-            A_feature[2 * a, k] = thing.H_feature[0, k] / l00
-            A_feature[2 * a + 1, k] = (thing.H_feature[1, k] - l10 * A_feature[2 * a, k]) / l11
-    G = np.zeros((2 * v, 2 * v))
-    for r in range(2 * v):
-        for c in range(2 * v):
-            for k in range(POSE_DIM):
-                G[r, c] += A_camera[r, k] * A_camera[c, k]
-            if r // 2 == c // 2:
-                for k in range(6):
-                    G[r, c] += A_feature[r, k] * A_feature[c, k]
-    return np.linalg.eigvalsh(G)[-1]
+    """Largest eigenvalue of the same J = A^T A (the end of section III-B), which is that of A A^T (2 v, 2 v) too."""
+    A = _whitened(P, sight)
+    return np.linalg.eigvalsh(product(A, A.T))[-1] if A.shape[0] > 0 else 0.0
 
 
 @named("variance_reduction")
@@ -124,12 +102,7 @@ def variance_reduction(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
 @compiled
 def information_about(part: np.ndarray, P: np.ndarray, sight: Sight) -> float:
     """I(part; z) = 1/2 log2(|S| / |S - C P_part^-1 C^T|) [bit], C = cov(z, part), ``part`` (d,) rows of ``P``."""
-    U, V = np.empty((part.shape[0], part.shape[0])), np.empty((part.shape[0], sight.S.shape[0]))
-    for i in range(part.shape[0]):
-        for j in range(part.shape[0]):
-            U[i, j] = P[part[i], part[j]]
-        for r in range(sight.S.shape[0]):
-            V[i, r] = sight.HP[r, part[i]]
+    U, V = P[part][:, part].copy(), sight.HP[:, part].T.copy()
     if not cholesky_in_place(U):
         return np.nan
     solve_transposed(U, V)

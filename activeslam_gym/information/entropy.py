@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.linalg import cholesky_in_place, copy_into, log2_det, log2_det_of_factor
+from activeslam_gym.linalg import cholesky_in_place, log2_det, log2_det_of_factor
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.sight import POSE_DIM
 
@@ -62,9 +62,7 @@ def log2_dets(
     if b == 0:
         out.log2_det_map = log2_det_of_factor(U, 0, a) + rest
     else:
-        both = np.empty(first.shape[0] + second.shape[0], np.int64)
-        copy_into(both, first)
-        copy_into(both[first.shape[0] :], second)
+        both = np.concatenate((first, second))
         out.log2_det_map = log2_det(gathered(covariance, both, first[:0])[: a + b, : a + b]) + rest
 
 
@@ -76,14 +74,8 @@ def traces(
 
     The features ``first`` and ``second``, by position k, count.
     """
-    positions = waiting * (landmark_var[0] + landmark_var[1] + landmark_var[2])
+    points = waiting * np.sum(landmark_var)
     for features in (first, second):
         for k in features:
-            for i in range(3):
-                positions += covariance[CAMERA_DIM + 3 * k + i, CAMERA_DIM + 3 * k + i]
-    everything = positions
-    for i in range(CAMERA_DIM):
-        everything += covariance[i, i]
-    for i in range(3):
-        positions += covariance[i, i]
-    return positions, everything
+            points += np.trace(covariance[CAMERA_DIM + 3 * k :, CAMERA_DIM + 3 * k :][:3, :3])
+    return points + np.trace(covariance[:3, :3]), points + np.trace(covariance[:CAMERA_DIM, :CAMERA_DIM])

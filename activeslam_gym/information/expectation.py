@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from activeslam_gym.kernels import compiled, record
-from activeslam_gym.linalg import cholesky_in_place, log2_det_3, solve_transposed_vector, sum_of_squares
+from activeslam_gym.linalg import cholesky_in_place, count_true, log2_det_3, solve_transposed_vector, sum_of_squares
 from activeslam_gym.slam.belief import RAY, Belief, point_marginal, position_of
 
 EXPECTED = record(
@@ -45,15 +45,12 @@ def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, belief: B
 @compiled
 def _nearest_expected(expected: np.ndarray, landmark_var: np.ndarray, y: np.ndarray, P_y: np.ndarray) -> int:
     """Index of the waiting expected landmark nearest to the feature ``y`` (3,) with covariance ``P_y``, or -1."""
-    U, d = P_y.copy(), np.empty(3)
-    for i in range(3):
-        U[i, i] += landmark_var[i]
+    U = P_y + np.diag(landmark_var)
     cholesky_in_place(U)
     best, nearest = -1, np.inf
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
-            for i in range(3):
-                d[i] = expected[e].point[i] - y[i]
+            d = expected[e].point - y
             solve_transposed_vector(U, d)
             square = sum_of_squares(d)
             if square < nearest:
@@ -76,7 +73,4 @@ def find_counting(expected: np.ndarray, belief: Belief) -> np.ndarray:
 @compiled
 def waiting_count(expected: np.ndarray) -> int:
     """How many expected landmarks no feature has retired."""
-    count = 0
-    for e in range(expected.shape[0]):
-        count += expected[e].serial == WAITING
-    return count
+    return count_true(expected["serial"] == WAITING)

@@ -30,8 +30,7 @@ VIEW, TOWARDS_VIEWER = _AXES[:2], _AXES[2]
 
 def screen_from_world(points: np.ndarray) -> np.ndarray:
     """Orthographic projection of world points (..., 3) in metres to the page (..., 2), in metres too."""
-    points = np.asarray(points, dtype=float)
-    return points.reshape(*points.shape[:-1], 3) @ VIEW.T if points.size else np.zeros((0, 2))
+    return points @ VIEW.T
 
 
 # Ellipses and frustums ----------------------------------------------------------------------------------------------

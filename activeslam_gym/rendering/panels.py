@@ -107,8 +107,7 @@ class MapPanel:
 
     def _on_floor(self, points: np.ndarray) -> np.ndarray:
         """The feet of points (n, 3) on the floor."""
-        floor = -self._room_size[1] / 2
-        return np.reshape(points, (-1, 3)) * (1, 0, 1) + (0, floor, 0)
+        return points * (1, 0, 1) - (0, self._room_size[1] / 2, 0)
 
     def _build_room(self, size: np.ndarray) -> None:
         """Floor with a grid of 1 m (coarser in a hall), the two far walls, the near edges, the lengths."""
@@ -158,7 +157,7 @@ class ImagePanel:
         width, height = (float(pixels) for pixels in snapshot.image_size)
         self._axes.set(xlim=(0, width), ylim=(height, 0))
         self._gates.set_verts(geometry.ellipses(*scene.predicted_pixels(snapshot), GATE_SIGMAS))
-        self._detections.set_data(*np.reshape(snapshot.detections, (-1, 2)).T)
+        self._detections.set_data(*snapshot.detections.T)
         self._command.set_text(scene.command_text(snapshot.motion.name, snapshot.gaze.name))
         marker, place = {"LEFT": ("<", 0.035), "RIGHT": (">", 0.965)}.get(snapshot.gaze.name, ("", 0.5))
         self._gaze.set_marker(marker)
@@ -189,12 +188,11 @@ class EntropyPanel:
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves the curve; the axis of time spans the whole episode, so that frames compare."""
-        times, entropy = np.reshape(snapshot.times, -1), np.reshape(snapshot.entropy, -1)
-        finite = np.isfinite(entropy)
-        times, entropy = times[finite], entropy[finite]
+        finite = np.isfinite(snapshot.entropy)
+        times, entropy = snapshot.times[finite], snapshot.entropy[finite]
         self._curve.set_data(times, entropy)
         self._now.set_data(times[-1:], entropy[-1:])
-        self._marks.set_segments([[(time, 0), (time, 1)] for time in np.reshape(snapshot.landmark_times, -1)])
+        self._marks.set_segments([[(time, 0), (time, 1)] for time in snapshot.landmark_times])
         self._axes.set_xlim(0, max(snapshot.duration, snapshot.time, 1e-3))
         self._nothing.set_visible(len(entropy) == 0)
         self._axes.yaxis.set_visible(len(entropy) > 0)

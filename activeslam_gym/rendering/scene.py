@@ -26,8 +26,8 @@ def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndar
 
     What a lost filter has no finite belief of is left out.
     """
-    means = np.concatenate((np.reshape(snapshot.landmarks, (-1, 3)), snapshot.position[None]))
-    covariances = np.concatenate((landmark_covariances(snapshot.covariance), snapshot.covariance[None, :3, :3]))
+    P, means = snapshot.covariance, np.concatenate((snapshot.landmarks, snapshot.position[None]))
+    covariances = np.array([P[at : at + 3, at : at + 3] for at in (*range(CAMERA_DIMENSION, len(P), 3), 0)])
     colours = np.array([MAPPED if mapped else INITIALISED for mapped in snapshot.mapped] + [CAMERA])
     finite = are_finite(means, covariances)
     return means[finite], covariances[finite], colours[finite]
@@ -35,17 +35,8 @@ def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def predicted_pixels(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray]:
     """Where detections were predicted, as far as finite: means (m, 2) [px] and covariances (m, 2, 2) [px²]."""
-    means = np.reshape(snapshot.predicted, (-1, 2))
-    covariances = np.reshape(snapshot.predicted_covariance, (-1, 2, 2))
-    finite = are_finite(means, covariances)
-    return means[finite], covariances[finite]
-
-
-def landmark_covariances(covariance: np.ndarray) -> np.ndarray:
-    """The landmarks' own blocks (n, 3, 3), m², of the joint covariance (12 + 3n, 12 + 3n)."""
-    part = covariance[CAMERA_DIMENSION:, CAMERA_DIMENSION:]
-    count = len(part) // 3
-    return part.reshape(count, 3, count, 3)[np.arange(count), :, np.arange(count), :]
+    finite = are_finite(snapshot.predicted, snapshot.predicted_covariance)
+    return snapshot.predicted[finite], snapshot.predicted_covariance[finite]
 
 
 def are_finite(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:

@@ -109,14 +109,10 @@ def feature_capacity(scenario: Scenario) -> int:
     return scenario.landmark_count + SPARE_FEATURES
 
 
-def covariance_capacity(scenario: Scenario) -> int:
-    """Covariance rows of a scenario, in which every feature may be of the longest kind."""
-    return CAMERA_DIM + max(KIND_DIM) * feature_capacity(scenario)
-
-
 def empty_beliefs(scenario: Scenario, count: int) -> Belief:
     """``count`` beliefs of the scenario's capacity, with a leading axis; `reset_belief` gives one of them its prior."""
-    features, rows = feature_capacity(scenario), covariance_capacity(scenario)
+    features = feature_capacity(scenario)
+    rows = CAMERA_DIM + max(KIND_DIM) * features  # all may be of the longest kind
     particles = scenario.particle_count if scenario.initialisation == config.DEPTH_PARTICLES else 0
     return Belief(
         state=np.zeros(count, STATE),
@@ -125,16 +121,6 @@ def empty_beliefs(scenario: Scenario, count: int) -> Belief:
         particles=np.zeros((count, features, particles, 2)),
         track=np.zeros((count, TRACK_CAPACITY), TRACK),
     )
-
-
-def prior_variances(scenario: Scenario) -> np.ndarray:
-    """Variances (12,) of the first camera's tangent."""
-    stds = np.empty(CAMERA_DIM)
-    stds[D_POSITION] = scenario.position_std
-    stds[D_ROTATION] = scenario.orientation_std
-    stds[D_VELOCITY] = scenario.velocity_std
-    stds[D_ANGULAR] = scenario.angular_velocity_std
-    return stds**2
 
 
 def reset_belief(belief: Belief, camera: np.ndarray, covariance: np.ndarray) -> None:
@@ -148,9 +134,11 @@ def reset_belief(belief: Belief, camera: np.ndarray, covariance: np.ndarray) -> 
 
 def start_of(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """The scenario's prior: (13,) at the room's centre, at rest, facing +Z, and its covariance (12, 12)."""
-    camera = np.zeros(CAMERA_SIZE)
+    camera, stds = np.zeros(CAMERA_SIZE), np.empty(CAMERA_DIM)
     camera[QUATERNION] = (1.0, 0.0, 0.0, 0.0)
-    return camera, np.diag(prior_variances(scenario))
+    stds[D_POSITION], stds[D_ROTATION] = scenario.position_std, scenario.orientation_std
+    stds[D_VELOCITY], stds[D_ANGULAR] = scenario.velocity_std, scenario.angular_velocity_std
+    return camera, np.diag(stds**2)
 
 
 @compiled

@@ -11,21 +11,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import visible
+from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.linalg import copy_into
+from activeslam_gym.linalg import copy_into, sum_of_squares
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
-from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
+from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
 PARTICLES = record(
-    near="f8",  # nearest depth [m]
-    far="f8",  # farthest depth [m]
-    prune="f8",  # a particle with less than this share of the mean weight is dropped
-    baseline="f8",  # motion between two re-weightings of a ray [m]
+    particle_depth=("f8", 2),  # nearest and farthest [m]
+    particle_prune="f8",  # a particle with less than this share of the mean weight is dropped
+    particle_baseline="f8",  # motion between two re-weightings of a ray [m]
     maximum_misses="i8",
     gate="f8",  # chi-square bound of a match
     birth_gate="f8",  # and of what is near a particle
@@ -35,17 +34,7 @@ PARTICLES = record(
 
 def particles_of(scenario: Scenario, association: Record) -> Record:
     """The PARTICLES record of a scenario, with the gates of its ``association``."""
-    near, far = scenario.particle_depth
-    return filled(
-        PARTICLES,
-        near=near,
-        far=far,
-        prune=scenario.particle_prune,
-        baseline=scenario.particle_baseline,
-        maximum_misses=scenario.maximum_misses,
-        gate=association.gate,
-        birth_gate=association.birth_gate,
-    )
+    return filled(PARTICLES, scenario, gate=association.gate, birth_gate=association.birth_gate)
 
 
 class Rays(NamedTuple):
@@ -65,9 +54,9 @@ class Rays(NamedTuple):
 def scatter_particles(model: Record, belief: Belief, k: int) -> None:
     """Spread the new ray ``k``'s particles evenly in depth, with equal weights."""
     particles = belief.particles[belief.feature[k].slot]
-    count = particles.shape[0]
+    count, near, far = particles.shape[0], model.particle_depth[0], model.particle_depth[1]
     for j in range(count):
-        particles[j, 0] = model.near + (model.far - model.near) * (j + 0.5) / count
+        particles[j, 0] = near + (far - near) * (j + 0.5) / count
         particles[j, 1] = 1.0 / count
     _summarise(belief, k)
 
@@ -76,25 +65,16 @@ def scatter_particles(model: Record, belief: Belief, k: int) -> None:
 def _summarise(belief: Belief, k: int) -> None:
     """Mean and variance of the depth: of the particles, plus spacing^2 / 12 for what lies between them."""
     feature = belief.feature[k]
-    particles = belief.particles[feature.slot]
-    mean, square = 0.0, 0.0
-    for j in range(particles.shape[0]):
-        mean += particles[j, 1] * particles[j, 0]
-        square += particles[j, 1] * particles[j, 0] ** 2
-    spacing = particles[1, 0] - particles[0, 0]
+    depth, weight = belief.particles[feature.slot, :, 0], belief.particles[feature.slot, :, 1]
+    mean, spacing = np.sum(weight * depth), depth[1] - depth[0]
     feature.depth = mean
-    feature.depth_var = max(square - mean * mean, 0.0) + spacing * spacing / 12.0
+    feature.depth_var = max(np.sum(weight * depth**2) - mean * mean, 0.0) + spacing * spacing / 12.0
     copy_into(feature.weighed_at, belief.state.camera[POSITION])
 
 
 @compiled
 def follow_rays(
-    camera: Record,
-    model: Record,
-    belief: Belief,
-    boxes: np.ndarray,
-    candidates: np.ndarray,
-    labelled: bool,
+    camera: Record, model: Record, belief: Belief, boxes: np.ndarray, candidates: np.ndarray, labelled: bool
 ) -> None:
     """One frame of all rays: match them to those of ``candidates`` (M,) that are NEW, and weigh them.
 
@@ -120,34 +100,28 @@ def follow_rays(
 @compiled
 def predict_rays(camera: Record, belief: Belief, boxes: np.ndarray) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
-    R, M = 0, belief.particles.shape[1]
-    for k in range(belief.state.count):
-        R += belief.feature[k].kind == RAY
-    rays = Rays(np.empty(R, np.int64), np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)))
-    R_WC = rotation_matrix(belief.state.camera[QUATERNION])
-    r = 0
-    for k in range(belief.state.count):
-        if belief.feature[k].kind == RAY:
-            rays.feature[r] = k
-            _predict_ray(camera, belief, boxes, R_WC, rays, r)
-            r += 1
+    pose, feature = belief.state.camera, np.flatnonzero(belief.feature["kind"][: belief.state.count] == RAY)
+    R, M = feature.shape[0], belief.particles.shape[1]
+    rays = Rays(feature, np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)))
+    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+    for r in range(R):
+        _predict_ray(view, belief, rays, r)
     return rays
 
 
 @compiled
-def _predict_ray(camera: Record, belief: Belief, boxes: np.ndarray, R_WC: np.ndarray, rays: Rays, r: int) -> None:
-    feature, pose = belief.feature[rays.feature[r]], belief.state.camera
+def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
+    feature, camera = belief.feature[rays.feature[r]], view.camera
     particles, m = belief.particles[feature.slot], bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
-    y, H_x, H_point, H_ray = np.empty(3), np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
+    H_x, H_point, H_ray = np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
     for j in range(particles.shape[0]):
         if particles[j, 1] == 0.0:
             continue
         depth, z_hat, S = particles[j, 0], rays.z_hat[r, j], rays.S[r, j]
-        for i in range(3):
-            y[i] = feature.mean[i] + depth * m[0, i]
-        if not visible(camera, boxes, R_WC, pose, y, camera.width, z_hat):
+        y = feature.mean[ANCHOR] + depth * m[0]
+        if not visible(view, y, camera.width, z_hat):
             continue
-        point_measurement(camera, pose, R_WC, y, z_hat, H_x, H_point)
+        point_measurement(view, y, z_hat, H_x, H_point)
         for axis in range(2):  # by the chain rule: dy/d anchor = I, dy/d angles = depth dm/d angles
             H_ray[axis, AZIMUTH], H_ray[axis, ELEVATION] = 0.0, 0.0
             for i in range(3):
@@ -222,26 +196,20 @@ def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S:
 @compiled
 def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
     """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
-    particles = belief.particles[belief.feature[rays.feature[r]].slot]
-    for j in range(particles.shape[0]):
-        if particles[j, 1] > 0.0 and rays.visibility[r, j] != INSIDE:
-            return False
-    return True
+    weight = belief.particles[belief.feature[rays.feature[r]].slot, :, 1]
+    return bool(np.all((weight == 0.0) | (rays.visibility[r] == INSIDE)))
 
 
 @compiled
 def reweight(model: Record, belief: Belief, rays: Rays, r: int, candidate: Record, pixel_var: float) -> bool:
     """Bayes on the particles by the matched candidate, if the camera has moved a baseline since the last time.
 
-    Particles under ``model.prune`` of the mean weight are dropped. False if no particle explains it.
+    Particles under ``model.particle_prune`` of the mean weight are dropped. False if no particle explains it.
     """
     k = rays.feature[r]
     feature, position = belief.feature[k], belief.state.camera[POSITION]
     particles = belief.particles[feature.slot]
-    moved = 0.0
-    for i in range(3):
-        moved += (position[i] - feature.weighed_at[i]) ** 2
-    if moved < model.baseline * model.baseline:
+    if sum_of_squares(position - feature.weighed_at) < model.particle_baseline**2:
         return True
     total = 0.0
     for j in range(particles.shape[0]):
@@ -253,13 +221,8 @@ def reweight(model: Record, belief: Belief, rays: Rays, r: int, candidate: Recor
         total += particles[j, 1]
     if not total > 1e-300:
         return False
-    floor, kept = model.prune / particles.shape[0], 0.0
-    for j in range(particles.shape[0]):
-        particles[j, 1] /= total
-        if particles[j, 1] < floor:
-            particles[j, 1] = 0.0
-        kept += particles[j, 1]
-    for j in range(particles.shape[0]):
-        particles[j, 1] /= kept
+    weight, floor = particles[:, 1], total * model.particle_prune / particles.shape[0]
+    weight[weight < floor] = 0.0
+    weight /= np.sum(weight)
     _summarise(belief, k)
     return True

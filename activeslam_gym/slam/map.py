@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from activeslam_gym.kernels import compiled
-from activeslam_gym.linalg import add_product, add_symmetric_product, copy_into
+from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import FEATURE_SIZE, KIND_DIM, POINT, Belief, point_marginal, point_of
 
@@ -78,9 +78,7 @@ def convert_to_point(belief: Belief, k: int) -> None:
         for j in range(dim):
             P[at + i, j] = TP[i, j]
             P[j, at + i] = TP[i, j]
-    for i in range(3):
-        for j in range(3):
-            P[at + i, at + j] = 0.5 * (P_y[i, j] + P_y[j, i])
+    copy_block(0.5 * (P_y + P_y.T), P[at : at + 3, at : at + 3])
     feature.mean[:] = 0.0
     copy_into(feature.mean, y)
     feature.kind = POINT

@@ -12,6 +12,7 @@ import numpy as np
 
 from activeslam_gym.camera import (
     Vector,
+    View,
     camera_from_world,
     inside_image,
     pixel_from_camera_point,
@@ -22,7 +23,18 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import add_product
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
-from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, KIND_DIM, POINT, RAY, RHO, Belief, bearing, fiducial_id
+from activeslam_gym.slam.belief import (
+    ANCHOR,
+    AZIMUTH,
+    ELEVATION,
+    KIND_DIM,
+    POINT,
+    RAY,
+    RHO,
+    Belief,
+    bearing,
+    fiducial_id,
+)
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
@@ -63,51 +75,36 @@ class Sight(NamedTuple):
 
 
 @compiled
-def point_measurement(
-    camera: Record,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    H_x: np.ndarray,
-    H_y: np.ndarray,
-) -> bool:
-    """Pixel of the world point ``y`` (>= 3,) from ``pose`` (>= 3, position first), with its Jacobians.
+def point_measurement(view: View, y: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
+    """Pixel of the world point ``y`` (>= 3,) with its Jacobians.
 
     p_C = R^T (y - p); with R = Exp(dtheta) R_hat, dp_C/d dtheta = R^T [y - p]x. Writes ``z`` (2,), ``H_x`` (2, 6) by
     position and rotation, and ``H_y`` (2, >= 3). False where the point is nearer than the camera's minimum depth.
     """
+    pose = view.pose
     d = (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2])
-    p_C = camera_from_world(R_WC, d)
-    if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
+    p_C = camera_from_world(view.R_WC, d)
+    if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
         return False
-    _chain(camera, p_C, R_WC, d, 1.0, H_x, H_y)
+    _chain(view, p_C, d, 1.0, H_x, H_y)
     return True
 
 
 @compiled
-def inverse_depth_measurement(
-    camera: Record,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    feature: np.ndarray,
-    z: np.ndarray,
-    H_x: np.ndarray,
-    H_y: np.ndarray,
-) -> bool:
+def inverse_depth_measurement(view: View, feature: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
     """Pixel of an inverse-depth feature (anchor, azimuth, elevation, rho) with its Jacobians; see point_measurement.
 
     Projection does not see scale, so h = R^T d with d = rho (anchor - p) + m stands for the point: it stays finite as
     rho goes to zero (Montiel, Civera and Davison 2006, equation 7). ``H_y`` is (2, 6).
     """
-    rho = feature[RHO]
+    rho, pose = feature[RHO], view.pose
     m = bearing(feature[AZIMUTH], feature[ELEVATION])
     offset = (feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2])
     d = (rho * offset[0] + m[0, 0], rho * offset[1] + m[0, 1], rho * offset[2] + m[0, 2])
-    p_C = camera_from_world(R_WC, d)
-    if p_C[2] < camera.minimum_depth * rho or not pixel_from_camera_point(camera, p_C, z):
+    p_C = camera_from_world(view.R_WC, d)
+    if p_C[2] < view.camera.minimum_depth * rho or not pixel_from_camera_point(view.camera, p_C, z):
         return False
-    _chain(camera, p_C, R_WC, d, rho, H_x, H_y)
+    _chain(view, p_C, d, rho, H_x, H_y)
     for i in range(2):
         a, b, c = H_y[i, 0] / rho, H_y[i, 1] / rho, H_y[i, 2] / rho
         H_y[i, AZIMUTH] = a * m[1, 0] + b * m[1, 1] + c * m[1, 2]
@@ -117,11 +114,10 @@ def inverse_depth_measurement(
 
 
 @compiled
-def _chain(
-    camera: Record, p_C: Vector, R_WC: np.ndarray, d: Vector, scale: float, H_x: np.ndarray, H_y: np.ndarray
-) -> None:
+def _chain(view: View, p_C: Vector, d: Vector, scale: float, H_x: np.ndarray, H_y: np.ndarray) -> None:
     """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
-    pixel_jacobian(camera, p_C, H_y)  # dz/dp_C, for as long as it takes to turn it
+    R_WC = view.R_WC
+    pixel_jacobian(view.camera, p_C, H_y)  # dz/dp_C, for as long as it takes to turn it
     for i in range(2):
         a, b, c = H_y[i, 0], H_y[i, 1], H_y[i, 2]
         for j in range(3):
@@ -183,17 +179,16 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
     ``boxes`` (B, 2, 3) are what the filter knows to hide things.
     """
     K, pose, P = fiducials.shape[0], belief.state.camera, belief.covariance
-    things = np.empty(K + belief.state.count, THING)
-    R_WC, S = rotation_matrix(pose[QUATERNION]), np.empty((2, 2))
-    v = 0
+    view, S = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes), np.empty((2, 2))
+    things, v = np.empty(K + belief.state.count, THING), 0
     for row in range(K + belief.state.count):
         thing = things[v]
         if row < K:
-            found = place_point(camera, boxes, pose, R_WC, fiducials[row], camera.width, thing)
+            found = place_point(view, fiducials[row], camera.width, thing)
             thing.id, thing.column, thing.width = fiducial_id(row), 0, 0
         else:
             feature = belief.feature[row - K]
-            found = _place_feature(camera, boxes, pose, R_WC, feature.kind, feature.mean, thing)
+            found = _place_feature(view, feature.kind, feature.mean, thing)
             thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
         if found:
             own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
@@ -210,13 +205,11 @@ def sight_of_points(
 
     ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
     """
-    K = fiducials.shape[0]
-    things = np.empty(K + points.shape[0], THING)
-    R_WC = rotation_matrix(pose[QUATERNION])
-    v = 0
+    K, view = fiducials.shape[0], View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+    things, v = np.empty(K + points.shape[0], THING), 0
     for row in range(K + points.shape[0]):
         thing = things[v]
-        if place_point(camera, boxes, pose, R_WC, fiducials[row] if row < K else points[row - K], 0.0, thing):
+        if place_point(view, fiducials[row] if row < K else points[row - K], 0.0, thing):
             thing.row, thing.id, thing.visibility = row, 0, INSIDE
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             v += 1
@@ -224,42 +217,22 @@ def sight_of_points(
 
 
 @compiled
-def place_point(
-    camera: Record,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    y: np.ndarray,
-    margin: float,
-    thing: Record,
-) -> bool:
+def place_point(view: View, y: np.ndarray, margin: float, thing: Record) -> bool:
     """Write pixel and Jacobians of the world point ``y`` (>= 3,) into ``thing``, if it is `visible`."""
-    return visible(camera, boxes, R_WC, pose, y, margin, thing.z_hat) and point_measurement(
-        camera, pose, R_WC, y, thing.z_hat, thing.H_camera, thing.H_feature
-    )
+    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+    return visible(view, y, margin, z) and point_measurement(view, y, z, H_x, H_y)
 
 
 @compiled
-def _place_feature(
-    camera: Record,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    kind: int,
-    mean: np.ndarray,
-    thing: Record,
-) -> bool:
+def _place_feature(view: View, kind: int, mean: np.ndarray, thing: Record) -> bool:
     """The same of a feature's ``mean`` (6,), as far as an image's width outside of the image; never of a RAY."""
     if kind == POINT:
-        return place_point(camera, boxes, pose, R_WC, mean, camera.width, thing)
+        return place_point(view, mean, view.camera.width, thing)
     if kind == RAY:
         return False
-    y, m = np.empty(3), bearing(mean[AZIMUTH], mean[ELEVATION])
-    for i in range(3):
-        y[i] = mean[i] + m[0, i] / mean[RHO]
-    return visible(camera, boxes, R_WC, pose, y, camera.width, thing.z_hat) and inverse_depth_measurement(
-        camera, pose, R_WC, mean, thing.z_hat, thing.H_camera, thing.H_feature
-    )
+    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+    y = mean[ANCHOR] + bearing(mean[AZIMUTH], mean[ELEVATION])[0] / mean[RHO]
+    return visible(view, y, view.camera.width, z) and inverse_depth_measurement(view, mean, z, H_x, H_y)
 
 
 @compiled

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.camera import View, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotate_left, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.slam.sight import point_measurement
@@ -228,11 +228,11 @@ def _residuals(
     camera: Record, points: np.ndarray, pixels: np.ndarray, pose: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """z - z_hat (2 n,) and the Jacobian of z_hat (2 n, 6) by position and rotation; None if a point is behind."""
-    R_WC = rotation_matrix(pose[3:])
+    view = View(camera, pose, rotation_matrix(pose[3:]))
     r, J = np.empty((points.shape[0], 2)), np.empty((points.shape[0], 2, 6))
     z, H_y = np.empty(2), np.empty((2, 3))
     for i, point in enumerate(points):
-        if not point_measurement(camera, pose, R_WC, point, z, J[i], H_y):
+        if not point_measurement(view, point, z, J[i], H_y):
             return None
         r[i] = pixels[i] - z
     return r.ravel(), J.reshape(-1, 6)

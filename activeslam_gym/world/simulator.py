@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import visible
+from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record
-from activeslam_gym.linalg import copy_into
+from activeslam_gym.linalg import copy_block, copy_into
 from activeslam_gym.motion import CAMERA_SIZE, POSITION, QUATERNION, VELOCITY, transition
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
 
@@ -23,11 +23,7 @@ TRUTH = record(
 )
 """What is true of one run, beside where things are."""
 
-SENSOR = record(
-    missed_probability="f8",
-    clutter_rate="f8",
-    clutter_capacity="i8",
-)
+SENSOR = record(missed_detection_probability="f8", clutter_rate="f8", clutter_capacity="i8")
 """How points become detections, beside the camera's own numbers."""
 
 
@@ -47,9 +43,8 @@ class World(NamedTuple):
 @inlined
 def world_at(worlds, i):  # type: ignore[no-untyped-def]
     """World ``i`` of a batch, whose arrays have a leading axis: views."""
-    return World(
-        worlds.state[i], borrowed(worlds.fiducials[i]), borrowed(worlds.landmarks[i]), borrowed(worlds.boxes[i])
-    )
+    fiducials, landmarks, boxes = worlds.fiducials[i], worlds.landmarks[i], worlds.boxes[i]
+    return World(worlds.state[i], borrowed(fiducials), borrowed(landmarks), borrowed(boxes))
 
 
 def empty_worlds(scenario: Scenario, count: int) -> World:
@@ -66,12 +61,7 @@ def sensor_of(scenario: Scenario) -> Record:
     """The SENSOR record of a scenario. Room for five standard deviations of clutter over its mean."""
     rate = scenario.clutter_rate
     capacity = math.ceil(rate + 5.0 * math.sqrt(rate)) if rate > 0 else 0
-    return filled(
-        SENSOR,
-        missed_probability=scenario.missed_detection_probability,
-        clutter_rate=rate,
-        clutter_capacity=capacity,
-    )
+    return filled(SENSOR, scenario, clutter_capacity=capacity)
 
 
 def detection_capacity(scenario: Scenario) -> int:
@@ -86,11 +76,8 @@ def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
     noise = normals(world.state.noise_key, _draws(world) * frame, 6)
-    disturbed = np.empty(6)
-    for i in range(3):
-        disturbed[i] = u[i] + motion.acceleration_std * noise[i]
-        disturbed[3 + i] = u[3 + i] + motion.angular_acceleration_std * noise[3 + i]
-    x = transition(world.state.camera, disturbed, motion.dt)
+    stds = np.repeat(np.array((motion.acceleration_std, motion.angular_acceleration_std)), 3)
+    x = transition(world.state.camera, u + stds * noise, motion.dt)
     p, v = x[POSITION], x[VELOCITY]
     contacts = 0
     for i in range(3):
@@ -120,13 +107,13 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
     K = world.fiducials.shape[0]
     points = K + world.landmarks.shape[0]
     pose = world.state.camera
+    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), world.boxes)
     luck = uniforms(world.state.noise_key, _draws(world) * frame + 8, 4 * points + 4 * sensor.clutter_capacity + 1)
-    R_WC = rotation_matrix(pose[QUATERNION])
     order, z = np.empty(labels.shape[0]), np.empty(2)
     n = 0
     for i in range(points):
         y = world.fiducials[i] if i < K else world.landmarks[i - K]
-        if not visible(camera, world.boxes, R_WC, pose, y, 0.0, z) or luck[2 * points + i] < sensor.missed_probability:
+        if not visible(view, y, 0.0, z) or luck[2 * points + i] < sensor.missed_detection_probability:
             continue
         noise_u, noise_v = normal_pair(luck[2 * i], luck[2 * i + 1])
         candidates[n].pixel[0] = z[0] + camera.pixel_std * noise_u
@@ -139,7 +126,9 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
         candidates[n].pixel[1] = camera.height * spare[2 + 3 * i]
         labels[n], order[n] = CLUTTER_LABEL, spare[3 + 3 * i]
         n += 1
-    _shuffle(candidates, labels, order[:n])
+    shuffled, pixels = np.argsort(order[:n]), candidates["pixel"]
+    copy_block(pixels[shuffled], pixels)
+    copy_into(labels, labels[shuffled])
     return n
 
 
@@ -154,17 +143,3 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
         term *= rate / k
         total += term
     return k
-
-
-@compiled
-def _shuffle(candidates: np.ndarray, labels: np.ndarray, order: np.ndarray) -> None:
-    """Sort the detections by their random ``order`` (n,), by insertion: there are few."""
-    for i in range(1, order.shape[0]):
-        for j in range(i, 0, -1):
-            if order[j - 1] <= order[j]:
-                break
-            order[j - 1], order[j] = order[j], order[j - 1]
-            labels[j - 1], labels[j] = labels[j], labels[j - 1]
-            one, other = candidates[j - 1].pixel, candidates[j].pixel
-            for axis in range(2):
-                one[axis], other[axis] = other[axis], one[axis]

@@ -19,6 +19,8 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 DEPTH_PARTICLES = "depth_particles"
 INVERSE_DEPTH = "inverse_depth"
 INITIALISATIONS = (DEPTH_PARTICLES, INVERSE_DEPTH)
+UNKNOWN = "unknown"
+KNOWN = "known"
 
 
 class Bound(NamedTuple):
@@ -86,6 +88,7 @@ Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, fl
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
 Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
+Association = Annotated[str, _one_of(UNKNOWN, KNOWN)]
 
 
 @dataclass(frozen=True)
@@ -184,6 +187,8 @@ class Scenario:
     # The filter -----------------------------------------------------------------------------------------------------
     initialisation: Initialisation = INVERSE_DEPTH
     """``inverse_depth`` (undelayed, Montiel, Civera and Davison 2006) or ``depth_particles`` (the paper's)."""
+    association: Association = UNKNOWN
+    """``unknown``; ``known``: every detection tells what it is of, the ceiling of all matching."""
     gate_probability: Probability = 0.99
     """Mass of the chi-square gate of a match (2 dof)."""
     birth_gate_probability: Probability = 0.9999

@@ -32,6 +32,7 @@ INFO = {
     "landmark_rmse",
     "position_nees",
     "lost",
+    "lost_at_end",
     "reward_terms",
     "events",
 }

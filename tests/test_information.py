@@ -200,7 +200,7 @@ def test_a_plan_of_two_actions_is_worth_the_information_of_both_measurements(see
         turn = (-1.0, 1.0, 0.0)[gaze] * PAPER.turn_rate
         F, Q = np.eye(len(P)), np.zeros_like(P)
         F[:12, :12], Q[:12, :12] = open_loop(MOTION, turn, frames)
-        P, pose = F @ P @ F.T + Q, pose_after(MOTION, pose, motion, turn * PAPER.frame_time * frames)
+        P, pose = F @ P @ F.T + Q, pose_after(MOTION, pose, motion, turn, frames)
         H = numerical_sight(CAMERA, prospect, pose)
         after = posterior(P, H, innovation_covariance(P, H))
         expected.append(0.5 * (log2_det(P) - log2_det(after)))

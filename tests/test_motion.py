@@ -18,6 +18,7 @@ from activeslam_gym.motion import (
     transition,
     transition_jacobian,
     turn_of,
+    turned_by,
 )
 
 from .support import CAMERA, PAPER, pixel_of, random_camera
@@ -78,8 +79,7 @@ def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
 @pytest.mark.parametrize("motion", Motion)
 def test_goal_is_reached_within_the_period_and_at_rest(motion: Motion) -> None:
     x = drive(motion, Gaze.STAY)
-    np.testing.assert_allclose(x[:3], displacement(MODEL, int(motion)), atol=0.01)
-    assert np.linalg.norm(x[7:10]) < 0.05
+    np.testing.assert_allclose(x[:3], displacement(MODEL, int(motion)), atol=1e-9)
     assert np.linalg.norm(displacement(MODEL, int(motion))) == pytest.approx(0.0 if motion == Motion.STAY else 0.3)
 
 
@@ -111,6 +111,19 @@ def test_gaze_turns_about_the_vertical(gaze: Gaze, rate: float) -> None:
     np.testing.assert_allclose(x[10:], [0.0, rate, 0.0], atol=1e-4)
     y = np.array([0.0, 0.0, 2.0])
     assert np.sign(np.round(pixel_of(CAMERA, x, y)[0] - 162.0)) == np.sign(rate)  # to the left, the view goes right
+
+
+@pytest.mark.parametrize("frames", [0, 1, 5, 20])
+def test_a_turn_is_scored_as_the_rate_loop_makes_it(frames: int) -> None:
+    """The first frame of a turn from rest is half of the commanded rate's: the loop's time is two frames."""
+    for rate, gaze in ((0.0, Gaze.LEFT), (0.3, Gaze.RIGHT), (-0.2, Gaze.STAY)):
+        x = START.copy()
+        x[11] = rate
+        end = drive(Motion.STAY, gaze, frames * MODEL.dt, x)
+        angle, left = turned_by(MODEL, rate, turn_of(MODEL, int(gaze), 0.0), frames)
+        assert 2.0 * np.arctan2(end[5], end[3]) == pytest.approx(angle, abs=1e-12)
+        assert end[11] == pytest.approx(left, abs=1e-12)
+    assert turned_by(MODEL, 0.0, 0.2, 1)[0] == pytest.approx(0.005)
 
 
 def test_turns_on_other_axes_are_stopped() -> None:

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import Scenario, scenario_from, whole_multiple
+from activeslam_gym.config import KNOWN, Scenario, scenario_from, whole_multiple
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
-from activeslam_gym.envs.referee import OWNER, vote
+from activeslam_gym.envs.referee import OWNER, judge_matches, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
@@ -33,7 +33,6 @@ from activeslam_gym.slam.belief import (
     belief_at,
     empty_beliefs,
     feature_capacity,
-    fiducial_id,
     reset_belief,
     start_of,
 )
@@ -56,7 +55,9 @@ TASK = record(
     steps="i8",  # of an episode
     reward="i8",  # where the reward stands in `REWARDS`
     lost_position_error="f8",  # [m]
+    end_when_lost="b1",
     labelled_first_match="b1",
+    association_known="b1",
 )
 """What an environment asks: its rhythm, its reward, and when a run is lost."""
 
@@ -81,7 +82,13 @@ CONTROL = record(
 """The motion under way."""
 
 EVENTS = record(
-    births="i8", conversions="i8", deletions="i8", rejected_matches="i8", wrong_matches="i8", wall_contacts="i8"
+    births="i8",
+    conversions="i8",
+    deletions="i8",
+    rejected_matches="i8",
+    wrong_matches="i8",
+    false_births="i8",
+    wall_contacts="i8",
 )
 """What happened in a step: counters; the first four are the filter's own."""
 
@@ -96,7 +103,8 @@ EPISODE = record(
     gain="f8",  # entropy removed so far [bit]
     first_density="f8",  # log_density at the reset [bit]
     steps="i8",  # so far
-    lost="b1",
+    lost="b1",  # in this step or before
+    lost_now="b1",
     detections="i8",  # in the last frame
 )
 """What one run has been worth so far."""
@@ -118,8 +126,6 @@ class Run(NamedTuple):
     """(M,) of what each of them is; see `World`. For scoring alone."""
     owner: np.ndarray
     """(F,) OWNER, by slot. For scoring alone."""
-    votes: np.ndarray
-    """(F, K + L + 1) see `referee.vote`."""
     episode: Record
     """EPISODE."""
     observation: np.ndarray
@@ -137,7 +143,6 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         runs.candidate[i],
         runs.label[i],
         runs.owner[i],
-        runs.votes[i],
         runs.episode[i],
         runs.observation[i],
     )
@@ -177,6 +182,7 @@ def resolve(
     duration: float,
     reward: str,
     lost_position_error: float,
+    end_when_lost: bool = True,
 ) -> Setting:
     """Check the arguments of an environment and work out its constants.
 
@@ -193,6 +199,8 @@ def resolve(
     lost = lost_position_error
     if isinstance(lost, bool) or not isinstance(lost, (int, float)) or not lost > 0 or math.isnan(lost):
         raise ValueError(f"lost_position_error must be a positive number of metres, got {lost!r}")
+    if not isinstance(end_when_lost, bool):
+        raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
@@ -200,7 +208,9 @@ def resolve(
         steps=steps,
         reward=reward_number(reward),
         lost_position_error=lost,
+        end_when_lost=end_when_lost,
         labelled_first_match=resolved.labelled_first_match,
+        association_known=resolved.association == KNOWN,
     )
     return Setting(
         scenario=resolved,
@@ -240,7 +250,6 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
 def empty_runs(scenario: Scenario, count: int) -> Run:
     """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills one of them."""
     features, detections = feature_capacity(scenario), detection_capacity(scenario)
-    points = scenario.fiducial_count + scenario.landmark_count
     candidate = np.zeros((count, detections), CANDIDATE)
     candidate["R"] = scenario.pixel_std**2 * np.eye(2)
     return Run(
@@ -251,7 +260,6 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         candidate=candidate,
         label=np.zeros((count, detections), np.int64),
         owner=np.zeros((count, features), OWNER),
-        votes=np.zeros((count, features, points + 1), np.int64),
         episode=np.zeros(count, EPISODE),
         observation=np.zeros((count, layout_of(scenario).size), np.float32),
     )
@@ -332,15 +340,17 @@ def advance(run: Run, gaze: int) -> None:
     count = detect(models.true_camera, models.sensor, world, frame, run.candidate, run.label)
     candidates, labels = run.candidate[:count], run.label[:count]
     run.episode.detections = count
-    labelled = models.task.labelled_first_match and frame == 0
+    labelled = models.task.association_known or (models.task.labelled_first_match and frame == 0)
     for i in range(count):
-        candidates[i].id = fiducial_id(labels[i]) if labelled and 0 <= labels[i] < K else ANYTHING
+        candidates[i].id = true_id(run.owner, belief, K, labels[i]) if labelled else ANYTHING
     if not motion.command_known:
         u[:] = 0.0
     boxes = known_boxes(run)
     filter_frame(
         models.camera, motion, models.filter, belief, world.fiducials, boxes, u, motion.dt, candidates, labelled, events
     )
-    events.wrong_matches += vote(run.owner, run.votes, belief, K, candidates, labels)
+    wrong, false = judge_matches(run.owner, belief, K, candidates, labels)
+    events.wrong_matches += wrong
+    events.false_births += false
     update_expectation(run.expected, models.landmark_var, belief)
     control.frames += 1

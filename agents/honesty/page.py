@@ -20,10 +20,10 @@ MEASURED = (
     "Depth error: at the frame in which a feature becomes a point, after the update and the conversion. Along the line "
     "of sight m from the feature's anchor to the estimated point: the true distance between landmark and camera minus "
     "the estimated one, over the filter's standard deviation of it, mᵀ (P_yy − P_yp − P_py + P_pp) m. The landmark is "
-    "the one that more than half of the feature's detections were of; features without one are left out. Mean and "
-    "standard deviation of the errors of all runs together.",
-    "Wrong associations: matches with a fiducial or a feature that most of whose detections were of another point, or "
-    "that are clutter (births from clutter among them), among all matches but births, all runs together.",
+    "the one that the detection of its birth was of; features without one are left out. Mean and standard deviation "
+    "of the errors of all runs together.",
+    "Wrong associations: matches of a fiducial with anything else, or of a feature with anything but what it was born "
+    "of (all, if that was clutter), among all matches but births, all runs together.",
     "Duplicates: features that at some frame had their landmark in common with an older feature of the map, among all "
     "that stood for a landmark, all runs together.",
     "Lost: a true position error over 0.5 m, or a covariance that is not positive definite; it ends the run.",

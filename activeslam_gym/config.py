@@ -189,6 +189,8 @@ class Scenario:
     """``inverse_depth`` (undelayed, Montiel, Civera and Davison 2006) or ``depth_particles`` (the paper's)."""
     association: Association = UNKNOWN
     """``unknown``; ``known``: every detection tells what it is of, the ceiling of all matching."""
+    detection_probability: Probability = 0.98
+    """What the belief assumes: the chance that what stands in the image is detected. Lower it where things hide."""
     gate_probability: Probability = 0.99
     """Mass of the chi-square gate of a match (2 dof)."""
     birth_gate_probability: Probability = 0.9999
@@ -281,7 +283,7 @@ SCENARIOS: dict[str, Scenario] = {
             labelled_first_match=True,
             initialisation=DEPTH_PARTICLES,
         ),
-        Scenario(name="clutter", missed_detection_probability=0.05, clutter_rate=2.0),
+        Scenario(name="clutter", missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93),
         Scenario(name="hall", room_size=(14.0, 4.0, 14.0), landmark_count=120),
         Scenario(
             name="hand-held",

@@ -60,7 +60,7 @@ def _play_frames(run: Run, motion: int, gaze: int) -> None:
     episode, task, events = run.episode, run.models.task, run.episode.events
     if episode.steps % task.steps_per_motion == 0:
         begin_motion(run, motion)
-    events.births, events.conversions, events.deletions = 0, 0, 0
+    events.births, events.conversions, events.deletions, events.starvations, events.recoveries = 0, 0, 0, 0, 0
     events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
     for _ in range(task.frames_per_step):
         advance(run, gaze)

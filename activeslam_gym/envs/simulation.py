@@ -86,11 +86,13 @@ EVENTS = record(
     conversions="i8",
     deletions="i8",
     rejected_matches="i8",
+    starvations="i8",
+    recoveries="i8",
     wrong_matches="i8",
     false_births="i8",
     wall_contacts="i8",
 )
-"""What happened in a step: counters; the first four are the filter's own."""
+"""What happened in a step: counters; the first six are the filter's own."""
 
 EPISODE = record(
     control=CONTROL,

@@ -16,6 +16,8 @@ from activeslam_gym.kernels import Record, compiled, filled, record
 Vector = np.ndarray | tuple[float, float, float]
 """Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
 
+Pixel = np.ndarray | tuple[float, float]
+"""Two numbers, likewise."""
 
 CAMERA = record(
     focal="f8",  # f k_u = f k_v [px]
@@ -75,7 +77,7 @@ def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
 
 
 @compiled
-def inside_image(camera: Record, z: np.ndarray, margin: float) -> bool:
+def inside_image(camera: Record, z: Pixel, margin: float) -> bool:
     """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
     return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
 
@@ -99,7 +101,7 @@ def visible(
     p_C = camera_point(R_WC, pose, y)
     if p_C[2] < camera.minimum_depth or not pixel_from_camera_point(camera, p_C, z):
         return False
-    return inside_image(camera, z, margin) and not hidden(boxes, pose, y)
+    return inside_image(camera, (z[0], z[1]), margin) and not hidden(boxes, pose, y)
 
 
 @compiled

@@ -21,7 +21,7 @@ import numpy as np
 from numba import config as _numba_config
 from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.extending import overload
+from numba.extending import intrinsic, overload
 
 Tree = TypeVar("Tree", bound=tuple)
 
@@ -82,6 +82,28 @@ else:
         def __getattribute__(self, name: str) -> Any:
             fields = object.__getattribute__(self, "dtype").fields
             return self[name] if fields and name in fields else super().__getattribute__(name)
+
+
+@intrinsic
+def _without_owner(_: Any, array: Any) -> Any:
+    """Of an array in a kernel: the same numbers, without the owner whose references Numba counts."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        view = context.make_array(signature.return_type)(context, builder, value=arguments[0])
+        view.meminfo = view.meminfo.type(None)
+        return view._getvalue()
+
+    return array(array), generate
+
+
+def borrowed(array: np.ndarray) -> np.ndarray:
+    """The same ``array``, of which a kernel keeps no count of references: that is a tenth of a frame, and more where
+    threads count those of one batch. The kernel's caller holds the array for as long as the kernel runs.
+    """
+    return array
+
+
+overload(borrowed)(lambda array: lambda array: _without_owner(array))  # type: ignore[call-arg]
 
 
 def record(**fields: Any) -> np.dtype[Any]:

@@ -84,7 +84,12 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     n, m = B.shape
     for i in range(n):
         row = B[i]
-        for k in range(i):
+        for k in range(0, i - 3, 4):  # four at a time, so that the row is loaded and stored once for them
+            b0, b1, b2, b3 = B[k], B[k + 1], B[k + 2], B[k + 3]
+            f0, f1, f2, f3 = U[k, i], U[k + 1, i], U[k + 2, i], U[k + 3, i]
+            for j in range(m):
+                row[j] = row[j] - f0 * b0[j] - f1 * b1[j] - f2 * b2[j] - f3 * b3[j]
+        for k in range(i - i % 4, i):
             factor, other = U[k, i], B[k]
             for j in range(m):
                 row[j] -= factor * other[j]
@@ -131,13 +136,16 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
 
 @compiled
 def _copy_upper_to_lower(P: np.ndarray, n: int) -> None:
-    """P[i, j] = P[j, i] for j < i < n, eight columns at a time: what a cache line holds is used while it is at hand."""
-    for first in range(0, n, 8):
-        last = min(first + 8, n)
-        for i in range(first + 1, n):
-            row = P[i]
-            for j in range(first, min(i, last)):
-                row[j] = P[j, i]
+    """P[i, j] = P[j, i] for j < i < n, four columns at a time: what a cache line holds is used while it is at hand."""
+    for first in range(0, n, 4):
+        last = min(first + 4, n)
+        for i in range(first + 1, last):
+            for j in range(first, i):
+                P[i, j] = P[j, i]
+        if last < n:
+            row0, row1, row2, row3 = P[first], P[first + 1], P[first + 2], P[first + 3]
+            for i in range(last, n):
+                P[i, first], P[i, first + 1], P[i, first + 2], P[i, first + 3] = row0[i], row1[i], row2[i], row3[i]
 
 
 @compiled

@@ -18,27 +18,37 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command that the arguments name; the exit status, 2 for a bad value, 130 for Ctrl-C."""
+    """Run the command that the arguments name; the exit status, 2 for a mistake, which is told in a line.
+
+    A mistake is a bad argument, file or folder, a full disk, or a missing package or screen. Ctrl-C is 130.
+    """
     try:
+        return _run(arguments)
+    except KeyboardInterrupt:
+        return 130
+
+
+def _run(arguments: Sequence[str] | None) -> int:
+    name = "python -m agents"
+    try:
+        import gymnasium
         import tyro
-    except ModuleNotFoundError:
-        hint = (
-            f"{sys.executable} lacks tyro; make demo installs all into .venv, or: pip install --editable '.[compare]'"
-        )
-        print(f"python -m agents: {hint}", file=sys.stderr)
-        return 2
+    except ModuleNotFoundError as error:
+        hint = "make demo installs all into .venv, or: pip install --editable '.[compare]'"
+        return _mistake(name, f"{sys.executable} lacks {error.name}; {hint}")
     modules = {name: import_module(module) for name, module in COMMANDS.items()}
     commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
     try:
-        args = tyro.extras.subcommand_cli_from_dict(commands, prog="python -m agents", args=arguments)
-    except ValueError as error:
-        print(f"python -m agents: {error}", file=sys.stderr)
-        return 2
-    module = next(module for module in modules.values() if isinstance(args, module.Args))
-    try:
+        args = tyro.extras.subcommand_cli_from_dict(commands, prog=name, args=arguments)
+        name, module = next((name, module) for name, module in modules.items() if isinstance(args, module.Args))
         return module.main(args)
-    except KeyboardInterrupt:
-        return 130
+    except (ValueError, OSError, ImportError, MemoryError, gymnasium.error.Error) as error:
+        return _mistake(name, str(error) or type(error).__name__)
+
+
+def _mistake(name: str, told: str) -> int:
+    print(f"{name}: {told}", file=sys.stderr)
+    return 2
 
 
 if __name__ == "__main__":

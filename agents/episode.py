@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.files import written_whole
 from activeslam_gym.metrics import write_tum
+from agents.tools.files import reading
 
 Array = NDArray[Any]
 
@@ -122,8 +123,8 @@ class Episode:
 
     @classmethod
     def load(cls, path: Path) -> Episode:
-        """Read what `save` wrote."""
-        with np.load(path) as data:
+        """Read what `save` wrote. Raises ValueError where the file is damaged."""
+        with reading(path), np.load(path) as data:
             return cls(**{f.name: data[f.name][()] if data[f.name].ndim else data[f.name].item() for f in fields(cls)})
 
 

@@ -22,10 +22,7 @@ Look = Callable[[Any, dict[str, Any]], None]
 def run_episode(
     env: gym.Env, policy: Predictor, seed: int, name: str = "policy", settings: str = "{}", looks: Sequence[Look] = ()
 ) -> Episode:
-    """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end.
-
-    Each of `looks` is called with the bare environment and its info, after the reset and after every step.
-    """
+    """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end."""
     core: Any = env.unwrapped
     samples: list[dict[str, Any]] = []
     steps = []
@@ -49,20 +46,9 @@ def run_episode(
         first, ended = False, terminated or truncated
     actions, read, rewards, decisions = (np.array(column) for column in zip(*steps, strict=True))
     sampled = _stacked(samples)
-    return Episode(
-        policy=name,
-        seed=seed,
-        settings=settings,
-        lost=bool(info["lost"]),
-        room_size=np.array(core.scenario.room_size, dtype=float),
-        actions=actions,
-        motion_read=read,
-        rewards=rewards,
-        decision_us=decisions,
-        **sampled,
-        **_landmark_marks(sampled),
-        **_final(core),
-    )
+    taken = {"actions": actions, "motion_read": read, "rewards": rewards, "decision_us": decisions}
+    record: dict[str, Any] = {**sampled, **taken, **_landmark_marks(sampled), **_final(core)}
+    return Episode(name, seed, settings, bool(info["lost"]), np.array(core.scenario.room_size, dtype=float), **record)
 
 
 def matched_ids(core: Any) -> list[int]:
@@ -76,13 +62,12 @@ def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
     belief, truth, nees = core.belief, core.truth, core.nees()
     std = np.sqrt(np.maximum(belief.covariance.diagonal()[:6], 0.0))
     copied = ("entropy", "log_score", "landmarks_mapped", "distinct_landmarks", "position_error", "orientation_error")
+    kinds = {"position": "position", "orientation": "orientation", "landmark": "landmarks"}
     return {
         "times": core.time,
         **{name: info[name] for name in (*copied, "landmark_rmse")},
         **{f"log2_det_{part}": info["log2_det"][part] for part in ("camera", "map", "total")},
-        "position_nees": nees["position"],
-        "orientation_nees": nees["orientation"],
-        "landmark_nees": nees["landmarks"],
+        **{f"{kind}_nees": nees[name] for kind, name in kinds.items()},
         "position_offset": truth.position - belief.position,
         "position_std": std[:3],
         "rotation_std": std[3:],

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +29,7 @@ BAND = (10.0, 90.0)
 WHISKERS = (1.0, 99.0)
 """Percentiles over all steps at the whiskers' ends."""
 
-AXES = ("X", "Y", "Z")
+ERRORS = ("X error, m", "Y error, m", "Z error, m", "qx error", "qy error", "qz error")
 PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
 ESTIMATE, TRUTH, BOUND = "tab:blue", "black", "tab:red"
 
@@ -37,14 +37,8 @@ ESTIMATE, TRUTH, BOUND = "tab:blue", "black", "tab:red"
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
     """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
     by_policy = grouped(episodes)
-    figures: dict[str, Callable[[dict[str, list[Episode]]], Figure]] = {
-        "entropies": entropies,
-        "errors": errors,
-        "maps": maps,
-        "actions": actions,
-        "decision_times": decision_times,
-    }
-    return [save_figure(draw(by_policy), folder / f"{name}.png") for name, draw in figures.items()]
+    figures = (entropies, errors, maps, actions, decision_times)
+    return [save_figure(draw(by_policy), folder / f"{draw.__name__}.png") for draw in figures]
 
 
 def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
@@ -55,8 +49,8 @@ def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
         for part, colour in PARTS.items():
             field = f"log2_det_{part}"
             times, values = over_rooms(runs, field)
-            axes.fill_between(times, *_band(values), color=colour, alpha=0.15, linewidth=0)
-            axes.plot(times, _mean(values), "--", color=colour, linewidth=0.8)
+            axes.fill_between(times, *np.nanpercentile(values, BAND, axis=0), color=colour, alpha=0.15, linewidth=0)
+            axes.plot(times, np.nanmean(values, axis=0), "--", color=colour, linewidth=0.8)
             axes.plot(first.times, getattr(first, field), color=colour, linewidth=1.2, label=part)
         axes.plot(first.landmark_times, first.landmark_log2_det, "k+", markersize=5, label="new landmark")
         axes.set(title=f"{name} ({len(runs)} rooms)", xlabel="time, s", ylabel="log₂|P|")
@@ -67,18 +61,15 @@ def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
 
 def errors(by_policy: dict[str, list[Episode]]) -> Figure:
     """Fig. 3: errors of position and of the quaternion's vector part in the first room, with 2σ bounds."""
-    figure, grid = grid_of_panels(2 * len(AXES), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
+    figure, grid = grid_of_panels(len(ERRORS), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
     for column, (name, runs) in enumerate(by_policy.items()):
         first = runs[0]
-        kinds = (
-            ("{} error, m", first.position_offset, first.position_std),
-            ("q{} error", quaternion_error(first.rotation_offset), first.rotation_std / 2.0),
-        )
-        for kind, (label, offset, std) in enumerate(kinds):
-            for i, axis in enumerate(AXES):
-                axes = grid[kind * len(AXES) + i, column]
-                _with_bounds(axes, first.times, offset[:, i], SIGMAS * std[:, i])
-                axes.set_ylabel(label.format(axis if kind == 0 else axis.lower()) if column == 0 else "")
+        offsets = np.hstack((first.position_offset, quaternion_error(first.rotation_offset)))
+        bounds = SIGMAS * np.hstack((first.position_std, first.rotation_std / 2.0))
+        for axes, label, offset, bound in zip(grid[:, column], ERRORS, offsets.T, bounds.T):
+            axes.plot(first.times, offset, color=ESTIMATE, linewidth=0.8)
+            axes.plot(first.times, bound, first.times, -bound, color=BOUND, linewidth=0.8)
+            axes.set_ylabel(label if column == 0 else "")
         grid[0, column].set_title(name, fontsize=9)
         grid[-1, column].set_xlabel("time, s")
     figure.suptitle(f"True − estimated (blue) and {SIGMAS:g}σ bounds (red), room {_first_seed(by_policy)}")
@@ -91,8 +82,7 @@ def maps(by_policy: dict[str, list[Episode]]) -> Figure:
     for axes, (name, runs) in zip(panels, by_policy.items()):
         _map(axes, runs[0])
         axes.set_title(f"{name}: {runs[0].landmarks_mapped[-1]} mapped")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
+    legend_below(figure, panels[:1])
     figure.suptitle(f"Map and trajectories, room {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
     return figure
 
@@ -100,12 +90,11 @@ def maps(by_policy: dict[str, list[Episode]]) -> Figure:
 def actions(by_policy: dict[str, list[Episode]]) -> Figure:
     """Fig. 5 b: how often each command was given, over all rooms."""
     figure, panels = _panels(2, (6.0, 3.4))
-    _bars(panels[0], Motion, {name: np.sum([motion_counts(r) for r in runs], 0) for name, runs in by_policy.items()})
-    _bars(panels[1], Gaze, {name: np.sum([gaze_counts(r) for r in runs], 0) for name, runs in by_policy.items()})
-    panels[0].set(title="Motion, a command each motion period", ylabel="share of commands")
-    panels[1].set(title="Gaze, a command each gaze period")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), PANELS_A_ROW), fontsize=8)
+    for axes, choices, counts in zip(panels, (Motion, Gaze), (motion_counts, gaze_counts)):
+        _bars(axes, choices, {name: np.sum([counts(run) for run in runs], 0) for name, runs in by_policy.items()})
+        axes.set(title=f"{choices.__name__}, a command each {choices.__name__.lower()} period")
+    panels[0].set(ylabel="share of commands")
+    legend_below(figure, panels[:1], PANELS_A_ROW)
     return figure
 
 
@@ -121,10 +110,13 @@ def decision_times(by_policy: dict[str, list[Episode]]) -> Figure:
 
 def over_rooms(runs: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:
     """Times (G,) and values (rooms, G) of a sampled field at whole seconds; NaN after a run's end."""
-    thin = [run.thinned() for run in runs]
-    times = max((run.times for run in thin), key=len)
-    values = [np.interp(times, run.times, getattr(run, field), right=np.nan) for run in thin]
-    return times, np.array(values)
+    return at_common_times([(thin.times, getattr(thin, field)) for thin in (run.thinned() for run in runs)])
+
+
+def at_common_times(curves: Sequence[tuple[Any, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (G,) of the longest of the curves (times, values), and the values (curves, G); NaN after a curve's end."""
+    times = max((np.asarray(times) for times, _ in curves), key=len)
+    return times, np.array([np.interp(times, *curve, right=np.nan) for curve in curves])
 
 
 def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
@@ -135,34 +127,20 @@ def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
 
 def _map(axes: Axes, run: Episode) -> None:
     """X to the right and Z upwards: the room, truth in black, the estimate in blue."""
-    across, along = 0, 2
-    half = run.room_size / 2.0
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half[[across, along]]
+    plane = np.array([0, 2])
+    half = run.room_size[plane] / 2.0
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
+    mapped = run.estimated_landmarks[:, plane]
     axes.plot(*corners.T, color="grey", linewidth=0.8)
-    axes.plot(run.true_landmarks[:, across], run.true_landmarks[:, along], "k.", markersize=4, label="landmark")
-    axes.plot(run.fiducials[:, across], run.fiducials[:, along], "s", color="tab:orange", ms=4, label="fiducial")
-    axes.plot(
-        run.estimated_landmarks[:, across], run.estimated_landmarks[:, along], "+", color=ESTIMATE, label="mapped"
-    )
-    plane = np.array([across, along])
-    for outline in ellipses(
-        run.estimated_landmarks[:, plane], run.landmark_covariance[:, plane[:, None], plane], SIGMAS
-    ):
+    axes.plot(*run.true_landmarks[:, plane].T, "k.", markersize=4, label="landmark")
+    axes.plot(*run.fiducials[:, plane].T, "s", color="tab:orange", ms=4, label="fiducial")
+    axes.plot(*mapped.T, "+", color=ESTIMATE, label="mapped")
+    for outline in ellipses(mapped, run.landmark_covariance[:, plane[:, None], plane], SIGMAS):
         axes.plot(*outline.T, color=ESTIMATE, linewidth=0.6)
-    axes.plot(run.true_position[:, across], run.true_position[:, along], color=TRUTH, lw=1.0, label="true path")
-    axes.plot(
-        run.estimated_position[:, across], run.estimated_position[:, along], color=ESTIMATE, lw=0.8, label="estimated"
-    )
-    margin = 0.1 * half
-    axes.set(xlim=(-half[across] - margin[across], half[across] + margin[across]))
-    axes.set(ylim=(-half[along] - margin[along], half[along] + margin[along]))
-    axes.set(aspect="equal", xlabel="X, m", ylabel="Z, m")
-
-
-def _with_bounds(axes: Axes, times: np.ndarray, offset: np.ndarray, bound: np.ndarray) -> None:
-    """An error over time between its bounds."""
-    axes.plot(times, offset, color=ESTIMATE, linewidth=0.8)
-    axes.plot(times, bound, times, -bound, color=BOUND, linewidth=0.8)
+    axes.plot(*run.true_position[:, plane].T, color=TRUTH, lw=1.0, label="true path")
+    axes.plot(*run.estimated_position[:, plane].T, color=ESTIMATE, lw=0.8, label="estimated")
+    (right, top), (left, bottom) = 1.1 * half, -1.1 * half
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="X, m", ylabel="Z, m")
 
 
 def _bars(axes: Axes, choices: Any, counts: dict[str, np.ndarray]) -> None:
@@ -172,16 +150,6 @@ def _bars(axes: Axes, choices: Any, counts: dict[str, np.ndarray]) -> None:
         offset = (i - (len(counts) - 1) / 2.0) * width
         axes.bar(np.arange(len(choices)) + offset, count / max(count.sum(), 1), width, label=name)
     axes.set_xticks(np.arange(len(choices)), [choice.name.lower() for choice in choices], fontsize=8)
-
-
-def _mean(values: np.ndarray) -> np.ndarray:
-    """Mean over the rooms that are alive, (rooms, G) -> (G,); the longest run reaches the end of G."""
-    return np.nanmean(values, axis=0)
-
-
-def _band(values: np.ndarray) -> np.ndarray:
-    """Percentiles `BAND` over the rooms that are alive, (rooms, G) -> (2, G)."""
-    return np.nanpercentile(values, BAND, axis=0)
 
 
 def _panels(count: int, size: tuple[float, float] = PANEL, **shared: Any) -> tuple[Figure, list[Axes]]:
@@ -200,6 +168,13 @@ def grid_of_panels(rows: int, columns: int, size: tuple[float, float], **shared:
 
     figure = Figure(figsize=(columns * size[0], rows * size[1] + 0.5), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def legend_below(figure: Figure, panels: Iterable[Axes], most: int = 9) -> None:
+    """One legend of `panels` under all, at most so many labels in a row; what several of them have stands once."""
+    handles = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels())}
+    columns = min(len(handles), most)
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, fontsize=8)
 
 
 def _first_seed(by_policy: dict[str, list[Episode]]) -> int:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from pathlib import Path
+from traceback import extract_tb
+from typing import Any
 
 import baselines
 from agents import load, pretrained
+from agents.tools.machine import digest, module_sources
 from baselines.policy import Environment, Predictor
 
 Factory = Callable[[Environment, int], Predictor]
@@ -24,53 +27,70 @@ def factory(name: str) -> Factory:
 
     Raises ValueError when no source knows the name, and lists what is allowed.
     """
-    for source in SOURCES:
-        found = source(name)
-        if found is not None:
-            return found
+    path = Path(name)
+    if ":" in name:
+        make = _imported(name)
+        return lambda env, seed: Own(name, make, env)
+    if path.suffix == ".npz":
+        if not (path.is_file() and path.with_suffix(".json").is_file()):
+            raise ValueError(f"policy: {name!r} is no file with its card ({path.stem}.json) beside it")
+        return lambda env, seed: load(path.stem, env, path.parent)
+    if name in baselines.names():
+        return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
+    if name in pretrained.names():
+        return lambda env, seed: load(name, env)
     known = ", ".join([*baselines.names(), *pretrained.names()])
     raise ValueError(
         f"policy: {name!r} is unknown; allowed: {known}, a file of weights (policy.npz), 'package.module:factory'"
     )
 
 
-def _baseline(name: str) -> Factory | None:
-    """A policy of `baselines`, or None."""
-    if name not in baselines.names():
-        return None
-    if name == "random":
-        return lambda env, seed: baselines.make(name, env, seed=seed)
-    return lambda env, seed: baselines.make(name, env)
-
-
-def _imported(name: str) -> Factory | None:
-    """The user's own 'package.module:factory', called as factory(env); None for a name without a colon."""
-    if ":" not in name:
-        return None
-    module_name, _, attribute = name.partition(":")
-    try:
-        make = getattr(importlib.import_module(module_name), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(f"policy: {name!r} cannot be imported ({error}); allowed: 'package.module:factory'") from error
-    return lambda env, seed: make(env)
-
-
-def _learned(name: str) -> Factory | None:
-    """A policy with shipped weights, or None."""
-    if name not in pretrained.names():
-        return None
-    return lambda env, seed: load(name, env)
-
-
-def _trained(name: str) -> Factory | None:
-    """The weights in a file that `python -m agents train` wrote; None for a name that is no .npz."""
+def content(name: str) -> str:
+    """Digest of what a policy is made of beside this project: weights and their card, or a module and its imports."""
+    if ":" in name:
+        return module_sources(name.partition(":")[0])
     path = Path(name)
-    if path.suffix != ".npz":
-        return None
-    if not (path.is_file() and path.with_suffix(".json").is_file()):
-        raise ValueError(f"policy: {name!r} is no file with its card ({path.stem}.json) beside it")
-    return lambda env, seed: load(path.stem, env, path.parent)
+    return digest(path, path.with_suffix(".json")) if path.suffix == ".npz" else ""
 
 
-SOURCES: tuple[Callable[[str], Factory | None], ...] = (_imported, _trained, _baseline, _learned)
-"""Asked in this order; a new kind of policy is one more source."""
+def _imported(name: str) -> Callable[[Environment], Any]:
+    """The user's own 'package.module:factory'."""
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (Exception, SystemExit) as error:
+        told = f"policy: {name!r} cannot be imported ({_told(error)})"
+        raise ValueError(f"{told}; allowed: 'package.module:factory'") from error
+
+
+class Own:
+    """A user's own policy, whose mistakes become a ValueError of one line."""
+
+    def __init__(self, name: str, make: Callable[[Environment], Any], env: Environment) -> None:
+        try:
+            self._policy = make(env)
+        except Exception as error:
+            raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
+        if not callable(getattr(self._policy, "predict", None)):
+            raise ValueError(f"policy: {name!r} made {self._policy!r}; allowed: an object with predict(observation, …)")
+        self._name = name
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """The policy's own action and state."""
+        asked = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
+        try:
+            action, state = self._policy.predict(observation, **asked)
+        except Exception as error:
+            raise ValueError(f"policy: {self._name!r}, asked for (action, state): {_told(error)}") from error
+        return action, state
+
+
+def _told(error: BaseException) -> str:
+    """An error and where it is from, in a line."""
+    lines = str(error).splitlines()
+    frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
+    ours = frames[-1].filename in (__file__, importlib.__file__)
+    where = "" if ours else f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+    return f"{type(error).__name__}: {lines[0] if lines else ''}{where}"

@@ -93,8 +93,7 @@ class Recording:
         """Add the present moment of a single environment; ``info`` is that of its last `reset` or `step`."""
         core = env.unwrapped
         snapshot = core.snapshot()
-        first = not self._paths["truth"]
-        if first:
+        if first := not self._paths["truth"]:
             self._log_what_stands(snapshot)
         self._stream.set_time(TIMELINE, duration=snapshot.time)
         self._log_camera("truth", snapshot.true_position, snapshot.true_quaternion)
@@ -130,9 +129,8 @@ class Recording:
             )
             self._stream.log(f"world/{whose}/camera", lens, static=True)
         for name, colour in (("error", CAMERA), ("two_sigma", MUTED)):
-            self._stream.log(
-                f"position/{name}", rr.SeriesLines(colors=_rgb(colour), names=[f"{name} [m]"]), static=True
-            )
+            line = rr.SeriesLines(colors=_rgb(colour), names=[f"{name} [m]"])
+            self._stream.log(f"position/{name}", line, static=True)
 
     def _log_what_stands(self, snapshot: Snapshot) -> None:
         """True landmarks and fiducials of this room."""
@@ -159,10 +157,8 @@ class Recording:
         means, covariances, colours = believed_points(snapshot)
         half_sizes, quaternions = ellipsoid_axes(covariances, ELLIPSOID_SIGMAS)
         rr = self._rr
-        ellipsoids = rr.Ellipsoids3D(
-            centers=means, half_sizes=half_sizes, quaternions=quaternions, colors=_rgb(*colours)
-        )
-        self._stream.log("world/belief/ellipsoids", ellipsoids)
+        shapes = {"centers": means, "half_sizes": half_sizes, "quaternions": quaternions}
+        self._stream.log("world/belief/ellipsoids", rr.Ellipsoids3D(**shapes, colors=_rgb(*colours)))
         expected = rr.Points3D(snapshot.expected_landmarks, colors=_rgb(EXPECTED), radii=[0.015])
         self._stream.log("world/belief/expected", expected)
 
@@ -204,26 +200,18 @@ def _layout_of_views() -> Any:
     import rerun.blueprint as rrb
 
     white = rrb.Background(color=(255, 255, 255))
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(
-                rrb.Spatial3DView(name="Map", origin="world", background=white),
-                rrb.Vertical(
-                    rrb.Spatial2DView(name="Camera image", origin="world/belief/camera", background=white),
-                    rrb.TextLogView(name="Command", origin="command"),
-                ),
-                column_shares=[2, 1],
-            ),
-            rrb.Horizontal(
-                rrb.TimeSeriesView(name="Entropy [bit]", origin="entropy"),
-                rrb.TimeSeriesView(name="log2 |P|", origin="log2_det"),
-                rrb.TimeSeriesView(name="Position error and its 2 sigma [m]", origin="position"),
-                rrb.TimeSeriesView(name="Landmarks mapped", origin="landmarks_mapped"),
-            ),
-            row_shares=[3, 1],
-        ),
-        collapse_panels=True,
-    )
+    room = rrb.Spatial3DView(name="Map", origin="world", background=white)
+    image = rrb.Spatial2DView(name="Camera image", origin="world/belief/camera", background=white)
+    beside = rrb.Vertical(image, rrb.TextLogView(name="Command", origin="command"))
+    titles = {
+        "entropy": "Entropy [bit]",
+        "log2_det": "log2 |P|",
+        "position": "Position error and its 2 sigma [m]",
+        "landmarks_mapped": "Landmarks mapped",
+    }
+    curves = rrb.Horizontal(*(rrb.TimeSeriesView(name=title, origin=origin) for origin, title in titles.items()))
+    views = rrb.Vertical(rrb.Horizontal(room, beside, column_shares=[2, 1]), curves, row_shares=[3, 1])
+    return rrb.Blueprint(views, collapse_panels=True)
 
 
 def _rgb(*colours: str) -> np.ndarray:

@@ -92,11 +92,7 @@ class ActiveSLAMVecEnv(VecEnv):
         return [self._of(attr_name, i) for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set what all environments share.
-
-        Raises:
-            ValueError: ``indices`` are not all of them.
-        """
+        """Set what all environments share. Raises ValueError where ``indices`` are not all of them."""
         if set(self._get_indices(indices)) != set(range(self.num_envs)):
             raise ValueError(f"indices must be None: the environments share their attributes, got {indices!r}")
         setattr(self.env, attr_name, value)

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 import baselines
 from agents.episode import Episode, honesty, outcome
 from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
@@ -13,36 +15,47 @@ from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
 FEW_ROOMS = 20
 """With fewer rooms the intervals are a hint: the summary says so."""
 
-STATISTICS: dict[str, Statistic] = {
-    "bits": "mean",
-    "log_score_gain": "mean",
-    "log_score_gain_median": "median",
-    "landmarks_mapped": "mean",
-    "distinct_landmarks": "mean",
-    "landmark_rmse": "median",
-    "position_error": "median",
-    "orientation_error": "median",
-    "lost": "share",
-    "target_reached": "share",
-    "target_time": "median",
-    "target_log2_det": "mean",
-    "decision_us": "median",
-}
-"""Which figure over rooms stands for which column of episodes.csv: a mean, or a median where a lost run would rule.
 
-The log score has both (its key ends in ``_median``): its mean is the proper score, of which a single confident error,
-a landmark taken for another, takes thousands of bits; its median tells of the usual room.
-"""
+@dataclass(frozen=True)
+class Column:
+    """A figure over rooms and how it is shown: its title, the factor to the title's unit, the digits after the point.
 
-PAIRED: dict[str, Statistic] = {
-    "bits": "mean",
-    "log_score_gain": "mean",
-    "log_score_gain_median": "median",
-    "landmark_rmse": "median",
-    "position_error": "median",
-    "orientation_error": "median",
-}
-"""The same for the differences in the same room; `landmark_rmse` over the landmarks that both policies mapped."""
+    A key that ends in ``_median`` is another statistic of the column without it.
+    """
+
+    key: str
+    title: str
+    statistic: Statistic = "mean"
+    """A mean, or a median where a lost run would rule."""
+    scale: float = 1.0
+    digits: int = 1
+
+
+LEARNED = (
+    Column("bits", "bits removed"),
+    Column("log_score_gain", "log score gain, bits"),
+    Column("log_score_gain_median", "log score gain, bits", "median"),
+    Column("landmarks_mapped", "mapped"),
+    Column("distinct_landmarks", "distinct"),
+    Column("lost", "lost, %", "share", 100.0),
+)
+"""The log score's mean is the proper score, of which a single confident error, a landmark taken for another, takes
+thousands of bits; its median tells of the usual room."""
+ERRORS = (
+    Column("landmark_rmse", "landmark RMSE, cm", "median", 100.0),
+    Column("position_error", "position error, cm", "median", 100.0),
+    Column("orientation_error", "orientation error, °", "median", 180.0 / np.pi, 2),
+)
+SPEED = (
+    Column("target_reached", "reach {target}, %", "share", 100.0),
+    Column("target_time", "at, s", "median"),
+    Column("target_log2_det", "log₂|P| then"),
+    Column("decision_us", "µs per decision", "median"),
+)
+PAIRED = (*LEARNED[:3], Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", "median", 100.0), *ERRORS[1:])
+"""Of the differences in the same room."""
+STATISTICS = {column.key: column.statistic for column in (*LEARNED, *ERRORS, *SPEED)}
+"""Which figure over rooms stands for which column of episodes.csv."""
 
 
 @dataclass(frozen=True)
@@ -126,12 +139,12 @@ def _column(key: str) -> str:
 def _honesty(runs: Sequence[Episode], time: float) -> dict[str, Estimate]:
     """ANEES and median NEES at `time` over the runs alive."""
     rows = [honesty(run, time) for run in runs]
-    figures = {}
-    for key in rows[0]:
-        values = [row[key] for row in rows]
-        figures[key] = estimate(values, "mean")
-        figures[f"{key}_median"] = estimate(values, "median")
-    return figures
+    statistics: dict[str, Statistic] = {"": "mean", "_median": "median"}
+    return {
+        key + suffix: estimate([row[key] for row in rows], statistic)
+        for key in rows[0]
+        for suffix, statistic in statistics.items()
+    }
 
 
 def _paired(runs: Sequence[Episode], others: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
@@ -139,14 +152,15 @@ def _paired(runs: Sequence[Episode], others: Sequence[Episode], target_landmarks
     other_of = {other.seed: other for other in others}
     pairs = [(run, other_of[run.seed]) for run in runs if run.seed in other_of]
     differences = [_difference(run, other, target_landmarks) for run, other in pairs]
-    return {key: estimate([row[key] for row in differences], statistic) for key, statistic in PAIRED.items()}
+    return {one.key: estimate([row[one.key] for row in differences], one.statistic) for one in PAIRED}
 
 
 def _difference(run: Episode, other: Episode, target_landmarks: int) -> dict[str, float]:
     """Column → run − other, in one room."""
     row, other_row = outcome(run, target_landmarks), outcome(other, target_landmarks)
     own, others = paired_rmse(run.landmark_errors, other.landmark_errors)
-    return {key: row[_column(key)] - other_row[_column(key)] for key in PAIRED} | {"landmark_rmse": own - others}
+    columns = {one.key: _column(one.key) for one in PAIRED}
+    return {key: row[name] - other_row[name] for key, name in columns.items()} | {"landmark_rmse": own - others}
 
 
 def _notes(

@@ -3,22 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from agents.summary import FEW_ROOMS, Summary, by_log_score
+from agents.summary import ERRORS, FEW_ROOMS, LEARNED, PAIRED, SPEED, Column, Summary, by_log_score
+from agents.tools import sections
 from agents.tools.statistics import CONFIDENCE, Estimate
-
-
-@dataclass(frozen=True)
-class Column:
-    """How a figure is shown: its title, the factor to the title's unit, and the digits after the point."""
-
-    key: str
-    title: str
-    scale: float = 1.0
-    digits: int = 1
 
 
 @dataclass(frozen=True)
@@ -30,19 +19,6 @@ class Table:
     rows: list[list[str]]
 
 
-LEARNED = (
-    Column("bits", "bits removed"),
-    Column("log_score_gain", "log score gain, bits"),
-    Column("log_score_gain_median", "log score gain, bits"),
-    Column("landmarks_mapped", "mapped"),
-    Column("distinct_landmarks", "distinct"),
-    Column("lost", "lost, %", 100.0),
-)
-ERRORS = (
-    Column("landmark_rmse", "landmark RMSE, cm", 100.0),
-    Column("position_error", "position error, cm", 100.0),
-    Column("orientation_error", "orientation error, °", 180.0 / np.pi, 2),
-)
 HONESTY = (
     Column("position_nees", "position", digits=2),
     Column("position_nees_median", "median", digits=2),
@@ -51,25 +27,13 @@ HONESTY = (
     Column("landmark_nees", "landmarks", digits=2),
     Column("landmark_nees_median", "median", digits=2),
 )
-PAIRED = (
-    Column("bits", "bits removed"),
-    Column("log_score_gain", "log score gain, bits"),
-    Column("log_score_gain_median", "log score gain, bits"),
-    Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", 100.0),
-    *ERRORS[1:],
-)
 
 
 def tables(summary: Summary) -> list[Table]:
     """All tables of the study, by what they answer."""
     figures = summary.policies
     target = summary.settings.get("target_landmarks", "N")
-    speed = (
-        Column("target_reached", f"reach {target}, %", 100.0),
-        Column("target_time", "at, s"),
-        Column("target_log2_det", "log₂|P| then"),
-        Column("decision_us", "µs per decision"),
-    )
+    speed = [replace(column, title=column.title.format(target=target)) for column in SPEED]
     star = "*" if min(f["bits"].rooms for f in figures.values()) < FEW_ROOMS else ""
     result = [
         _table(f"What was learned{star}", figures, LEARNED),
@@ -111,15 +75,13 @@ def _table(
     """A row per policy, a column per figure; the header says which statistic it is (unless it is a median beside)."""
     some = next(iter(figures.values()))
     header = ["policy", *(titled(column, some[column.key], with_median) for column in columns), "rooms"]
-    rows = [
-        [
-            name,
-            *(figure[column.key].text(column.scale, column.digits) for column in columns),
-            str(figure[columns[0].key].rooms),
-        ]
-        for name, figure in figures.items()
-    ]
+    rows = [[name, *shown(figure, columns), str(figure[columns[0].key].rooms)] for name, figure in figures.items()]
     return Table(title, header, rows)
+
+
+def shown(figures: dict[str, Estimate], columns: Sequence[Column]) -> list[str]:
+    """The figures of these columns."""
+    return [figures[column.key].text(column.scale, column.digits) for column in columns]
 
 
 def titled(column: Column, figure: Estimate, with_median: bool = False) -> str:
@@ -137,8 +99,7 @@ def aligned(table: Table) -> str:
 
 def pipes(table: Table) -> str:
     """A Markdown table."""
-    rule = ["---", *["---:"] * (len(table.header) - 1)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in (table.header, rule, *table.rows))
+    return sections.table(table.header, table.rows, "| --- |" + " ---: |" * (len(table.header) - 1))
 
 
 def legend() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Sequence
@@ -30,21 +31,31 @@ class Task:
     """Arguments of the environment, as JSON: what episodes must share to be compared."""
     whole: bool = False
     """Keep every sample (the room that is drawn) instead of one a second."""
+    content: str = ""
+    """See `policies.content`; an episode that is kept has it."""
 
     @property
     def key(self) -> str:
         """What an episode of an earlier run must share to be this one."""
-        return f"{self.settings} {sources()}"
+        return " ".join([self.settings, sources(), *filter(None, [self.content])])
 
     def path(self, folder: Path) -> Path:
         """Where the finished episode is kept."""
-        return folder / "episodes" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', self.policy)}-{self.seed}.npz"
+        return folder / "episodes" / f"{file_name(self.policy)}-{self.seed}.npz"
 
     def run(self, looks: Sequence[Look] = ()) -> Episode:
         """Run it, in whichever process."""
         env = make_environment(json.loads(self.settings))
         episode = run_policy(self.policy, env, self.seed, settings=self.key, looks=looks)
+        if self.content and policies.content(self.policy) != self.content:
+            raise ValueError(f"policy: {self.policy!r} was changed while it was being compared")
         return episode if self.whole else episode.thinned()
+
+
+def file_name(policy: str) -> str:
+    """A policy's name as part of a file's name, of no other policy."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", policy)
+    return plain if plain == policy else f"{plain}-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
 
 
 def make_environment(arguments: dict[str, Any]) -> gym.Env:
@@ -66,6 +77,8 @@ def run_policy(
     """
     try:
         return run_episode(env, policies.resolve(source, env, seed), seed, name or source, settings, looks)
+    except ValueError as error:
+        raise ValueError(str(error) if source in str(error) else f"policy: {source!r}, room {seed}: {error}") from error
     finally:
         env.close()
 

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 import time
+from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from agents.learn.card import card_of, read_card, results
 from agents.learn.recipe import Recipe
-from agents.tools.arguments import at_least
-from agents.tools.files import write_json
+from agents.tools.arguments import within
+from agents.tools.files import alone_in, reading, writable_folder, write_json
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.vec_env import VecEnv
 
 CHECKPOINT = "checkpoint.zip"
 ARGUMENTS = "arguments.json"
@@ -39,7 +40,7 @@ class Args(Recipe):
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
         super().check()
-        at_least(self, period=1, held_out_rooms=1, unseen_rooms=0)
+        within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
 
     def recipe(self) -> dict[str, Any]:
         """The arguments that decide what is learned."""
@@ -47,12 +48,8 @@ class Args(Recipe):
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status: 2 for a bad argument, 130 when interrupted."""
-    try:
-        finished = train(args)
-    except ValueError as error:
-        print(f"train: {error}", file=sys.stderr)
-        return 2
+    """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
+    finished = train(args)
     if not finished:
         print("Interrupted; the same command goes on.")
     print(f"Written to {args.out}/: {WEIGHTS} and its card, {CHECKPOINT}, logs (tensorboard --logdir {args.out}/logs)")
@@ -62,23 +59,33 @@ def main(args: Args) -> int:
 def train(args: Args) -> bool:
     """Train until `total_steps`, or Ctrl-C (then False). A second call goes on from the checkpoint.
 
+    Nothing is written before all arguments are checked.
+
     Raises:
-        ValueError: as `Args.check`, or the folder holds a training with other arguments.
+        ValueError: as `Args.check`, a damaged checkpoint, a folder that holds a training with other arguments or one
+            that goes on, or weights that are no longer finite.
     """
+    from agents.learn import algorithms
+
+    args.check()
+    env = algorithms.make_batch(args, args.num_envs, algorithms.TRAINING_SEEDS + args.num_envs * args.seed)
+    rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.HELD_OUT_SEEDS)
+    writable_folder("out", args.out)
+    with alone_in(args.out), closing(env), closing(rooms):
+        return _train(args, env, rooms)
+
+
+def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
     from agents.learn import algorithms
     from agents.learn.callbacks import Checkpoints, HeldOutRooms, Progress
 
-    args.check()
-    _claim(args)
-    env = algorithms.make_batch(args, args.num_envs, algorithms.TRAINING_SEEDS + args.num_envs * args.seed)
-    rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.HELD_OUT_SEEDS)
-    checkpoint = args.out / CHECKPOINT
-    goes_on = checkpoint.exists()
-    learner = (
-        algorithms.load_learner(args, env, checkpoint)
-        if goes_on
-        else algorithms.make_learner(args, env, args.out / "logs")
-    )
+    _see_that_it_is_the_same(args)
+    checkpoint, logs = args.out / CHECKPOINT, args.out / "logs"
+    if checkpoint.exists():
+        learner = algorithms.load_learner(args, env, logs, checkpoint)
+    else:
+        learner = algorithms.make_learner(args, env, logs)
+    write_json(args.out / ARGUMENTS, args.recipe())
     keeper = Keeper(args, learner)
     callbacks = [
         Checkpoints(checkpoint, args.period),
@@ -97,8 +104,6 @@ def train(args: Args) -> bool:
         algorithms.save_learner(learner, checkpoint)
         if not (args.out / WEIGHTS).exists():
             keeper.keep(math.nan)
-        env.close()
-        rooms.close()
     if finished and args.unseen_rooms:
         keeper.add_results()
     return finished
@@ -140,17 +145,16 @@ class Keeper:
         write_json(self.path.with_suffix(".json"), card)
 
 
-def _claim(args: Args) -> None:
-    """Write what the folder's training is, or see that it is the same; `total_steps` alone may differ."""
+def _see_that_it_is_the_same(args: Args) -> None:
+    """Raise ValueError where the folder holds a training with other arguments; `total_steps` alone may differ."""
     path = args.out / ARGUMENTS
-    wanted = args.recipe()
-    if path.exists():
-        held = json.loads(path.read_text(encoding="utf-8"))
-        other = [name for name in wanted if name != "total_steps" and held.get(name) != wanted[name]]
-        if other:
-            name = other[0]
+    if not path.exists():
+        return
+    with reading(path):
+        held = dict(json.loads(path.read_text(encoding="utf-8")))
+    for name, wanted in args.recipe().items():
+        if name != "total_steps" and held.get(name) != wanted:
             raise ValueError(
-                f"out: {args.out} holds a training with {name}={held.get(name)!r}, got {wanted[name]!r}; "
+                f"out: {args.out} holds a training with {name}={held.get(name)!r}, got {wanted!r}; "
                 "allowed: the same arguments, or another folder"
             )
-    write_json(path, wanted)

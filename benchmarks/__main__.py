@@ -13,6 +13,9 @@ from typing import Literal
 
 from threadpoolctl import threadpool_limits
 
+from agents.tools.files import writable_folder
+from agents.tools.sections import page_with
+
 from .report import Section, put_report, write_report
 from .timing import machine
 
@@ -37,6 +40,9 @@ class Args:
 
 def main(args: Args, command: str = "python -m benchmarks") -> int:
     """Measure the parts; exit status 0, whether the bars are met or not."""
+    writable_folder("out", args.out)
+    for page in args.report:
+        page_with(page, "bench", "speed")
     sections: list[Section] = []
     modules = {part: import_module(f"benchmarks.{part}") for part in args.parts}
     with threadpool_limits(1):  # it reaches only the BLAS libraries that are loaded by now, SciPy's own among them
@@ -63,6 +69,9 @@ def entry(arguments: Sequence[str] | None = None) -> int:
         )
     except KeyboardInterrupt:
         return 130
+    except (ValueError, OSError) as error:
+        print(f"python -m benchmarks: {error}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
+from itertools import product
 from typing import Any
 
 import gymnasium
@@ -25,34 +26,21 @@ def run(quick: bool) -> Section:
     peer = 16 if quick else PEER_BATCH
     rates: dict[tuple[str, int, float, Any], float] = {}
     for period in periods:
-        rates["SyncVectorEnv", peer, period, ""] = frame_rate(SyncVectorEnv([_single(period)] * peer), period)
+        make = partial(gymnasium.make, "ActiveSLAM-v0", gaze_period=period)
+        rates["SyncVectorEnv", peer, period, ""] = frame_rate(SyncVectorEnv([make] * peer), period)
         if not quick:
-            make = [_single(period)] * PROCESSES
-            rates["AsyncVectorEnv", PROCESSES, period, ""] = frame_rate(AsyncVectorEnv(make), period)
-        for size in sizes:
-            for count in threads:
-                batch = gymnasium.make_vec("ActiveSLAM-v0", num_envs=size, gaze_period=period, num_threads=count)
-                rates["native", size, period, count] = frame_rate(batch, period)
-    for (what, size, period, count), rate in rates.items():
-        section.rows.append(
-            {
-                "what": what,
-                "environments": size,
-                "gaze_period [s]": period,
-                "threads": count,
-                "frames/s": rate,
-                "ratio to SyncVectorEnv": rate / rates["SyncVectorEnv", peer, period, ""],
-            }
-        )
-    bar = rates.get(("native", 64, 0.25, 2))
-    if bar is not None:
+            rates["AsyncVectorEnv", PROCESSES, period, ""] = frame_rate(AsyncVectorEnv([make] * PROCESSES), period)
+        for size, count in product(sizes, threads):
+            batch = gymnasium.make_vec("ActiveSLAM-v0", num_envs=size, gaze_period=period, num_threads=count)
+            rates["native", size, period, count] = frame_rate(batch, period)
+    names = ("what", "environments", "gaze_period [s]", "threads")
+    for key, rate in rates.items():
+        ratio = rate / rates["SyncVectorEnv", peer, key[2], ""]
+        section.rows.append({**dict(zip(names, key)), "frames/s": rate, "ratio to SyncVectorEnv": ratio})
+    if bar := rates.get(("native", 64, 0.25, 2)):
         section.bars.append(Bar("64 environments, 2 threads, gaze_period 0.25", bar, 3e4, "frames/s", at_least=True))
     section.notes.append(f"From 20 s to 34 s of `sweep`, median of the seconds. {_cartpole()}")
     return section
-
-
-def _single(period: float) -> Callable[[], gymnasium.Env]:
-    return lambda: gymnasium.make("ActiveSLAM-v0", gaze_period=period)
 
 
 def frame_rate(env: VectorEnv, period: float) -> float:
@@ -64,13 +52,11 @@ def frame_rate(env: VectorEnv, period: float) -> float:
         for step in range(number * per_second, (number + 1) * per_second):
             env.step(np.tile(sweep_action(step, per_second), (env.num_envs, 1)))
 
-    warm = round(WARM_UP)
-    for number in range(warm):
+    for number in range(round(WARM_UP)):
         second(number)
-    times = summary([timed(lambda number=number: second(number)) for number in range(warm, 34)])  # type: ignore[misc]
-    rate = env.num_envs * per_second * round(period / 0.05) / times.seconds
+    times = summary([timed(partial(second, number)) for number in range(round(WARM_UP), 34)])
     env.close()
-    return rate
+    return env.num_envs * per_second * round(period / 0.05) / times.seconds
 
 
 def _cartpole() -> str:

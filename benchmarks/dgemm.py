@@ -38,15 +38,8 @@ def run(quick: bool) -> Section:
         W = np.asfortranarray(HP)
         blas = repeated(partial(dgemm, 1.0, W, W, trans_a=True), repeats, at_least).seconds
         speed, reference = 1e-9 * flops / ours, 1e-9 * 2.0 * M * n * n / blas
-        section.rows.append(
-            {
-                "n": n,
-                "update [µs]": 1e6 * ours,
-                "update [Gflop/s]": speed,
-                "dgemm [Gflop/s]": reference,
-                "update / dgemm speed": speed / reference,
-            }
-        )
+        row = {"n": n, "update [µs]": 1e6 * ours, "update [Gflop/s]": speed, "dgemm [Gflop/s]": reference}
+        section.rows.append({**row, "update / dgemm speed": speed / reference})
     section.notes.append(
         f"m = {M}. Update: 2 m n² for P − WᵀW, m² n + 2 m n for W and the mean (its factor of S, recentring and shift "
         "of the mean are timed, not counted), called from Python less an empty call. dgemm: WᵀW by SciPy's BLAS on one "

@@ -27,14 +27,8 @@ def run(quick: bool) -> Section:
         dim = int(points.belief.state.dim)
         P = np.ascontiguousarray(points.belief.covariance[:dim, :dim])
         entropies.append(repeated(partial(log2_det, P), repeats, at_least).seconds)
-        section.rows.append(
-            {
-                "landmarks": landmarks,
-                "n": dim,
-                "predict + update [µs]": 1e6 * steps[-1],
-                "entropy [µs]": 1e6 * entropies[-1],
-            }
-        )
+        times = {"predict + update [µs]": 1e6 * steps[-1], "entropy [µs]": 1e6 * entropies[-1]}
+        section.rows.append({"landmarks": landmarks, "n": dim, **times})
     of_steps, of_entropies = slope(SIZES, steps), slope(SIZES, entropies)
     section.bars.append(Bar("predict + update, exponent of growth from 30 to 300 landmarks", of_steps, 2.0, ""))
     section.notes.append(

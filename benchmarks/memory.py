@@ -42,12 +42,9 @@ def _bytes(tree: Any) -> int:
 
 def _resident() -> float | None:
     """Resident set of this process [MiB]."""
-    try:
-        status = Path("/proc/self/status").read_text(encoding="utf-8")
-    except OSError:
-        return None
-    found = re.search(r"VmRSS:\s+(\d+) kB", status)
-    return int(found.group(1)) / 1024 if found else None
+    status = Path("/proc/self/status")
+    found = re.search(r"VmRSS:\s+(\d+) kB", status.read_text(encoding="utf-8")) if status.exists() else None
+    return int(found[1]) / 1024 if found else None
 
 
 def _growth(frames: int) -> tuple[float, int]:
@@ -64,6 +61,5 @@ def _growth(frames: int) -> tuple[float, int]:
         _, _, terminated, truncated, _ = env.step(env.action_space.sample())
         episodes += int((terminated | truncated).sum())
     gc.collect()
-    growth = (_resident() or 0.0) - begin
     env.close()
-    return growth, episodes
+    return (_resident() or 0.0) - begin, episodes

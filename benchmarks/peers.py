@@ -40,15 +40,14 @@ def run(quick: bool) -> Section:
         peer = filterpy_step(n)
         if peer is not None:
             times["filterpy EKF predict + update"] = repeated(peer, repeats, at_least)
-        reference = list(times)[-1]
-        for name, timing in times.items():
-            ratio = timing.seconds / times[reference].seconds
-            section.rows.append({"n": n, "what": name, "time [µs]": 1e6 * timing.seconds, "ratio to the last": ratio})
-        if peer is not None and n == 93:
-            ratio = times[FRAME].seconds / times[reference].seconds
-            section.bars.append(Bar("a whole frame of n = 93 / filterpy's predict + update", ratio, 1 / 3, ""))
+        ratios = {name: timing.seconds / list(times.values())[-1].seconds for name, timing in times.items()}
+        for name, ratio in ratios.items():
+            time = {"time [µs]": 1e6 * times[name].seconds}
+            section.rows.append({"n": n, "what": name, **time, "ratio to the last": ratio})
         if peer is None:
             section.notes.append("filterpy is skipped: it is not installed (`pip install -e '.[bench]'`).")
+        elif n == 93:
+            section.bars.append(Bar("a whole frame of n = 93 / filterpy's predict + update", ratios[FRAME], 1 / 3, ""))
     section.notes.append(
         f"Point features, {SEEN} seen (z of {M}); BLAS has one thread, by threadpoolctl. A whole frame: motion, "
         "detection, prediction, unknown association, update, births. All is called from Python, a call of ours for "

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.tools.files import write_json, write_text
-from agents.tools.sections import put_section
+from agents.tools.sections import listed, put_section
+from agents.tools.sections import table as markdown_table
 
 
 @dataclass(frozen=True)
@@ -55,21 +56,14 @@ def put_report(page: Path, command: str, machine: dict[str, Any], sections: list
     Raises ValueError if there is no such page.
     """
     put_section(page, "bench", markdown(command, machine, sections))
-    put_section(
-        page, "speed", f"```bash\n{command}\n```\n\n{description(machine)}\n\n" + "\n".join(bar_table(sections))
-    )
+    bars = [f"```bash\n{command}\n```\n\n{description(machine)}\n", *bar_table(sections)]
+    put_section(page, "speed", "\n".join(bars))
 
 
 def markdown(command: str, machine: dict[str, Any], sections: list[Section]) -> str:
     """The whole report, but for its title."""
-    lines = [
-        "```bash",
-        command,
-        "```",
-        "",
-        description(machine),
-        "Each time is a median of several, each ratio is of one run. BLAS has one thread throughout.",
-    ]
+    lines = ["```bash", command, "```", "", description(machine)]
+    lines.append("Each time is a median of several, each ratio is of one run. BLAS has one thread throughout.")
     bars = bar_table(sections)
     lines += ["", "## Bars", "", *bars] if bars else []
     for section in sections:
@@ -81,9 +75,8 @@ def markdown(command: str, machine: dict[str, Any], sections: list[Section]) -> 
 
 def description(machine: dict[str, Any]) -> str:
     """What it was measured on, in two lines."""
-    packages = ", ".join(f"{name} {version}" for name, version in machine["packages"].items())
     where = f"{machine['processor']}, {machine['cores']} cores; {machine['system']}; Python {machine['python']};"
-    return f"{where}\n{packages}."
+    return f"{where}\n{listed(machine['packages'])}."
 
 
 def bar_table(sections: list[Section]) -> list[str]:
@@ -103,10 +96,8 @@ def bar_table(sections: list[Section]) -> list[str]:
 
 def table(rows: list[dict[str, Any]]) -> list[str]:
     """Lines of a Markdown table; nothing for no rows."""
-    if not rows:
-        return []
-    body = ["| " + " | ".join(number(value) for value in row.values()) + " |" for row in rows]
-    return ["| " + " | ".join(rows[0]) + " |", "|---" * len(rows[0]) + "|", *body]
+    cells = [[number(value) for value in row.values()] for row in rows]
+    return markdown_table(list(rows[0]), cells).splitlines() if rows else []
 
 
 def number(value: Any) -> str:

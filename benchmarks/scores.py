@@ -25,8 +25,7 @@ def run(quick: bool) -> Section:
         section.rows.append({"scores": name, "time [ms]": 1e3 * timing.seconds, "fastest [ms]": 1e3 * timing.fastest})
         if limit is not None:
             section.bars.append(Bar(name, 1e3 * timing.seconds, limit, "ms"))
-    section.notes.append(
-        f"After 20 s of `sweep`, {len(inner.belief.ids)} features; called from Python, default criteria."
-    )
+    known = f"{len(inner.belief.ids)} features"
+    section.notes.append(f"After 20 s of `sweep`, {known}; called from Python, default criteria.")
     env.close()
     return section

@@ -29,17 +29,13 @@ def swept(seed: int, **arguments: Any) -> tuple[gymnasium.Env, int]:
     """An environment after `WARM_UP` of sweep from ``seed`` (the next one if that is lost) and its steps so far."""
     env = gymnasium.make("ActiveSLAM-v0", **arguments)
     inner: Any = env.unwrapped
-    steps = round(WARM_UP / inner.gaze_period)
-    while True:
-        env.reset(seed=seed)
-        lost = False
-        for step in range(steps):
-            lost = lost or env.step(np.array(sweep_action(step, inner.steps_per_motion)))[2]
-            if lost:
-                break
-        if not lost:
-            return env, steps
+    count = round(WARM_UP / inner.gaze_period)
+    actions = [np.array(sweep_action(step, inner.steps_per_motion)) for step in range(count)]
+    env.reset(seed=seed)
+    while any(env.step(action)[2] for action in actions):  # stops at the first that loses it
         seed += 1
+        env.reset(seed=seed)
+    return env, count
 
 
 def restore(live: Any, saved: Any) -> None:

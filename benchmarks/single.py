@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -45,20 +47,18 @@ def step_time(gaze_period: float | None, repeats: int) -> tuple[Timing, int]:
         inner: Any = env.unwrapped
         frames = round(inner.gaze_period / 0.05)
         end = round(34.0 / inner.gaze_period)
-        actions = [np.array(sweep_action(step, inner.steps_per_motion)) for step in range(begin, end)]
-        taken = 0
-
-        def play(env: gymnasium.Env = env, actions: list[np.ndarray] = actions) -> None:
-            nonlocal taken
-            for action in actions:
-                taken += 1
-                if env.step(action)[2]:
-                    return
-
-        elapsed = timed(play)
-        seconds.append(elapsed / taken)
+        actions = iter([np.array(sweep_action(step, inner.steps_per_motion)) for step in range(begin, end)])
+        elapsed = timed(partial(_play, env, actions))
+        seconds.append(elapsed / (end - begin - len(list(actions))))
         env.close()
     return summary(seconds), frames
+
+
+def _play(env: gymnasium.Env, actions: Iterator[np.ndarray]) -> None:
+    """Take actions until the belief is lost or none is left."""
+    for action in actions:
+        if env.step(action)[2]:
+            return
 
 
 def cartpole_step(steps: int) -> Timing:

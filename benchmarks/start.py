@@ -55,8 +55,7 @@ def run(quick: bool) -> Section:
 
 def _row(what: str, laps: list[float]) -> dict:
     names = ("import [s]", "make [s]", "reset [s]", "first step [s]")
-    values = dict(zip(names, [*laps, *[""] * 4]))
-    return {"what": what, **values, "total [s]": float(sum(laps))}
+    return {"what": what, **dict(zip(names, [*laps, "", "", ""])), "total [s]": float(sum(laps))}
 
 
 def _fresh(code: str, cache: str | None = None) -> str:

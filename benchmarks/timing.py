@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib.metadata
 import platform
 import statistics
 import time
@@ -14,20 +13,17 @@ import numpy as np
 from numba import njit
 
 from activeslam_gym.threads import available_cores
-from agents.tools.machine import processor
+from agents.tools.machine import package_versions, processor
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
 
 
 class Timing(NamedTuple):
-    """Seconds of one call, over several repeats."""
+    """Seconds of one call, over several repeats; `seconds` is the median."""
 
     seconds: float
-    """Median [s]."""
     fastest: float
-    """[s]."""
     slowest: float
-    """[s]."""
     repeats: int
 
 
@@ -93,19 +89,9 @@ def dispatch(arguments: tuple[Any, ...], result: Any = None, count: int = 500) -
 
 def machine() -> dict[str, Any]:
     """The processor, the cores at hand, the load, and the versions."""
-    versions = {}
-    for name in PACKAGES:
-        try:
-            versions[name] = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            versions[name] = "not installed"
-    return {
-        "processor": processor(),
-        "cores": available_cores(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "packages": versions,
-    }
+    python, packages = platform.python_version(), package_versions(PACKAGES)
+    where = {"processor": processor(), "cores": available_cores(), "system": platform.platform()}
+    return {**where, "python": python, "packages": packages}
 
 
 def slope(sizes: list[int], seconds: list[float]) -> float:

@@ -37,12 +37,7 @@ def make(env: Environment) -> LookAround:
 if __name__ == "__main__":
     import gymnasium as gym
 
+    from agents.evaluate import run_episode
+
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=10.0)
-    policy = make(env)
-    observation, info = env.reset(seed=0)
-    over = False
-    while not over:
-        action, _ = policy.predict(observation)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    print(f"{info['landmarks_mapped']} landmarks mapped in 10 s")
+    print(f"{run_episode(env, make(env), seed=0).landmarks_mapped[-1]} landmarks mapped in 10 s")

@@ -8,6 +8,7 @@ import gymnasium as gym
 
 import baselines
 from activeslam_gym import SCENARIOS, Scenario
+from agents.evaluate import run_episode
 
 # --8<-- [start:fields]
 corridor = Scenario(
@@ -26,11 +27,5 @@ SCENARIOS[corridor.name] = corridor  # from here on, scenario="corridor" in this
 # --8<-- [end:use]
 
 if __name__ == "__main__":
-    policy = baselines.make("mi-fisher", env)
-    observation, info = env.reset(seed=1)
-    over = False
-    while not over:
-        action, _ = policy.predict(observation)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    print(f"{info['landmarks_mapped']} of {corridor.landmark_count} landmarks mapped, lost: {info['lost']}")
+    run = run_episode(env, baselines.make("mi-fisher", env), seed=1)
+    print(f"{run.landmarks_mapped[-1]} of {corridor.landmark_count} landmarks mapped, lost: {run.lost}")

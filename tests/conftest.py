@@ -1,7 +1,5 @@
 """Fixtures of several files: a screen, and none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

@@ -4,8 +4,6 @@ Six seconds of fixed, open-loop actions in each of some scenarios. Only behaviou
 anew, and a released environment then has a new id (see CONTRIBUTING.md).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -38,19 +36,18 @@ def play(env_id: str, case: str) -> dict[str, np.ndarray]:
     scenario, seed, gaze_period = CASES[case]
     env: Any = gym.make(env_id, scenario=scenario, gaze_period=gaze_period, duration=SECONDS)
     observation, info = env.reset(seed=seed)
-    moments = [(observation, 0.0, False, False, info)]
-    seen, scores = [observation], [scores_of(env)]
+    moments, seen, scores = [(0.0, False, False, info)], [observation], [scores_of(env)]
     between = round(SECONDS / gaze_period) // SIGHTS
-    while not (moments[-1][2] or moments[-1][3]):
-        moments.append(env.step(action(len(moments) - 1)))
+    while not (moments[-1][1] or moments[-1][2]):
+        observation, *moment = env.step(action(len(moments) - 1))
+        moments.append(tuple(moment))
         if (len(moments) - 1) % between == 0:
-            seen.append(moments[-1][0])
+            seen.append(observation)
             scores.append(scores_of(env))
-    infos = [numbers(moment[4]) for moment in moments]
+    infos = [numbers(moment[3]) for moment in moments]
     recorded = {f"info.{name}": np.array([one[name] for one in infos]) for name in infos[0]}
-    recorded["reward"] = np.array([moment[1] for moment in moments])
-    recorded["terminated"] = np.array([float(moment[2]) for moment in moments])
-    recorded["truncated"] = np.array([float(moment[3]) for moment in moments])
+    for k, name in enumerate(("reward", "terminated", "truncated")):
+        recorded[name] = np.array([float(moment[k]) for moment in moments])
     recorded["observation"], recorded["scores"] = np.array(seen), np.array(scores)
     return recorded
 

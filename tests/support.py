@@ -1,7 +1,5 @@
 """What several tests need: numerical derivatives, random beliefs, and matrix formulas written as in a textbook."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,17 +15,8 @@ from activeslam_gym.information.candidates import Prospect
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
-from activeslam_gym.slam.belief import (
-    KIND_DIM,
-    POINT,
-    RAY,
-    Belief,
-    angles_of,
-    bearing,
-    empty_beliefs,
-    reset_belief,
-    start_of,
-)
+from activeslam_gym.slam import belief as layout
+from activeslam_gym.slam.belief import KIND_DIM, POINT, RAY, Belief
 from activeslam_gym.slam.map import append_feature
 from activeslam_gym.slam.sight import Sight, sight_of_belief
 
@@ -49,9 +38,6 @@ def copied(arrays: Any) -> Any:
     return type(arrays)(*(copied(a) if isinstance(a, tuple) else a.copy() for a in arrays))
 
 
-# Numerical derivatives ----------------------------------------------------------------------------------------------
-
-
 def numerical_jacobian(f: Callable[[np.ndarray], Any], size: int, step: float) -> np.ndarray:
     """df/de at e = 0 (n, size) by central differences of the fourth order."""
 
@@ -67,9 +53,6 @@ def relative_error(found: np.ndarray, expected: np.ndarray) -> float:
     lengths = np.linalg.norm(expected, axis=0)
     lengths[lengths < 1e-9 * lengths.max()] = lengths.max()
     return float(np.max(np.linalg.norm(found - expected, axis=0) / lengths))
-
-
-# Cameras ------------------------------------------------------------------------------------------------------------
 
 
 def random_camera(rng: np.random.Generator, spread: float = 0.3, turn: float = 0.3) -> np.ndarray:
@@ -106,9 +89,6 @@ def pixel_of(camera_model: np.record, camera: np.ndarray, y: np.ndarray) -> np.n
     return z
 
 
-# Beliefs ------------------------------------------------------------------------------------------------------------
-
-
 def random_spd(rng: np.random.Generator, stds: Sequence[float] | np.ndarray, freedom: int = 3) -> np.ndarray:
     """A covariance (n, n) with about these standard deviations and random correlations."""
     n = len(stds)
@@ -119,8 +99,8 @@ def random_spd(rng: np.random.Generator, stds: Sequence[float] | np.ndarray, fre
 
 def prior_belief(scenario: Scenario = PAPER) -> Belief:
     """A scenario's belief before its first frame."""
-    belief = row(empty_beliefs(scenario, 1), 0)
-    reset_belief(belief, *start_of(scenario))
+    belief = row(layout.empty_beliefs(scenario, 1), 0)
+    layout.reset_belief(belief, *layout.start_of(scenario))
     return belief
 
 
@@ -210,9 +190,6 @@ def log2_det(A: np.ndarray) -> float:
     return float(2.0 * np.sum(np.log2(np.diag(L))) + 2.0 * np.sum(np.log2(scale)))
 
 
-# Prospects ----------------------------------------------------------------------------------------------------------
-
-
 def prospect_with(
     points: np.ndarray,
     covariance: np.ndarray,
@@ -242,9 +219,6 @@ def numerical_sight(model: np.record, prospect: Prospect, pose: np.ndarray) -> n
     return np.concatenate(blocks)
 
 
-# Environments -------------------------------------------------------------------------------------------------------
-
-
 def simulation_of(env: Any) -> Run:
     """The arrays behind an environment: the one place where the tests look inside it."""
     inner = env.unwrapped
@@ -265,8 +239,8 @@ def turn_of_everything(belief: Belief) -> np.ndarray:
     for feature in features_of(belief):
         vectors[int(feature.start)] = feature.mean[:3]
         if feature.kind != POINT:
-            J_h, m = np.empty((2, 3)), bearing(feature.mean[3], feature.mean[4])[0]
-            angles_of(m, J_h)
+            J_h, m = np.empty((2, 3)), layout.bearing(feature.mean[3], feature.mean[4])[0]
+            layout.angles_of(m, J_h)
             N[feature.start + 3 : feature.start + 5] = J_h @ -skew(m)
     for start, vector in vectors.items():
         N[start : start + 3] = -skew(vector)

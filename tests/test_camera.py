@@ -1,111 +1,70 @@
 """Equation 1: which way is which, that back-projection undoes it, and what is refused."""
 
-from __future__ import annotations
+import itertools
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import (
-    camera_from_world,
-    camera_point,
-    hidden,
-    inside_image,
-    pixel_from_camera_point,
-    ray_from_pixel,
-    visible,
-)
+from activeslam_gym import camera
 from activeslam_gym.geometry import rotation_matrix
 
 from .support import CAMERA, NO_BOXES, pixel_of, random_camera
 
-CORNERS = [(0.0, 0.0), (320.0, 0.0), (0.0, 240.0), (320.0, 240.0)]
-
 
 def project(x: float, y: float, z: float) -> np.ndarray:
     pixel = np.full(2, np.nan)
-    assert pixel_from_camera_point(CAMERA, np.array([x, y, z]), pixel)
+    assert camera.pixel_from_camera_point(CAMERA, np.array([x, y, z]), pixel)
     return pixel
 
 
-def test_optical_axis_meets_the_principal_point() -> None:
+def test_left_is_left_up_is_up_and_the_view_is_wide() -> None:
+    """Camera axes are x left, y up; u runs to the right, v downwards; the optical axis meets the principal point."""
     np.testing.assert_array_equal(project(0.0, 0.0, 2.0), [162.0, 125.0])
-
-
-def test_left_is_left_and_up_is_up() -> None:
-    """Camera axes are x left, y up; u runs to the right, v downwards."""
-    assert project(0.5, 0.0, 2.0)[0] < 162.0
-    assert project(0.0, 0.5, 2.0)[1] < 125.0
-
-
-def test_one_pixel_by_hand() -> None:
+    assert project(0.5, 0.0, 2.0)[0] < 162.0 and project(0.0, 0.5, 2.0)[1] < 125.0
     u_c, v_c = 195.0 * 0.5 / 2.0, 195.0 * -0.25 / 2.0
     root = np.sqrt(1.0 + 1.8e-5 * (u_c**2 + v_c**2))
     np.testing.assert_allclose(project(0.5, -0.25, 2.0), [162.0 - u_c / root, 125.0 - v_c / root], rtol=1e-15)
+    for a, b, degrees in (((0, 125), (320, 125), 96), ((162, 0), (162, 240), 71)):
+        one, other = (camera.ray_from_pixel(CAMERA, np.array(pixel, float)) for pixel in (a, b))
+        cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+        assert np.degrees(np.arccos(cosine)) == pytest.approx(degrees, abs=1)
 
 
 def test_projection_and_back_projection_are_inverse_over_the_whole_image() -> None:
-    worst = 0.0
-    for u in np.linspace(0.0, 320.0, 65):
-        for v in np.linspace(0.0, 240.0, 49):
-            ray = ray_from_pixel(CAMERA, np.array([u, v]))
-            for depth in (0.1, 1.0, 30.0):
-                worst = max(worst, np.abs(project(*(depth * ray)) - (u, v)).max())
-    assert worst < 1e-9
-
-
-def test_back_projection_of_a_projected_point_is_its_line_of_sight() -> None:
+    for pixel in itertools.product(np.linspace(0.0, 320.0, 65), np.linspace(0.0, 240.0, 49)):
+        ray = camera.ray_from_pixel(CAMERA, np.array(pixel))
+        assert max(np.abs(project(*(depth * ray)) - pixel).max() for depth in (0.1, 1.0, 30.0)) < 1e-9
     p_C = np.array([-0.7, 0.4, 1.3])
-    np.testing.assert_allclose(ray_from_pixel(CAMERA, project(*p_C)), p_C / p_C[2], atol=1e-13)
+    np.testing.assert_allclose(camera.ray_from_pixel(CAMERA, project(*p_C)), p_C / p_C[2], atol=1e-13)
+    assert np.isfinite(camera.ray_from_pixel(CAMERA, np.array([1000.0, -500.0]))).all()  # beyond infinity's image
 
 
-def test_view_is_wide() -> None:
-    """About 96 x 71 degrees."""
-
-    def angle_between(a: tuple[float, float], b: tuple[float, float]) -> float:
-        one, other = (ray_from_pixel(CAMERA, np.array(pixel)) for pixel in (a, b))
-        cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
-        return float(np.degrees(np.arccos(cosine)))
-
-    assert angle_between((0, 125), (320, 125)) == pytest.approx(96, abs=1)
-    assert angle_between((162, 0), (162, 240)) == pytest.approx(71, abs=1)
+def test_nothing_is_seen_behind_or_nearer_than_the_minimum_depth() -> None:
+    pixel, pose, z = np.array([1.0, 2.0]), np.array([0.0, 0, 0, 1, 0, 0, 0]), np.empty(2)
+    for depth in (0.0, -1.0):
+        assert not camera.pixel_from_camera_point(CAMERA, np.array([0.1, 0.1, depth]), pixel)
+        np.testing.assert_array_equal(pixel, [1.0, 2.0])
+    for depth, expected in ((0.99, False), (1.01, True)):
+        y = np.array([0.0, 0.0, depth * CAMERA.minimum_depth])
+        assert camera.visible(CAMERA, NO_BOXES, np.eye(3), pose, y, 0.0, z) == expected
 
 
-@pytest.mark.parametrize("depth", [0.0, -1.0])
-def test_nothing_is_seen_behind(depth: float) -> None:
-    pixel = np.array([1.0, 2.0])
-    assert not pixel_from_camera_point(CAMERA, np.array([0.1, 0.1, depth]), pixel)
-    np.testing.assert_array_equal(pixel, [1.0, 2.0])
+INSIDE = [((0.0, 0.0), 0.0), ((319.9, 239.9), 0.0), ((-1.0, 100.0), 2.0)]
+OUTSIDE = [((320.0, 100.0), 0.0), ((100.0, 240.0), 0.0), ((-1.0, 100.0), 0.0), ((1.0, 100.0), -2.0)]
 
 
-def test_a_pixel_beyond_the_image_of_infinity_still_gives_a_finite_ray() -> None:
-    assert np.isfinite(ray_from_pixel(CAMERA, np.array([1000.0, -500.0]))).all()
-
-
-@pytest.mark.parametrize(
-    ("pixel", "margin", "inside"),
-    [
-        ((0.0, 0.0), 0.0, True),
-        ((319.9, 239.9), 0.0, True),
-        ((320.0, 100.0), 0.0, False),
-        ((100.0, 240.0), 0.0, False),
-        ((-1.0, 100.0), 0.0, False),
-        ((-1.0, 100.0), 2.0, True),
-        ((1.0, 100.0), -2.0, False),
-    ],
-)
-def test_inside_image(pixel: tuple[float, float], margin: float, inside: bool) -> None:
-    assert inside_image(CAMERA, np.array(pixel), margin) == inside
+def test_inside_image() -> None:
+    assert all(camera.inside_image(CAMERA, np.array(pixel), margin) for pixel, margin in INSIDE)
+    assert not any(camera.inside_image(CAMERA, np.array(pixel), margin) for pixel, margin in OUTSIDE)
 
 
 def test_world_to_camera() -> None:
     R_WC = Rotation.from_rotvec([0.3, -1.2, 0.4]).as_matrix()
     v_W, p = np.array([1.0, 2.0, 3.0]), np.array([0.2, -0.4, 0.1])
-    np.testing.assert_allclose(camera_from_world(R_WC, v_W), R_WC.T @ v_W, atol=1e-15)
-    np.testing.assert_allclose(camera_point(R_WC, p, v_W), R_WC.T @ (v_W - p), atol=1e-15)
+    np.testing.assert_allclose(camera.camera_from_world(R_WC, v_W), R_WC.T @ v_W, atol=1e-15)
+    np.testing.assert_allclose(camera.camera_point(R_WC, p, v_W), R_WC.T @ (v_W - p), atol=1e-15)
 
-
-# What is in the way -------------------------------------------------------------------------------------------------
 
 CUBE = np.array([[[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]])
 
@@ -131,8 +90,8 @@ def test_a_box_hides_what_is_behind_it(p: tuple, y: tuple, expected: bool) -> No
     p, y = np.array(p, float), np.array(y, float)
     elsewhere = np.array([[[8.0, 8.0, 8.0], [9.0, 9.0, 9.0]]])
     for boxes in (CUBE, np.concatenate((elsewhere, CUBE))):
-        assert hidden(boxes, p, y) is hidden(boxes, y, p) is expected
-    assert not hidden(NO_BOXES, p, y)
+        assert camera.hidden(boxes, p, y) is camera.hidden(boxes, y, p) is expected
+    assert not camera.hidden(NO_BOXES, p, y)
 
 
 def test_hidden_is_what_sampling_along_the_way_says() -> None:
@@ -143,9 +102,9 @@ def test_hidden_is_what_sampling_along_the_way_says() -> None:
         p, y = rng.uniform(-1.5, 1.5, (2, 3))
         way = (p + t * (y - p))[:, None]
         share = ((boxes[:, 0] < way) & (way < boxes[:, 1])).all(axis=2).sum(axis=0).max()
-        assert hidden(boxes, p, y) == hidden(boxes, y, p)
-        assert hidden(boxes, p, y) or share == 0
-        if share != 0 or not hidden(boxes, p, y):
+        assert camera.hidden(boxes, p, y) == camera.hidden(boxes, y, p)
+        assert camera.hidden(boxes, p, y) or share == 0
+        if share != 0 or not camera.hidden(boxes, p, y):
             found.append(share > 0)
     assert len(found) > 395 and 50 < sum(found) < 350
 
@@ -155,17 +114,10 @@ def test_visible_is_in_front_inside_the_image_and_not_hidden(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose, y, z = random_camera(rng), rng.uniform(-3.0, 3.0, 3), np.empty(2)
     R_WC, box = rotation_matrix(pose[3:7]), np.sort(rng.uniform(-3.0, 3.0, (1, 2, 3)), axis=1)
-    in_front = camera_point(R_WC, pose, y)[2] >= CAMERA.minimum_depth
+    in_front = camera.camera_point(R_WC, pose, y)[2] >= CAMERA.minimum_depth
     for margin in (0.0, 50.0, 1e9):
-        inside = in_front and inside_image(CAMERA, pixel_of(CAMERA, pose, y), margin)
-        assert visible(CAMERA, NO_BOXES, R_WC, pose, y, margin, z) == inside
-        assert visible(CAMERA, box, R_WC, pose, y, margin, z) == (inside and not hidden(box, pose, y))
+        inside = in_front and camera.inside_image(CAMERA, pixel_of(CAMERA, pose, y), margin)
+        assert camera.visible(CAMERA, NO_BOXES, R_WC, pose, y, margin, z) == inside
+        assert camera.visible(CAMERA, box, R_WC, pose, y, margin, z) == (inside and not camera.hidden(box, pose, y))
         if inside:
             np.testing.assert_allclose(z, pixel_of(CAMERA, pose, y), atol=1e-12)
-
-
-def test_nothing_is_seen_nearer_than_the_minimum_depth() -> None:
-    pose, z = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.empty(2)
-    for depth, expected in ((0.99, False), (1.01, True)):
-        y = np.array([0.0, 0.0, depth * CAMERA.minimum_depth])
-        assert visible(CAMERA, NO_BOXES, np.eye(3), pose, y, 0.0, z) == expected

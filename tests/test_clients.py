@@ -3,12 +3,9 @@
 A client whose package is not installed is skipped; `make clients` installs each in an environment of its own.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import re
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -50,17 +47,15 @@ def load(client: Client) -> ModuleType:
     return module
 
 
-@pytest.fixture
-def main(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """The `main` of the client's script, in a folder of its own."""
+@pytest.fixture(params=CLIENTS)
+def client(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, dict]:
+    """The `main` of a client's script, in a folder of its own, and arguments for its smallest run."""
     monkeypatch.chdir(tmp_path)
-    return load(CLIENTS[request.param]).main
+    return load(CLIENTS[request.param]).main, CLIENTS[request.param].smallest
 
 
-@pytest.mark.parametrize(
-    ("main", "smallest"), [(name, CLIENTS[name].smallest) for name in CLIENTS], indirect=["main"], ids=list(CLIENTS)
-)
-def test_client_runs(main: Callable[..., Any], smallest: dict[str, Any], capfd: pytest.CaptureFixture[str]) -> None:
+def test_client_runs(client: tuple[Any, dict], capfd: pytest.CaptureFixture[str]) -> None:
+    main, smallest = client
     returns = main(**smallest)
     assert len(returns) == 2
     assert all(math.isfinite(value) for value in returns)
@@ -68,9 +63,8 @@ def test_client_runs(main: Callable[..., Any], smallest: dict[str, Any], capfd: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("main", CLIENTS, indirect=True)
-def test_client_learns(main: Callable[..., Any], capfd: pytest.CaptureFixture[str]) -> None:
-    before, after = main()
+def test_client_learns(client: tuple[Any, dict], capfd: pytest.CaptureFixture[str]) -> None:
+    before, after = client[0]()
     with capfd.disabled():
         print(f"\n{capfd.readouterr().out.splitlines()[-1]}")
     assert after > before + 50.0

@@ -1,22 +1,32 @@
-"""`python -m agents`: what every command says to a bad argument, and that it says it before anything is run."""
+"""`python -m agents`: what every command says to a bad argument, before anything is run; small commands in full."""
 
-from __future__ import annotations
+from pathlib import Path
 
-from typing import Any
-
+import numpy as np
 import pytest
 
 from agents.__main__ import COMMANDS, main
 from agents.compare import command as compare
+from agents.compare import generalise
 from agents.honesty import command as consistency
+from agents.tools.arguments import scenario_argument
+from agents.tools.sections import put_section
+from agents.watching import command as watch
+from agents.watching.film import side_by_side
 
 
-def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_tells_its_options_and_names_a_bad_number(capsys: pytest.CaptureFixture[str]) -> None:
     for command in COMMANDS:
         with pytest.raises(SystemExit) as exit_:
             main([command, "--help"])
         assert exit_.value.code == 0
         assert ("--save" if command == "watch" else "--out") in capsys.readouterr().out
+    for args, change in BAD:
+        with pytest.raises(ValueError, match=next(iter(change))):
+            args(**change)
+    with pytest.raises(SystemExit) as exit_:
+        main(["study", "--episodes", "0"])
+    assert exit_.value.code == 2
 
 
 @pytest.mark.parametrize(
@@ -38,22 +48,60 @@ def test_bad_argument_is_named(line: str, said: str, capsys: pytest.CaptureFixtu
     assert said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("args", "change"),
-    [
-        (compare.Args, {"episodes": 0}),
-        (compare.Args, {"jobs": 0}),
-        (compare.Args, {"seed": -1}),
-        (compare.Args, {"policies": ()}),
-        (consistency.Args, {"episodes": 0}),
-    ],
-)
-def test_bad_number_is_named(args: Any, change: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=next(iter(change))):
-        args(**change)
+BAD = [(compare.Args, {"episodes": 0}), (compare.Args, {"jobs": 0}), (compare.Args, {"seed": -1})]
+BAD += [(compare.Args, {"policies": ()}), (consistency.Args, {"episodes": 0})]
 
 
-def test_a_bad_number_on_the_command_line_ends_it() -> None:
-    with pytest.raises(SystemExit) as exit_:
-        main(["study", "--episodes", "0"])
-    assert exit_.value.code == 2
+def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    marks = [f"<!-- generated: {name} -->\n<!-- end: {name} -->" for name in "ab"]
+    page.write_text("# Mine\n\n" + "\n\n".join(marks) + "\n\nEnd.\n")
+    assert put_section(page, "a", "first \\1") and put_section(page, "b", "other")
+    assert put_section(page, "a", "second \\2") and not put_section(page, "c", "nowhere")
+    text = page.read_text()
+    assert text.startswith("# Mine\n") and text.endswith("\nEnd.\n")
+    assert "second \\2" in text and "other" in text and "first" not in text and "nowhere" not in text
+    with pytest.raises(ValueError, match="report: there is no page"):
+        put_section(tmp_path / "absent.md", "a", "")
+    assert scenario_argument("hall") == "hall"
+    assert scenario_argument('{"pixel_std": 4.0}') == {"pixel_std": 4.0}
+    with pytest.raises(ValueError, match="is no JSON object"):
+        scenario_argument("{pixel_std}")
+
+
+def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generalise, "CONDITIONS", {"default": "paper", "9 landmarks": '{"landmark_count": 9}'})
+    page = tmp_path / "R.md"
+    page.write_text("<!-- generated: generalise -->\n<!-- end: generalise -->\n")
+    args = generalise.Args(policies=("stay", "sweep"), episodes=1, out=tmp_path, report=(page,), jobs=1)
+    assert generalise.main(args) == 0
+    rows = [line for line in (tmp_path / "generalise.md").read_text().splitlines() if line.startswith("| ")]
+    wanted = [[f"| {one}", policy] for one in ("default", "9 landmarks") for policy in ("stay", "sweep")]
+    assert [line.split(" | ")[:2] for line in rows[2:]] == wanted
+    assert "python -m agents generalise --policies stay sweep" in page.read_text()
+
+
+def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    clip = tmp_path / "new" / "clip.gif"
+    args = watch.Args(policy=("sweep", "stay"), duration=2.0, every=0.5, width=300, save=clip, tum=tmp_path / "tum")
+    assert watch.main(args) == 0
+    with Image.open(clip) as animation:
+        assert animation.n_frames == 5 and animation.width == 600
+        first = np.asarray(animation.convert("RGB"))
+        animation.seek(4)
+        assert (np.asarray(animation.convert("RGB")) != first).any()
+    said = capsys.readouterr().out
+    assert "sweep, room 1000000:" in said and f"Written to {clip}" in said
+    poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")
+    assert poses.shape == (41, 8)
+    np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0, atol=1e-6)
+
+
+def test_a_shorter_film_stands_still_at_its_end() -> None:
+    pytest.importorskip("matplotlib")
+    pictures = [np.full((4, 40, 3), value, np.uint8) for value in (10, 20, 30)]
+    together = side_by_side([pictures, pictures[:1]], ["a", "b"])
+    assert len(together) == 3 and together[2][-1, 0, 0] == 30 and together[2][-1, -1, 0] == 10

@@ -1,7 +1,5 @@
 """The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -28,7 +26,7 @@ from agents.figures import over_rooms, quaternion_error
 from agents.summary import summarise
 from agents.task import Task
 from agents.tools.files import write_csv, write_json
-from agents.tools.statistics import estimate, paired_rmse
+from agents.tools.statistics import Estimate, estimate, paired_rmse
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
@@ -38,37 +36,19 @@ FIGURES = {"entropies.png", "errors.png", "maps.png", "actions.png", "decision_t
 def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: Any) -> Episode:
     """An episode of 2 s in steps of 0.5 s that removes `bits`, with one landmark of three mapped after 1 s."""
     times = np.arange(5) * 0.5
-    ramp = times / times[-1]
     mapped = np.array([0, 0, 1, 1, 1])
-    vectors = np.zeros((5, 3))
-    values: dict[str, Any] = {
-        "policy": policy,
-        "seed": seed,
-        "settings": "{}",
-        "lost": False,
-        "room_size": np.array([6.0, 2.0, 6.0]),
-        "times": times,
-        "entropy": 100.0 - bits * ramp,
-        "log_score": -50.0 + 2.0 * bits * ramp,
-        "landmarks_mapped": mapped,
-        "distinct_landmarks": mapped,
-        "landmark_rmse": np.where(mapped > 0, 0.03, np.inf),
-        "true_quaternion": np.tile([1.0, 0, 0, 0], (5, 1)),
-        "estimated_quaternion": np.tile([1.0, 0, 0, 0], (5, 1)),
-        "actions": np.array([[2, 1]] * 4),
-        "motion_read": np.array([True, False, True, False]),
-        "rewards": np.full(4, bits / 4),
-        "decision_us": np.full(4, 7.0),
-        "landmark_times": times[2:3],
-        "landmark_log2_det": np.array([-20.0]),
-        "true_landmarks": np.zeros((3, 3)),
-        "fiducials": np.ones((6, 3)),
-        "landmark_errors": np.array([0.03, np.nan, np.nan]),
-        "estimated_landmarks": np.full((1, 3), 0.02),
-        "landmark_covariance": np.eye(3)[None] * 1e-4,
-    }
-    values |= {n: vectors for n in SAMPLED if n not in values and n.endswith(("_offset", "_std", "_position"))}
-    values |= {name: np.ones(5) for name in SAMPLED if name not in values}
+    values: dict[str, Any] = {name: np.ones(5) for name in SAMPLED}
+    values |= {name: np.zeros((5, 3)) for name in SAMPLED if name.endswith(("_offset", "_std", "_position"))}
+    values |= {name: np.tile([1.0, 0, 0, 0], (5, 1)) for name in ("true_quaternion", "estimated_quaternion")}
+    values |= {"policy": policy, "seed": seed, "settings": "{}", "lost": False}
+    values |= {"room_size": np.array([6.0, 2.0, 6.0]), "true_landmarks": np.zeros((3, 3)), "fiducials": np.ones((6, 3))}
+    values |= {"times": times, "entropy": 100.0 - bits * times / 2.0, "log_score": -50.0 + bits * times}
+    values |= {"landmarks_mapped": mapped, "distinct_landmarks": mapped}
+    values |= {"landmark_rmse": np.where(mapped > 0, 0.03, np.inf), "landmark_errors": np.array([0.03, np.nan, np.nan])}
+    values |= {"landmark_times": times[2:3], "landmark_log2_det": np.array([-20.0])}
+    values |= {"estimated_landmarks": np.full((1, 3), 0.02), "landmark_covariance": np.eye(3)[None] * 1e-4}
+    values |= {"actions": np.array([[2, 1]] * 4), "motion_read": np.array([True, False, True, False])}
+    values |= {"rewards": np.full(4, bits / 4), "decision_us": np.full(4, 7.0)}
     return Episode(**(values | changes))
 
 
@@ -78,50 +58,27 @@ def assert_same(one: Episode, other: Episode, skip: tuple[str, ...] = ()) -> Non
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
 
 
-# Statistics
-
-
-def test_interval_of_a_mean_covers_it_as_often_as_it_says() -> None:
+def test_figures_of_equal_missing_and_zero_values_and_how_often_an_interval_covers() -> None:
+    for statistic in ("mean", "median"):
+        assert estimate([2.0, 2.0, 2.0], statistic) == Estimate(2.0, 2.0, 2.0, 3, statistic)  # of no width
+    assert estimate([1.0, np.nan, 3.0], "mean").rooms == 2
+    assert estimate([np.nan], "median").text() == "–"
+    assert estimate([1.5], "mean").text() == "1.5"
+    none = estimate(np.zeros(20), "share")
+    assert none.value == none.low == 0.0 and 0.1 < none.high < 0.2
+    assert paired_rmse([1.0, 3.0, np.nan], [2.0, np.nan, 5.0]) == (1.0, 2.0)  # of the landmarks that both mapped
+    assert np.isnan(paired_rmse([1.0, np.nan], [np.nan, 2.0])).all()
     generator = np.random.default_rng(0)
     covered = [(e := estimate(generator.normal(size=60), "mean")).low < 0.0 < e.high for _ in range(100)]
     assert 88 <= sum(covered) <= 100
 
 
-@pytest.mark.parametrize("statistic", ["mean", "median"])
-def test_equal_values_have_an_interval_of_no_width(statistic: Any) -> None:
-    figure = estimate([2.0, 2.0, 2.0], statistic)
-    assert (figure.value, figure.low, figure.high, figure.rooms) == (2.0, 2.0, 2.0, 3)
-
-
-def test_rooms_without_a_value_are_left_out() -> None:
-    assert estimate([1.0, np.nan, 3.0], "mean").rooms == 2
-    assert estimate([np.nan], "median").text() == "–"
-    assert estimate([1.5], "mean").text() == "1.5"
-
-
-def test_share_of_none_still_has_an_interval() -> None:
-    figure = estimate(np.zeros(20), "share")
-    assert figure.value == figure.low == 0.0
-    assert 0.1 < figure.high < 0.2
-
-
-def test_paired_rmse_takes_the_landmarks_that_both_mapped() -> None:
-    assert paired_rmse([1.0, 3.0, np.nan], [2.0, np.nan, 5.0]) == (1.0, 2.0)
-    assert np.isnan(paired_rmse([1.0, np.nan], [np.nan, 2.0])).all()
-
-
-# Episodes
-
-
-def test_episode_comes_back_from_its_file(tmp_path: Path) -> None:
+def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     written = episode("own:mine", lost=True)
     written.save(tmp_path / "a" / "episode.npz")
     read = Episode.load(tmp_path / "a" / "episode.npz")
     assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
     assert_same(read, written)
-
-
-def test_thinned_keeps_whole_seconds_the_end_and_the_outcome() -> None:
     whole = episode()
     cut = replace(whole, lost=True, **{name: getattr(whole, name)[:4] for name in SAMPLED})
     assert whole.thinned().times.tolist() == [0.0, 1.0, 2.0]
@@ -129,24 +86,18 @@ def test_thinned_keeps_whole_seconds_the_end_and_the_outcome() -> None:
     assert outcome(whole.thinned(), 1) == outcome(whole, 1)
 
 
-def test_outcome_of_a_known_episode() -> None:
+def test_outcome_and_honesty_of_a_known_episode() -> None:
     row = outcome(episode(bits=10.0), target_landmarks=1)
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
     assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
     assert (row["target_time"], row["target_log2_det"]) == (1.0, -20.0)
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
     assert np.isnan(outcome(episode(), target_landmarks=2)["target_time"])
-
-
-def test_lost_belief_has_removed_no_bits() -> None:
     assert outcome(episode(lost=True), 1)["bits"] == 0.0
-
-
-def test_honesty_counts_the_runs_alive() -> None:
-    assert honesty(episode(), 2.0)["position_nees"] == 1.0
-    assert np.isnan(honesty(episode(), 3.0)["position_nees"])
-    assert honesty(episode(lost=True), 1.0)["position_nees"] == 1.0
-    assert np.isnan(honesty(episode(lost=True), 2.0)["position_nees"])
+    nees = [
+        honesty(episode(lost=lost), time)["position_nees"] for lost, time in ((0, 2.0), (0, 3.0), (1, 1.0), (1, 2.0))
+    ]
+    np.testing.assert_array_equal(nees, [1.0, np.nan, 1.0, np.nan])
 
 
 def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
@@ -158,10 +109,7 @@ def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
     np.testing.assert_allclose(quaternion_error(offset), Rotation.from_rotvec(offset).as_quat()[:, :3], atol=1e-12)
 
 
-# Summary and tables
-
-
-def test_paired_difference_is_within_rooms() -> None:
+def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
     runs = [episode("stay", seed, 10.0 * seed) for seed in range(4)]
     runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(4)]
     summary = summarise(runs, target_landmarks=1, honesty_times=(1.0,))
@@ -170,29 +118,19 @@ def test_paired_difference_is_within_rooms() -> None:
     assert summary.policies["stay"]["bits"].value == 15.0
     assert summary.best_baseline == "mi-fisher"
     assert list(summary.paired) == ["mi-fisher"]
-
-
-def test_users_policy_is_compared_with_the_best_baseline() -> None:
     summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
-    assert summary.best_baseline == "sweep"
-    assert set(summary.paired["sweep"]) == {"own:mine", "stay"}
-    assert "own:mine" in summary.notes[0]
-    assert any("mi-fisher was not run" in note for note in summary.notes)
+    assert summary.best_baseline == "sweep" and set(summary.paired["sweep"]) == {"own:mine", "stay"}
+    assert "own:mine" in summary.notes[0] and any("mi-fisher was not run" in note for note in summary.notes)
 
 
-def test_few_rooms_are_marked() -> None:
-    few = summarise([episode(seed=seed) for seed in range(3)])
-    many = summarise([episode(seed=seed) for seed in range(20)])
+def test_tables_are_aligned_and_complete_and_few_rooms_are_marked() -> None:
+    few, many = (summarise([episode(seed=seed) for seed in range(rooms)]) for rooms in (3, 20))
     assert "What was learned*" in tables.text(few) and "* From 3 room(s)" in tables.text(few)
     assert "*" not in tables.text(many)
-
-
-def test_tables_are_aligned_and_complete() -> None:
     summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)], settings={"target_landmarks": 14})
     for table in tables.tables(summary):
         assert {len(row) for row in table.rows} == {len(table.header)}
-    lines = tables.text(summary).splitlines()
-    assert len({len(line) for line in lines[1:4]}) == 1
+    assert len({len(line) for line in tables.text(summary).splitlines()[1:4]}) == 1
     assert "| stay | 10.0 | 20.0 |" in tables.markdown(summary)
 
 
@@ -204,10 +142,7 @@ def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:
     np.testing.assert_array_equal(np.isnan(values), [[False, False, True], [False, False, False]])
 
 
-# Files
-
-
-def test_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:
+def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     write_csv(path, [{"a": 1, "b": np.nan}])
     with pytest.raises(KeyboardInterrupt), written_whole(path) as unfinished:
@@ -215,43 +150,29 @@ def test_interrupted_write_leaves_the_old_file(tmp_path: Path) -> None:
         raise KeyboardInterrupt
     assert path.read_text().splitlines() == ["a,b", "1,"]
     assert list(tmp_path.iterdir()) == [path]
+    write_json(path, {"a": [1.0, np.nan], "b": {"c": -np.inf}})
+    assert json.loads(path.read_text()) == {"a": [1.0, None], "b": {"c": None}}
 
 
-def test_json_has_null_for_what_is_not_finite(tmp_path: Path) -> None:
-    write_json(tmp_path / "x.json", {"a": [1.0, np.nan], "b": {"c": -np.inf}})
-    assert json.loads((tmp_path / "x.json").read_text()) == {"a": [1.0, None], "b": {"c": None}}
-
-
-# Policies by name
-
-
-def test_own_policy_is_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "my_policies.py").write_text(
-        "import baselines\ndef still(env):\n    return baselines.make('stay', env)\n"
-    )
+def test_own_policy_is_imported_and_an_unknown_one_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    code = "import baselines\ndef still(env):\n    return baselines.make('stay', env)\n"
+    (tmp_path / "my_policies.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
     env = gym.make("ActiveSLAM-v0")
-    observation, _ = env.reset(seed=0)
-    action, _ = policies.resolve("my_policies:still", env).predict(observation)
+    action, _ = policies.resolve("my_policies:still", env).predict(env.reset(seed=0)[0])
     assert action[0] == Motion.STAY
+    for name in ("nobody", "no.such.module:make", "json:no_such_function", ":"):
+        with pytest.raises(ValueError, match=f"{name}.*allowed"):
+            policies.factory(name)
 
 
-@pytest.mark.parametrize("name", ["nobody", "no.such.module:make", "json:no_such_function", ":"])
-def test_unknown_policy_is_named(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name}.*allowed"):
-        policies.factory(name)
-
-
-# The environment
-
-
-@pytest.fixture(scope="module")
-def run() -> Episode:
+def played() -> Episode:
     env = gym.make("ActiveSLAM-v0", duration=DURATION)
     return run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
 
 
-def test_record_of_an_episode(run: Episode) -> None:
+def test_record_of_an_episode_is_that_of_its_seed() -> None:
+    run = played()
     samples, steps = len(run.times), len(run.actions)
     assert samples == steps + 1 == round(DURATION / 0.05) + 1
     assert run.times[-1] == pytest.approx(DURATION)
@@ -262,12 +183,7 @@ def test_record_of_an_episode(run: Episode) -> None:
     np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
     assert len(run.landmark_times) == run.landmarks_mapped.max()
     assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
-
-
-def test_same_seed_gives_the_same_record(run: Episode) -> None:
-    env = gym.make("ActiveSLAM-v0", duration=DURATION)
-    again = run_episode(env, baselines.make("mi-fisher", env), seed=7, name="mi-fisher")
-    assert_same(again, run, skip=("decision_us",))
+    assert_same(played(), run, skip=("decision_us",))
 
 
 def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -276,12 +192,8 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
     assert summary is not None and summary.settings["complete"]
     assert {path.name for path in tmp_path.glob("*.png")} == FIGURES
     rows = list(csv.DictReader((tmp_path / "episodes.csv").open()))
-    assert [(row["policy"], int(row["seed"]) - args.seed) for row in rows] == [
-        ("stay", 0),
-        ("stay", 1),
-        ("mi-fisher", 0),
-        ("mi-fisher", 1),
-    ]
+    ran = [(row["policy"], int(row["seed"]) - args.seed) for row in rows]
+    assert ran == [("stay", 0), ("stay", 1), ("mi-fisher", 0), ("mi-fisher", 1)]
     bits = np.mean([float(row["bits"]) for row in rows if row["policy"] == "stay"])
     written = json.loads((tmp_path / "summary.json").read_text())
     assert written["policies"]["stay"]["bits"]["value"] == pytest.approx(bits)
@@ -321,14 +233,9 @@ def test_missing_matplotlib_costs_the_figures_alone(
 def test_command_line_in_processes_without_torch(tmp_path: Path) -> None:
     (tmp_path / "torch.py").write_text("raise ImportError('torch was imported')\n")
     paths = [str(tmp_path), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    command = [sys.executable, "-m", "agents", "compare", "--policies", "stay", "random", "--episodes", "2"]
-    done = subprocess.run(
-        [*command, "--jobs", "2", "--duration", "1", "--no-figures", "--out", str(tmp_path / "out")],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    line = "-m agents compare --policies stay random --episodes 2 --jobs 2 --duration 1 --no-figures --out".split()
+    command, env = [sys.executable, *line, str(tmp_path / "out")], os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     assert "What was learned" in done.stdout
     assert len(list((tmp_path / "out" / "episodes").glob("*.npz"))) == 4

@@ -1,27 +1,34 @@
 """The manual tells the truth: its tables are the code's, its code runs, its names exist, and it builds."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import inspect
+import json
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
 import activeslam_gym
+import baselines
 from activeslam_gym import ActiveSLAMEnv, Gaze, Motion, observation_layout
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.information import CRITERIA
+from agents import pretrained
+from docs import tables
+from examples import fisher_trace
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
     path for pattern in ("*.md", "docs/**/*.md", ".github/**/*.md") for path in ROOT.glob(pattern) if path.is_file()
 )
+MATHEMATICS = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 SPECIFICATION = inspect.getdoc(ActiveSLAMEnv) or ""
 
 
@@ -44,9 +51,6 @@ def first_names(title: str) -> list[str]:
     return [row[0].strip("`") for row in rows(section(title))]
 
 
-# The environment's specification ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_observation_table_is_the_layout(scenario: str) -> None:
     env = gym.make("ActiveSLAM-v0", scenario=scenario)
@@ -58,18 +62,17 @@ def test_observation_table_is_the_layout(scenario: str) -> None:
     assert "32 + 11 (K + N + 13)" in section("Observation space")
 
 
-def test_action_table_is_the_enums() -> None:
+def test_the_specification_tells_actions_arguments_and_versions() -> None:
     told = rows(section("Action space"))
     assert [(int(row[0]), re.match(r"\w+", row[1])[0]) for row in told] == [(m.value, m.name) for m in Motion]
     gazes = [re.match(r"\w+", row[2])[0] for row in told if len(row) > 2 and row[2].strip("| ")]
     assert gazes == [gaze.name for gaze in Gaze]
-
-
-def test_argument_table_is_the_signature() -> None:
     signature = inspect.signature(ActiveSLAMEnv.__init__).parameters
     told = [(row[0].strip("`"), row[1].strip("`")) for row in rows(section("Arguments"))]
     defaults = [(name, repr(p.default).replace("'", '"')) for name, p in signature.items() if name != "self"]
     assert told == defaults
+    versions = {name.rsplit("-", 1)[1] for name in gym.registry if name.startswith("ActiveSLAM")}
+    assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
 
 
 def test_information_tables_are_what_is_returned() -> None:
@@ -80,34 +83,42 @@ def test_information_tables_are_what_is_returned() -> None:
         assert list(info["reward_terms"]) == [*REWARDS, "forfeit"]
 
 
-def test_reward_table_is_the_rewards() -> None:
-    from docs import tables
-
+def test_tables_of_rewards_and_scenarios_hold_every_name_and_field() -> None:
     told = rows(tables.rewards())
     assert [row[0].strip("`") for row in told] == list(REWARDS)
     assert all(len(row) == 2 and len(row[1]) > 5 for row in told)
+    assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
+    assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
 
 
-def test_every_registered_version_has_a_history() -> None:
-    versions = {name.rsplit("-", 1)[1] for name in gym.registry if name.startswith("ActiveSLAM")}
-    assert set(re.findall(r"^- (v\d+):", section("Version history"), re.MULTILINE)) == versions
-
-
-# Pages --------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: str(page.relative_to(ROOT)))
 def test_relative_links_lead_to_files(page: Path) -> None:
-    text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = "\n".join(cells(page, "markdown")) if page in NOTEBOOKS else page.read_text(encoding="utf-8")
+    text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", text, flags=re.DOTALL)
     links = [link for link in re.findall(r"\]\(([^)\s#]+)", text) if not re.match(r"[a-z]+:", link)]
     generated = {"changelog.md", "contributing.md", "results.md"}  # on the site they come from the root
     assert not [link for link in links if not (page.parent / link).exists() and link not in generated]
 
 
+def cells(notebook: Path, kind: str) -> list[str]:
+    found = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in found if cell["cell_type"] == kind]
+
+
+def test_notebooks_import_and_never_define_and_are_committed_without_output() -> None:
+    assert NOTEBOOKS
+    for notebook in NOTEBOOKS:
+        code = re.sub(r"^[%!].*$", "", "\n".join(cells(notebook, "code")), flags=re.MULTILINE)
+        defined = [n.name for n in ast.walk(ast.parse(code)) if isinstance(n, (ast.FunctionDef, ast.ClassDef))]
+        assert not defined, f"{', '.join(defined)} of {notebook.name} belongs into a module"
+        assert cells(notebook, "markdown")[0].startswith("# ")
+        assert notebook.stat().st_size < 100_000, f"clear the output of {notebook.name}"
+
+
 SNIPPETS = [
     pytest.param(page.name, code, id=f"{page.stem}-{i}")
     for page in PAGES
-    if page.parent == ROOT / "docs"
+    if page.parent == ROOT / "docs" or page == ROOT / "README.md"
     for i, code in enumerate(re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.M))
     if "--8<--" not in code
 ]
@@ -119,25 +130,22 @@ def test_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.
     exec(compile(code, f"<{page}>", "exec", dont_inherit=True), {"__name__": "manual"})
 
 
-def test_the_mathematics_names_code_that_exists() -> None:
-    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
-    named = {name for row in rows(text) for name in re.findall(r"`((?:\w+\.)+\w+)`", row[-1])}
-    named |= set(re.findall(r"`((?:slam|information|motion|camera|metrics|envs)\.[\w.]+)`", text))
+def test_the_mathematics_names_code_that_exists_criteria_and_what_cites_it() -> None:
+    told = rows(MATHEMATICS)
+    named = {name for row in told for name in re.findall(r"`((?:\w+\.)+\w+)`", row[-1])}
+    named |= set(re.findall(r"`((?:slam|information|motion|camera|metrics|envs)\.[\w.]+)`", MATHEMATICS))
     assert len(named) > 30
     for name in named:
         module, attribute = name.rsplit(".", 1)
         assert hasattr(importlib.import_module(f"activeslam_gym.{module}"), attribute), name
-
-
-def test_the_mathematics_names_every_function_that_cites_an_equation() -> None:
-    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
+    assert {row[0].strip("`") for row in told} >= set(CRITERIA)
     package = ROOT / "activeslam_gym"
     for path in sorted(package.rglob("*.py")):
         module = ".".join(path.relative_to(package).with_suffix("").parts)
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
                 if re.search(r"\b([Ee]quation|[Ss]ection|[Aa]ppendix)\b", ast.get_docstring(node) or ""):
-                    assert f"`{module}.{node.name}`" in text, f"{module}.{node.name}"
+                    assert f"`{module}.{node.name}`" in MATHEMATICS, f"{module}.{node.name}"
 
 
 def test_the_reference_names_what_exists() -> None:
@@ -152,37 +160,14 @@ def test_the_reference_names_what_exists() -> None:
         assert not [one for one in (members[1].split(", ") if members else []) if not hasattr(home, one)], name
 
 
-def test_the_mathematics_names_every_criterion() -> None:
-    from activeslam_gym.information import CRITERIA
-
-    text = (ROOT / "docs" / "mathematics.md").read_text(encoding="utf-8")
-    assert {row[0].strip("`") for row in rows(text)} >= set(CRITERIA)
-
-
-def test_the_table_of_the_fisher_trace_is_computed() -> None:
-    from examples.fisher_trace import TABLE, main
-
-    told = [(float(row[1]), float(row[2].split()[0])) for row in rows(TABLE)]
-    assert told == [(round(trace), float(f"{bits:.3g}")) for trace, bits in main()]
-
-
-def test_the_readme_lists_the_policies() -> None:
-    import baselines
-    from agents import pretrained
-
+def test_the_readmes_policies_and_the_table_of_the_fisher_trace_are_the_codes() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     table = text[text.index("[start:policies]") : text.index("[end:policies]")]
     told = [name for row in rows(table) for name in re.findall(r"`([\w-]+)`", row[0])]
     assert told == [*baselines.names(), *pretrained.names()]
-
-
-def test_tables_of_scenarios_hold_every_name_and_field() -> None:
-    from dataclasses import fields
-
-    from docs import tables
-
-    assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
-    assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
+    assert "README.md" in [snippet.values[0] for snippet in SNIPPETS]
+    shown = [(float(row[1]), float(row[2].split()[0])) for row in rows(fisher_trace.TABLE)]
+    assert shown == [(round(trace), float(f"{bits:.3g}")) for trace, bits in fisher_trace.main()]
 
 
 def test_the_manual_builds_without_a_warning(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The worked examples of the manual: each runs, and does what its page says."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -17,6 +15,8 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.information.candidates import pose_after, propagated
 from activeslam_gym.kernels import compiled
 from activeslam_gym.slam.sight import THING, Sight
+from agents.policies import resolve
+from examples import extend_criterion, extend_occluder, extend_policy, extend_reward, extend_sensor
 from tests.support import numerical_sight
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,10 +42,8 @@ def test_a_scenario_of_ones_own_has_three_forms() -> None:
 
 
 def test_the_price_is_paid_once_a_translation_and_told() -> None:
-    from examples.extend_reward import PricedMotion
-
     plain, priced = (gym.make("ActiveSLAM-v0", gaze_period=0.25) for _ in range(2))
-    priced = PricedMotion(priced, price=2.0)
+    priced = extend_reward.PricedMotion(priced, price=2.0)
     for env in (plain, priced):
         env.reset(seed=0)
     paid = []
@@ -66,10 +64,8 @@ def in_the_middle(seed: int) -> Any:
 
 def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
     """Against the EKF's update in full: tr(P_pp) before and after, for what is in view of each goal."""
-    from examples.extend_criterion import motion_scores, position_variance
-
     inner = in_the_middle(seed=3)
-    scores = motion_scores(inner, position_variance)
+    scores = extend_criterion.motion_scores(inner, extend_criterion.position_variance)
     models, prospect = inner.setting.models, inner.prospect
     P = propagated(models.motion, prospect.covariance, 0.0, 20)
     for index in Motion:
@@ -78,41 +74,27 @@ def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         P_after = P - P @ H.T @ np.linalg.solve(S, H @ P)
         np.testing.assert_allclose(scores[index], np.trace((P - P_after)[:3, :3]), rtol=1e-5)
-
-
-def test_scores_of_ones_own_are_those_of_the_environment() -> None:
-    from examples.extend_criterion import motion_scores
-
-    inner = in_the_middle(seed=4)
     for name in ("mutual_information", "variance_reduction"):
-        np.testing.assert_allclose(motion_scores(inner, CRITERIA[name]), inner.motion_scores(name), rtol=1e-9)
-
-
-def test_the_criterion_can_move_into_the_package() -> None:
-    """Compiled as it stands, as `named` does it."""
-    from examples.extend_criterion import position_variance
-
+        scores = extend_criterion.motion_scores(inner, CRITERIA[name])
+        np.testing.assert_allclose(scores, inner.motion_scores(name), rtol=1e-9)
     rng = np.random.default_rng(5)
     HP, A = rng.standard_normal((4, 15)), rng.standard_normal((4, 4))
     sight = Sight(np.zeros(2, THING), HP, A @ A.T + np.eye(4))
-    found = compiled(position_variance)(np.eye(15), sight, 4.0)
+    found = compiled(extend_criterion.position_variance)(np.eye(15), sight, 4.0)
     assert found == pytest.approx(np.trace(HP[:, :3].T @ np.linalg.solve(sight.S, HP[:, :3])))
 
 
 def test_the_filter_finds_what_it_is_handed() -> None:
-    from examples.extend_sensor import UNKNOWN, main, position_at
-
-    slam = main(frames=40)
+    slam = extend_sensor.main(frames=40)
     points, P = slam.points()
     assert slam.ids.tolist() == [1]
-    errors = np.concatenate((slam.belief.state.camera[:3] - position_at(39), points[0] - UNKNOWN))
+    camera_error = slam.belief.state.camera[:3] - extend_sensor.position_at(39)
+    errors = np.concatenate((camera_error, points[0] - extend_sensor.UNKNOWN))
     stds = np.sqrt(np.diag(P))[[0, 1, 2, 12, 13, 14]]
     assert (np.abs(errors) < 3.0 * stds).all() and (stds < 0.3).all()
 
 
 def test_a_screen_hides_and_a_planner_reckons_with_one_it_knows() -> None:
-    from examples import extend_occluder
-
     envs = {name: gym.make("ActiveSLAM-v0", scenario=one) for name, one in extend_occluder.scenarios.items()}
     for env in envs.values():
         env.reset(seed=0)
@@ -125,23 +107,11 @@ def test_a_screen_hides_and_a_planner_reckons_with_one_it_knows() -> None:
     assert expected["a screen"] == expected["no screen"] > expected["a known screen"]
 
 
-@pytest.mark.parametrize("num_envs", [None, 3])
-def test_the_policy_is_bound_to_one_or_many(num_envs: int | None) -> None:
-    from examples.extend_policy import make
-
-    if num_envs is None:
-        env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    else:
-        env = gym.make_vec("ActiveSLAM-v0", num_envs=num_envs, gaze_period=0.25)
-    observation, _ = env.reset(seed=0)
-    policy = make(env)
-    action, _ = policy.predict(observation)
-    assert np.shape(action) == ((2,) if num_envs is None else (num_envs, 2))
-    assert np.all(np.asarray(action)[..., 1] == Gaze.LEFT)  # everything is still expected
-
-
-def test_the_policy_joins_the_comparison() -> None:
-    from agents.policies import resolve
-
-    env = gym.make("ActiveSLAM-v0")
-    assert type(resolve("examples.extend_policy:make", env)).__name__ == "LookAround"
+def test_the_policy_is_bound_to_one_or_many_and_joins_the_comparison() -> None:
+    one = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
+    for env, shape in ((one, (2,)), (many, (3, 2))):
+        observation, _ = env.reset(seed=0)
+        action = np.asarray(extend_policy.make(env).predict(observation)[0])
+        assert action.shape == shape and np.all(action[..., 1] == Gaze.LEFT)  # everything is still expected
+    assert type(resolve("examples.extend_policy:make", one)).__name__ == "LookAround"

@@ -1,7 +1,5 @@
 """The filter: update, prediction, association, births and deaths."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -19,23 +17,8 @@ from activeslam_gym.slam.filter import COUNTS, candidates_of, filter_frame, filt
 from activeslam_gym.slam.kalman import predict, update
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
-from tests.support import (
-    CAMERA,
-    NO_BOXES,
-    NO_FIDUCIALS,
-    PAPER,
-    copied,
-    dense_H,
-    joint_covariance,
-    mean_difference,
-    prior_belief,
-    random_belief,
-    random_spd,
-    scenario_for,
-    sight_of,
-    turn_of_everything,
-    world_points,
-)
+from tests import support
+from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of
 
 MODEL = filter_of(PAPER)
 GATE, BIRTH_GATE = MODEL.association.gate, MODEL.association.birth_gate
@@ -56,9 +39,9 @@ def assert_updated(belief, before, H, R, nu) -> None:
     """The textbook's update, with the covariance expressed about the new mean."""
     P = joint_covariance(before)
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-    np.testing.assert_allclose(mean_difference(belief, before), K @ nu, atol=1e-10)
+    np.testing.assert_allclose(support.mean_difference(belief, before), K @ nu, atol=1e-10)
     M, G = np.eye(len(P)), np.eye(len(P))
-    M[:, 3:6] += turn_of_everything(belief) - turn_of_everything(before)
+    M[:, 3:6] += support.turn_of_everything(belief) - support.turn_of_everything(before)
     G[3:6, 3:6] = so3_left_jacobian((K @ nu)[3:6])
     G = G @ M
     np.testing.assert_allclose(joint_covariance(belief), G @ (P - K @ H @ P) @ G.T, atol=1e-12)
@@ -69,7 +52,7 @@ def assert_updated(belief, before, H, R, nu) -> None:
 def test_update_is_the_textbooks(kinds: list[int]) -> None:
     rng = np.random.default_rng(len(kinds))
     belief = random_belief(PAPER, kinds, rng)
-    sight, before = sight_of(belief, world_points(rng, belief.state.camera, 2)), copied(belief)
+    sight, before = sight_of(belief, support.world_points(rng, belief.state.camera, 2)), copied(belief)
     H, P, nu = dense_H(sight), joint_covariance(belief), rng.standard_normal(len(sight.S))
     R = VAR * np.eye(len(H)) + block_diag(*sight.thing["extra"])
     assert (np.trace(sight.thing["extra"], axis1=1, axis2=2) > 0.0).tolist() == [False] * 2 + [
@@ -78,6 +61,10 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     assert sight.thing["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
     np.testing.assert_allclose(sight.HP, H @ P, atol=1e-12)
     np.testing.assert_allclose(sight.S, H @ P @ H.T + R, rtol=1e-12)
+    # A broken innovation covariance changes nothing.
+    assert not update(belief, np.zeros((2, belief.state.dim)), -np.eye(2), np.ones(2))
+    np.testing.assert_array_equal(belief.covariance, before.covariance)
+    assert belief.state == before.state and (belief.feature == before.feature).all()
     assert update(belief, sight.HP.copy(), sight.S.copy(), nu.copy())
     assert_updated(belief, before, H, R, nu)
 
@@ -86,9 +73,9 @@ def test_every_candidate_is_used_with_its_own_noise() -> None:
     """The textbook's update with blockdiag R, of the matched things alone, in whatever order they come."""
     rng = np.random.default_rng(7)
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
-    fiducials = world_points(rng, belief.state.camera, 2)
+    fiducials = support.world_points(rng, belief.state.camera, 2)
     sight, before, matched = sight_of(belief, fiducials), copied(belief), [4, 0, 3]
-    nu, own = rng.standard_normal((3, 2)), np.array([random_spd(rng, [0.5, 2.0]) for _ in matched])
+    nu, own = rng.standard_normal((3, 2)), np.array([support.random_spd(rng, [0.5, 2.0]) for _ in matched])
     own[2] = 100.0 * R_PAPER
     candidates = candidates_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
     use_candidates(CAMERA, MODEL, belief, fiducials, NO_BOXES, sight, candidates, True, counters())
@@ -99,14 +86,6 @@ def test_every_candidate_is_used_with_its_own_noise() -> None:
         R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + sight.thing["extra"][np.sort(matched)[i]]
     assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none has matured
     assert_updated(belief, before, H, R, nu[order].ravel())
-
-
-def test_a_broken_innovation_covariance_changes_nothing() -> None:
-    belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
-    before = copied(belief)
-    assert not update(belief, np.zeros((2, belief.state.dim)), -np.eye(2), np.ones(2))
-    np.testing.assert_array_equal(belief.covariance, before.covariance)
-    assert belief.state == before.state and (belief.feature == before.feature).all()
 
 
 def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
@@ -136,9 +115,6 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
     np.testing.assert_allclose(belief.covariance[np.ix_(kept, kept)], P, atol=1e-13)
 
 
-# Association --------------------------------------------------------------------------------------------------------
-
-
 def match(belief, pixels, **given):
     """(M,) what the candidates are matched to, and (v,) which things wait."""
     sight, candidates = sight_of(belief), candidates_at(pixels, **given)
@@ -150,74 +126,66 @@ def match(belief, pixels, **given):
     return candidates["match"].tolist(), waits
 
 
-def two_points(separation_px: float, std: float):
+def two_points(separation_px: float = 60.0, std: float = 0.005, yaw_std: float = 1e-3):
     """A belief about two points side by side 2 m ahead, with the ids 1 and 2, and their predicted pixels."""
     belief = random_belief(PAPER, [POINT, POINT], np.random.default_rng(3))
     belief.state.camera[:7] = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-    belief.feature[0].mean[:3] = (0.0, 0.0, 2.0)
-    belief.feature[1].mean[:3] = (-2.0 * separation_px / CAMERA.focal, 0.0, 2.0)
+    belief.feature["mean"][:2, :3] = (0.0, 0.0, 2.0), (-2.0 * separation_px / CAMERA.focal, 0.0, 2.0)
     belief.covariance[:18, :18] = np.diag([1e-6] * 12 + [std**2] * 6)
+    belief.covariance[4, 4] = yaw_std**2
     return belief, sight_of(belief).thing["z_hat"]
 
 
-def test_clear_matches_are_made_in_any_order() -> None:
-    belief, z = two_points(60.0, 0.005)
+def test_clear_and_labelled_matches_are_made_in_any_order() -> None:
+    belief, z = two_points()
+    assert (sight_of(belief).thing["visibility"] == INSIDE).all()
     assert match(belief, z + 1.0)[0] == [1, 2]
     assert match(belief, z[::-1] + 1.0)[0] == [2, 1]
+    # Labelled ones are what they say, however far they are; one without an id is of nothing known.
+    candidates = candidates_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
+    assert match_by_id(sight_of(belief), candidates).tolist() == [2, 0]
+    assert candidates["match"].tolist() == [2, NEW, 1]
 
 
 @pytest.mark.parametrize("scale", [0.25, 1.0, 9.0])
 def test_a_candidate_outside_every_gate_is_new_and_between_the_gates_rejected(scale: float) -> None:
     """The gates are those of its own noise: ``scale`` times the camera's."""
-    belief, z = two_points(60.0, 0.005)
+    belief, z = two_points()
     S = sight_of(belief).S[:2, :2] + (scale - 1.0) * R_PAPER
     for d2, expected in ((0.9 * GATE, 1), (1.1 * GATE, REJECTED), (1.1 * BIRTH_GATE, NEW)):
         offset = np.array([0.0, np.sqrt(d2 * S[1, 1])])
         assert match(belief, z[:1] + offset, R=scale * R_PAPER)[0] == [expected]
 
 
-def test_an_ambiguous_candidate_waits() -> None:
-    belief, z = two_points(3.0, 0.005)
+def test_an_ambiguous_candidate_waits_unless_its_id_or_its_looks_decide() -> None:
+    belief, z = two_points(3.0)
     found, waits = match(belief, z.mean(axis=0))
-    assert found == [REJECTED]
-    assert waits.all()
-
-
-@pytest.mark.parametrize("id", [1, 2])
-def test_an_id_says_which_of_two_it_is(id: int) -> None:
-    belief, z = two_points(3.0, 0.005)
-    assert match(belief, z.mean(axis=0), ids=id)[0] == [id]
+    assert found == [REJECTED] and waits.all()
+    for id in (1, 2):
+        assert match(belief, z.mean(axis=0), ids=id)[0] == [id]
+    belief, z = two_points()
+    pixels, enough = np.stack((z[0] + 0.5, z[0] - 0.5)), 0.6 * MODEL.association.clear_margin
+    assert match(belief, pixels)[0] == [REJECTED, REJECTED]
+    for ratios, expected in (([0, 1.0], [REJECTED] * 2), ([0, enough], [REJECTED, 1]), ([enough, 0], [1, REJECTED])):
+        assert match(belief, pixels, ids=1, log_ratios=ratios)[0] == expected
 
 
 def test_an_id_restricts_but_does_not_command() -> None:
     """Where it is not, or where there is no such thing, a candidate with an id is nothing that is known."""
-    belief, z = two_points(60.0, 0.005)
+    belief, z = two_points()
     assert match(belief, z, ids=[2, ANYTHING])[0] == [NEW, 2]
     assert match(belief, z, ids=[2, 1])[0] == [NEW, NEW]
     assert match(belief, z, ids=[99, fiducial_id(0)])[0] == [NEW, NEW]
-
-
-def test_of_several_candidates_of_one_id_at_most_one_is_taken() -> None:
-    belief, z = two_points(60.0, 0.005)
+    # Of several candidates of one id at most one is taken.
     far = np.array([0.0, np.sqrt(1.1 * BIRTH_GATE * sight_of(belief).S[1, 1])])
     assert match(belief, np.stack((z[0] + far, z[0] + 0.5, z[0] - far)), ids=1)[0] == [NEW, 1, NEW]
     found, waits = match(belief, np.stack((z[0] + 0.5, z[0] - 0.5)), ids=1)
     assert found == [REJECTED, REJECTED] and waits.tolist() == [True, False]
 
 
-def test_appearance_decides_between_two_that_are_equal() -> None:
-    belief, z = two_points(60.0, 0.005)
-    pixels, enough = np.stack((z[0] + 0.5, z[0] - 0.5)), 0.6 * MODEL.association.clear_margin
-    assert match(belief, pixels)[0] == [REJECTED, REJECTED]
-    assert match(belief, pixels, ids=1, log_ratios=[0.0, 0.2 * enough])[0] == [REJECTED, REJECTED]
-    assert match(belief, pixels, ids=1, log_ratios=[0.0, enough])[0] == [REJECTED, 1]
-    assert match(belief, pixels, ids=1, log_ratios=[enough, 0.0])[0] == [1, REJECTED]
-
-
 def test_vague_rows_are_matched_together() -> None:
     """Two points that the camera's rotation makes vague alike: one detection waits, both explain each other."""
-    belief, z = two_points(12.0, 0.002)
-    belief.covariance[4, 4] = np.radians(3.0) ** 2  # yaw: about 10 px, for both alike
+    belief, z = two_points(12.0, std=0.002, yaw_std=np.radians(3.0))  # about 10 px, for both alike
     shift = np.array([8.0, 0.0])
     assert match(belief, z[:1] + shift)[0] == [REJECTED]
     assert match(belief, z + shift)[0] == [1, 2]
@@ -225,8 +193,7 @@ def test_vague_rows_are_matched_together() -> None:
 
 def test_at_the_edge_of_the_image_a_vague_row_may_be_outside() -> None:
     """8 px from its point a detection is matched in the middle, where the point would be missed; there it waits."""
-    belief, z = two_points(60.0, 0.002)
-    belief.covariance[4, 4] = np.radians(3.0) ** 2
+    belief, z = two_points(std=0.002, yaw_std=np.radians(3.0))
     shift = np.array([-8.0, 0.0])
     assert match(belief, z[:1] + shift)[0] == [1]
     belief.feature["mean"][:2, 0] -= 2.0 * (CAMERA.width + 38.0 - z[0, 0]) / CAMERA.focal
@@ -235,19 +202,10 @@ def test_at_the_edge_of_the_image_a_vague_row_may_be_outside() -> None:
     assert match(belief, at_edge + shift)[0] == [REJECTED]
 
 
-def test_labelled_candidates_are_what_they_say() -> None:
-    """However far they are; one without an id is of nothing known."""
-    belief, z = two_points(60.0, 0.005)
-    candidates = candidates_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
-    assert match_by_id(sight_of(belief), candidates).tolist() == [2, 0]
-    assert candidates["match"].tolist() == [2, NEW, 1]
-
-
 def a_ray():
     """A belief about one ray, and the pixel of the particle in its middle."""
-    belief = random_belief(scenario_for([RAY]), [RAY], np.random.default_rng(4))
-    rays = predict_rays(CAMERA, belief, NO_BOXES)
-    return belief, rays.z_hat[0, rays.z_hat.shape[1] // 2].copy()
+    belief = random_belief(support.scenario_for([RAY]), [RAY], np.random.default_rng(4))
+    return belief, predict_rays(CAMERA, belief, NO_BOXES).z_hat[0, PAPER.particle_count // 2].copy()
 
 
 def follow(belief, candidates, labelled: bool = False):
@@ -255,19 +213,15 @@ def follow(belief, candidates, labelled: bool = False):
     return candidates["match"].tolist()
 
 
-def test_a_ray_is_matched_along_its_particles() -> None:
+def test_a_ray_is_matched_along_its_particles_and_knows_ids_appearance_and_noise() -> None:
     belief, pixel = a_ray()
     candidates = candidates_at(np.stack((pixel, pixel, pixel + 150.0)))
     candidates["match"] = REJECTED, NEW, NEW
     assert follow(belief, candidates) == [REJECTED, 1, NEW]
-
-
-def test_a_ray_knows_ids_appearance_and_noise_of_candidates() -> None:
     belief, pixel = a_ray()
-    twice = np.stack((pixel, pixel))
+    twice, aside = np.stack((pixel, pixel)), np.stack((pixel + 40.0,))
     assert follow(belief, candidates_at(twice, ids=[2, 1])) == [NEW, 1]
     assert follow(belief, candidates_at(twice, log_ratios=[0.0, 1.0])) == [REJECTED, 1]
-    aside = np.stack((pixel + 40.0,))
     assert follow(belief, candidates_at(aside)) == [NEW]
     assert follow(belief, candidates_at(aside, R=400.0 * R_PAPER)) == [1]
 
@@ -290,12 +244,9 @@ def test_a_labelled_ray_is_weighed_by_its_own_candidate_alone() -> None:
     np.testing.assert_allclose(weights, expected / expected.sum(), rtol=1e-9, atol=1e-300)
 
 
-# Births and deaths --------------------------------------------------------------------------------------------------
-
-
 def still_belief(scenario: Scenario = PAPER):
     """A belief without features, sure of its pose and at rest."""
-    belief = prior_belief(scenario)
+    belief = support.prior_belief(scenario)
     belief.covariance[:12, :12] = np.diag([1e-8] * 12)
     return belief
 
@@ -305,34 +256,18 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
     motion, model, candidates = motion_of(quiet, 1.0), filter_of(scenario), candidates_at(pixels)
     u = np.zeros(6)
-    filter_frame(CAMERA, motion, model, belief, NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
+    filter_frame(CAMERA, motion, model, belief, support.NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
     return counts
 
 
 @pytest.mark.parametrize("initialisation, kind", [(BY_INVERSE_DEPTH, INVERSE_DEPTH), ("depth_particles", RAY)])
 def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: str, kind: int) -> None:
-    scenario = replace(PAPER, initialisation=initialisation)
-    belief = still_belief(scenario)
-    births = [frame(belief, [[100.0, 100.0]], scenario).births for _ in range(3)]
-    assert births == [0, 0, 1]
-    assert belief.feature[0].kind == kind
-    for _ in range(20):
-        assert frame(belief, [[100.0, 100.0]], scenario).births == 0  # no duplicate of what is known
-    assert belief.state.serial == 1
-
-
-def test_an_interrupted_candidate_starts_anew() -> None:
-    belief, there = still_belief(), [[100.0, 100.0]]
-    assert sum(frame(belief, pixels).births for pixels in (there, there, [], there, there)) == 0
-
-
-def test_a_feature_that_should_be_seen_and_is_not_is_deleted() -> None:
-    belief = still_belief()
-    for _ in range(5):
-        frame(belief, [[160.0, 120.0]])
-    deletions = [frame(belief, []).deletions for _ in range(PAPER.maximum_misses)]
-    assert deletions == [0] * (PAPER.maximum_misses - 1) + [1]
-    assert (belief.state.count, belief.state.dim) == (0, 12)
+    scenario, there = replace(PAPER, initialisation=initialisation), [[100.0, 100.0]]
+    interrupted, belief = still_belief(scenario), still_belief(scenario)
+    assert sum(frame(interrupted, pixels, scenario).births for pixels in (there, there, [], there, there)) == 0
+    births = [frame(belief, there, scenario).births for _ in range(23)]
+    assert births == [0, 0, 1] + [0] * 20  # no duplicate of what is known
+    assert belief.feature[0].kind == kind and belief.state.serial == 1
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
@@ -349,26 +284,17 @@ def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: 
     assert belief.state.count == int(kept)
 
 
-def test_a_full_map_gives_no_birth_and_no_error() -> None:
+def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() -> None:
     belief = still_belief()
     grid = [[20.0 + 24.0 * i, 20.0 + 28.0 * j] for i in range(12) for j in range(8)]
     for _ in range(5):
         frame(belief, grid)
     assert 20 < belief.state.count <= len(belief.feature)
     frame(belief, [[5.0, 5.0]])
-
-
-def test_predictions_know_what_is_well_inside_the_image() -> None:
-    belief, _ = two_points(60.0, 0.005)
-    assert (sight_of(belief).thing["visibility"] == INSIDE).all()
-
-
-def test_what_a_known_box_hides_is_not_expected() -> None:
-    """Neither seen nor missed; in sight again without the box."""
-    belief, _ = two_points(60.0, 0.005)
+    belief, _ = two_points()
     wall = np.array([[[-0.9, -1.0, 1.0], [-0.2, 1.0, 1.1]]])  # before the second
     assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]
     assert sight_of(belief).thing["id"].tolist() == [1, 2]
     sight = sight_of(belief, boxes=wall)
-    use_candidates(CAMERA, MODEL, belief, NO_FIDUCIALS, wall, sight, candidates_at([]), False, counters())
+    use_candidates(CAMERA, MODEL, belief, support.NO_FIDUCIALS, wall, sight, candidates_at([]), False, counters())
     assert belief.feature["misses"][:2].tolist() == [1, 0]

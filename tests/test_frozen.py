@@ -5,8 +5,6 @@ a small difference as it is corrected by measurements, unless the difference dec
 rounds otherwise stays near 1e-11 for seconds (`test_rounding_decides_nothing`), far under the tolerances here.
 """
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -56,6 +54,17 @@ def test_the_records_hold_something() -> None:
     assert {action(step)[1] for step in range(24)} == {0, 1, 2}
 
 
+class Nudged(gym.Wrapper):
+    """An environment whose first estimate is off by ``nudge`` (3,) [m]."""
+
+    nudge: tuple[float, float, float]
+
+    def reset(self, **kwargs):
+        out = super().reset(**kwargs)
+        simulation_of(self).belief.state.camera[:3] += self.nudge
+        return out
+
+
 @pytest.mark.parametrize(
     ("scenario", "seed"), [("paper", 8), ("paper-literal", 4), ("paper-literal", 6), ("clutter", 8)]
 )
@@ -63,22 +72,9 @@ def test_rounding_decides_nothing(scenario: str, seed: int, monkeypatch: pytest.
     """Equal pairings in the association were once decided by their last digit: these runs parted within seconds."""
     monkeypatch.setitem(CASES, "nudged", (scenario, seed, 0.25))
     plain, make = play("ActiveSLAM-v0", "nudged"), gym.make
+    monkeypatch.setattr(gym, "make", lambda *args, **kwargs: Nudged(make(*args, **kwargs)))
     for nudge in ((1e-13, -1e-13, 1e-13), (-1e-13, 1e-13, 5e-14)):
-        monkeypatch.setattr(gym, "make", lambda *args, nudge=nudge, **kwargs: Nudged(make(*args, **kwargs), nudge))
+        monkeypatch.setattr(Nudged, "nudge", nudge, raising=False)
         nudged = play("ActiveSLAM-v0", "nudged")
-        monkeypatch.setattr(gym, "make", make)
         for what, then in plain.items():
             np.testing.assert_allclose(nudged[what], then, rtol=1e-8, atol=1e-8, err_msg=what)
-
-
-class Nudged(gym.Wrapper):
-    """An environment whose first estimate is off by ``nudge`` (3,) [m]."""
-
-    def __init__(self, env: gym.Env, nudge: tuple[float, float, float]) -> None:
-        super().__init__(env)
-        self.nudge = nudge
-
-    def reset(self, **kwargs):
-        out = super().reset(**kwargs)
-        simulation_of(self).belief.state.camera[:3] += self.nudge
-        return out

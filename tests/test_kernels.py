@@ -1,7 +1,5 @@
 """Kernels and their cache: a place that cannot be written costs time and no more, and an edit is never overlooked."""
 
-from __future__ import annotations
-
 import ast
 import importlib
 import os
@@ -11,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -39,7 +37,12 @@ def run(code: str, folder: Path, **environment: str) -> subprocess.CompletedProc
     return subprocess.run(command, cwd=folder, env={**kept, **environment}, capture_output=True, text=True, check=False)
 
 
-# What kernels are made of -------------------------------------------------------------------------------------------
+def said(folder: Path, **environment: str) -> str:
+    """What a process of a small kernel says, which works."""
+    done = run(SMALL_KERNEL, folder, **environment)
+    assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
+    return done.stderr
+
 
 PAIR = record(left="f8", right=("f8", 2), inside=record(count="i8"))
 
@@ -65,56 +68,45 @@ def fill(pairs: np.ndarray, x: float) -> float:
     return pair.left
 
 
-def test_a_function_is_called_from_kernels_and_from_python() -> None:
+def test_a_kernel_is_called_from_python_too_and_a_record_filled_by_names() -> None:
     pairs = np.zeros(2, PAIR)
     assert (double(1.5), fill(pairs, 1.5)) == (3.0, 6.0)
     assert pairs["left"].tolist() == [6.0, 0.0] and pairs["right"].tolist() == [[6.0, 6.0], [0.0, 0.0]]
     assert pairs["inside"]["count"].tolist() == [3, 0]
     assert double.__doc__ == "Called by kernels and by Python."
-
-
-def test_a_record_is_filled_by_the_names_of_all_its_fields() -> None:
-    pair = filled(PAIR, left=1, right=(2, 3), inside=(4,))
+    values = {"left": 1, "right": (2, 3), "inside": (4,)}
+    pair = filled(PAIR, **values)
     assert (pair.left, pair.right.tolist(), pair.inside.count) == (1.0, [2.0, 3.0], 4)
-    for values in ({"left": 1.0}, {"left": 1.0, "right": (2.0, 3.0), "inside": (4,), "middle": 5.0}):
+    for wrong in ({"left": 1.0}, {**values, "middle": 5.0}):
         with pytest.raises(TypeError, match=r"values must be given for \('left', 'right', 'inside'\), got"):
-            filled(PAIR, **values)
+            filled(PAIR, **wrong)
+    for no_type in ("nonsense", ("f8", "many")):
+        with pytest.raises((TypeError, ValueError)):
+            record(x=no_type)
 
 
-@pytest.mark.parametrize("fields", [{"x": "nonsense"}, {"x": ("f8", "many")}])
-def test_a_record_of_no_type_is_refused(fields: dict[str, Any]) -> None:
-    with pytest.raises((TypeError, ValueError)):
-        record(**fields)
-
-
-def test_one_of_calls_the_function_of_that_number() -> None:
+def test_one_of_calls_the_function_of_that_number_and_a_row_is_views() -> None:
     choose = one_of([double, compiled(lambda x: x - 1.0)])
     assert (choose(0, 5.0), choose(1, 5.0)) == (10.0, 4.0)
     assert np.isnan(choose(2, 5.0))
+    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR), np.zeros(3)))
+    one = row(tree, 1)
+    one.first[:], one.second.first.left = 1.0, 2.0
+    assert tree.first.tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
+    assert tree.second.first["left"].tolist() == [0.0, 2.0, 0.0]
 
 
-def test_a_row_is_views_of_all_arrays() -> None:
-    class Tree(tuple):
-        def __new__(cls, *parts: Any) -> Tree:
-            return super().__new__(cls, parts)
+class Tree(NamedTuple):
+    """Two leaves, of which the second may be another tree."""
 
-    tree = Tree(np.zeros((3, 2)), Tree(np.zeros(3, PAIR)))
-    second = row(tree, 1)
-    second[0][:], second[1][0].left = 1.0, 2.0
-    assert tree[0].tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]] and tree[1][0]["left"].tolist() == [0.0, 2.0, 0.0]
-
-
-# What kernels are kept by -------------------------------------------------------------------------------------------
+    first: Any
+    second: Any
 
 
 def modules_with_kernels() -> list[ModuleType]:
     """Those whose content the cache's folder is named after."""
-    names = [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in PACKAGE.rglob("*.py")]
-    return [
-        importlib.import_module(name)
-        for name in sorted(names)
-        if any(sign in (PACKAGE.parent / f"{name.replace('.', '/')}.py").read_bytes() for sign in kernels._SIGNS)
-    ]
+    paths = [path for path in sorted(PACKAGE.rglob("*.py")) if any(s in path.read_bytes() for s in kernels._SIGNS)]
+    return [importlib.import_module(".".join(p.relative_to(PACKAGE.parent).with_suffix("").parts)) for p in paths]
 
 
 def compiled_functions(module: ModuleType) -> Iterator[Any]:
@@ -152,9 +144,6 @@ def test_what_is_compiled_into_kernels_stands_in_modules_with_kernels() -> None:
     assert not wrong, "\n".join(wrong)
 
 
-# The cache ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
     """A folder with a copy of the package, without a cache."""
@@ -180,82 +169,70 @@ def kept_in(folder: Path, ending: str = "nbc") -> list[Path]:
 @pytest.mark.parametrize("chosen", [{}, {"NUMBA_CACHE_DIR": "/dev/null/nowhere"}])
 def test_without_a_place_for_the_cache_it_works_and_says_what_to_do(read_only: Path, chosen: dict[str, str]) -> None:
     nowhere = {"HOME": "/dev/null/nowhere", "XDG_CACHE_HOME": "/dev/null/nowhere"}
-    done = run(SMALL_KERNEL, read_only, **nowhere, **chosen)
-    assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
-    (line,) = done.stderr.splitlines()
+    (line,) = said(read_only, **nowhere, **chosen).splitlines()
     assert "set NUMBA_CACHE_DIR to a directory that can" in line
 
 
 @compiles
 def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path, tmp_path: Path) -> None:
     """Told where, a read-only install caches there; other modules do not matter, nor does the way to a content."""
-    cache = tmp_path / "cache"
-
-    def said() -> str:
-        done = run(SMALL_KERNEL, read_only, NUMBA_CACHE_DIR=str(cache))
-        assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
-        return done.stderr
-
-    (announcement,) = said().splitlines()
+    folder, there = read_only, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    (announcement,) = said(folder, **there).splitlines()
     assert "kept for the next time" in announcement
-    assert said() == ""
-    drawing = read_only / PACKAGE.name / "rendering" / "panels.py"
+    assert said(folder, **there) == ""
+    drawing = folder / PACKAGE.name / "rendering" / "panels.py"
     drawing.write_text(drawing.read_text("utf-8") + "\n", encoding="utf-8")
-    assert said() == ""
-    source = read_only / PACKAGE.name / "linalg.py"  # another module than the kernel's own
+    assert said(folder, **there) == ""
+    source = folder / PACKAGE.name / "linalg.py"  # another module than the kernel's own
     old = source.read_text("utf-8")
     source.write_text(old + "\n", encoding="utf-8")
-    assert "compiling" in said() and said() == ""
+    assert "compiling" in said(folder, **there) and said(folder, **there) == ""
     source.write_text(old, encoding="utf-8")  # later than before
     os.utime(source, (1e9, 1e9))
-    assert said() == ""
-    assert len({path.parent for path in kept_in(cache)}) == 2
+    assert said(folder, **there) == ""
+    assert len({path.parent for path in kept_in(tmp_path / "cache")}) == 2
 
 
 @compiles
 def test_contents_that_were_not_used_for_long_are_forgotten(copy: Path) -> None:
-    source = copy / PACKAGE.name / "linalg.py"
+    source, cache = copy / PACKAGE.name / "linalg.py", copy / PACKAGE.name / "__pycache__"
     for age in range(8):
-        (copy / PACKAGE.name / "__pycache__" / f"kernels-{age}").mkdir(parents=True)
-        os.utime(copy / PACKAGE.name / "__pycache__" / f"kernels-{age}", (1e9 - age, 1e9 - age))
+        (cache / f"kernels-{age}").mkdir(parents=True)
+        os.utime(cache / f"kernels-{age}", (1e9 - age, 1e9 - age))
     source.write_text(source.read_text("utf-8") + "\n", encoding="utf-8")
-    assert "compiling" in run(SMALL_KERNEL, copy).stderr
+    assert "compiling" in said(copy)
     (present,) = {path.parent for path in kept_in(copy)}
-    assert {path.name for path in present.parent.glob("kernels-*")} == {
-        present.name,
-        *(f"kernels-{age}" for age in range(4)),
-    }
+    kept = {path.name for path in present.parent.glob("kernels-*")}
+    assert kept == {present.name, "kernels-0", "kernels-1", "kernels-2", "kernels-3"}
 
 
 @compiles
 @pytest.mark.parametrize("ending", ["nbc", "nbi"])
 @pytest.mark.parametrize("size", [0, 40])
 def test_a_damaged_file_is_made_anew(copy: Path, ending: str, size: int) -> None:
-    run(SMALL_KERNEL, copy)
+    said(copy)
     for path in kept_in(copy, ending):
         os.truncate(path, size)
-    done = run(SMALL_KERNEL, copy)
-    assert (done.returncode, done.stdout.strip()) == (0, PRINTED), done.stderr
-    (line,) = done.stderr.splitlines()
+    (line,) = said(copy).splitlines()
     assert "compiling" in line
-    assert run(SMALL_KERNEL, copy).stderr == ""
+    assert said(copy) == ""
 
 
 @compiles
 def test_a_cache_that_cannot_be_written_is_told_once(copy: Path, tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
-    spoil = "from activeslam_gym import geometry, linalg\nimport shutil, pathlib\n"
-    spoil += f"folder = pathlib.Path({str(cache)!r})\nshutil.rmtree(folder, ignore_errors=True); folder.touch()\n"
-    done = run(
-        spoil + SMALL_KERNEL + "print(linalg.product(np.eye(2), np.eye(2)).sum())", copy, NUMBA_CACHE_DIR=str(cache)
-    )
+    code = f"""
+from activeslam_gym import geometry, linalg
+import shutil, pathlib
+folder = pathlib.Path({str(tmp_path / "cache")!r})
+shutil.rmtree(folder, ignore_errors=True); folder.touch()
+{SMALL_KERNEL}
+print(linalg.product(np.eye(2), np.eye(2)).sum())
+"""
+    done = run(code, copy, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert (done.returncode, done.stdout.split("\n")[:2]) == (0, [PRINTED, "2.0"]), done.stderr
     compiling, complaint = done.stderr.splitlines()
     assert "compiling" in compiling
     assert "could not be kept" in complaint and "compiled again at the next start" in complaint
-
-
-# Importing ----------------------------------------------------------------------------------------------------------
 
 
 def test_importing_changes_nothing_in_the_process(copy: Path) -> None:

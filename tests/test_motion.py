@@ -1,39 +1,25 @@
 """The appendix's motion model, and a controller that goes where it is told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from activeslam_gym import Gaze, Motion
+from activeslam_gym import motion as m
 from activeslam_gym.config import SCENARIOS
-from activeslam_gym.motion import (
-    accelerations,
-    clipped_goal,
-    displacement,
-    goal_of,
-    motion_of,
-    open_loop,
-    process_covariance,
-    transition,
-    transition_jacobian,
-    turn_of,
-    turned_by,
-)
 
 from .support import CAMERA, PAPER, pixel_of, random_camera
 
-MODEL = motion_of(PAPER, 1.0)
+MODEL = m.motion_of(PAPER, 1.0)
 START = np.array([0.0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0])
 
 
 def drive(motion: int, gaze: int, seconds: float = 1.0, start: np.ndarray = START) -> np.ndarray:
     """The camera after following one command without noise, with a perfect estimate."""
     x = start.copy()
-    goal = goal_of(MODEL, x, int(motion))
+    goal = m.goal_of(MODEL, x, int(motion))
     for frame in range(round(seconds / MODEL.dt)):
-        u = accelerations(MODEL, x, start[:3], goal, frame * MODEL.dt, turn_of(MODEL, int(gaze), frame * MODEL.dt))
-        x = transition(x, u, MODEL.dt)
+        u = m.accelerations(MODEL, x, start[:3], goal, frame * MODEL.dt, m.turn_of(MODEL, int(gaze), frame * MODEL.dt))
+        x = m.transition(x, u, MODEL.dt)
     return x
 
 
@@ -47,27 +33,19 @@ def test_transition_is_the_papers() -> None:
     norm = np.linalg.norm(w_new)
     Q = np.cos(dt * norm / 2) * np.eye(4) + np.sin(dt * norm / 2) / norm * M
     expected = np.concatenate((p + (v + u[:3] * dt) * dt, Q @ q, v + u[:3] * dt, w_new))
-    np.testing.assert_allclose(transition(x, u, dt), expected, atol=1e-15)
+    np.testing.assert_allclose(m.transition(x, u, dt), expected, atol=1e-15)
 
 
-def test_a_camera_at_rest_stays() -> None:
-    np.testing.assert_array_equal(transition(START, np.zeros(6), 0.05), START)
-
-
-def test_open_loop_is_frame_after_frame() -> None:
+def test_process_noise_of_one_frame_and_of_many() -> None:
     rng = np.random.default_rng(1)
     A = rng.standard_normal((12, 12))
     P = P_0 = A @ A.T
-    F_x = transition_jacobian(np.array([0.0, 0.2, 0.0]), MODEL.dt)
+    F_x = m.transition_jacobian(np.array([0.0, 0.2, 0.0]), MODEL.dt)
     for _ in range(20):
-        P = F_x @ P @ F_x.T + process_covariance(MODEL, F_x, MODEL.dt)
-    F, Q = open_loop(MODEL, 0.2, 20)
+        P = F_x @ P @ F_x.T + m.process_covariance(MODEL, F_x, MODEL.dt)
+    F, Q = m.open_loop(MODEL, 0.2, 20)
     np.testing.assert_allclose(F @ P_0 @ F.T + Q, P, rtol=1e-12, atol=1e-12)
-
-
-def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
-    """Of one frame of held acceleration: dv = a dt and dp = a dt^2, hence fully correlated."""
-    Q = process_covariance(MODEL, transition_jacobian(np.zeros(3), MODEL.dt), MODEL.dt)
+    Q = m.process_covariance(MODEL, m.transition_jacobian(np.zeros(3), MODEL.dt), MODEL.dt)
     std, dt = MODEL.filter_acceleration_std, MODEL.dt
     for i in range(3):
         np.testing.assert_allclose(Q[i, i], (std * dt * dt) ** 2)
@@ -79,13 +57,12 @@ def test_process_noise_reaches_the_pose_as_the_velocities_do() -> None:
 @pytest.mark.parametrize("motion", Motion)
 def test_goal_is_reached_within_the_period_and_at_rest(motion: Motion) -> None:
     x = drive(motion, Gaze.STAY)
-    np.testing.assert_allclose(x[:3], displacement(MODEL, int(motion)), atol=1e-9)
-    assert np.linalg.norm(displacement(MODEL, int(motion))) == pytest.approx(0.0 if motion == Motion.STAY else 0.3)
+    np.testing.assert_allclose(x[:3], m.displacement(MODEL, int(motion)), atol=1e-9)
+    assert np.linalg.norm(m.displacement(MODEL, int(motion))) == pytest.approx(0.0 if motion == Motion.STAY else 0.3)
 
 
 @pytest.mark.parametrize(
-    ("motion", "axis", "sign"),
-    [(Motion.RIGHT, 0, -1), (Motion.LEFT, 0, 1), (Motion.UP, 1, 1), (Motion.DOWN, 1, -1)],
+    ("motion", "axis", "sign"), [(Motion.RIGHT, 0, -1), (Motion.LEFT, 0, 1), (Motion.UP, 1, 1), (Motion.DOWN, 1, -1)]
 )
 def test_the_view_moves_against_the_camera(motion: Motion, axis: int, sign: int) -> None:
     """To the RIGHT a point moves left in the image (u falls), UP it moves down (v rises)."""
@@ -94,15 +71,17 @@ def test_the_view_moves_against_the_camera(motion: Motion, axis: int, sign: int)
     assert np.sign(np.round(change[axis])) == sign
 
 
-def test_forward_comes_nearer() -> None:
+def test_motions_are_along_the_cameras_axes_and_inside_the_room() -> None:
+    np.testing.assert_array_equal(m.transition(START, np.zeros(6), 0.05), START)  # at rest it stays
     assert drive(Motion.FORWARD, Gaze.STAY)[2] > 0.25
     assert drive(Motion.BACKWARDS, Gaze.STAY)[2] < -0.25
-
-
-def test_motions_are_along_the_cameras_axes() -> None:
     turned = START.copy()
     turned[3:7] = [np.cos(np.pi / 4), 0, np.sin(np.pi / 4), 0]  # a quarter turn to the left: faces +X
     np.testing.assert_allclose(drive(Motion.FORWARD, Gaze.STAY, start=turned)[:3], [0.3, 0, 0], atol=0.01)
+    x = START.copy()
+    x[10:] = [0.3, 0.0, -0.4]
+    assert np.abs(drive(Motion.STAY, Gaze.STAY, start=x)[10:]).max() < 1e-3
+    np.testing.assert_allclose(m.clipped_goal(MODEL, np.array([5.0, -5.0, 0.3])), [2.6, -0.6, 0.3])
 
 
 @pytest.mark.parametrize(("gaze", "rate"), [(Gaze.LEFT, 0.2), (Gaze.RIGHT, -0.2), (Gaze.STAY, 0.0)])
@@ -120,33 +99,18 @@ def test_a_turn_is_scored_as_the_rate_loop_makes_it(frames: int) -> None:
         x = START.copy()
         x[11] = rate
         end = drive(Motion.STAY, gaze, frames * MODEL.dt, x)
-        angle, left = turned_by(MODEL, rate, turn_of(MODEL, int(gaze), 0.0), frames)
+        angle, left = m.turned_by(MODEL, rate, m.turn_of(MODEL, int(gaze), 0.0), frames)
         assert 2.0 * np.arctan2(end[5], end[3]) == pytest.approx(angle, abs=1e-12)
         assert end[11] == pytest.approx(left, abs=1e-12)
-    assert turned_by(MODEL, 0.0, 0.2, 1)[0] == pytest.approx(0.005)
+    assert m.turned_by(MODEL, 0.0, 0.2, 1)[0] == pytest.approx(0.005)
 
 
-def test_turns_on_other_axes_are_stopped() -> None:
-    x = START.copy()
-    x[10:] = [0.3, 0.0, -0.4]
-    assert np.abs(drive(Motion.STAY, Gaze.STAY, start=x)[10:]).max() < 1e-3
-
-
-def test_goals_stay_inside_the_room() -> None:
-    np.testing.assert_allclose(clipped_goal(MODEL, np.array([5.0, -5.0, 0.3])), [2.6, -0.6, 0.3])
-
-
-def test_hand_held_gaze_is_scripted() -> None:
+def test_hand_held_gaze_is_scripted_and_the_filter_assumes_other_noise() -> None:
     scenario = SCENARIOS["hand-held"]
-    model = motion_of(scenario, 1.0)
+    model = m.motion_of(scenario, 1.0)
     times = np.arange(0.0, scenario.scripted_gaze_period, 0.01)
     for gaze in Gaze:
-        angle = 0.01 * np.cumsum([turn_of(model, int(gaze), t) for t in times])
-        assert angle.max() == pytest.approx(scenario.scripted_gaze_amplitude, rel=0.01)
-        assert angle.min() == pytest.approx(-scenario.scripted_gaze_amplitude, rel=0.01)
-
-
-def test_filter_may_assume_other_noise_than_there_is() -> None:
-    model = motion_of(SCENARIOS["hand-held"], 1.0)
+        angle = 0.01 * np.cumsum([m.turn_of(model, int(gaze), t) for t in times]) / scenario.scripted_gaze_amplitude
+        assert (angle.max(), angle.min()) == pytest.approx((1.0, -1.0), rel=0.01)
     assert (model.acceleration_std, model.filter_acceleration_std) == (0.5, 4.0)
     assert (MODEL.acceleration_std, MODEL.filter_acceleration_std) == (0.5, 0.5)

@@ -3,8 +3,6 @@
 Numba warns of slow code where it compiles, so a warning is caught where the cache is empty, as on CI.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -24,21 +22,18 @@ MOST_ALLOCATIONS = 320
 """Arrays that a step of one frame may ask for: 1.5 times the 213 that it did when this was written."""
 
 MOST_ARRAYS = 20
-"""Arrays that a run may consist of."""
+"""Arrays that a run may consist of: each costs at every call; it was once 43 of them."""
 
 ENVIRONMENTS = """
 import json, sys, warnings
 import gymnasium, numpy as np
 from numba.core.errors import NumbaWarning
 warnings.simplefilter("error", NumbaWarning)
-from numba.core.runtime import rtsys
+from numba.core.runtime.rtsys import get_allocation_stats as counts
 from activeslam_gym.envs.episode import play
 from activeslam_gym.envs.public import score_runs
 
 KERNELS = play.kernel, score_runs.kernel
-
-def counts():
-    return rtsys.get_allocation_stats()
 
 def begun(env, seed):
     env.action_space.seed(seed)
@@ -68,9 +63,7 @@ for count in (1, 4):
     left[count] = (after.alloc - before.alloc) - (after.free - before.free)
 print(json.dumps({
     "signatures": [len(kernel.signatures) for kernel in KERNELS],
-    "object_mode": [
-        str(s) for kernel in KERNELS for s, one in kernel.overloads.items() if one.objectmode
-    ],
+    "object_mode": [str(s) for kernel in KERNELS for s, one in kernel.overloads.items() if one.objectmode],
     "allocated": allocated,
     "left": left,
 }))
@@ -80,37 +73,22 @@ print(json.dumps({
 @pytest.fixture(scope="module")
 def counted() -> dict:
     """What a fresh process has compiled and allocated after stepping environments of all sorts."""
-    environment = {**os.environ, "NUMBA_NRT_STATS": "1"}
-    command = [sys.executable, "-c", ENVIRONMENTS]
+    command, environment = [sys.executable, "-c", ENVIRONMENTS], {**os.environ, "NUMBA_NRT_STATS": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def test_one_compiled_step_serves_every_environment(counted: dict) -> None:
+def test_one_compiled_step_serves_every_environment_and_allocates_little(counted: dict) -> None:
     """Another signature would be another minute of compilation, or a path that is slow unseen."""
-    assert counted["signatures"] == [1, 1]
-
-
-def test_a_step_hands_over_few_arrays() -> None:
-    """Each costs at every call; a run was once 43 of them."""
-
-    def arrays(tree: tuple[Any, ...]) -> int:
-        return sum(arrays(part) if isinstance(part, tuple) else 1 for part in tree)
-
+    assert counted["signatures"] == [1, 1] and counted["object_mode"] == []
+    assert all(0 < count < MOST_ALLOCATIONS for count in counted["allocated"].values()), counted["allocated"]
+    assert set(counted["left"].values()) == {0}
     assert arrays(empty_runs(Scenario(), 1)) <= MOST_ARRAYS
 
 
-def test_nothing_runs_in_object_mode(counted: dict) -> None:
-    assert counted["object_mode"] == []
-
-
-def test_a_frame_allocates_few_arrays(counted: dict) -> None:
-    assert all(0 < count < MOST_ALLOCATIONS for count in counted["allocated"].values()), counted["allocated"]
-
-
-def test_a_step_leaves_nothing_allocated(counted: dict) -> None:
-    assert set(counted["left"].values()) == {0}
+def arrays(tree: tuple[Any, ...]) -> int:
+    return sum(arrays(part) if isinstance(part, tuple) else 1 for part in tree)
 
 
 def test_benchmarks_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

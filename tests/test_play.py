@@ -1,66 +1,34 @@
 """Flying by hand: what each key means, the loop under scripted keys, the window, the command line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
+from functools import reduce
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym import Gaze, Motion
+from activeslam_gym import Gaze, Motion, play
 from activeslam_gym.__main__ import main
-from activeslam_gym.play import (
-    GAZE_KEYS,
-    HELP,
-    MOTION_KEYS,
-    Command,
-    Pilot,
-    action_scores,
-    command_after,
-    fly,
-    labels,
-    pilot_after,
-)
 
 
-def after(*keys: str, pilot: Pilot | None = None) -> Pilot:
+def after(*keys: str) -> play.Pilot:
     """What is asked for after these keys."""
-    pilot = pilot or Pilot()
-    for key in keys:
-        pilot = pilot_after(key, pilot)
-    return pilot
+    return reduce(lambda pilot, key: play.pilot_after(key, pilot), keys, play.Pilot())
 
 
-# Keys ---------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("key", "command"),
-    [
-        ("up", (Motion.FORWARD, Gaze.STAY)),
-        ("down", (Motion.BACKWARDS, Gaze.STAY)),
-        ("a", (Motion.LEFT, Gaze.STAY)),
-        ("d", (Motion.RIGHT, Gaze.STAY)),
-        ("pageup", (Motion.UP, Gaze.STAY)),
-        ("pagedown", (Motion.DOWN, Gaze.STAY)),
-        ("left", (Motion.STAY, Gaze.LEFT)),
-        ("right", (Motion.STAY, Gaze.RIGHT)),
-        (" ", (Motion.STAY, Gaze.STAY)),
-        ("f12", (Motion.STAY, Gaze.STAY)),
-    ],
-)
-def test_a_key_is_an_action(key: str, command: tuple[int, int]) -> None:
-    assert command_after(key, Command()) == command
+KEYS = {key: (motion, Gaze.STAY) for key, motion in zip("up down d a pageup pagedown".split(), Motion)}
+KEYS |= {"left": (Motion.STAY, Gaze.LEFT), "right": (Motion.STAY, Gaze.RIGHT)}
 
 
 def test_every_action_has_a_key_and_the_help_names_it() -> None:
-    assert set(MOTION_KEYS.values()) == set(Motion) - {Motion.STAY}
-    assert set(GAZE_KEYS.values()) == set(Gaze) - {Gaze.STAY}
-    for key in (*MOTION_KEYS, *GAZE_KEYS):
-        assert key.removeprefix("page") in HELP
-    assert [len(group) for group in labels()] == [len(Motion), len(Gaze)]
+    for key in (*KEYS, " ", "f12"):
+        assert play.command_after(key, play.Command()) == KEYS.get(key, (Motion.STAY, Gaze.STAY))
+    assert set(play.MOTION_KEYS.values()) == set(Motion) - {Motion.STAY}
+    assert set(play.GAZE_KEYS.values()) == set(Gaze) - {Gaze.STAY}
+    for key in (*play.MOTION_KEYS, *play.GAZE_KEYS):
+        assert key.removeprefix("page") in play.HELP
+    assert [len(group) for group in play.labels()] == [len(Motion), len(Gaze)]
 
 
 def test_moving_and_turning_go_together_and_the_same_key_stops_its_own() -> None:
@@ -69,28 +37,19 @@ def test_moving_and_turning_go_together_and_the_same_key_stops_its_own() -> None
     assert after("up", "left", "left").command == (Motion.FORWARD, Gaze.STAY)
     assert after("up", "left", "w").command == (Motion.STAY, Gaze.LEFT)
     assert after("left", "right").command.gaze == Gaze.RIGHT
-    assert after("up", "left", " ").command == Command()
+    assert after("up", "left", " ").command == play.Command()
     assert after("W").command.motion == Motion.FORWARD
 
 
 def test_the_first_command_starts_the_clock_and_a_pause_holds_it() -> None:
-    assert not after().running
-    assert not after("f12", " ").running
-    assert after("up").running
-    assert after("p").running
-    assert not after("up", "p").running
-    assert not after("up", "p", "left", " ", "down").running
-    assert after("up", "p", "p").running
+    for keys in ((), ("f12", " "), ("up", "p"), ("up", "p", "left", " ", "down")):
+        assert not after(*keys).running
+    for keys in (("up",), ("p",), ("up", "p", "p")):
+        assert after(*keys).running
     assert after("up", "p", "p").command.motion == Motion.FORWARD
-    assert after("up", ".") == Pilot(Command(Motion.FORWARD), running=False, started=True, one_step=True)
-
-
-def test_a_new_room_and_leaving() -> None:
-    assert after("up", "n") == Pilot(new_room=True)
+    assert after("up", ".") == play.Pilot(play.Command(Motion.FORWARD), running=False, started=True, one_step=True)
+    assert after("up", "n") == play.Pilot(new_room=True)
     assert after("up", "escape").quit
-
-
-# The loop -----------------------------------------------------------------------------------------------------------
 
 
 class Scripted:
@@ -121,14 +80,14 @@ def make(**kwargs: Any) -> gym.Env:
 
 def room(seed: int) -> Any:
     """The environment itself, at the start of a room."""
-    env = make()
-    env.reset(seed=seed)
-    return env.unwrapped
+    core = make().unwrapped
+    core.reset(seed=seed)
+    return core
 
 
-def test_it_flies_what_the_keys_say() -> None:
+def test_it_flies_what_the_keys_say_and_a_pause_holds_the_time() -> None:
     cockpit = Scripted([], ["up"], [], ["left"], [])
-    assert fly(make(), cockpit, seed=4) == []
+    assert play.fly(make(), cockpit, seed=4) == []
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0]
     last, _, chosen, _ = cockpit.shown[-1]
     assert (last.motion, last.gaze) == (Motion.FORWARD, Gaze.LEFT)
@@ -139,41 +98,32 @@ def test_it_flies_what_the_keys_say() -> None:
     for action in [(0, 2), (0, 2), (0, 1), (0, 1)]:
         core.step(np.array(action))
     np.testing.assert_array_equal(last.true_position, core.truth.position)
+    cockpit = Scripted(["up"], ["p"], [], ["left"], ["."], [], ["p"], [])
+    play.fly(make(), cockpit)
+    assert cockpit.times == [0.0, 0.25, 0.25, 0.25, 0.5, 0.75, 1.0]
 
 
 def test_each_action_s_scores_are_shown_of_the_present_moment() -> None:
     cockpit = Scripted(["right"], [])
-    fly(make(), cockpit, seed=4)
+    play.fly(make(), cockpit, seed=4)
     core = room(4)
     for step in range(2):
-        for title, values in action_scores(core).items():
+        for title, values in play.action_scores(core).items():
             np.testing.assert_array_equal(cockpit.shown[step][1][title], values)
             assert values.shape == (10,) and values.max() > 0.0
         core.step(np.array([6, 0]))
 
 
-def test_a_pause_holds_the_time_and_a_single_step_moves_it() -> None:
-    cockpit = Scripted(["up"], ["p"], [], ["left"], ["."], [], ["p"], [])
-    fly(make(), cockpit)
-    assert cockpit.times == [0.0, 0.25, 0.25, 0.25, 0.5, 0.75, 1.0]
-
-
 def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
     cockpit = Scripted(["left"], [], [], [], [], ["n"], [])
-    told = fly(make(duration=1.0), cockpit, seed=7)
+    told = play.fly(make(duration=1.0), cockpit, seed=7)
     assert len(told) == 1
     assert told[0].startswith("Room 7: ") and "bits removed" in told[0]
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]
     np.testing.assert_array_equal(cockpit.shown[-1][0].true_landmarks, room(8).truth.landmarks)
-
-
-def test_a_lost_run_is_called_lost() -> None:
     cockpit = Scripted(["left"], *[[]] * 20, ["escape"])
-    (told,) = fly(make(lost_position_error=1e-4), cockpit)
+    (told,) = play.fly(make(lost_position_error=1e-4), cockpit)
     assert "lost" in told and "removed" not in told
-
-
-# The window and the command line ------------------------------------------------------------------------------------
 
 
 def press(pyplot: Any, *keys: str) -> None:
@@ -188,8 +138,8 @@ def press(pyplot: Any, *keys: str) -> None:
 def test_the_window_shows_the_scores_and_hears_the_keys(screen: Any) -> None:
     from activeslam_gym import rendering
 
-    core, cockpit = room(1), rendering.Cockpit(labels())
-    scores = action_scores(core)
+    core, cockpit = room(1), rendering.Cockpit(play.labels())
+    scores = play.action_scores(core)
     pictures = []
     for chosen in ((0, 9), (3, 8)):
         cockpit.show(core.snapshot(), scores, chosen, "a caption")
@@ -232,17 +182,10 @@ def test_the_command_flies_until_the_window_is_closed(
 def test_without_a_screen_the_command_says_so_and_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["play"]) == 1
     error = capsys.readouterr().err
-    assert "screen" in error and HELP in error
-
-
-@pytest.mark.parametrize("bad", [["--scenario", "nowhere"], ["--gaze-period", "0.07"], ["--speed", "0"]])
-def test_a_bad_value_is_named(bad: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["play", *bad]) == 2
-    assert bad[0].removeprefix("--").replace("-", "_") in capsys.readouterr().err
-
-
-def test_help_names_the_keys(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "screen" in error and play.HELP in error
     with pytest.raises(SystemExit) as leaving:
         main(["play", "--help"])
-    assert leaving.value.code == 0
-    assert HELP in capsys.readouterr().out
+    assert leaving.value.code == 0 and play.HELP in capsys.readouterr().out
+    for option, value in (("--scenario", "nowhere"), ("--gaze-period", "0.07"), ("--speed", "0")):
+        assert main(["play", option, value]) == 2
+        assert option.removeprefix("--").replace("-", "_") in capsys.readouterr().err

@@ -1,7 +1,5 @@
 """The project around the code: what an import costs, what is installed, and that the README tells the truth."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -17,7 +15,6 @@ else:
 
 ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-README_SNIPPETS = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
 
 
 def run_elsewhere(code: str, cwd: Path) -> str:
@@ -49,12 +46,7 @@ def test_opencv_comes_with_its_extra_alone() -> None:
     assert pulls == ["all"], "neither the learners nor the demo may pull it"
 
 
-def test_editable_install_exposes_the_upper_floors(tmp_path: Path) -> None:
-    code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
-    assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
-
-
-def test_wheel_holds_the_environment_alone() -> None:
+def test_what_is_installed_and_its_version(tmp_path: Path) -> None:
     setuptools = pytest.importorskip("setuptools")
     include = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
     packages = setuptools.find_packages(str(ROOT), include=include)
@@ -62,22 +54,11 @@ def test_wheel_holds_the_environment_alone() -> None:
     folders = {path.parent.relative_to(ROOT) for path in (ROOT / "activeslam_gym").rglob("*.py")}
     assert {".".join(folder.parts) for folder in folders} == set(packages), "a package without an __init__.py"
     assert (ROOT / "activeslam_gym" / "py.typed").is_file()
-
-
-def test_version_is_said_alike_everywhere() -> None:
+    code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
+    assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
     import activeslam_gym
 
     version = PYPROJECT["project"]["version"]
     assert activeslam_gym.__version__ == version
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.search(rf"^## .*\b{re.escape(version)}\b", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
-
-
-def test_readme_has_a_snippet() -> None:
-    assert README_SNIPPETS
-
-
-@pytest.mark.parametrize("snippet", README_SNIPPETS)
-def test_readme_snippet_runs(snippet: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    exec(compile(snippet, "<README.md>", "exec", dont_inherit=True), {"__name__": "readme"})

@@ -1,7 +1,5 @@
 """Rerun recordings: what the file holds, read back with Rerun's own tools."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -22,18 +20,16 @@ from agents.watching import command as watch
 SHORT: dict[str, Any] = {"gaze_period": 0.5, "duration": 3.0}
 
 
-def test_ellipsoid_axes_are_those_of_the_covariance() -> None:
+def test_ellipsoid_axes_are_those_of_the_covariance_and_colours_are_bytes() -> None:
     A = np.random.default_rng(0).standard_normal((20, 3, 3))
     P = A @ np.swapaxes(A, 1, 2)
     half, quaternions = ellipsoid_axes(P, 2.0)
     R = Rotation.from_quat(quaternions).as_matrix()
     np.testing.assert_allclose(R @ (0.25 * half[:, :, None] ** 2 * np.swapaxes(R, 1, 2)), P, atol=1e-9)
-
-
-def test_an_ellipsoid_of_no_extent_is_flat_and_not_nan() -> None:
-    half, quaternions = ellipsoid_axes(np.diag([1.0, 1.0, 0.0])[None], 2.0)
-    np.testing.assert_allclose(np.sort(half[0]), [0.0, 2.0, 2.0])
+    flat, quaternions = ellipsoid_axes(np.diag([1.0, 1.0, 0.0])[None], 2.0)
+    np.testing.assert_allclose(np.sort(flat[0]), [0.0, 2.0, 2.0])
     assert np.isfinite(quaternions).all()
+    np.testing.assert_array_equal(recording._rgb("#0072B2", "#FFFFFF"), [[0, 114, 178], [255, 255, 255]])
 
 
 def test_without_rerun_the_message_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,33 +56,19 @@ def rerun(*arguments: str | Path) -> str:
     return done.stdout + done.stderr
 
 
-def test_the_file_is_whole_and_rerun_verifies_it(recorded: tuple[Path, Episode]) -> None:
+ENTITIES = """
+/world/room /world/fiducials /world/truth/camera /world/truth/path /world/truth/landmarks /world/belief/camera
+/world/belief/camera/predicted /world/belief/camera/detected /world/belief/path /world/belief/ellipsoids
+/world/belief/expected /entropy /log2_det/total /position/error /position/two_sigma /command
+""".split()
+
+
+def test_the_file_is_whole_and_holds_every_thing(recorded: tuple[Path, Episode]) -> None:
     path, _ = recorded
     assert [entry.name for entry in path.parent.iterdir()] == [path.name]
     rerun("rrd", "verify", path)
-
-
-def test_the_file_holds_every_thing_at_every_moment(recorded: tuple[Path, Episode]) -> None:
-    told = rerun("rrd", "print", recorded[0])
-    for entity in (
-        "/world/room",
-        "/world/fiducials",
-        "/world/truth/camera",
-        "/world/truth/path",
-        "/world/truth/landmarks",
-        "/world/belief/camera",
-        "/world/belief/camera/predicted",
-        "/world/belief/camera/detected",
-        "/world/belief/path",
-        "/world/belief/ellipsoids",
-        "/world/belief/expected",
-        "/entropy",
-        "/log2_det/total",
-        "/position/error",
-        "/position/two_sigma",
-        "/command",
-    ):
-        assert entity in told, f"{entity} is not in the recording"
+    told = rerun("rrd", "print", path)
+    assert not [entity for entity in ENTITIES if entity not in told]
 
 
 def column(path: Path, entity: str, name: str) -> dict[float, list[float]]:
@@ -111,23 +93,17 @@ def test_curves_and_poses_read_back_are_the_episode(recorded: tuple[Path, Episod
         np.testing.assert_allclose(np.reshape([told[time] for time in sorted(told)], (-1, 3)), positions, atol=1e-6)
 
 
-def test_a_lost_run_is_recorded_to_its_end(tmp_path: Path) -> None:
+def test_a_lost_run_is_recorded_to_its_end_and_an_interrupted_one_as_far_as_it_is(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
     env = gym.make("ActiveSLAM-v0", **SHORT, lost_position_error=1e-3)
-    assert record(env, baselines.make("sweep", env), 0, tmp_path / "lost.rrd").lost
-    rerun("rrd", "verify", tmp_path / "lost.rrd")
-
-
-def test_an_interrupted_recording_keeps_what_it_has(tmp_path: Path) -> None:
-    pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
-    env = gym.make("ActiveSLAM-v0", **SHORT)
-    path = tmp_path / "interrupted.rrd"
-    with pytest.raises(KeyboardInterrupt), Recording(path, env.unwrapped.scenario) as file:
-        _, info = env.reset(seed=0)
-        file.log(env, info)
+    lost, interrupted = tmp_path / "lost.rrd", tmp_path / "interrupted.rrd"
+    assert record(env, baselines.make("sweep", env), 0, lost).lost
+    with pytest.raises(KeyboardInterrupt), Recording(interrupted, env.unwrapped.scenario) as file:
+        file.log(env, env.reset(seed=0)[1])
         raise KeyboardInterrupt
     file.close()
-    rerun("rrd", "verify", path)
+    for path in (lost, interrupted):
+        rerun("rrd", "verify", path)
 
 
 def test_watch_records_each_policy(tmp_path: Path) -> None:
@@ -137,7 +113,3 @@ def test_watch_records_each_policy(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["w-stay.rrd", "w-sweep.rrd"]
     for path in tmp_path.iterdir():
         rerun("rrd", "verify", path)
-
-
-def test_colours_are_bytes() -> None:
-    np.testing.assert_array_equal(recording._rgb("#0072B2", "#FFFFFF"), [[0, 114, 178], [255, 255, 255]])

@@ -1,7 +1,5 @@
 """The batch environment behind Stable-Baselines3's interface."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym
@@ -22,21 +20,17 @@ from agents.sb3_vec_env import ActiveSLAMVecEnv
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 
 
-def single(**kwargs: Any) -> gym.Env:
-    return gym.make("ActiveSLAM-v0", **SHORT, **kwargs)
-
-
 @pytest.mark.parametrize("bootstrap", [False, True])
 def test_is_the_dummy_vec_env_of_single_environments(bootstrap: bool) -> None:
     ours = ActiveSLAMVecEnv(4, bootstrap_at_time_limit=bootstrap, **SHORT)
-    theirs = DummyVecEnv([single] * 4)
+    theirs = DummyVecEnv([lambda: gym.make("ActiveSLAM-v0", **SHORT)] * 4)
     for env in (ours, theirs):
         env.seed(5)
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
-    assert ours.reset_infos == theirs.reset_infos
     ours.action_space.seed(0)
     lost = ended = 0
     for _ in range(40):
+        assert ours.reset_infos == theirs.reset_infos
         actions = np.array([ours.action_space.sample() for _ in range(4)])
         (*mine, infos), (*their, expected) = ours.step(actions), theirs.step(actions)
         for array, other in zip(mine, their, strict=True):
@@ -48,22 +42,11 @@ def test_is_the_dummy_vec_env_of_single_environments(bootstrap: bool) -> None:
                 np.testing.assert_array_equal(info.pop("terminal_observation"), other.pop("terminal_observation"))
                 assert info.pop("TimeLimit.truncated") == (other.pop("TimeLimit.truncated") and bootstrap)
                 assert info == other
-                lost += info["lost"]
-                ended += 1
-        assert ours.reset_infos == theirs.reset_infos
-    assert 0 < lost < ended
+                lost, ended = lost + info["lost"], ended + 1
+    assert ours.reset_infos == theirs.reset_infos and 0 < lost < ended
 
 
-def test_seeds_serve_one_reset() -> None:
-    env = ActiveSLAMVecEnv(2)
-    env.seed(1)
-    first = env.reset()
-    assert not np.array_equal(env.reset(), first)
-    env.seed(1)
-    np.testing.assert_array_equal(env.reset(), first)
-
-
-def test_attributes_and_methods_are_those_of_single_environments() -> None:
+def test_attributes_methods_and_seeds_are_those_of_single_environments() -> None:
     env = ActiveSLAMVecEnv(3, gaze_period=0.25)
     env.reset()
     env.step(np.zeros((3, 2), int))
@@ -80,50 +63,42 @@ def test_attributes_and_methods_are_those_of_single_environments() -> None:
     assert env.get_attr("label", 2) == ["mine"]
     with pytest.raises(ValueError, match="indices"):
         env.set_attr("label", "other", indices=[1])
-
-
-def test_bad_arguments_are_named() -> None:
+    env = ActiveSLAMVecEnv(2)
+    env.seed(1)
+    first = env.reset()
+    assert not np.array_equal(env.reset(), first)
+    env.seed(1)
+    np.testing.assert_array_equal(env.reset(), first)
     with pytest.raises(ValueError, match="num_envs"):
         ActiveSLAMVecEnv(0)
 
 
-def test_monitor_counts_episodes() -> None:
+@pytest.mark.parametrize("name", ["sweep", "mi-fisher", "joint-mi"])
+def test_monitor_counts_episodes_and_a_baseline_is_scored_by_evaluate_policy(name: str) -> None:
     env = VecMonitor(ActiveSLAMVecEnv(3, gaze_period=0.5, duration=2.0), info_keywords=("log_score",))
+    assert observation_layout(env).size == env.observation_space.shape[0]
     env.reset()
-    returns = np.zeros(3)
+    total = 0.0
     for _ in range(4):
         _, rewards, dones, infos = env.step(np.full((3, 2), (6, 1)))
-        returns += rewards
-    assert dones.all()
-    for info, total in zip(infos, returns, strict=True):
-        assert info["episode"]["l"] == 4
-        assert info["episode"]["r"] == pytest.approx(total, rel=1e-5)
-        assert info["episode"]["log_score"] == info["log_score"]
-
-
-@pytest.mark.parametrize("name", ["sweep", "mi-fisher", "joint-mi"])
-def test_a_baseline_is_scored_by_evaluate_policy(name: str) -> None:
-    env = VecMonitor(ActiveSLAMVecEnv(2, gaze_period=0.5, duration=2.0))
-    assert observation_layout(env).size == env.observation_space.shape[0]
+        total = total + rewards
+    assert dones.all() and [info["episode"]["l"] for info in infos] == [4] * 3
+    np.testing.assert_allclose([info["episode"]["r"] for info in infos], total, rtol=1e-5)
+    assert [info["episode"]["log_score"] for info in infos] == [info["log_score"] for info in infos]
+    single = Monitor(gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=2.0))
+    assert evaluate_policy(baselines.make(name, single), single, 2)[0] > 0.0
     returns, lengths = evaluate_policy(baselines.make(name, env), env, 3, return_episode_rewards=True)
-    assert lengths == [4, 4, 4]
-    assert np.isfinite(returns).all()
+    assert lengths == [4, 4, 4] and np.isfinite(returns).all()
 
 
-def test_ppo_learns_on_it_normalised() -> None:
+def test_ppo_learns_on_it_normalised_and_dqn_on_the_discrete_variant() -> None:
     env = VecNormalize(VecMonitor(ActiveSLAMVecEnv(4, gaze_period=0.5, duration=4.0)))
     model = PPO("MlpPolicy", env, n_steps=16, batch_size=32, n_epochs=2, seed=0, device="cpu")
     before = [parameter.detach().clone() for parameter in model.policy.parameters()]
     model.learn(128)
-    assert model.num_timesteps == 128
-    assert len(model.ep_info_buffer) == 16
-    changed = [bool((old != new).any()) for old, new in zip(before, model.policy.parameters(), strict=True)]
-    assert any(changed)
+    assert model.num_timesteps == 128 and len(model.ep_info_buffer) == 16
+    assert any((old != new).any() for old, new in zip(before, model.policy.parameters(), strict=True))
     env.close()
-
-
-def test_dqn_learns_on_the_discrete_variant() -> None:
-    env = ActiveSLAMVecEnv(2, discrete=True, gaze_period=0.5, duration=2.0)
-    model = DQN("MlpPolicy", env, learning_starts=8, buffer_size=100, batch_size=8, device="cpu")
-    model.learn(40)
-    assert model.num_timesteps == 40
+    discrete = ActiveSLAMVecEnv(2, discrete=True, gaze_period=0.5, duration=2.0)
+    model = DQN("MlpPolicy", discrete, learning_starts=8, buffer_size=100, batch_size=8, device="cpu")
+    assert model.learn(40).num_timesteps == 40

@@ -1,7 +1,5 @@
 """Training and the learned policies: small, but all the way."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -23,9 +21,16 @@ from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.weights import load, save  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
-SMALL: dict[str, Any] = {
-    "num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0, "duration": 5.0
-}  # fmt: skip
+SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
+SMALL |= {"duration": 5.0}
+LEFT = {"policy.npz", "policy.json", CHECKPOINT}
+
+
+def acts(env: gym.Env, policy: Any) -> np.ndarray:
+    """What a policy does at the start of a room, which the environment takes."""
+    action, _ = policy.predict(env.reset(seed=0)[0])
+    assert env.action_space.contains(action)
+    return action
 
 
 @pytest.fixture(scope="module")
@@ -38,15 +43,12 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) -> None:
-    assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in trained.iterdir()}
+    assert {path.name for path in trained.iterdir()} >= LEFT
     card = json.loads((trained / "policy.json").read_text())
     assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40
     assert card["held_out_mean_return"] is not None  # the end of a short training is judged too
     train(Args(out=trained, total_steps=80, **SMALL))
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80
-
-
-def test_a_folder_holds_one_training(trained: Path) -> None:
     with pytest.raises(ValueError, match="holds a training with reward='log_score', got 'entropy'"):
         train(Args(out=trained, total_steps=80, reward="entropy", **SMALL))
 
@@ -59,44 +61,39 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
         np.testing.assert_array_equal(a[key], b[key])
 
 
-def test_a_learned_policy_acts_in_single_batch_and_discrete_environments(trained: Path) -> None:
+def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    action, _ = load("policy", env, trained).predict(env.reset(seed=0)[0])
-    assert env.action_space.contains(action)
+    action = acts(env, load("policy", env, trained))
+    np.testing.assert_array_equal(acts(env, policies.resolve(str(trained / "policy.npz"), env)), action)
     envs = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
-    actions, _ = load("policy", envs, trained).predict(envs.reset(seed=0)[0])
-    np.testing.assert_array_equal(actions[0], action)
+    np.testing.assert_array_equal(acts(envs, load("policy", envs, trained))[0], action)
     one = gym.make("ActiveSLAMDiscrete-v0", gaze_period=0.25)
-    index, _ = load("policy", one, trained).predict(one.reset(seed=0)[0])
-    assert index == 3 * action[0] + action[1]
+    assert acts(one, load("policy", one, trained)) == 3 * action[0] + action[1]
+    larger = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
+    acts(larger, load("policy", larger, trained))
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0")
-    policy = load("policy", env, trained)
-    observation, state, actions = env.reset(seed=0)[0], None, []
+    policy, state, actions = load("policy", env, trained), None, []
+    observation, _ = env.reset(seed=0)
     for _ in range(10):
         action, state = policy.predict(observation, state)
-        actions.append(action)
+        actions.append(list(action))
         observation = env.step(action)[0]
-    assert all(np.array_equal(a, actions[0]) for a in actions[:5])
-    assert all(np.array_equal(a, actions[5]) for a in actions[5:])
-
-
-def test_the_same_weights_serve_a_room_with_more_landmarks(trained: Path) -> None:
-    env = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
-    action, _ = load("policy", env, trained).predict(env.reset(seed=0)[0])
-    assert env.action_space.contains(action)
+    assert actions == [actions[0]] * 5 + [actions[5]] * 5
 
 
 def test_what_does_not_fit_is_said(trained: Path) -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env, quick = (gym.make("ActiveSLAM-v0", gaze_period=period) for period in (0.25, 0.2))
     with pytest.raises(ValueError, match="name must be one of policy, got 'absent'"):
         load("absent", env, trained)
     with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
-        load("policy", gym.make("ActiveSLAM-v0", gaze_period=0.2), trained)
+        load("policy", quick, trained)
     with pytest.raises(ValueError, match="total_steps must be positive, got 0"):
         Args(total_steps=0).check()
+    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file with its card"):
+        policies.factory("absent.npz")
 
 
 def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
@@ -112,13 +109,11 @@ def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
     torch.testing.assert_close(one, other)
 
 
-def test_dqn_learns_on_the_discrete_actions_and_a2c_on_the_pairs(tmp_path: Path) -> None:
-    for algorithm in ("dqn", "a2c"):
-        out = tmp_path / algorithm
-        train(Args(out=out, algorithm=algorithm, total_steps=40, **SMALL))  # type: ignore[arg-type]
-        env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-        action, _ = load("policy", env, out).predict(env.reset(seed=0)[0])
-        assert env.action_space.contains(action)
+@pytest.mark.parametrize("algorithm", ["dqn", "a2c"])
+def test_dqn_learns_on_the_discrete_actions_and_a2c_on_the_pairs(tmp_path: Path, algorithm: Any) -> None:
+    train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **SMALL))
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    acts(env, load("policy", env, tmp_path))
 
 
 def test_the_quick_decision_is_that_of_the_learner(trained: Path, tmp_path: Path) -> None:
@@ -144,15 +139,7 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
     with monkeypatch.context() as patched:
         patched.setattr(Progress, "_on_step", interrupt)
         assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
-    assert {"policy.npz", "policy.json", CHECKPOINT} <= {path.name for path in tmp_path.iterdir()}
+    assert {path.name for path in tmp_path.iterdir()} >= LEFT
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert "2 held-out rooms" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
-
-
-def test_the_weights_of_a_file_are_a_policy_to_compare(trained: Path) -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    action, _ = policies.resolve(str(trained / "policy.npz"), env).predict(env.reset(seed=0)[0])
-    assert env.action_space.contains(action)
-    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file with its card"):
-        policies.factory("absent.npz")

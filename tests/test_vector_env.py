@@ -1,12 +1,12 @@
 """The batch environment: Gymnasium's own `SyncVectorEnv` over single environments is the law, to the bit."""
 
-from __future__ import annotations
-
 import copy
 import inspect
 import multiprocessing
-import threading
 import warnings
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from operator import attrgetter, methodcaller
 from typing import Any
 
 import gymnasium as gym
@@ -47,16 +47,12 @@ def pair(count: int, mode: AutoresetMode, threads: int | None = None, **kwargs: 
     return ours, SyncVectorEnv([lambda: ActiveSLAMEnv(**kwargs)] * count, autoreset_mode=mode)
 
 
-def random_actions(rng: np.random.Generator, count: int) -> np.ndarray:
-    return np.stack((rng.integers(7, size=count), rng.integers(3, size=count)), axis=1)
-
-
-def compare(ours: Any, theirs: Any, steps: int, seed: Any = 3) -> int:
+def compare(ours: Any, theirs: Any, steps: int) -> int:
     """Play both alike and assert that all that they return is the same; how many runs were lost on the way."""
-    count, rng, lost = ours.num_envs, np.random.default_rng(0), 0
-    same(ours.reset(seed=seed), theirs.reset(seed=seed))
+    rng, lost = np.random.default_rng(0), 0
+    same(ours.reset(seed=3), theirs.reset(seed=3))
     for _ in range(steps):
-        actions = random_actions(rng, count)
+        actions = rng.integers((7, 3), size=(ours.num_envs, 2))
         returned = ours.step(actions)
         same(returned, theirs.step(actions))
         over = returned[2] | returned[3]
@@ -64,9 +60,6 @@ def compare(ours: Any, theirs: Any, steps: int, seed: Any = 3) -> int:
         if over.any() and ours.metadata["autoreset_mode"] is AutoresetMode.DISABLED:
             same(ours.reset(options={"reset_mask": over}), theirs.reset(options={"reset_mask": over.copy()}))
     return lost
-
-
-# The law ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -77,54 +70,32 @@ def test_is_the_single_environment_through_every_autoreset(mode: AutoresetMode, 
     assert compare(ours, theirs, steps=40) > 2
 
 
-@pytest.mark.parametrize("count", [1, 2, 7])
-def test_any_batch_size(count: int) -> None:
-    compare(*pair(count, AutoresetMode.NEXT_STEP, gaze_period=0.5, duration=8.0), steps=35)
-
-
-def test_each_row_is_a_single_environment_of_its_seed() -> None:
-    batch = ActiveSLAMVectorEnv(3, gaze_period=0.25)
-    observations, _ = batch.reset(seed=[7, 8, 1])
-    single = ActiveSLAMEnv(gaze_period=0.25)
-    observation, _ = single.reset(seed=1)
-    rng = np.random.default_rng(5)
-    for _ in range(30):
-        np.testing.assert_array_equal(observations[2], observation)
-        actions = random_actions(rng, 3)
-        observations, rewards, *_ = batch.step(actions)
-        observation, reward, *_ = single.step(actions[2])
-        assert rewards[2] == reward
-
-
-def test_the_discrete_variant_is_the_same() -> None:
-    discrete = ActiveSLAMDiscreteVectorEnv(3, **SHORT)
-    pairs = ActiveSLAMVectorEnv(3, **SHORT)
-    assert isinstance(discrete.single_action_space, gym.spaces.Discrete)
-    same(discrete.reset(seed=1), pairs.reset(seed=1))
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        actions = rng.integers(21, size=3)
-        same(discrete.step(actions), pairs.step(np.stack(np.divmod(actions, 3), axis=1)))
-
-
-def test_max_episode_steps_is_a_time_limit() -> None:
+def test_any_batch_size_and_a_time_limit() -> None:
+    for count in (1, 2, 7):
+        compare(*pair(count, AutoresetMode.NEXT_STEP, gaze_period=0.5, duration=8.0), steps=35)
     ours = gym.make_vec("ActiveSLAM-v0", num_envs=2, max_episode_steps=3)
     theirs = gym.make_vec("ActiveSLAM-v0", num_envs=2, vectorization_mode="sync", max_episode_steps=3)
     compare(ours, theirs, steps=9)
 
 
+def test_the_discrete_variant_is_the_same() -> None:
+    discrete, pairs = ActiveSLAMDiscreteVectorEnv(3, **SHORT), ActiveSLAMVectorEnv(3, **SHORT)
+    assert isinstance(discrete.single_action_space, gym.spaces.Discrete)
+    same(discrete.reset(seed=1), pairs.reset(seed=1))
+    for actions in np.random.default_rng(0).integers(21, size=(20, 3)):
+        same(discrete.step(actions), pairs.step(np.stack(np.divmod(actions, 3), axis=1)))
+
+
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
 def test_record_episode_statistics(mode: AutoresetMode) -> None:
-    env = RecordEpisodeStatistics(ActiveSLAMVectorEnv(4, autoreset_mode=mode, **SHORT))
+    env, rng = RecordEpisodeStatistics(ActiveSLAMVectorEnv(4, autoreset_mode=mode, **SHORT)), np.random.default_rng(0)
     env.reset(seed=0)
-    rng = np.random.default_rng(0)
     returns, lengths, over = np.zeros(4), np.zeros(4, int), np.zeros(4, bool)
     for _ in range(30):
-        began = over if mode is AutoresetMode.NEXT_STEP else np.zeros(4, bool)
-        _, rewards, terminated, truncated, infos = env.step(random_actions(rng, 4))
+        lengths += ~(over & (mode is AutoresetMode.NEXT_STEP))
+        _, rewards, terminated, truncated, infos = env.step(rng.integers((7, 3), size=(4, 2)))
         over = terminated | truncated
         returns += rewards
-        lengths += ~began
         assert ("episode" in infos) == over.any()
         if over.any():
             np.testing.assert_array_equal(infos["_episode"], over)
@@ -136,68 +107,45 @@ def test_record_episode_statistics(mode: AutoresetMode) -> None:
     assert env.episode_count > 8
 
 
-# Gymnasium's forms --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "cls"), [("ActiveSLAM-v0", ActiveSLAMVectorEnv), ("ActiveSLAMDiscrete-v0", ActiveSLAMDiscreteVectorEnv)]
-)
-def test_make_vec_makes_it_without_a_warning(name: str, cls: type) -> None:
+@pytest.mark.parametrize("cls", [ActiveSLAMVectorEnv, ActiveSLAMDiscreteVectorEnv])
+def test_make_vec_makes_it_without_a_warning(cls: type) -> None:
+    name = "ActiveSLAM-v0" if cls is ActiveSLAMVectorEnv else "ActiveSLAMDiscrete-v0"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gym.make_vec(name, num_envs=3, autoreset_mode="SAME_STEP")
-    assert type(env.unwrapped) is cls
-    assert env.spec is not None and env.spec.id == name
+        env, single = gym.make_vec(name, num_envs=3, autoreset_mode="SAME_STEP"), gym.make(name)
+    assert type(env.unwrapped) is cls and env.spec is not None and env.spec.id == name
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
     observations, _ = env.reset(seed=0)
     assert observations in env.observation_space
     assert observations.shape == (3, *env.single_observation_space.shape)
     assert env.step(env.action_space.sample())[0] in env.observation_space
-    single = gym.make(name)
-    assert env.single_action_space == single.action_space
-    assert env.single_observation_space == single.observation_space
+    for read in ("action_space", "observation_space"):
+        assert getattr(env, f"single_{read}") == getattr(single, read)
     assert observation_layout(env) == observation_layout(single)
     env.close()
 
 
-def test_arguments_and_defaults_are_those_of_the_single_environment() -> None:
+def test_arguments_are_those_of_the_single_environment_and_a_mode_has_two_names() -> None:
     ours = inspect.signature(ActiveSLAMVectorEnv).parameters
     for name, parameter in inspect.signature(ActiveSLAMEnv).parameters.items():
         assert ours[name].default == parameter.default
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_a_mode_goes_by_its_name_and_its_value(mode: AutoresetMode) -> None:
-    for known_as in (mode, mode.name, mode.value):
-        assert ActiveSLAMVectorEnv(1, autoreset_mode=known_as).metadata["autoreset_mode"] is mode
+    for mode in MODES:
+        for known_as in (mode, mode.name, mode.value):
+            assert ActiveSLAMVectorEnv(1, autoreset_mode=known_as).metadata["autoreset_mode"] is mode
 
 
 def test_seeds() -> None:
     env = ActiveSLAMVectorEnv(3)
+    never_seeded, _ = env.reset()
+    assert not np.array_equal(*never_seeded[:2]) and len(set(env.np_random_seed)) == 3
     first, _ = env.reset(seed=4)
     assert env.np_random_seed == (4, 5, 6)
-    np.testing.assert_array_equal(env.reset(seed=[4, 5, 6])[0], first)
-    np.testing.assert_array_equal(env.reset(seed=np.array([4, 5, 6]))[0], first)
+    for seed in ([4, 5, 6], np.array([4, 5, 6])):
+        np.testing.assert_array_equal(env.reset(seed=seed)[0], first)
     second, _ = env.reset(seed=[None, 5, None])
     np.testing.assert_array_equal(second[1], first[1])
     assert not np.array_equal(second[0], first[0])
     assert len({one.bit_generator.state["state"]["state"] for one in env.np_random}) == 3
-
-
-def test_environments_that_were_never_seeded_differ() -> None:
-    env = ActiveSLAMVectorEnv(2)
-    observations, _ = env.reset()
-    assert not np.array_equal(*observations)
-    assert len(set(env.np_random_seed)) == 2
-
-
-def test_next_step_ignores_the_action_of_an_ended_run() -> None:
-    env = ActiveSLAMVectorEnv(2, max_episode_steps=1)
-    env.reset(seed=0)
-    env.step([[0, 0], [0, 0]])
-    _, rewards, terminated, truncated, _ = env.step(np.full((2, 2), np.nan))
-    assert not rewards.any() and not terminated.any() and not truncated.any()
-    assert env.time.tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -223,15 +171,14 @@ def test_what_is_returned_is_fresh(mode: AutoresetMode) -> None:
 
 def test_render() -> None:
     pytest.importorskip("matplotlib")
-    env = gym.make_vec("ActiveSLAM-v0", num_envs=2, render_mode="rgb_array", gaze_period=0.5, duration=1.0)
-    env.reset(seed=0)
-    for _ in range(4):
+    shared = {"render_mode": "rgb_array", "gaze_period": 0.5, "duration": 1.0}
+    env, single = gym.make_vec("ActiveSLAM-v0", num_envs=2, **shared), gym.make("ActiveSLAM-v0", **shared)
+    env.reset(seed=5)
+    for _ in range(4):  # past an autoreset
         env.step(env.action_space.sample())
-    images = env.render()
-    assert len(images) == 2
-    for image in images:
+    assert len(env.render()) == 2
+    for image in env.render():
         assert image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8 and image.std() > 5
-    single = gym.make("ActiveSLAM-v0", render_mode="rgb_array", gaze_period=0.5, duration=1.0)
     single.reset(seed=0)
     env.reset(seed=0)
     for k in range(2):
@@ -240,17 +187,13 @@ def test_render() -> None:
     np.testing.assert_array_equal(env.render()[0], single.render())
 
 
-# What policies and referees read --------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def played() -> tuple[ActiveSLAMVectorEnv, list[ActiveSLAMEnv]]:
     """A batch on two threads and its single environments, after 6 s of the same actions."""
     batch = ActiveSLAMVectorEnv(3, gaze_period=0.25, num_threads=2)
     singles = [ActiveSLAMEnv(gaze_period=0.25) for _ in range(3)]
-    batch.reset(seed=10)
-    for i, single in enumerate(singles):
-        single.reset(seed=10 + i)
+    for i, env in enumerate((*singles, batch)):
+        env.reset(seed=10 + i % 3)
     for step in range(25):
         actions = [[2 + step // 4 % 2, 1], [step // 4 % 7, 1], [6, 1]]
         batch.step(actions)
@@ -260,24 +203,15 @@ def played() -> tuple[ActiveSLAMVectorEnv, list[ActiveSLAMEnv]]:
 
 
 READS = {
-    "motion_scores": lambda env: env.motion_scores(),
     "motion_scores by Fisher": lambda env: env.motion_scores("fisher_trace"),
-    "gaze_scores": lambda env: env.gaze_scores(),
-    "joint_scores": lambda env: env.joint_scores(),
     "scores of plans": lambda env: env.scores(sequence_plans(5, 2), "mutual_information_camera"),
     "motion_score": lambda env: env.motion_score(3, "variance_reduction"),
     "lookahead_scores": lambda env: env.lookahead_scores(2),
-    "time": lambda env: env.time,
-    "motion_phase": lambda env: env.motion_phase,
-    "landmark_errors": lambda env: env.landmark_errors,
-    "position": lambda env: env.belief.position,
-    "quaternion": lambda env: env.belief.quaternion,
-    "velocity": lambda env: env.belief.velocity,
-    "angular_velocity": lambda env: env.belief.angular_velocity,
     "log2_det": lambda env: env.belief.log2_det("camera"),
-    "true position": lambda env: env.truth.position,
-    "true landmarks": lambda env: env.truth.landmarks,
-    "true fiducials": lambda env: env.truth.fiducials,
+    **{name: methodcaller(name) for name in ("motion_scores", "gaze_scores", "joint_scores")},
+    **{name: attrgetter(name) for name in ("time", "motion_phase", "landmark_errors")},
+    **{name: attrgetter(f"belief.{name}") for name in ("position", "quaternion", "velocity", "angular_velocity")},
+    **{f"true {name}": attrgetter(f"truth.{name}") for name in ("position", "landmarks", "fiducials")},
 }
 
 
@@ -308,13 +242,10 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: AutoresetMode) -> None:
     """Through autoreset; `random` draws for the whole batch, so is only run."""
-    count, kwargs = 3, {"gaze_period": 0.5, "duration": 3.0}
-    batch = ActiveSLAMVectorEnv(count, autoreset_mode=mode, **kwargs)
-    policy = baselines.make(name, batch)
-    observations, _ = batch.reset(seed=0)
-    single = gym.make("ActiveSLAM-v0", **kwargs)
-    alone = baselines.make(name, single)
-    observation, _ = single.reset(seed=1)
+    kwargs = {"gaze_period": 0.5, "duration": 3.0}
+    batch, single = ActiveSLAMVectorEnv(3, autoreset_mode=mode, **kwargs), gym.make("ActiveSLAM-v0", **kwargs)
+    policy, alone = baselines.make(name, batch), baselines.make(name, single)
+    (observations, _), (observation, _) = batch.reset(seed=0), single.reset(seed=1)
     over = False
     for _ in range(14):
         actions, _ = policy.predict(observations)
@@ -322,26 +253,21 @@ def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: Autorese
         if name != "random":
             np.testing.assert_array_equal(observations[1], observation)
         observations, *_ = batch.step(actions)
-        if over and mode is AutoresetMode.NEXT_STEP:
-            observation, _ = single.reset()
-            over = False
-            continue
-        action, _ = alone.predict(observation)
-        observation, _, terminated, truncated, _ = single.step(action)
-        over = terminated or truncated
-        if over and mode is AutoresetMode.SAME_STEP:
-            observation, _ = single.reset()
+        if not over:
+            observation, _, terminated, truncated, _ = single.step(alone.predict(observation)[0])
+            over = terminated or truncated
+            if mode is AutoresetMode.NEXT_STEP:
+                continue
+        if over:
+            (observation, _), over = single.reset(), False
 
 
-# Threads and processes ------------------------------------------------------------------------------------------------
-
-
-def rollout(env: ActiveSLAMVectorEnv, out: Any) -> None:
+def rollout(env: ActiveSLAMVectorEnv, put: Callable[[np.ndarray], None]) -> None:
     """Put the observations after a few steps."""
     env.reset(seed=5)
     for _ in range(6):
         observations, *_ = env.step(np.zeros((env.num_envs, 2), int))
-    out.append(observations) if isinstance(out, list) else out.send(observations)
+    put(observations)
 
 
 @pytest.mark.parametrize("method", ["fork", pytest.param("spawn", marks=pytest.mark.slow)])
@@ -349,152 +275,113 @@ def rollout(env: ActiveSLAMVectorEnv, out: Any) -> None:
 def test_a_child_process_has_its_own_threads(method: str) -> None:
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip(f"no {method} here")
-    env, here = ActiveSLAMVectorEnv(4, num_threads=2), []
-    rollout(env, here)
-    context = multiprocessing.get_context(method)
-    receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=rollout, args=(env, sender))
+    env, here, context = ActiveSLAMVectorEnv(4, num_threads=2), [], multiprocessing.get_context(method)
+    rollout(env, here.append)
+    results = context.SimpleQueue()
+    child = context.Process(target=rollout, args=(env, results.put))
     child.start()
-    assert receiver.poll(120), "the child hangs"
-    np.testing.assert_array_equal(receiver.recv(), here[0])
-    child.join(60)
-    assert child.exitcode == 0
+    child.join(120)
+    assert child.exitcode == 0, "the child hangs or has failed"
+    np.testing.assert_array_equal(results.get(), here[0])
 
 
 def test_two_environments_in_two_threads() -> None:
-    results: list[list[np.ndarray]] = [[], []]
-    threads = [
-        threading.Thread(target=rollout, args=(ActiveSLAMVectorEnv(4, num_threads=2), result)) for result in results
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    np.testing.assert_array_equal(*(result[0] for result in results))
+    envs = [ActiveSLAMVectorEnv(4, num_threads=2) for _ in range(2)]
+    with ThreadPoolExecutor(2) as pool:
+        results: list[np.ndarray] = []
+        for done in [pool.submit(rollout, env, results.append) for env in envs]:
+            done.result()
+    np.testing.assert_array_equal(*results)
 
 
 @pytest.mark.parametrize("make", [lambda: ActiveSLAMVectorEnv(2, num_threads=2), ActiveSLAMEnv])
 def test_a_copy_goes_its_own_way(make: Any) -> None:
     env = make()
-    single = not hasattr(env, "num_envs")
-    turn, stay = ([6, 1], [6, 2]) if single else (np.full((2, 2), (6, 1)), np.full((2, 2), (6, 2)))
+    turn, stay = (np.broadcast_to(one, env.action_space.shape) for one in ([6, 1], [6, 2]))
     env.reset(seed=0)
     env.step(turn)
-    twin = copy.deepcopy(env)
-    before = copy.deepcopy(env.belief.position)
+    twin, before = copy.deepcopy(env), copy.deepcopy(env.belief.position)
     returned = twin.step(stay)
     np.testing.assert_array_equal(env.belief.position, before)
     same(env.step(stay), returned)
     np.testing.assert_array_equal(env.belief.position, twin.belief.position)
 
 
-@pytest.mark.parametrize(("rows", "threads"), [(1, 1), (7, 3), (64, 2), (3, 9)])
-def test_every_row_is_in_one_slice(rows: int, threads: int) -> None:
+def test_every_row_is_in_one_slice_and_an_error_in_one_is_raised() -> None:
     def visit(out: np.ndarray, start: int, stop: int) -> None:
         out[start:stop] += 1
 
-    workers, visits = Workers(rows, threads), np.zeros(rows)
-    workers.call(visit, visits)
-    assert workers.threads == min(rows, threads)
-    assert (visits == 1).all()
-    workers.close()
-    workers.call(visit, visits)
-    assert (visits == 2).all()
+    for rows, threads in ((1, 1), (7, 3), (64, 2), (3, 9)):
+        workers, visits = Workers(rows, threads), np.zeros(rows)
+        workers.call(visit, visits)
+        assert workers.threads == min(rows, threads) and (visits == 1).all()
+        workers.close()
+        workers.call(visit, visits)
+        assert (visits == 2).all()
     assert Workers(1000).threads == available_cores()
+    with pytest.raises(ZeroDivisionError):
+        Workers(4, 2).call(lambda start, stop: 1 // (start == 0))
 
 
-def test_an_error_in_a_slice_is_raised() -> None:
-    def fail(start: int, stop: int) -> None:
-        if start > 0:
-            raise RuntimeError("slice")
-
-    with pytest.raises(RuntimeError, match="slice"):
-        Workers(4, 2).call(fail)
+BAD = {"num_envs": (0, 2.5, True), "num_threads": (0, "all"), "autoreset_mode": ("never", ["NextStep"])}
+BAD |= {"max_episode_steps": (0,), "render_mode": ("human",), "gaze_period": (0.07,), "reward": ("money",)}
 
 
-# Bad input ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {"num_envs": 0},
-        {"num_envs": 2.5},
-        {"num_envs": True},
-        {"num_threads": 0},
-        {"num_threads": "all"},
-        {"autoreset_mode": "never"},
-        {"autoreset_mode": ["NextStep"]},
-        {"max_episode_steps": 0},
-        {"render_mode": "human"},
-        {"gaze_period": 0.07},
-        {"reward": "money"},
-    ],
-)
-def test_a_bad_argument_is_named(arguments: dict[str, Any]) -> None:
-    ((name, value),) = arguments.items()
+@pytest.mark.parametrize(("name", "value"), [(name, value) for name, values in BAD.items() for value in values])
+def test_a_bad_argument_is_named(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=name) as error:
-        ActiveSLAMVectorEnv(**arguments)
+        ActiveSLAMVectorEnv(**{name: value})
     assert repr(value) in str(error.value)
 
 
-@pytest.mark.parametrize("seed", [[1, 2, 3], -1, [0, -1], "a", 1.5, [0, "a"]])
-def test_a_bad_seed_is_named(seed: Any) -> None:
-    with pytest.raises(ValueError, match="seed"):
-        ActiveSLAMVectorEnv(2).reset(seed=seed)
+MASKS = [True, False], np.array([1, 0]), np.array([True]), np.array([False, False]), np.ones((2, 1), bool)
 
 
-@pytest.mark.parametrize(
-    "mask", [[True, False], np.array([1, 0]), np.array([True]), np.array([False, False]), np.ones((2, 1), bool)]
-)
-def test_a_bad_reset_mask_is_named(mask: Any) -> None:
+def test_a_bad_seed_or_reset_mask_is_named() -> None:
     env = ActiveSLAMVectorEnv(2, autoreset_mode="Disabled")
-    with pytest.raises(ValueError, match="reset_mask"):
-        env.reset(options={"reset_mask": mask})
+    for seed in ([1, 2, 3], -1, [0, -1], "a", 1.5, [0, "a"]):
+        with pytest.raises(ValueError, match="seed"):
+            env.reset(seed=seed)
+    for mask in MASKS:
+        with pytest.raises(ValueError, match="reset_mask"):
+            env.reset(options={"reset_mask": mask})
 
 
-@pytest.mark.parametrize(
-    ("actions", "named"),
-    [
-        ([[0, 0]], r"\(2, 2\)"),
-        ([0, 0], r"\(2, 2\)"),
-        ([[0, 0], [0]], r"\(2, 2\)"),
-        ("ab", r"\(2, 2\)"),
-        (None, r"\(2, 2\)"),
-        ([[0, 0], [7, 0]], r"actions\[1\]"),
-        ([[0, 0], [0, 3]], r"actions\[1\]"),
-        ([[-1, 0], [0, 0]], r"actions\[0\]"),
-        ([[0.5, 0], [0, 0]], r"actions\[0\]"),
-        ([[0, np.nan], [0, 0]], r"actions\[0\]"),
-    ],
-)
-def test_a_bad_action_is_named_and_changes_nothing(actions: Any, named: str) -> None:
+def test_a_bad_action_is_named_and_changes_nothing() -> None:
     env, twin = ActiveSLAMVectorEnv(2), ActiveSLAMVectorEnv(2)
     env.reset(seed=0)
     twin.reset(seed=0)
-    with pytest.raises(ValueError, match=named):
-        env.step(actions)
-    same(env.step([[0, 0], [1, 1]]), twin.step([[0, 0], [1, 1]]))
-
-
-@pytest.mark.parametrize("actions", [[0, 21], [0, -1], [[0, 0], [0, 0]], 3])
-def test_a_bad_discrete_action_is_named(actions: Any) -> None:
+    for named, wrong in (
+        (r"\(2, 2\)", ([[0, 0]], [0, 0], [[0, 0], [0]], "ab", None)),
+        (r"actions\[1\]", ([[0, 0], [7, 0]], [[0, 0], [0, 3]])),
+        (r"actions\[0\]", ([[-1, 0], [0, 0]], [[0.5, 0], [0, 0]], [[0, np.nan], [0, 0]])),
+    ):
+        for actions in wrong:
+            with pytest.raises(ValueError, match=named):
+                env.step(actions)
+            same(env.step([[0, 0], [1, 1]]), twin.step([[0, 0], [1, 1]]))
     env = ActiveSLAMDiscreteVectorEnv(2)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="actions"):
-        env.step(actions)
+    for actions in ([0, 21], [0, -1], [[0, 0], [0, 0]], 3):
+        with pytest.raises(ValueError, match="actions"):
+            env.step(actions)
 
 
-def test_a_reset_is_asked_for() -> None:
-    env = ActiveSLAMVectorEnv(2, autoreset_mode="DISABLED", max_episode_steps=1)
+def test_a_reset_is_asked_for_and_next_step_ignores_the_action_of_an_ended_run() -> None:
+    env, stay = ActiveSLAMVectorEnv(2, autoreset_mode="DISABLED", max_episode_steps=1), [[0, 0], [0, 0]]
     with pytest.raises(gym.error.ResetNeeded, match=r"\[0, 1\]"):
-        env.step([[0, 0], [0, 0]])
+        env.step(stay)
     env.reset(options={"reset_mask": np.array([True, False])})
     with pytest.raises(gym.error.ResetNeeded, match=r"\[1\]"):
-        env.step([[0, 0], [0, 0]])
+        env.step(stay)
     env.reset()
-    env.step([[0, 0], [0, 0]])
+    env.step(stay)
     with pytest.raises(gym.error.ResetNeeded):
-        env.step([[0, 0], [0, 0]])
+        env.step(stay)
     with pytest.raises(ValueError, match="i must be"):
         env.run(2)
+    env = ActiveSLAMVectorEnv(2, max_episode_steps=1)
+    env.reset(seed=0)
+    env.step([[0, 0], [0, 0]])
+    _, *numbers, _ = env.step(np.full((2, 2), np.nan))
+    assert not np.any(numbers) and env.time.tolist() == [0.0, 0.0]

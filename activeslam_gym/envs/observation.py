@@ -183,16 +183,16 @@ def observe_tokens(
     pose = belief.state.camera
     R_WC = rotation_matrix(pose[QUATERNION])
     K, F = fiducials.shape[0], belief.feature.shape[0]
+    taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0
     for i in range(K):
-        _place(camera, boxes, pose, R_WC, fiducials[i], out[i])
+        _place(camera, boxes, pose, R_WC, fiducials[i], z, out[i])
         out[i, _LOG_UNCERTAINTY], out[i, _LOG_DEPTH_UNCERTAINTY], out[i, _FIDUCIAL] = -1.0, -1.0, 1.0
-    taken = np.zeros(F, np.bool_)
     for k in range(belief.state.count):
         feature, at = belief.feature[k], CAMERA_DIM + 3 * k
         token = out[K + feature.slot]
         taken[feature.slot] = True
-        _place(camera, boxes, pose, R_WC, points[k], token)
+        _place(camera, boxes, pose, R_WC, points[k], z, token)
         _uncertainty(pose, points[k], covariance[at:, at:], token)
         token[_MAPPED if feature.mapped else _INITIALISING] = 1.0
     slot, prior = 0, np.zeros((3, 3))
@@ -204,7 +204,7 @@ def observe_tokens(
                 slot += 1
             if slot == F:
                 return
-            _place(camera, boxes, pose, R_WC, expected[e].point, out[K + slot])
+            _place(camera, boxes, pose, R_WC, expected[e].point, z, out[K + slot])
             _uncertainty(pose, expected[e].point, prior, out[K + slot])
             out[K + slot, _EXPECTED] = 1.0
             slot += 1
@@ -212,15 +212,21 @@ def observe_tokens(
 
 @compiled
 def _place(
-    camera: Record, boxes: np.ndarray, pose: np.ndarray, R_WC: np.ndarray, y: np.ndarray, token: np.ndarray
+    camera: Record,
+    boxes: np.ndarray,
+    pose: np.ndarray,
+    R_WC: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    token: np.ndarray,
 ) -> None:
-    """Direction, log distance and visibility of the world point ``y`` (3,)."""
+    """Direction, log distance and visibility of the world point ``y`` (3,); writes its pixel into ``z`` (2,)."""
     p_C = camera_point(R_WC, pose, y)
     distance = max(math.sqrt(p_C[0] * p_C[0] + p_C[1] * p_C[1] + p_C[2] * p_C[2]), _LOG_FLOOR)
     for i in range(3):
         token[_DIRECTION + i] = p_C[i] / distance
     token[_LOG_DISTANCE] = math.log10(distance) / 1.5
-    token[_IN_VIEW] = 1.0 if visible(camera, boxes, R_WC, pose, y, 0.0, np.empty(2)) else 0.0
+    token[_IN_VIEW] = 1.0 if visible(camera, boxes, R_WC, pose, y, 0.0, z) else 0.0
 
 
 @compiled

@@ -16,7 +16,7 @@ from activeslam_gym.envs.referee import OWNER, judge_matches, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
-from activeslam_gym.kernels import Record, compiled, filled, inlined, record, row
+from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
     MOTION,
@@ -141,12 +141,12 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         runs.models[i],
         world_at(runs.world, i),
         belief_at(runs.belief, i),
-        runs.expected[i],
-        runs.candidate[i],
-        runs.label[i],
-        runs.owner[i],
+        borrowed(runs.expected[i]),
+        borrowed(runs.candidate[i]),
+        borrowed(runs.label[i]),
+        borrowed(runs.owner[i]),
         runs.episode[i],
-        runs.observation[i],
+        borrowed(runs.observation[i]),
     )
 
 

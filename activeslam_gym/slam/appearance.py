@@ -52,7 +52,7 @@ def associate_identified(
     """
     v, M = sight.thing.shape[0], candidates.shape[0]
     h = Predicted(np.empty(2 * v), sight.S.copy())
-    of_candidate, of_thing, count = np.full(M, -1), np.full(v, -1), 0
+    of_candidate, of_thing, others, count = np.full(M, -1), np.full(v, -1), np.ones(v, np.bool_), 0
     for a in range(v):
         h.z[2 * a], h.z[2 * a + 1] = sight.thing[a].z_hat[0], sight.thing[a].z_hat[1]
         for i in range(M):
@@ -61,8 +61,8 @@ def associate_identified(
     best = _first(model, h, candidates, of_candidate, pixel_var)
     while best >= 0:
         a = of_candidate[best]
-        of_thing[a], count = best, count + 1
-        condition(h, a, candidates[best], pixel_var)
+        of_thing[a], others[a], count = best, False, count + 1
+        condition(h, others, a, candidates[best], pixel_var)
         best = _next(model, h, candidates, of_candidate, of_thing, pixel_var)
     if count < least:
         of_thing[:] = -1

@@ -63,7 +63,7 @@ def association_of(scenario: Scenario) -> Record:
         gate=chi_square_2_quantile(scenario.gate_probability),
         birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
         sharp_std_px=2.0 * scenario.pixel_std,
-        clear_margin=8.0,
+        clear_margin=20.0,
         margin=8.0,
         novelty=2.0,
         nodes=400,
@@ -167,6 +167,7 @@ def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var
         if h.open[a] and _is_sharp(model, h, a):
             partner[a] = _clear_partner(model, h, a)
             found |= partner[a] >= 0
+    others = h.open.copy()
     for a in range(v):
         if partner[a] >= 0:
             of_thing[a] = partner[a]
@@ -174,7 +175,8 @@ def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var
     if found and _any_open(model, h):
         for a in range(v):
             if partner[a] >= 0:
-                condition(h, a, candidates[partner[a]], pixel_var)
+                others[a] = False
+                condition(h, others, a, candidates[partner[a]], pixel_var)
         measure_distances(h, candidates, pixel_var)
     return found
 

@@ -93,7 +93,7 @@ def match_jointly(
         if i != MISSED and best - _best_rival(outcome, k, i) >= model.margin:
             of_thing[chosen[k]] = i
             close(h, chosen[k], i)
-            condition(h, chosen[k], candidates[i], pixel_var)
+            condition(h, h.open, chosen[k], candidates[i], pixel_var)
             matched += 1
     measure_distances(h, candidates, pixel_var)
     return matched
@@ -290,7 +290,7 @@ def _descend(
     else:
         below.free[i] = False
         search.score[depth + 1] = search.score[depth] + pair_worth - 0.5 * h.cost[a, i]
-        condition(below, a, candidates[i], pixel_var)
+        condition(below, below.open, a, candidates[i], pixel_var)
 
 
 @compiled

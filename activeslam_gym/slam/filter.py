@@ -56,7 +56,7 @@ COUNTS = record(
     deletions="i8",
     rejected_matches="i8",
     starvations="i8",  # frames in which most candidates, of two or more, were rejected
-    recoveries="i8",  # frames in which two things or more were matched jointly
+    recoveries="i8",  # frames in which joint matches alone, of two or more, kept this from happening
 )
 """What a frame did to the map: counters that it adds to."""
 
@@ -116,12 +116,11 @@ def use_candidates(
 ) -> None:
     """Associate, update, count misses, turn features into points and delete those that failed."""
     pixel_var, v, M = camera.pixel_std**2, sight.thing.shape[0], candidates.shape[0]
-    waits = np.zeros(v, np.bool_)
+    waits, jointly = np.zeros(v, np.bool_), 0
     if labelled:
         of_thing = match_by_id(sight, candidates)
     else:
         of_thing, jointly = associate(model.association, pixel_var, sight, candidates, belief.state.count, waits)
-        counts.recoveries += jointly >= 2
     if belief.particles.shape[1] > 0:
         follow_rays(camera, model.particles, belief, boxes, candidates, labelled)
     rejected = 0
@@ -129,6 +128,7 @@ def use_candidates(
         rejected += candidates[i].match == REJECTED
     counts.rejected_matches += rejected
     counts.starvations += M >= 2 and 2 * rejected > M
+    counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
     _count_misses(belief, fiducials.shape[0], sight, of_thing, waits)
     _update_by(camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)

@@ -82,15 +82,20 @@ def close(h: Hypotheses, a: int, i: int) -> None:
 
 
 @compiled
-def condition(h: Predicted | Hypotheses, a: int, candidate: Record, pixel_var: float) -> None:
-    """Condition the joint Gaussian of the predicted pixels on thing ``a`` being seen as ``candidate``."""
-    n = h.z.shape[0]
+def condition(h: Predicted | Hypotheses, others: np.ndarray, a: int, candidate: Record, pixel_var: float) -> None:
+    """Condition the joint Gaussian of ``others`` (v,) bool, of which ``a`` is none, on thing ``a`` being ``candidate``.
+
+    Of all other things the rows of ``h.S`` stay as they are.
+    """
+    z, S = h.z, h.S
     s00, s01, s11 = innovation_with(h, a, candidate, pixel_var)
     det = max(s00 * s11 - s01 * s01, 1e-300)
-    x, y = candidate.pixel[0] - h.z[2 * a], candidate.pixel[1] - h.z[2 * a + 1]
-    c0, c1 = h.S[2 * a].copy(), h.S[2 * a + 1].copy()
-    for i in range(n):
-        g0, g1 = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det
-        h.z[i] += g0 * x + g1 * y
-        for j in range(n):
-            h.S[i, j] -= g0 * c0[j] + g1 * c1[j]
+    x, y = candidate.pixel[0] - z[2 * a], candidate.pixel[1] - z[2 * a + 1]
+    c0, c1 = S[2 * a], S[2 * a + 1]
+    for i in range(z.shape[0]):
+        if not others[i // 2]:
+            continue
+        g0, g1, row = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det, S[i]
+        z[i] += g0 * x + g1 * y
+        for j in range(c0.shape[0]):
+            row[j] -= g0 * c0[j] + g1 * c1[j]

@@ -133,11 +133,11 @@ def _chain(
     camera: Record, p_C: Vector, R_WC: np.ndarray, d: Vector, scale: float, H_x: np.ndarray, H_y: np.ndarray
 ) -> None:
     """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
-    J_C = np.empty((2, 3))
-    pixel_jacobian(camera, p_C, J_C)
+    pixel_jacobian(camera, p_C, H_y)  # dz/dp_C, for as long as it takes to turn it
     for i in range(2):
+        a, b, c = H_y[i, 0], H_y[i, 1], H_y[i, 2]
         for j in range(3):
-            value = J_C[i, 0] * R_WC[j, 0] + J_C[i, 1] * R_WC[j, 1] + J_C[i, 2] * R_WC[j, 2]
+            value = a * R_WC[j, 0] + b * R_WC[j, 1] + c * R_WC[j, 2]
             H_y[i, j] = scale * value
             H_x[i, j] = -scale * value
         a, b, c = H_y[i, 0] / scale, H_y[i, 1] / scale, H_y[i, 2] / scale
@@ -191,21 +191,23 @@ def second_order(P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: 
             b = start + j
             D[i, j] = P[r, r] * (P[a, b] - P[a, j] - P[i, b] + P[i, j]) + (P[r, a] - P[r, i]) * (P[r, b] - P[r, j])
     for i in range(2):
-        for j in range(2):
+        for j in range(i + 1):
             value = 0.0
             for k in range(3):
                 for m in range(3):
                     value += H_y[i, k] * D[k, m] * H_y[j, m]
             extra[i, j] = value / (rho * rho)
+            extra[j, i] = extra[i, j]
 
 
 @compiled
 def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
     longest = math.sqrt(max(S[0, 0], S[1, 1]))
-    if inside_image(camera, z_hat, -INSIDE_STDS * longest):
+    z = (z_hat[0], z_hat[1])
+    if inside_image(camera, z, -INSIDE_STDS * longest):
         return INSIDE
-    return NEAR if inside_image(camera, z_hat, SEARCH_STDS * longest) else 0
+    return NEAR if inside_image(camera, z, SEARCH_STDS * longest) else 0
 
 
 @compiled
@@ -328,22 +330,26 @@ def sight_with(things: np.ndarray, P: np.ndarray, dim: int, pixel_var: float) ->
     return Sight(things, HP, innovation_covariance(things, HP, pixel_var))
 
 
-@compiled
+@compiled(fastmath={"contract"})
 def innovation_covariance(things: np.ndarray, HP: np.ndarray, pixel_var: float) -> np.ndarray:
-    """S (2 v, 2 v) of ``things`` (v,) from their ``HP``, see `Sight`: the lower triangle, whose copy is the upper."""
+    """S (2 v, 2 v) of ``things`` (v,) from their ``HP``, see `Sight`; symmetric to the bit."""
     m = HP.shape[0]
     S = np.empty((m, m))
-    for c in range(m):
+    for c in range(0, m, 2):  # both rows of a thing's H at once
         thing = things[c // 2]
-        h_camera, h_feature, column = thing.H_camera[c % 2], thing.H_feature[c % 2], thing.column
-        for r in range(c + 1):
-            value = pixel_var if r == c else 0.0
-            if r // 2 == c // 2:
-                value += thing.extra[r % 2, c % 2]
+        H_camera, H_feature, column = thing.H_camera, thing.H_feature, thing.column
+        for r in range(c + 2):
+            row, u, v = HP[r], 0.0, 0.0
             for k in range(POSE_DIM):
-                value += HP[r, k] * h_camera[k]
+                u += row[k] * H_camera[0, k]
+                v += row[k] * H_camera[1, k]
             for k in range(thing.width):
-                value += HP[r, column + k] * h_feature[k]
-            S[r, c] = value
-            S[c, r] = value
+                u += row[column + k] * H_feature[0, k]
+                v += row[column + k] * H_feature[1, k]
+            S[r, c], S[c, r], S[r, c + 1], S[c + 1, r] = u, u, v, v
+    for r in range(m):
+        S[r, r] += pixel_var
+        extra = things[r // 2].extra
+        for axis in range(2):
+            S[r, r - r % 2 + axis] += extra[r % 2, axis]
     return S

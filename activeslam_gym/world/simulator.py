@@ -10,7 +10,7 @@ import numpy as np
 from activeslam_gym.camera import visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, compiled, filled, inlined, record
+from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import CAMERA_SIZE, POSITION, QUATERNION, VELOCITY, transition
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
@@ -47,7 +47,9 @@ class World(NamedTuple):
 @inlined
 def world_at(worlds, i):  # type: ignore[no-untyped-def]
     """World ``i`` of a batch, whose arrays have a leading axis: views."""
-    return World(worlds.state[i], worlds.fiducials[i], worlds.landmarks[i], worlds.boxes[i])
+    return World(
+        worlds.state[i], borrowed(worlds.fiducials[i]), borrowed(worlds.landmarks[i]), borrowed(worlds.boxes[i])
+    )
 
 
 def empty_worlds(scenario: Scenario, count: int) -> World:

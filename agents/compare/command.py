@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
-import sys
 from collections.abc import Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from agents import tables
+from agents import policies, tables
 from agents.episode import Episode, outcome
 from agents.figures import draw_all
 from agents.summary import Summary, summarise
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import at_least, scenario_argument, times_within
-from agents.tools.files import write_csv, write_json, write_text, written
+from agents.tools.arguments import Rooms, at_least, given, scenario_argument, times, times_within
+from agents.tools.files import alone_in, write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
 from agents.tools.sections import provenance, put_section
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """Run policies in the same unseen rooms; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
@@ -35,8 +33,6 @@ class Args:
     """More of them, beside `policies`."""
     episodes: int = 8
     """Rooms for each policy."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/compare")
     """Folder of the results."""
     scenario: str = "paper"
@@ -55,8 +51,6 @@ class Args:
     """The table tells when so many landmarks were mapped."""
     honesty_times: tuple[float, ...] = (5.0, 15.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     resume: bool = False
     """Take the finished episodes that `out` holds for the same settings and code instead of running them again."""
     report: tuple[Path, ...] = ()
@@ -65,9 +59,12 @@ class Args:
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        at_least(self, episodes=1, seed=0, jobs=1, target_landmarks=1)
-        if not self.names:
-            raise ValueError("policies: none given; allowed: one name or more")
+        super().__post_init__()
+        at_least(self, target_landmarks=1)
+        given(self, *(() if self.policy else ("policies",)))
+        times(self, "honesty_times")
+        if self.reference not in {*self.names, Args.reference}:
+            raise ValueError(f"reference: {self.reference!r} is not compared; allowed: {', '.join(self.names)}")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -91,12 +88,7 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the comparison and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
-    try:
-        check(args.names, [args.environment])
-    except ValueError as error:
-        print(f"compare: {error}", file=sys.stderr)
-        return 2
+    """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     print(f"{len(args.names)} policies, {args.episodes} rooms each. The first run compiles, which takes a while.")
     summary = compare(args)
     if summary is None:
@@ -111,18 +103,23 @@ def compare(args: Args) -> Summary | None:
     """Run what is missing, write everything into `args.out`, and return the figures; None if no episode was finished.
 
     Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
-    policy or a bad argument of the environment, before anything is run.
+    policy or a bad argument of the environment, before any episode.
     """
     check(args.names, [args.environment])
+    args.prepare("compare", "headline")
     rehearse(args.names, [args.environment], args.seed)
+    with alone_in(args.out):
+        return _compare(args)
+
+
+def _compare(args: Args) -> Summary | None:
     tasks = _tasks(args)
     episodes = _run_until_interrupted(tasks, args)
     if not episodes:
         return None
     settings = _settings(args, complete=len(episodes) == len(tasks))
-    summary = summarise(
-        episodes, args.reference, args.target_landmarks, times_within(args.honesty_times, args.duration), settings
-    )
+    honest_at = times_within(args.honesty_times, args.duration)
+    summary = summarise(episodes, args.reference, args.target_landmarks, honest_at, settings)
     drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
@@ -142,7 +139,8 @@ def _tasks(args: Args) -> list[Task]:
     """Room by room, so that an interrupted study has seen the same rooms with every policy."""
     seeds = range(args.seed, args.seed + args.episodes)
     settings = json.dumps(args.environment, sort_keys=True)
-    return [Task(name, seed, settings, seed == args.seed) for seed in seeds for name in args.names]
+    made_of = {name: policies.content(name) for name in args.names}
+    return [Task(name, seed, settings, seed == args.seed, made_of[name]) for seed in seeds for name in args.names]
 
 
 def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
@@ -171,7 +169,7 @@ def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
 
 def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None]:
     """Yield the episodes as they finish, those of an earlier run first, and keep each in a file."""
-    kept = {task: episode for task in tasks if args.resume and (episode := _kept(task, args.out))}
+    kept = _kept(tasks, args.out) if args.resume else {}
     missing = [task for task in tasks if task not in kept]
     yield from kept.values()
     with closing(run_all(Task.run, missing, args.jobs, finished=len(kept))) as finished:
@@ -180,12 +178,22 @@ def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None
             yield episode
 
 
-def _kept(task: Task, folder: Path) -> Episode | None:
-    """The episode of an earlier run with the same settings and the same code."""
-    if not task.path(folder).exists():
-        return None
-    episode = Episode.load(task.path(folder))
-    return episode if episode.settings == task.key else None
+def _kept(tasks: Sequence[Task], folder: Path) -> dict[Task, Episode]:
+    """The episodes of an earlier run with the same settings, code and policies; what was not taken is said."""
+    kept, other, damaged = {}, 0, 0
+    for task in (task for task in tasks if task.path(folder).exists()):
+        try:
+            episode = Episode.load(task.path(folder))
+        except ValueError:
+            damaged += 1
+            continue
+        if (episode.settings, episode.policy, episode.seed) == (task.key, task.policy, task.seed):
+            kept[task] = episode
+        else:
+            other += 1
+    left_out = f"; not taken: {other} of other settings, code or policies, {damaged} damaged" if other + damaged else ""
+    print(f"{len(kept)} of {len(tasks)} episodes are those of an earlier run{left_out}.")
+    return kept
 
 
 def _settings(args: Args, complete: bool) -> dict[str, Any]:

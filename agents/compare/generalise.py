@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from agents.compare import command
-from agents.summary import Summary
-from agents.tables import ERRORS, LEARNED, Table, legend, pipes, titled
+from agents.summary import ERRORS, LEARNED, Summary
+from agents.tables import Table, legend, pipes, shown, titled
+from agents.task import check
+from agents.tools.arguments import Rooms
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
 
@@ -26,21 +26,17 @@ CONDITIONS: dict[str, str] = {
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
 
     policies: tuple[str, ...] = ("ppo", "ppo-entropy", "mi-constant", "mi-fisher", "sweep")
     """Names of policies, as for compare."""
     episodes: int = 50
     """Rooms for each policy and condition."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/generalise")
     """Folder of the results; what it holds of the same rooms is not run again."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated section "generalise" is made anew, for instance RESULTS.md."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
 
     @property
     def command(self) -> str:
@@ -50,19 +46,18 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status: 2 for a bad argument, 130 when interrupted."""
+    """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
+    environments = [_comparison(args, *condition).environment for condition in CONDITIONS.items()]
+    check(args.policies, environments)
+    args.prepare("generalise")
     summaries: dict[str, Summary] = {}
-    try:
-        for name, scenario in CONDITIONS.items():
-            print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
-            summary = command.compare(_comparison(args, name, scenario))
-            if summary is None or not summary.settings["complete"]:
-                print("Interrupted; the same command goes on.")
-                return 130
-            summaries[name] = summary
-    except ValueError as error:
-        print(f"generalise: {error}", file=sys.stderr)
-        return 2
+    for name, scenario in CONDITIONS.items():
+        print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
+        summary = command.compare(_comparison(args, name, scenario))
+        if summary is None or not summary.settings["complete"]:
+            print("Interrupted; the same command goes on.")
+            return 130
+        summaries[name] = summary
     text = f"{pipes(table(summaries))}\n\n{legend()}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
@@ -76,7 +71,7 @@ def table(summaries: dict[str, Summary]) -> Table:
     """A row for each condition and policy."""
     columns = (*LEARNED, *ERRORS[:2])
     rows = [
-        [condition, policy, *(figures[column.key].text(column.scale, column.digits) for column in columns)]
+        [condition, policy, *shown(figures, columns)]
         for condition, summary in summaries.items()
         for policy, figures in summary.policies.items()
     ]
@@ -87,13 +82,6 @@ def table(summaries: dict[str, Summary]) -> Table:
 
 def _comparison(args: Args, name: str, scenario: str) -> command.Args:
     """The comparison in one condition."""
-    return command.Args(
-        policies=args.policies,
-        episodes=args.episodes,
-        seed=args.seed,
-        out=args.out / name.replace(" ", "-"),
-        scenario=scenario,
-        jobs=args.jobs,
-        resume=True,
-        figures=False,
-    )
+    same = {key: getattr(args, key) for key in ("policies", "episodes", "seed", "jobs")}
+    out = args.out / name.replace(" ", "-")
+    return command.Args(**same, out=out, scenario=scenario, resume=True, figures=False)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from agents.episode import honesty, outcome
 from agents.honesty.witness import WatchedRun
-from agents.tools.statistics import CONFIDENCE, Estimate, estimate, estimate_from_sums
+from agents.tools.statistics import TAILS, Estimate, estimate, estimate_from_sums
 
 Array = NDArray[np.float64]
 QUANTITIES = {"position": "position_nees", "orientation": "orientation_nees", "landmarks": "landmark_nees"}
@@ -129,8 +129,7 @@ def chi2_bounds(runs: int) -> tuple[float, float]:
 
     if runs == 0:
         return np.nan, np.nan
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = chi2.ppf((tail, 1.0 - tail), DOF * runs) / (DOF * runs)
+    low, high = chi2.ppf(TAILS, DOF * runs) / (DOF * runs)
     return float(low), float(high)
 
 
@@ -159,16 +158,14 @@ def calibrate(runs: Sequence[WatchedRun], times: Sequence[float], scenario: str)
 def curve(runs: Sequence[WatchedRun], quantity: str) -> dict[str, list[float]]:
     """NEES over time, a sample a second: average and median over the runs alive, and the bounds of the average."""
     times = np.arange(1.0, max(run.episode.times[-1] for run in runs) + 0.5)
-    values = [_nees(runs, quantity, time) for time in times]
-    bounds = [chi2_bounds(_alive(v)) for v in values]
-    return {
-        "time": times.tolist(),
-        "mean": [_of_alive(np.mean, v) for v in values],
-        "median": [_of_alive(np.median, v) for v in values],
-        "low": [low for low, _ in bounds],
-        "high": [high for _, high in bounds],
-        "alive": [_alive(v) for v in values],
-    }
+    rows = []
+    for time in times:
+        values = _nees(runs, quantity, time)
+        known = values[~np.isnan(values)]
+        mean, median = (float(known.mean()), float(np.median(known))) if len(known) else (np.nan, np.nan)
+        rows.append((float(time), mean, median, *chi2_bounds(len(known)), len(known)))
+    names = ("time", "mean", "median", "low", "high", "alive")
+    return {name: [row[i] for row in rows] for i, name in enumerate(names)}
 
 
 def _nees(runs: Sequence[WatchedRun], quantity: str, time: float) -> Array:
@@ -180,10 +177,6 @@ def _alive(values: Array) -> int:
     return int(np.count_nonzero(~np.isnan(values)))
 
 
-def _of_alive(function: Callable[[Array], Any], values: Array) -> float:
-    return float(function(values[~np.isnan(values)])) if _alive(values) else np.nan
-
-
 def _from_labels(runs: Sequence[WatchedRun], bars: bool) -> dict[str, Any]:
     """The fields that come from the hidden labels: figures of sums over all runs."""
     said = [run.testimony for run in runs]
@@ -191,33 +184,24 @@ def _from_labels(runs: Sequence[WatchedRun], bars: bool) -> dict[str, Any]:
     matches = np.array([(one.wrong_matches, one.matches) for one in said])
     features = np.array([(one.duplicates, one.features) for one in said])
     names = ("conversions", "matches", "wrong_matches", "features", "duplicates")
+    counts = {name: sum(getattr(one, name) for one in said) for name in names}
+
+    def ratio(part: int, whole: int) -> Callable[[Array], Array]:
+        return lambda sums: sums[part] / sums[whole]
+
+    def std(sums: Array) -> Array:
+        return np.sqrt(np.maximum(sums[2] / sums[0] - (sums[1] / sums[0]) ** 2, 0.0))
+
     return {
-        "depth_mean": judged(estimate_from_sums(errors, _mean), DEPTH_MEAN_BAR if bars else None),
-        "depth_std": judged(estimate_from_sums(errors, _std), DEPTH_STD_BAR if bars else None),
-        "depth_far": estimate_from_sums(errors, _far),
-        "wrong": judged(estimate_from_sums(matches, _ratio), WRONG_BAR if bars else None),
-        "duplicates": estimate_from_sums(features, _ratio),
-        "counts": {name: sum(getattr(one, name) for one in said) for name in names}
-        | {"depth_errors": int(errors[:, 0].sum())},
+        "depth_mean": judged(estimate_from_sums(errors, ratio(1, 0)), DEPTH_MEAN_BAR if bars else None),
+        "depth_std": judged(estimate_from_sums(errors, std), DEPTH_STD_BAR if bars else None),
+        "depth_far": estimate_from_sums(errors, ratio(3, 0)),
+        "wrong": judged(estimate_from_sums(matches, ratio(0, 1)), WRONG_BAR if bars else None),
+        "duplicates": estimate_from_sums(features, ratio(0, 1)),
+        "counts": counts | {"depth_errors": int(errors[:, 0].sum())},
     }
 
 
 def depth_sums(errors: Array) -> tuple[float, float, float, float]:
     """Of one run: number of depth errors, their sum, their squares' sum, number beyond `FAR`."""
     return len(errors), float(errors.sum()), float((errors**2).sum()), int(np.count_nonzero(np.abs(errors) > FAR))
-
-
-def _mean(sums: Array) -> Array:
-    return sums[1] / sums[0]
-
-
-def _std(sums: Array) -> Array:
-    return np.sqrt(np.maximum(sums[2] / sums[0] - _mean(sums) ** 2, 0.0))
-
-
-def _far(sums: Array) -> Array:
-    return sums[3] / sums[0]
-
-
-def _ratio(sums: Array) -> Array:
-    return sums[0] / sums[1]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -18,15 +16,15 @@ from agents.honesty import drawing, page
 from agents.honesty.calibration import Calibration, calibrate
 from agents.honesty.witness import WatchedRun, watch
 from agents.task import Task, check, rehearse
-from agents.tools.arguments import at_least, given, times_within
-from agents.tools.files import write_csv, write_json, write_text, written
+from agents.tools.arguments import Rooms, given, times, times_within
+from agents.tools.files import alone_in, write_csv, write_json, write_text, written
 from agents.tools.machine import RESULTS_REST_ON, package_versions
 from agents.tools.parallel import run_all
 from agents.tools.sections import provenance, put_section
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """Is the filter consistent? NEES, depth errors, associations and losses over rooms; report, CSV, JSON, figure."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep", "random")
@@ -45,16 +43,15 @@ class Args:
     """Seconds of an episode."""
     times: tuple[float, ...] = (5.0, 15.0, 25.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated section "consistency" is made anew, for instance docs/HONESTY.md."""
     figures: bool = True
     """Draw the figure (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        at_least(self, episodes=1, seed=0, jobs=1)
+        super().__post_init__()
         given(self, "policies", "initialisations")
+        times(self, "times")
 
     @property
     def command(self) -> str:
@@ -65,17 +62,12 @@ class Args:
     def environments(self) -> list[dict[str, Any]]:
         """Arguments of the environments: the scenario's fields, with each initialiser."""
         fields = asdict(scenario_from(self.scenario))
-        scenarios = [{**fields, "initialisation": initialisation} for initialisation in self.initialisations]
+        scenarios = [{**fields, "initialisation": name} for name in self.initialisations]
         return [{"scenario": scenario, "duration": self.duration} for scenario in scenarios]
 
 
 def main(args: Args) -> int:
-    """Make the report and print it; the exit status: 2 for a bad argument, 130 when interrupted."""
-    try:
-        check(args.policies, args.environments)
-    except ValueError as error:
-        print(f"consistency: {error}", file=sys.stderr)
-        return 2
+    """Make the report and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     total = args.episodes * len(args.policies) * len(args.initialisations)
     print(f"{total} episodes. The first run compiles, which takes a while.")
     calibrations, complete = report(args)
@@ -90,17 +82,23 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
     """Run everything and write it into `args.out`; the figures by policy and initialiser, and whether all is in.
 
     Ctrl-C ends it early, with a report of the episodes that are over. Raises ValueError for an unknown policy or
-    initialiser or a bad argument of the environment, before anything is run.
+    initialiser or a bad argument of the environment, before any episode.
     """
     check(args.policies, args.environments)
+    args.prepare("consistency")
     rehearse(args.policies, args.environments, args.seed)
+    with alone_in(args.out):
+        return _report(args)
+
+
+def _report(args: Args) -> tuple[list[Calibration], bool]:
     tasks = _tasks(args)
     runs = _run_until_interrupted(tasks, args.jobs)
-    times = times_within(args.times, args.duration)
-    calibrations = [calibrate(group, times, args.scenario) for group in grouped(runs, args)]
+    told_at = times_within(args.times, args.duration)
+    calibrations = [calibrate(group, told_at, args.scenario) for group in grouped(runs, args)]
     complete = len(runs) == len(tasks)
     if runs:
-        _write(calibrations, runs, times, args, complete)
+        _write(calibrations, runs, told_at, args, complete)
     return calibrations, complete
 
 
@@ -153,13 +151,8 @@ def _write(
     """Everything into `args.out`: runs.csv, report.json, report.md and, where matplotlib is, nees.png."""
     ordered = [run for group in grouped(runs, args) for run in group]
     write_csv(args.out / "runs.csv", [row(run, times) for run in ordered])
-    settings = {
-        **asdict(args),
-        "out": str(args.out),
-        "report": [str(path) for path in args.report],
-        "complete": complete,
-        "versions": package_versions(RESULTS_REST_ON),
-    }
+    paths = {"out": str(args.out), "report": [str(path) for path in args.report]}
+    settings = {**asdict(args), **paths, "complete": complete, "versions": package_versions(RESULTS_REST_ON)}
     write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
     text = page.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from agents.figures import grid_of_panels, save_figure
+from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.honesty.calibration import BAR_TIMES, QUANTITIES, Calibration, nees_bar
 
 if TYPE_CHECKING:
@@ -29,18 +29,15 @@ def draw(calibrations: Sequence[Calibration], path: Path) -> Path:
     for i, quantity in enumerate(QUANTITIES):
         for j, strategy in enumerate(strategies):
             axes = grid[i, j]
-            for one in calibrations:
-                if one.strategy == strategy:
-                    _curves(axes, one, quantity, COLOURS[initialisations.index(one.initialisation) % len(COLOURS)])
+            for one in (one for one in calibrations if one.strategy == strategy):
+                _curves(axes, one, quantity, COLOURS[initialisations.index(one.initialisation) % len(COLOURS)])
             _bars(axes, strategy)
             axes.set(yscale="log", ylim=LIMITS, ylabel=f"NEES of {quantity}" if j == 0 else "")
             axes.set_title(strategy if i == 0 else "")
             axes.set_xlabel("time, s" if i == len(QUANTITIES) - 1 else "")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
-    figure.suptitle(
-        "NEES per degree of freedom over the runs alive: average, median (dashed), 95 % χ² band, bars (grey)"
-    )
+    legend_below(figure, grid[0, :1])
+    title = "NEES per degree of freedom over the runs alive: average, median (dashed), 95 % χ² band, bars (grey)"
+    figure.suptitle(title)
     return save_figure(figure, path)
 
 

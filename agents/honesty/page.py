@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import activeslam_gym
@@ -10,6 +10,7 @@ from activeslam_gym.config import Scenario
 from agents.honesty.calibration import FAR, QUANTITIES, Calibration
 from agents.summary import FEW_ROOMS
 from agents.tables import Table, aligned, legend, pipes
+from agents.tools.sections import listed
 
 MEASURED = (
     "NEES: eᵀ P⁻¹ e over its 3 degrees of freedom, of the position, of the orientation, and the mean over the mapped "
@@ -48,8 +49,11 @@ def markdown(calibrations: Sequence[Calibration], settings: dict[str, Any]) -> s
 
 def tables(calibrations: Sequence[Calibration]) -> list[Table]:
     """The NEES at each time, then the rest."""
-    times = [_nees_table(calibrations, time) for time in calibrations[0].nees]
-    return [*times, _depth_table(calibrations), _labels_table(calibrations)]
+    return [
+        *(_nees_table(calibrations, time) for time in calibrations[0].nees),
+        _table("Standardised depth error at conversion", DEPTH, calibrations),
+        _table("Associations, duplicates, lost runs and log score", LABELS, calibrations),
+    ]
 
 
 def _nees_table(calibrations: Sequence[Calibration], time: str) -> Table:
@@ -67,36 +71,26 @@ def _nees_table(calibrations: Sequence[Calibration], time: str) -> Table:
     return Table(f"Average NEES per degree of freedom at {time} s", [*header, "alive"], rows)
 
 
-def _depth_table(calibrations: Sequence[Calibration]) -> Table:
-    header = ["strategy, initialiser", "mean", "std", f"beyond {FAR:g} σ, %", "errors", "conversions"]
-    rows = [
-        [
-            _name(one),
-            one.depth_mean.text(),
-            one.depth_std.text(),
-            one.depth_far.text(100.0, 2),
-            str(one.counts["depth_errors"]),
-            str(one.counts["conversions"]),
-        ]
-        for one in calibrations
-    ]
-    return Table("Standardised depth error at conversion", header, rows)
+DEPTH: dict[str, Callable[[Calibration], object]] = {
+    "mean": lambda one: one.depth_mean.text(),
+    "std": lambda one: one.depth_std.text(),
+    f"beyond {FAR:g} σ, %": lambda one: one.depth_far.text(100.0, 2),
+    "errors": lambda one: one.counts["depth_errors"],
+    "conversions": lambda one: one.counts["conversions"],
+}
+LABELS: dict[str, Callable[[Calibration], object]] = {
+    "wrong associations, %": lambda one: one.wrong.text(100.0, 3),
+    "duplicates, %": lambda one: one.duplicates.text(100.0),
+    "lost, %": lambda one: one.lost.text(100.0, 1),
+    "log score, bits": lambda one: one.log_score_gain.text(),
+    "runs": lambda one: one.runs,
+}
+"""Title → cell, of the tables after those of the NEES."""
 
 
-def _labels_table(calibrations: Sequence[Calibration]) -> Table:
-    header = ["strategy, initialiser", "wrong associations, %", "duplicates, %", "lost, %", "log score, bits", "runs"]
-    rows = [
-        [
-            _name(one),
-            one.wrong.text(100.0, 3),
-            one.duplicates.text(100.0),
-            one.lost.text(100.0, 1),
-            one.log_score_gain.text(),
-            str(one.runs),
-        ]
-        for one in calibrations
-    ]
-    return Table("Associations, duplicates, lost runs and log score", header, rows)
+def _table(title: str, columns: dict[str, Callable[[Calibration], object]], rows: Sequence[Calibration]) -> Table:
+    cells = [[_name(one), *(str(cell(one)) for cell in columns.values())] for one in rows]
+    return Table(title, ["strategy, initialiser", *columns], cells)
 
 
 def _verdict(calibrations: Sequence[Calibration]) -> str:
@@ -121,9 +115,8 @@ def _notes(calibrations: Sequence[Calibration]) -> list[str]:
 def _what_was_run(settings: dict[str, Any]) -> str:
     seed, last = settings["seed"], settings["seed"] + settings["episodes"] - 1
     run = f"Scenario `{settings['scenario']}`, {settings['duration']:g} s, rooms {seed} … {last}, unknown association"
-    versions = ", ".join(f"{name} {version}" for name, version in settings["versions"].items())
     complete = "" if settings["complete"] else " Interrupted: not all rooms are in."
-    return f"{run}. activeslam_gym {activeslam_gym.__version__}, {versions}.{complete}"
+    return f"{run}. activeslam_gym {activeslam_gym.__version__}, {listed(settings['versions'])}.{complete}"
 
 
 def _name(one: Calibration) -> str:

@@ -94,13 +94,8 @@ class Witness:
     @property
     def testimony(self) -> Testimony:
         """What has been said since the reset."""
-        errors = np.array(self._depth_errors)
-        return Testimony(
-            depth_errors=errors[~np.isnan(errors)],
-            features=len(self._owned),
-            duplicates=len(self._doubles),
-            **self._counts,
-        )
+        errors, owned, doubles = np.array(self._depth_errors), len(self._owned), len(self._doubles)
+        return Testimony(errors[~np.isnan(errors)], features=owned, duplicates=doubles, **self._counts)
 
 
 def depth_error(belief: Any, truth: Any, k: int, owner: int, anchor: Array) -> float:

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
+from zipfile import ZipFile
 
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from activeslam_gym import observation_layout
 from activeslam_gym.files import written_whole
 from agents.learn.recipe import Recipe
-from agents.learn.weights import policy_arguments
+from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
+from agents.tools.files import reading
 
 TRAINING_SEEDS = 2**32
 """Training rooms have seeds from here on, so that no room of the study is among them."""
@@ -21,6 +26,8 @@ HELD_OUT_SEEDS = 3_000_000
 """The rooms that choose the best weights: none of training, none of the study."""
 REPLAY_STEPS = 100_000
 """What DQN remembers: some hundreds of megabytes of observations."""
+COUNTS = {"num_timesteps": int, "_n_updates": int, "_episode_num": int, "seconds": float}
+"""What a checkpoint tells of the learner beside its tensors."""
 _LAST_RATE = 0.05
 """The learning rate's last value, relative to its first."""
 
@@ -29,31 +36,21 @@ CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
 
 def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
     """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are."""
-    env = ActiveSLAMVecEnv(
-        num_envs,
-        discrete=recipe.algorithm == "dqn",
-        gaze_period=recipe.decision_period,
-        duration=recipe.duration,
-        reward=recipe.reward,
-    )
+    arguments: dict[str, Any] = {
+        "gaze_period": recipe.decision_period,
+        "duration": recipe.duration,
+        "reward": recipe.reward,
+    }
+    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", **arguments)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), recipe.reward_scale, recipe.reward_clip)
 
 
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path) -> Any:
     """A new learner. PPO's rollout is one episode of every environment, learned from in 5 minibatches, 4 times."""
-    steps = recipe.steps_per_episode
-    own: dict[str, dict[str, Any]] = {
-        "ppo": {
-            "n_steps": steps,
-            "batch_size": max(2, steps * recipe.num_envs // 5),
-            "n_epochs": 4,
-            "gae_lambda": 0.95,
-            "ent_coef": recipe.entropy_bonus,
-        },
-        "a2c": {"ent_coef": recipe.entropy_bonus},
-        "dqn": {"buffer_size": REPLAY_STEPS},
-    }
+    steps, entropy = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}
+    rollout = {"n_steps": steps, "batch_size": max(2, steps * recipe.num_envs // 5), "n_epochs": 4, "gae_lambda": 0.95}
+    own: dict[str, dict[str, Any]] = {"ppo": rollout | entropy, "a2c": entropy, "dqn": {"buffer_size": REPLAY_STEPS}}
     return CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
@@ -67,14 +64,31 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path) -> Any:
     )
 
 
-def load_learner(recipe: Recipe, env: VecEnv, checkpoint: Path) -> Any:
-    """The learner as it was saved, in rooms that it has not yet seen."""
-    learner = CLASSES[recipe.algorithm].load(checkpoint, env=env, device="cpu")
+def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> Any:
+    """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
+
+    Of the file, tensors and plain numbers are read, never a pickle: `BaseAlgorithm.load` would run what stands in it.
+    Raises ValueError for a damaged file, or one of another learner.
+    """
+    learner = make_learner(recipe, env, logs)
+    with reading(checkpoint), ZipFile(checkpoint) as archive:
+        kept = json.loads(archive.read("data"))
+        try:
+            _, parameters, _ = load_from_zip_file(checkpoint, load_data=False, device="cpu")
+        except UnpicklingError as error:
+            raise ValueError("it holds more than tensors and numbers, which could run code; remove it") from error
+        learner.set_parameters(parameters, device="cpu")
+        for name, kind in COUNTS.items():
+            setattr(learner, name, kind(kept.get(name, 0)))
     env.seed(TRAINING_SEEDS + recipe.num_envs * recipe.seed + learner.num_timesteps)
     return learner
 
 
 def save_learner(learner: BaseAlgorithm, checkpoint: Path) -> None:
-    """The learner with its optimiser, whole or not at all; DQN's memory is left out."""
+    """The learner with its optimiser, whole or not at all; DQN's memory is left out.
+
+    Raises ValueError for weights that are not finite.
+    """
+    require_finite({name: value.numpy() for name, value in learner.policy.state_dict().items()})
     with written_whole(checkpoint) as unfinished:
         learner.save(unfinished)

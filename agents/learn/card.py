@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from agents.episode import outcome
+from agents.learn.recipe import ALGORITHMS
 from agents.summary import STATISTICS
 from agents.task import Task
+from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 from agents.tools.parallel import run_all
 from agents.tools.statistics import estimate
@@ -48,8 +50,14 @@ def command(recipe: dict[str, Any]) -> str:
 
 
 def read_card(weights: Path) -> dict[str, Any]:
-    """The card of the weights in a file (.npz)."""
-    return json.loads(weights.with_suffix(".json").read_text(encoding="utf-8"))
+    """The card of the weights in a file (.npz). Raises ValueError where it is damaged, or lacks what makes a policy."""
+    path = weights.with_suffix(".json")
+    with reading(path):
+        card = json.loads(path.read_text(encoding="utf-8"))
+        int(card["width"]), float(card["decision_period"])
+        if card["algorithm"] not in ALGORITHMS:
+            raise ValueError(f"algorithm: {card['algorithm']!r}; allowed: {', '.join(ALGORITHMS)}")
+        return card
 
 
 def results(weights: Path, rooms: int) -> dict[str, Any]:

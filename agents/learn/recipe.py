@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
-from agents.tools.arguments import positive
+from agents.tools.arguments import positive, within
+
+Algorithm = Literal["ppo", "a2c", "dqn"]
+ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 
 @dataclass(frozen=True)
 class Recipe:
     """What is learned, and how."""
 
-    algorithm: Literal["ppo", "a2c", "dqn"] = "ppo"
+    algorithm: Algorithm = "ppo"
     """Learner of Stable-Baselines3; DQN learns on the 21 joint actions."""
     reward: str = "log_score"
     """Reward of the environment."""
@@ -43,10 +46,12 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-        positive(self, "total_steps", "num_envs", "width", "decision_period", "duration")
+        positive(self, "total_steps", "num_envs", "width", "decision_period", "duration", "gamma")
         positive(self, "learning_rate", "reward_scale", "reward_clip")
-        if not 0.0 < self.gamma <= 1.0:
-            raise ValueError(f"gamma must be in (0, 1], got {self.gamma!r}")
+        within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
+        within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13))
+        if self.algorithm not in ALGORITHMS:
+            raise ValueError(f"algorithm: {self.algorithm!r}; allowed: {', '.join(ALGORITHMS)}")
 
     @property
     def steps_per_episode(self) -> int:

@@ -6,7 +6,7 @@ to be; the network is built anew for the environment at hand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
@@ -23,7 +23,7 @@ from activeslam_gym.files import written_whole
 from agents import pretrained
 from agents.learn.card import read_card
 from agents.learn.encoder import SetEncoder
-from agents.tools.files import write_json
+from agents.tools.files import reading, write_json
 from baselines.policy import Environment
 
 Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
@@ -40,10 +40,22 @@ def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
 
 
 def save(path: Path, policy: torch.nn.Module, card: dict[str, Any]) -> None:
-    """Write a policy's weights to ``path`` (.npz) and its card beside it (.json), each whole or not at all."""
+    """Write a policy's weights to ``path`` (.npz) and its card beside it (.json), each whole or not at all.
+
+    Raises ValueError for weights that are not finite.
+    """
+    weights = {name: value.cpu().numpy() for name, value in policy.state_dict().items()}
+    require_finite(weights)
     with written_whole(path) as unfinished:
-        np.savez(unfinished, **{name: value.cpu().numpy() for name, value in policy.state_dict().items()})
+        np.savez(unfinished, **weights)
     write_json(path.with_suffix(".json"), card)
+
+
+def require_finite(weights: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError where weights are not all finite numbers."""
+    for name, values in weights.items():
+        if values.dtype.kind != "f" or not np.isfinite(values).all():
+            raise ValueError(f"weights: {name} has values that are no finite numbers; the training has diverged")
 
 
 class LearnedPolicy:
@@ -56,9 +68,8 @@ class LearnedPolicy:
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
         self.card = card
         self._env = cast(Any, env.unwrapped)
-        self._hold = whole_multiple(
-            "decision_period", float(card["decision_period"]), "gaze_period", self._env.gaze_period
-        )
+        decision_period = float(card["decision_period"])
+        self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
         self._logits = _network(observation_layout(env), weights, card)
         space = getattr(self._env, "single_action_space", self._env.action_space)
         self._is_discrete = isinstance(space, spaces.Discrete)
@@ -120,7 +131,9 @@ def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: di
             f"{layout.token_shape[1]}: {error}"
         ) from error
     network.set_training_mode(False)
-    return _action_values(network) if isinstance(network, DQNPolicy) else _action_logits(network)
+    if isinstance(network, DQNPolicy):
+        return lambda observations: (network.q_net(observations),)  # the joint actions' values, as preferences
+    return _action_logits(network)
 
 
 def _action_logits(network: ActorCriticPolicy) -> Logits:
@@ -133,11 +146,6 @@ def _action_logits(network: ActorCriticPolicy) -> Logits:
     return logits
 
 
-def _action_values(network: DQNPolicy) -> Logits:
-    """The values of the joint actions, as preferences."""
-    return lambda observations: (network.q_net(observations),)
-
-
 def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
     """See `agents.load`."""
     known = pretrained.names(folder)
@@ -146,6 +154,7 @@ def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> Learn
             f"name must be one of {', '.join(known) or 'none, since no weights are shipped'}, got {name!r}"
         )
     path = folder / f"{name}.npz"
-    with np.load(path, allow_pickle=False) as file:
+    with reading(path), np.load(path, allow_pickle=False) as file:
         weights = {key: file[key] for key in file.files}
+        require_finite(weights)
     return LearnedPolicy(env, weights, read_card(path))

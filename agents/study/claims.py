@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from agents.study import toy
-from agents.study.conditions import CHOICES, DEFAULT, HAND_HELD_SECONDS, LIVE, PARTICLES_NOWHERE, STRATEGIES
+from agents.study.conditions import (
+    CHOICES,
+    DEFAULT,
+    HAND_HELD_SECONDS,
+    LIVE,
+    LIVE_CHOICES,
+    PARTICLES_NOWHERE,
+    STRATEGIES,
+)
 from agents.study.measures import TARGET
 from agents.study.runs import Rows
 from agents.study.verdicts import (
@@ -20,8 +28,7 @@ from agents.study.verdicts import (
     at_common_rung,
     at_rung,
     column,
-    difference,
-    level,
+    judged,
     one_draw,
     restricted,
     restricted_time,
@@ -41,6 +48,8 @@ LOST_BAR = 0.05
 LADDERS = {"ladder_log2_det": "unvisited counted", "ladder_visited": "visited alone"}
 FISHER_MOTIONS = {DEFAULT: "trace", "eigenvalue": "largest eigenvalue", "unpropagated": "trace of horizon 0"}
 """Choice → what a motion by Fisher information is then chosen by."""
+INITIALISERS = {"inverse depth": ("nowhere", DEFAULT), "particles": (PARTICLES_NOWHERE, "particles")}
+"""Initialiser → choices without and with expected landmarks."""
 SCENES = range(100)
 """Seeds of the scenes of figure 1."""
 OWN, OTHERS = "mi-fisher", ("mi-constant", "mi-mi")
@@ -56,12 +65,12 @@ class Claim:
     where: str
     """Section or figure."""
     findings: Callable[[Rows], Iterator[Finding]]
-    """The main choice of each measure first."""
+    """The main choice of each measure first; they need not name the claim."""
 
 
 def findings_of(rows: Rows) -> list[Finding]:
     """What the rows say of every claim."""
-    return [finding for claim in CLAIMS for finding in claim.findings(rows)]
+    return [replace(finding, claim=claim.key) for claim in CLAIMS for finding in claim.findings(rows)]
 
 
 # Simulation: the three strategies -----------------------------------------------------------------------------------
@@ -83,14 +92,24 @@ def _at_rung(ladder: str) -> Pair:
 
 def _against(other: str, key: str, words: str, where: str, what: str, pair: Pair, side: Side, digits: int = 1) -> Claim:
     """The claim on (iii) minus another strategy, under every choice; `{}` is its name in `key`, and its numeral."""
-    key, numeral = key.format(other), STRATEGIES[other]
+    numeral = STRATEGIES[other]
 
     def findings(rows: Rows) -> Iterator[Finding]:
         for choice in CHOICES:
-            values = pair(rows[choice.name, OWN], rows[choice.name, other], rows.duration)
-            yield difference(key, choice.name, f"{what}, (iii) − {numeral}", values, side, digits=digits)
+            ours, theirs = pair(rows[choice.name, OWN], rows[choice.name, other], rows.duration)
+            yield judged(choice.name, f"{what}, (iii) − {numeral}", ours - theirs, side, digits=digits)
 
-    return Claim(key, words.format(numeral), where, findings)
+    return Claim(key.format(other), words.format(numeral), where, findings)
+
+
+def _strategies(rows: Rows) -> dict[str, list[Row]]:
+    """Numeral → the runs of the strategy."""
+    return {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
+
+
+def _with_live(rows: Rows) -> dict[str, list[Row]]:
+    """Those, and the runs of the live system."""
+    return _strategies(rows) | {name: rows[name, LIVE] for name in LIVE_CHOICES}
 
 
 def _stated_times(rows: Rows) -> Iterator[Finding]:
@@ -99,17 +118,15 @@ def _stated_times(rows: Rows) -> Iterator[Finding]:
         early, reached = int(np.sum(times <= time)), int(np.sum(times < rows.duration))
         measure = f"median time of the 14th landmark, s, {STRATEGIES[strategy]} (the paper: {time:g})"
         note = f"{_spread(times)}, {early} as early; reached in {reached} of {len(times)}"
-        yield one_draw("stated-times", DEFAULT, measure, times, time, note)
+        yield one_draw(DEFAULT, measure, times, time, note)
 
 
 def _stated_entropies(rows: Rows) -> Iterator[Finding]:
-    for ladder, counted in LADDERS.items():
-        for strategy, (_, log2_det) in STATED.items():
-            values = at_rung(rows[DEFAULT, strategy], ladder, TARGET)
-            numeral, reached = STRATEGIES[strategy], int(np.sum(~np.isnan(values)))
-            measure = f"median log₂\\|P\\| at the 14th landmark, {counted}, {numeral} (paper: {log2_det:.0f})"
-            note = f"{reached} rooms reached it; {_spread(values)}"
-            yield one_draw("stated-entropies", DEFAULT, measure, values, log2_det, note, digits=0)
+    for (ladder, counted), (strategy, (_, log2_det)) in product(LADDERS.items(), STATED.items()):
+        values = at_rung(rows[DEFAULT, strategy], ladder, TARGET)
+        measure = f"median log₂\\|P\\| at the 14th landmark, {counted}, {STRATEGIES[strategy]} (paper: {log2_det:.0f})"
+        note = f"{int(np.sum(~np.isnan(values)))} rooms reached it; {_spread(values)}"
+        yield one_draw(DEFAULT, measure, values, log2_det, note, digits=0)
 
 
 def _spread(values: Array) -> str:
@@ -127,39 +144,28 @@ def _honest_errors(rows: Rows) -> Iterator[Finding]:
         "position_in_bounds": ("% of position errors within 2σ (nominal 95.4)", 0.9),
         "orientation_in_bounds": ("% of orientation errors within 2σ (nominal 95.4)", 0.9),
     }
-    for name, (measure, bound) in forms.items():
-        for strategy, numeral in STRATEGIES.items():
-            values = column(rows[DEFAULT, strategy], name)
-            yield level("honest-errors", DEFAULT, f"{measure}, {numeral}", values, "above", bound, 100.0)
+    for (name, (measure, bound)), (numeral, runs) in product(forms.items(), _strategies(rows).items()):
+        yield judged(DEFAULT, f"{measure}, {numeral}", column(runs, name), "above", bound, 100.0)
 
 
 def _closure_drop(rows: Rows) -> Iterator[Finding]:
-    runs = {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
-    runs |= {name: rows[name, LIVE] for name in ("hand-held", "calm")}
-    for part in ("camera", "total"):
-        for name, those in runs.items():
-            pair = column(those, f"closure_change_{part}"), column(those, f"before_change_{part}")
-            measure = f"change of log₂\\|P\\| ({part}) in the second from a closure on − before it, {name}"
-            yield difference("closure-drop", DEFAULT, measure, pair, "below")
+    for part, (name, runs) in product(("camera", "total"), _with_live(rows).items()):
+        change = column(runs, f"closure_change_{part}") - column(runs, f"before_change_{part}")
+        measure = f"change of log₂\\|P\\| ({part}) in the second from a closure on − before it, {name}"
+        yield judged(DEFAULT, measure, change, "below")
 
 
 def _homeostasis(rows: Rows) -> Iterator[Finding]:
-    for strategy, numeral in STRATEGIES.items():
-        for choice, initialiser in (("nowhere", "inverse depth"), (PARTICLES_NOWHERE, "particles")):
-            values = column(rows[choice, strategy], "stay_share")
-            measure = f"% of motions that are `stay` without expected landmarks, {numeral}"
-            yield level("homeostasis", initialiser, measure, values, "above", ALWAYS, 100.0)
+    for (strategy, numeral), (initialiser, (without, _)) in product(STRATEGIES.items(), INITIALISERS.items()):
+        measure = f"% of motions that are `stay` without expected landmarks, {numeral}"
+        yield judged(initialiser, measure, column(rows[without, strategy], "stay_share"), "above", ALWAYS, 100.0)
 
 
 def _less_homeostasis(rows: Rows) -> Iterator[Finding]:
-    for strategy, numeral in STRATEGIES.items():
-        for choice, with_them, initialiser in (
-            ("nowhere", DEFAULT, "inverse depth"),
-            (PARTICLES_NOWHERE, "particles", "particles"),
-        ):
-            pair = column(rows[choice, strategy], "stay_share"), column(rows[with_them, strategy], "stay_share")
-            measure = f"% of motions that are `stay`, without − with expected landmarks, {numeral}"
-            yield difference("less-homeostasis", initialiser, measure, pair, "above", 100.0)
+    for (strategy, numeral), (initialiser, pair) in product(STRATEGIES.items(), INITIALISERS.items()):
+        without, with_them = (column(rows[choice, strategy], "stay_share") for choice in pair)
+        measure = f"% of motions that are `stay`, without − with expected landmarks, {numeral}"
+        yield judged(initialiser, measure, without - with_them, "above", scale=100.0)
 
 
 def _approach(rows: Rows) -> Iterator[Finding]:
@@ -168,58 +174,48 @@ def _approach(rows: Rows) -> Iterator[Finding]:
         "fiducial_distance": ("mean distance to the fiducials, m", "below", 1.0, 2),
         "forward_share": ("% of motions that are `forward`", "above", 100.0, 1),
     }
-    for name, (measure, side, scale, digits) in forms.items():
-        for choice, metric in FISHER_MOTIONS.items():
-            pair = column(rows[choice, "fisher-fisher"], name), column(rows[choice, OWN], name)
-            measure_here = f"{measure}, Fisher − MI motion"
-            yield difference("approach", metric, measure_here, pair, side, scale, digits)
+    for (name, (measure, side, scale, digits)), (choice, metric) in product(forms.items(), FISHER_MOTIONS.items()):
+        gain = column(rows[choice, "fisher-fisher"], name) - column(rows[choice, OWN], name)
+        yield judged(metric, f"{measure}, Fisher − MI motion", gain, side, scale=scale, digits=digits)
 
 
 def _perpendicular(rows: Rows) -> Iterator[Finding]:
-    runs = {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
-    runs |= {name: rows[name, LIVE] for name in ("hand-held", "calm")}
-    for event in ("birth", "mapping"):
-        for name, those in runs.items():
-            after = column(those, f"lateral_after_{event}")
-            measure = f"% of motions that are lateral after a {event}"
-            yield level("perpendicular", event, f"{measure}, {name} (chance 57)", after, "above", CHANCE_LATERAL, 100.0)
-            pair = after, column(those, "lateral_otherwise")
-            yield difference("perpendicular", event, f"{measure} − otherwise, {name}", pair, "above", 100.0)
+    for event, (name, runs) in product(("birth", "mapping"), _with_live(rows).items()):
+        after, measure = column(runs, f"lateral_after_{event}"), f"% of motions that are lateral after a {event}"
+        yield judged(event, f"{measure}, {name} (chance 57)", after, "above", CHANCE_LATERAL, 100.0)
+        more = after - column(runs, "lateral_otherwise")
+        yield judged(event, f"{measure} − otherwise, {name}", more, "above", scale=100.0)
 
 
 def _live(rows: Rows) -> Iterator[Finding]:
-    for name in ("hand-held", "calm"):
-        those = rows[name, LIVE]
-        minute = column(those, "lateral_first_minute")
+    for name in LIVE_CHOICES:
+        minute = column(rows[name, LIVE], "lateral_first_minute")
         measure = f"% of motions that are lateral in the first minute, {name} (chance 57)"
-        yield level("live-lateral", name, measure, minute, "above", CHANCE_LATERAL, 100.0)
+        yield judged(name, measure, minute, "above", CHANCE_LATERAL, 100.0)
 
 
 def _live_entropy(rows: Rows) -> Iterator[Finding]:
-    for name in ("hand-held", "calm"):
-        those = rows[name, LIVE]
-        values = while_alive(those, "final_log2_det")
-        alive = int(np.sum(~np.isnan(values)))
+    for name in LIVE_CHOICES:
+        values = while_alive(rows[name, LIVE], "final_log2_det")
         measure = f"median log₂\\|P\\| after {HAND_HELD_SECONDS:g} s, {name} (the paper: about {STATED_LIVE:.0f})"
-        note = f"{alive} of {len(values)} runs were not lost by then"
-        yield one_draw("live-entropy", name, measure, values, STATED_LIVE, note, digits=0)
+        note = f"{int(np.sum(~np.isnan(values)))} of {len(values)} runs were not lost by then"
+        yield one_draw(name, measure, values, STATED_LIVE, note, digits=0)
 
 
 def _clutter(rows: Rows) -> Iterator[Finding]:
     for policy in (*STRATEGIES, "sweep", "random"):
         lost = column(rows["clutter", policy], "lost")
         measure = f"% lost under `clutter`, {policy} (bar: {100 * LOST_BAR:g})"
-        yield level("clutter", "clutter", measure, lost, "below", LOST_BAR, 100.0, statistic="share")
+        yield judged("clutter", measure, lost, "below", LOST_BAR, 100.0, statistic="share")
 
 
 def _figure_1(rows: Rows) -> Iterator[Finding]:
-    for view, half_view in (("96° view", np.radians(48.0)), ("sees all around", np.pi)):
-        for shape, isotropic in (("isotropic landmarks", True), ("landmarks long along the sight", False)):
-            inside = [toy.lies_between(toy.drawn(seed, isotropic, half_view)) for seed in SCENES]
-            measure = "% of drawn scenes whose best move lies between landmarks 2 and 3 (more than half?)"
-            yield level(
-                "figure-1", f"{view} with {shape}", measure, np.array(inside, float), "above", 0.5, 100.0, 0, "share"
-            )
+    views = {"96° view": np.radians(48.0), "sees all around": np.pi}
+    shapes = {"isotropic landmarks": True, "landmarks long along the sight": False}
+    measure = "% of drawn scenes whose best move lies between landmarks 2 and 3 (more than half?)"
+    for (view, half_view), (shape, isotropic) in product(views.items(), shapes.items()):
+        inside = np.array([toy.lies_between(toy.drawn(seed, isotropic, half_view)) for seed in SCENES], float)
+        yield judged(f"{view} with {shape}", measure, inside, "above", 0.5, 100.0, 0, "share")
 
 
 def _claims() -> Iterator[Claim]:
@@ -255,12 +251,8 @@ def _claims() -> Iterator[Claim]:
     yield Claim("homeostasis", "without unvisited landmarks the best action is always `stay`", "IV-A", _homeostasis)
     yield Claim("less-homeostasis", "unvisited landmarks prevent homeostasis", "IV-A", _less_homeostasis)
     yield Claim("approach", "Fisher information for motion drives the camera onto the landmarks", "III-B", _approach)
-    yield Claim(
-        "perpendicular",
-        "after new features come motions perpendicular to the line of sight",
-        "III-B, V",
-        _perpendicular,
-    )
+    words = "after new features come motions perpendicular to the line of sight"
+    yield Claim("perpendicular", words, "III-B, V", _perpendicular)
     yield Claim("live-lateral", "the live commands are mostly up-down and left-right", "V, Fig. 5 b", _live)
     yield Claim("live-entropy", "log₂\\|P\\| falls to about −900 in 2500 frames", "Fig. 5 a", _live_entropy)
     yield Claim("clutter", "(ours) with 5 % missed and 2 false detections a frame, at most 5 % are lost", "–", _clutter)

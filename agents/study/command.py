@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from agents.episode import Episode
 from agents.study import drawing, page
 from agents.study.claims import findings_of
-from agents.study.conditions import DEFAULT, LIVE, STRATEGIES, Condition, conditions
+from agents.study.conditions import DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Condition, conditions
 from agents.study.runs import Row, Rows, Run, play, run_conditions
 from agents.study.verdicts import Finding
-from agents.task import rehearse
-from agents.tools.arguments import at_least
-from agents.tools.files import write_csv, write_json, write_text
+from agents.task import check, rehearse
+from agents.tools.arguments import Rooms, at_least
+from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.machine import RESULTS_REST_ON, machine, versions
 
 RULE = (
@@ -27,26 +25,23 @@ RULE = (
 
 
 @dataclass(frozen=True)
-class Args:
+class Args(Rooms):
     """The paper's study: its figures redrawn from our runs, and a verdict on each of its claims."""
 
     episodes: int = 100
     """Rooms for the paper's strategies and for what single claims need."""
     choice_episodes: int = 50
     """Rooms, the first of these, for the other choices that the paper leaves open."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/figures")
     """Folder of the results; finished conditions that it holds are not run again."""
     duration: float | None = None
     """Seconds of an episode, for a quick look; the paper's if not given."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     figures: bool = True
     """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
-        at_least(self, episodes=1, choice_episodes=1, seed=0, jobs=1)
+        super().__post_init__()
+        at_least(self, choice_episodes=1)
 
     def plan(self) -> dict[Condition, list[int]]:
         """What is run, and the seeds of its rooms."""
@@ -69,13 +64,17 @@ class Study:
 
 def main(args: Args) -> int:
     """Make the study and print its verdicts; the exit status, 130 when interrupted."""
-    print(f"{args.episodes} rooms, {len(args.plan())} conditions. The first run compiles, which takes a while.")
+    args.prepare()
+    plan = args.plan()
+    check((), [one.environment() for one in plan])
+    print(f"{args.episodes} rooms, {len(plan)} conditions. The first run compiles, which takes a while.")
     try:
-        study = run(args)
+        with alone_in(args.out):
+            study = run(args)
+            write(study, args)
     except KeyboardInterrupt:
         print("Interrupted; the conditions that are complete are kept, and the same command goes on from them.")
         return 130
-    write(study, args)
     for finding in study.findings:
         print(f"{finding.verdict:>13}  {finding.claim}, {finding.choice}: {finding.measure}: {finding.text}")
     print(f"\nWritten to {args.out}/: STUDY.md, study.json, study.csv, rows.csv, images/study/, trajectories/")
@@ -92,7 +91,7 @@ def run(args: Args) -> Study:
     room = median_room(rows)
     by_key = {(one.choice, one.policy): one for one in plan}
     strategies = {name: play(Run(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
-    live = {choice: _median_run(rows, by_key[choice, LIVE]) for choice in drawing.LIVE_CHOICES}
+    live = {choice: play(Run(by_key[choice, LIVE], _median_seed([rows[choice, LIVE]])))[0] for choice in LIVE_CHOICES}
     return Study(rows, findings_of(rows), drawing.Drawn(strategies, live), _settings(args, room))
 
 
@@ -100,17 +99,12 @@ def median_room(rows: Rows) -> int:
     """Seed of the room with the median log score of the three strategies together, where none was lost (if any)."""
     together = [rows[DEFAULT, name] for name in STRATEGIES]
     alive = [runs for runs in zip(*together, strict=True) if not any(run["lost"] for run in runs)]
-    candidates = alive or list(zip(*together, strict=True))
-    return _median([(sum(run["log_score_gain"] for run in runs), runs[0]["seed"]) for runs in candidates])
+    return _median_seed(list(zip(*alive)) or together)
 
 
-def _median_run(rows: Rows, condition: Condition) -> Episode:
-    scores = [(row["log_score_gain"], row["seed"]) for row in rows[condition.choice, condition.policy]]
-    return play(Run(condition, _median(scores)))[0]
-
-
-def _median(scored: Sequence[tuple[float, int]]) -> int:
-    """The seed in the middle of the order by score."""
+def _median_seed(together: Sequence[Sequence[Row]]) -> int:
+    """Seed of the room in the middle of the order by the log score of one or several strategies together."""
+    scored = [(sum(run["log_score_gain"] for run in runs), runs[0]["seed"]) for runs in zip(*together, strict=True)]
     return sorted(scored)[len(scored) // 2][1]
 
 
@@ -119,7 +113,8 @@ def write(study: Study, args: Args) -> None:
     findings = [asdict(finding) | {"text": finding.text} for finding in study.findings]
     write_json(args.out / "study.json", {"settings": study.settings, "findings": findings})
     write_csv(args.out / "study.csv", [_flat(finding) for finding in study.findings])
-    write_csv(args.out / "rows.csv", [row for pair, rows in study.rows.items() for row in _plain_rows(pair, rows)])
+    named = [{"choice": pair[0], "policy": pair[1], **row} for pair, rows in study.rows.items() for row in rows]
+    write_csv(args.out / "rows.csv", [{k: v for k, v in row.items() if not isinstance(v, list)} for row in named])
     for name, episode in (study.drawn.strategies | study.drawn.live).items():
         episode.write_trajectories(args.out / "trajectories", name)
     if args.figures and find_spec("matplotlib") is not None:
@@ -129,16 +124,8 @@ def write(study: Study, args: Args) -> None:
 
 def _flat(finding: Finding) -> dict[str, Any]:
     """A line of study.csv."""
-    estimate = asdict(finding.estimate)
     names = ("claim", "choice", "measure", "verdict", "scale", "note")
-    return {name: getattr(finding, name) for name in names} | estimate
-
-
-def _plain_rows(pair: tuple[str, str], rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Lines of rows.csv: the numbers, without ladders and curves."""
-    choice, policy = pair
-    named = {"choice": choice, "policy": policy}
-    return [named | {key: value for key, value in row.items() if not isinstance(value, list)} for row in rows]
+    return {name: getattr(finding, name) for name in names} | asdict(finding.estimate)
 
 
 def _settings(args: Args, room: int) -> dict[str, Any]:

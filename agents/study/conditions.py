@@ -12,6 +12,8 @@ from activeslam_gym.config import DEPTH_PARTICLES, scenario_from
 HERE = "agents.study.strategies"
 STRATEGIES = {"mi-constant": "(i)", "mi-mi": "(ii)", "mi-fisher": "(iii)"}
 """The paper's three, by our names."""
+LOOKING = ("mi-mi", "mi-fisher")
+"""Those of them that choose where to look."""
 DEFAULT = "default"
 HAND_HELD_SECONDS = 167.0
 """The 2500 frames of figure 5 at 15 a second, in whole seconds."""
@@ -73,18 +75,10 @@ class Choice:
 
     def conditions(self) -> list[Condition]:
         """The three strategies under this choice; the default's keep their curves."""
+        first, sources = self.name == DEFAULT, {name: name for name in STRATEGIES} | self.rereads
         return [
-            Condition(
-                self.name,
-                strategy,
-                self.rereads.get(strategy, strategy),
-                self.scenario,
-                self.fields,
-                self.place,
-                curves=self.name == DEFAULT,
-                every_room=self.name == DEFAULT,
-            )
-            for strategy in STRATEGIES
+            Condition(self.name, role, source, self.scenario, self.fields, self.place, curves=first, every_room=first)
+            for role, source in sources.items()
         ]
 
 
@@ -93,28 +87,24 @@ def _rereads(prefix: str, strategies: Sequence[str] = tuple(STRATEGIES)) -> dict
 
 
 _PARTICLES = ("initialisation", DEPTH_PARTICLES)
+_RAYS_KEPT = (_PARTICLES, ("ray_age", 35.0), ("ray_capacity", 27))
 
 CHOICES: tuple[Choice, ...] = (
     Choice(DEFAULT, "scenario `paper`, undelayed inverse depth"),
     Choice("eigenvalue", "gaze of (iii) by the largest eigenvalue", {"mi-fisher": f"{HERE}:mi_eigenvalue"}),
     Choice("particles", "the paper's depth particles; rays kept 10 s", fields=(_PARTICLES,)),
     Choice("rays-1s", "depth particles; rays kept 1 s", fields=(_PARTICLES, ("ray_age", 1.0))),
-    Choice(
-        "rays-35s",
-        "depth particles; rays kept to the end, up to 27",
-        fields=(_PARTICLES, ("ray_age", 35.0), ("ray_capacity", 27)),
-    ),
+    Choice("rays-35s", "depth particles; rays kept to the end, up to 27", fields=_RAYS_KEPT),
     Choice("literal", "scenario `paper-literal`: 45° at the start, depth particles", scenario="paper-literal"),
     Choice("unpropagated", "a candidate motion keeps the present covariance (horizon 0)", _rereads("unpropagated")),
-    Choice(
-        "gaze-1s", "a candidate gaze is held 1 s before it is scored", _rereads("gaze_ahead", ["mi-mi", "mi-fisher"])
-    ),
+    Choice("gaze-1s", "a candidate gaze is held 1 s before it is scored", _rereads("gaze_ahead", LOOKING)),
     Choice("redrawn", "expected landmarks drawn anew", place="another-draw"),
     Choice("lattice", "expected landmarks on a lattice", place="lattice"),
     Choice("capped", "an expected landmark's pixel varies by no more than the image", _rereads("capped")),
 )
 """The default first."""
 
+LIVE_CHOICES = ("hand-held", "calm")
 LIVE = "live"
 """Role of the one policy that the paper's live system has: motion by mutual information, gaze the user's."""
 _CALM = (
@@ -130,10 +120,7 @@ SINGLES: tuple[Condition, ...] = (
     Condition("eigenvalue", "fisher-fisher", f"{HERE}:eigenvalue_eigenvalue", every_room=False),
     Condition("unpropagated", "fisher-fisher", f"{HERE}:unpropagated_fisher_fisher", every_room=False),
     *(Condition("nowhere", name, name, place="nowhere") for name in STRATEGIES),
-    *(
-        Condition(PARTICLES_NOWHERE, name, name, fields=(_PARTICLES,), place="nowhere", every_room=False)
-        for name in STRATEGIES
-    ),
+    *(Condition(PARTICLES_NOWHERE, x, x, "paper", (_PARTICLES,), "nowhere", every_room=False) for x in STRATEGIES),
     Condition("hand-held", LIVE, "mi-mi", "hand-held", duration=HAND_HELD_SECONDS, curves=True),
     Condition("calm", LIVE, "mi-mi", "hand-held", _CALM, duration=HAND_HELD_SECONDS, curves=True),
     *(Condition("clutter", name, name, "clutter") for name in (*STRATEGIES, "sweep", "random")),

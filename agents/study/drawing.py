@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,13 +17,12 @@ from agents.study.claims import STATED
 from agents.study.conditions import CHOICES, DEFAULT, LIVE, STRATEGIES
 from agents.study.measures import FIRST_MINUTE
 from agents.study.runs import Rows
-from agents.study.verdicts import HOLDS, Array, Finding, Row
+from agents.study.verdicts import HOLDS, Finding, Row
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LIVE_CHOICES = ("hand-held", "calm")
 FOREST = {
     "faster-mi-constant": "14th landmark, s\n(iii) − (i)",
     "faster-mi-mi": "14th landmark, s\n(iii) − (ii)",
@@ -68,10 +67,8 @@ def figure_1() -> Figure:
         scene = toy.Toy(isotropic=isotropic, half_view=half_view)
         bits = toy.field(scene, xs, ys)
         axes.pcolormesh(xs, ys, bits, vmax=np.quantile(bits, 0.98), cmap="viridis", shading="nearest", rasterized=True)
-        angle = toy.best_direction(scene)
-        ring = scene.step * np.stack([np.cos(np.linspace(0, 2 * np.pi, 60)), np.sin(np.linspace(0, 2 * np.pi, 60))])
-        axes.plot(*ring, color="white", linewidth=0.8)
-        head = 2.2 * scene.step * np.array([np.cos(angle), np.sin(angle)])
+        axes.plot(*scene.step * toy.direction(np.linspace(0, 2 * np.pi, 60)).T, color="white", linewidth=0.8)
+        head = 2.2 * scene.step * toy.direction(toy.best_direction(scene))
         axes.annotate("", xy=tuple(head), xytext=(0, 0), arrowprops={"color": "white", "width": 1.0, "headwidth": 6.0})
         axes.plot(0, 0, "ws", markersize=5)
         for i, y in enumerate(scene.landmarks):
@@ -96,10 +93,9 @@ def figure_2_entropies(rows: Rows, drawn: Drawn) -> Figure:
             axes.plot(reached[13], log2_det, "o", mfc="none", mec="black", ms=9, label="our 14th")
         axes.set(title=f"{numeral} {name}", xlabel="time, s")
     grid[0, 0].set_ylabel("log₂|P|, unvisited counted")
-    handles = {label: handle for axes in grid.flat for handle, label in zip(*axes.get_legend_handles_labels())}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=len(handles), fontsize=8)
-    rooms = len(rows[DEFAULT, "mi-mi"])
-    figure.suptitle(f"Figure 2 d–f: room {_seed(drawn.strategies)}; bands: 10–90 % of {rooms} rooms", fontsize=10)
+    figures.legend_below(figure, grid.flat)
+    rooms, drawn_room = len(rows[DEFAULT, "mi-mi"]), drawn.strategies["mi-mi"].seed
+    figure.suptitle(f"Figure 2 d–f: room {drawn_room}; bands: 10–90 % of {rooms} rooms", fontsize=10)
     return figure
 
 
@@ -108,17 +104,14 @@ def figure_5(rows: Rows, drawn: Drawn) -> Figure:
     figure, grid = figures.grid_of_panels(2, len(drawn.live), (5.4, 3.0))
     for column, (choice, episode) in enumerate(drawn.live.items()):
         _entropies(grid[0, column], episode, rows[choice, LIVE])
-        lost = np.mean([row["lost"] for row in rows[choice, LIVE]])
-        grid[0, column].set(
-            title=f"{choice}: room {episode.seed}; {100 * lost:.0f} % of all runs are lost", xlabel="time, s"
-        )
+        lost = 100.0 * np.mean([row["lost"] for row in rows[choice, LIVE]])
+        title = f"{choice}: room {episode.seed}; {lost:.0f} % of all runs are lost"
+        grid[0, column].set(title=title, xlabel="time, s")
         _commands(grid[1, column], episode)
     grid[0, 0].set_ylabel("log₂|P|, unvisited counted")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=8)
-    figure.suptitle(
-        "Figure 5: entropies of the live system (band: 10–90 % of the runs alive) and its commands", fontsize=10
-    )
+    figures.legend_below(figure, grid[0, :1])
+    title = "Figure 5: entropies of the live system (band: 10–90 % of the runs alive) and its commands"
+    figure.suptitle(title, fontsize=10)
     return figure
 
 
@@ -129,11 +122,10 @@ def sensitivity(findings: Sequence[Finding]) -> Figure:
     for axes, (claim, title) in zip(grid.flat, FOREST.items()):
         for finding in findings:
             if finding.claim == claim and np.isfinite(finding.estimate.low):
-                figures_of = finding.estimate
-                y = len(names) - 1 - names.index(finding.choice)
+                found, y = finding.estimate, len(names) - 1 - names.index(finding.choice)
                 colour = "tab:green" if finding.verdict == HOLDS else "tab:grey"
-                axes.plot([figures_of.low, figures_of.high], [y, y], color=colour, linewidth=2)
-                axes.plot(figures_of.value, y, "o", color=colour, markersize=4)
+                axes.plot([found.low, found.high], [y, y], color=colour, linewidth=2)
+                axes.plot(found.value, y, "o", color=colour, markersize=4)
         axes.axvline(0.0, color="black", linewidth=0.6)
         axes.set_title(title, fontsize=8)
         axes.tick_params(labelsize=7)
@@ -142,17 +134,10 @@ def sensitivity(findings: Sequence[Finding]) -> Figure:
     return figure
 
 
-def curves(rows: Sequence[Row], name: str) -> tuple[Array, Array]:
-    """Times (G,) and values (rooms, G) of a kept curve; NaN after a run's end."""
-    times = np.array(max((row["curve_time"] for row in rows), key=len))
-    values = [np.interp(times, row["curve_time"], row[f"curve_{name}"], right=np.nan) for row in rows]
-    return times, np.array(values)
-
-
 def _entropies(axes: Axes, episode: Episode, rows: Sequence[Row]) -> None:
     """Lines of one run with a mark at each new landmark, and bands over the rooms."""
     for part, colour in figures.PARTS.items():
-        times, values = curves(rows, f"log2_det_{part}")
+        times, values = figures.at_common_times([(row["curve_time"], row[f"curve_log2_det_{part}"]) for row in rows])
         enough = np.sum(~np.isnan(values), axis=0) >= max(1, len(rows) // 10)
         band = np.nanpercentile(values[:, enough], (10.0, 90.0), axis=0)
         axes.fill_between(times[enough], *band, color=colour, alpha=0.15, linewidth=0)
@@ -168,7 +153,3 @@ def _commands(axes: Axes, episode: Episode) -> None:
     axes.step(times[shown], motions[shown], where="post", color="tab:blue", linewidth=1.0)
     axes.set_yticks(range(len(Motion)), [motion.name for motion in Motion], fontsize=7)
     axes.set(xlabel="time, s", xlim=(0.0, FIRST_MINUTE), ylim=(-0.5, len(Motion) - 0.5))
-
-
-def _seed(episodes: dict[str, Any]) -> int:
-    return next(iter(episodes.values())).seed

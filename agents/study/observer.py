@@ -66,8 +66,7 @@ class Observer:
     def _note_visited(self, belief: Any, mapped_count: int) -> None:
         oldest = np.flatnonzero(belief.mapped)
         for j in range(len(self._visited) + 1, mapped_count + 1):
-            columns = (CAMERA_DIM + 3 * oldest[:j, None] + np.arange(3)).ravel()
-            rows = np.concatenate((np.arange(CAMERA_DIM), columns))
+            rows = np.r_[:CAMERA_DIM, (CAMERA_DIM + 3 * oldest[:j, None] + np.arange(3)).ravel()]
             sign, log_det = np.linalg.slogdet(belief.covariance[np.ix_(rows, rows)])
             self._visited.append(log_det / np.log(2.0) if sign > 0 else np.nan)
 

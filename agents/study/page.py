@@ -9,8 +9,9 @@ import numpy as np
 
 from agents.study.claims import CLAIMS
 from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES
-from agents.study.runs import Rows
+from agents.study.runs import Row, Rows
 from agents.study.verdicts import FEWEST_ROOMS, Finding, column, under_choices, while_alive
+from agents.tools.sections import listed, table
 from agents.tools.statistics import estimate
 
 PICTURES = {
@@ -58,7 +59,7 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
             f"Chosen by rule, not by beauty: {settings['chosen']}",
             *(f"![{caption}](images/study/{name}.png)\n\n{caption}" for name, caption in PICTURES.items()),
             "## Choices that the paper leaves open",
-            _choices_table(),
+            table(["Choice", "What it is"], [[f"`{choice.name}`", choice.meaning] for choice in CHOICES]),
             "## Every claim under every choice",
             _sensitivity_tables(findings),
             "## Every condition",
@@ -69,13 +70,12 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
 
 
 def _what_was_run(settings: dict[str, Any]) -> str:
-    versions = ", ".join(f"{name} {version}" for name, version in settings["versions"].items())
     rooms = f"{settings['episodes']} rooms, seeds {settings['seed']} … {settings['seed'] + settings['episodes'] - 1}"
     return (
         "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
         f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote this page and everything in it. "
         f"{rooms}, for the paper's strategies and what single claims need; the first {settings['choice_episodes']} of "
-        f"them for the other choices. {settings['machine']}; {versions}."
+        f"them for the other choices. {settings['machine']}; {listed(settings['versions'])}."
     )
 
 
@@ -90,17 +90,7 @@ def _claims_table(findings: Sequence[Finding]) -> str:
             words, where = (claim.words, claim.where) if i == 0 else ("", "")
             figure = first.text + (f" ({first.note})" if first.note else "")
             rows.append([words, where, measure, figure, f"**{first.verdict}**", under_choices(same)])
-    return _table(["The paper says", "Where", "Ours", "Figure [95 %]", "Verdict", "Over the choices"], rows)
-
-
-def _table(header: list[str], rows: list[list[str]]) -> str:
-    """A table in Markdown, everything to the left."""
-    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
-    return "\n".join([lines[0], "|---" * len(header) + "|", *lines[1:]])
-
-
-def _choices_table() -> str:
-    return _table(["Choice", "What it is"], [[f"`{choice.name}`", choice.meaning] for choice in CHOICES])
+    return table(["The paper says", "Where", "Ours", "Figure [95 %]", "Verdict", "Over the choices"], rows)
 
 
 def _sensitivity_tables(findings: Sequence[Finding]) -> str:
@@ -113,7 +103,7 @@ def _sensitivity_tables(findings: Sequence[Finding]) -> str:
         heads = [by_key[key, names[0]].measure for key in half]
         of_choice = {name: [by_key[key, name] for key in half] for name in names}
         rows = [[f"`{name}`", *(f"{one.text}: {one.verdict}" for one in found)] for name, found in of_choice.items()]
-        tables.append(_table(["Choice", *heads], rows))
+        tables.append(table(["Choice", *heads], rows))
     return "\n\n".join(tables)
 
 
@@ -123,18 +113,16 @@ def _conditions_table(rows: Rows) -> str:
     pairs += [(one.choice, one.policy) for one in SINGLES if (one.choice, one.policy) not in pairs]
     header = ["Choice", "Policy", "% lost", "Landmarks mapped", "Log score, bits (median)"]
     header += ["Orientation RMS, ° (alive)", "`stay`, % of motions"]
-    lines = []
-    for choice, policy in pairs:
-        those = rows[choice, policy]
-        role = "mi (gaze scripted)" if policy == LIVE else policy
-        cells = [
-            f"`{choice}`",
-            role,
-            estimate(column(those, "lost"), "share").text(100.0, 0),
-            estimate(column(those, "landmarks_mapped"), "mean").text(),
-            estimate(column(those, "log_score_gain"), "median").text(1.0, 0),
-            estimate(np.degrees(while_alive(those, "orientation_rms")), "mean").text(1.0, 2),
-            estimate(column(those, "stay_share"), "mean").text(100.0, 0),
-        ]
-        lines.append(cells)
-    return _table(header, lines)
+    return table(header, [_condition_row(choice, policy, rows[choice, policy]) for choice, policy in pairs])
+
+
+def _condition_row(choice: str, policy: str, runs: Sequence[Row]) -> list[str]:
+    return [
+        f"`{choice}`",
+        "mi (gaze scripted)" if policy == LIVE else policy,
+        estimate(column(runs, "lost"), "share").text(100.0, 0),
+        estimate(column(runs, "landmarks_mapped"), "mean").text(),
+        estimate(column(runs, "log_score_gain"), "median").text(1.0, 0),
+        estimate(np.degrees(while_alive(runs, "orientation_rms")), "mean").text(1.0, 2),
+        estimate(column(runs, "stay_share"), "mean").text(100.0, 0),
+    ]

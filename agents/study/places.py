@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -12,9 +11,6 @@ from numpy.typing import NDArray
 from activeslam_gym.config import Scenario
 
 Array = NDArray[np.float64]
-
-_OUT_OF_SIGHT = -1000.0
-"""Height [m] of landmarks that no camera with an upright gaze can see, so that they count in no metric."""
 
 
 def another_draw(scenario: Scenario, seed: int) -> Array:
@@ -32,15 +28,11 @@ def lattice(scenario: Scenario, seed: int) -> Array:
 
 
 def nowhere(scenario: Scenario, seed: int) -> Array:
-    """(N, 3) m: where they are never seen, hence in no metric; |P| counts them at their prior all the same."""
-    return np.tile([0.0, _OUT_OF_SIGHT, 0.0], (scenario.landmark_count, 1))
+    """(N, 3) m: where no camera with an upright gaze sees them, hence in no metric; |P| counts them at their prior."""
+    return np.tile([0.0, -1000.0, 0.0], (scenario.landmark_count, 1))
 
 
-PLACES: dict[str, Callable[[Scenario, int], Array]] = {
-    "another-draw": another_draw,
-    "lattice": lattice,
-    "nowhere": nowhere,
-}
+PLACES = {"another-draw": another_draw, "lattice": lattice, "nowhere": nowhere}
 """Name → places of the expected landmarks; without a name they stay where the environment drew them."""
 
 

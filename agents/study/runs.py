@@ -5,19 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.episode import Episode
+from agents.policies import content
 from agents.study.conditions import Condition
 from agents.study.measures import VERSION, measures
 from agents.study.observer import Notes, Observer
 from agents.study.places import Placed
 from agents.task import make_environment, run_policy
-from agents.tools.files import write_json
+from agents.tools.files import reading, write_json
 from agents.tools.machine import sources
 from agents.tools.parallel import run_all
 
@@ -27,8 +27,7 @@ CURVES = ("log2_det_camera", "log2_det_map", "log2_det_total")
 """What is kept over time, at whole seconds."""
 
 
-@dataclass(frozen=True)
-class Run:
+class Run(NamedTuple):
     """One run."""
 
     condition: Condition
@@ -48,9 +47,8 @@ def play(run: Run) -> tuple[Episode, Notes]:
     env = make_environment(condition.environment())
     if condition.place:
         env = Placed(env, condition.place)
-    looks = [observer.look]
-    episode = run_policy(condition.source, env, run.seed, condition.policy, condition.settings(), looks)
-    return episode, observer.notes
+    named = condition.policy, condition.settings()
+    return run_policy(condition.source, env, run.seed, *named, [observer.look]), observer.notes
 
 
 def row_of(run: Run) -> Row:
@@ -74,16 +72,14 @@ def run_conditions(plan: Mapping[Condition, Sequence[int]], folder: Path, jobs: 
     by_settings: dict[str, Condition] = {}
     for one, seeds in plan.items():
         if by_settings.setdefault(one.settings(), one) is one:
-            kept = _kept(one, seeds, folder)
-            if kept is None:
-                missing.append(one)
-            else:
+            if kept := _kept(one, seeds, folder):
                 rows[one.choice, one.policy] = kept
+            else:
+                missing.append(one)
     tasks = [Run(one, seed) for one in missing for seed in plan[one]]
     gathered: dict[Condition, list[Row]] = {one: [] for one in missing}
     with closing(run_all(row_of, tasks, jobs)) as finished:
-        for run, row in finished:
-            one = run.condition
+        for (one, _), row in finished:
             gathered[one].append(row)
             if len(gathered[one]) == len(plan[one]):
                 rows[one.choice, one.policy] = _keep(one, gathered[one], plan[one], folder)
@@ -99,8 +95,8 @@ def _path(condition: Condition, folder: Path) -> Path:
 
 def _key(condition: Condition, seeds: Sequence[int]) -> dict[str, Any]:
     """What rows must share to be those of a condition."""
-    names = {"version": VERSION, "sources": sources(), "settings": condition.settings()}
-    return {**names, "seeds": list(seeds), "curves": condition.curves}
+    made = {"version": VERSION, "sources": sources(), "content": content(condition.source)}
+    return made | {"settings": condition.settings(), "seeds": list(seeds), "curves": condition.curves}
 
 
 def _keep(condition: Condition, rows: list[Row], seeds: Sequence[int], folder: Path) -> list[Row]:
@@ -114,7 +110,12 @@ def _kept(condition: Condition, seeds: Sequence[int], folder: Path) -> list[Row]
     path = _path(condition, folder)
     if not path.exists():
         return None
-    contents = json.loads(path.read_text(encoding="utf-8"))
-    if any(contents.get(name) != value for name, value in _key(condition, seeds).items()):
+    try:
+        with reading(path):
+            kept = json.loads(path.read_text(encoding="utf-8"))
+            if any(kept.get(name) != value for name, value in _key(condition, seeds).items()):
+                return None
+            return [{key: np.nan if value is None else value for key, value in row.items()} for row in kept["rows"]]
+    except ValueError as damaged:
+        print(f"Run again: {damaged}")
         return None
-    return [{key: np.nan if value is None else value for key, value in row.items()} for row in contents["rows"]]

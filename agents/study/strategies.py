@@ -5,7 +5,6 @@ They are factories for `package.module:factory`, so that `python -m agents compa
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -40,11 +39,7 @@ class Reread(Greedy):
     """`Greedy` that scores its candidates itself, by another reading. Bound to a single environment."""
 
     def __init__(
-        self,
-        env: Environment,
-        reading: Reading,
-        gaze_criterion: str | None = None,
-        motion_criterion: str | None = None,
+        self, env: Environment, reading: Reading, gaze_criterion: str | None = None, motion_criterion: str | None = None
     ) -> None:
         super().__init__(env, motion_criterion, gaze_criterion)
         self.reading = reading
@@ -98,32 +93,19 @@ def capped(points: Array, P: Array, pose: Array, waiting: int, scenario: Scenari
     return out
 
 
-def _reread(
-    reading: Reading, gaze_criterion: str | None, env: Environment, motion_criterion: str | None = None
-) -> Greedy:
-    return Reread(env, reading, gaze_criterion, motion_criterion)
-
-
 UNPROPAGATED, GAZE_AHEAD, CAPPED = Reading(propagated=False), Reading(gaze_ahead=1.0), Reading(capped=True)
 MI, FISHER, EIGENVALUE = "mutual_information", "fisher_trace", "fisher_max_eigenvalue"
-Factory = Callable[[Environment], Greedy]
 
-unpropagated_mi_constant: Factory = partial(_reread, UNPROPAGATED, None)
-unpropagated_mi_mi: Factory = partial(_reread, UNPROPAGATED, MI)
-unpropagated_mi_fisher: Factory = partial(_reread, UNPROPAGATED, FISHER)
-unpropagated_fisher_fisher: Factory = partial(_reread, UNPROPAGATED, FISHER, motion_criterion=FISHER)
-gaze_ahead_mi_mi: Factory = partial(_reread, GAZE_AHEAD, MI)
-gaze_ahead_mi_fisher: Factory = partial(_reread, GAZE_AHEAD, FISHER)
-capped_mi_constant: Factory = partial(_reread, CAPPED, None)
-capped_mi_mi: Factory = partial(_reread, CAPPED, MI)
-capped_mi_fisher: Factory = partial(_reread, CAPPED, FISHER)
-
-
-def mi_eigenvalue(env: Environment) -> Greedy:
-    """(iii) with the largest eigenvalue of the Fisher matrix, as the end of section III-B says, for its trace."""
-    return greedy(env, gaze_criterion=EIGENVALUE)
-
-
-def eigenvalue_eigenvalue(env: Environment) -> Greedy:
-    """Motion too by the largest eigenvalue: what `fisher-fisher` is for the trace."""
-    return greedy(env, EIGENVALUE, EIGENVALUE)
+unpropagated_mi_constant = partial(Reread, reading=UNPROPAGATED)
+unpropagated_mi_mi = partial(Reread, reading=UNPROPAGATED, gaze_criterion=MI)
+unpropagated_mi_fisher = partial(Reread, reading=UNPROPAGATED, gaze_criterion=FISHER)
+unpropagated_fisher_fisher = partial(Reread, reading=UNPROPAGATED, gaze_criterion=FISHER, motion_criterion=FISHER)
+gaze_ahead_mi_mi = partial(Reread, reading=GAZE_AHEAD, gaze_criterion=MI)
+gaze_ahead_mi_fisher = partial(Reread, reading=GAZE_AHEAD, gaze_criterion=FISHER)
+capped_mi_constant = partial(Reread, reading=CAPPED)
+capped_mi_mi = partial(Reread, reading=CAPPED, gaze_criterion=MI)
+capped_mi_fisher = partial(Reread, reading=CAPPED, gaze_criterion=FISHER)
+mi_eigenvalue = partial(greedy, gaze_criterion=EIGENVALUE)
+"""(iii) with the largest eigenvalue of the Fisher matrix, as the end of section III-B says, for its trace."""
+eigenvalue_eigenvalue = partial(greedy, motion_criterion=EIGENVALUE, gaze_criterion=EIGENVALUE)
+"""Motion too by the largest eigenvalue: what `fisher-fisher` is for the trace."""

@@ -42,7 +42,7 @@ class Toy:
     @property
     def landmarks(self) -> Array:
         """(L, 2) m."""
-        return np.array(self.ranges)[:, None] * _direction(np.array(self.bearings))
+        return np.array(self.ranges)[:, None] * direction(np.array(self.bearings))
 
     @property
     def covariance(self) -> Array:
@@ -51,7 +51,7 @@ class Toy:
         G = np.tile(np.eye(2), (1 + L, 1))
         P = self.position_std**2 * G @ G.T
         for i, (r, theta) in enumerate(zip(self.ranges, self.bearings)):
-            along, across = _direction(theta), _direction(theta + np.pi / 2.0)
+            along, across = direction(theta), direction(theta + np.pi / 2.0)
             block = slice(2 + 2 * i, 4 + 2 * i)
             ratio_across = self.range_ratio if self.isotropic else self.bearing_std
             P[block, block] += (self.range_ratio * r) ** 2 * np.outer(along, along)
@@ -82,7 +82,7 @@ def field(toy: Toy, xs: Array, ys: Array) -> Array:
 def ring(toy: Toy, count: int = 360) -> tuple[Array, Array]:
     """Directions (count,) of a move [rad] and what each would teach (count,) [bit]."""
     angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
-    return angles, information(toy, toy.step * _direction(angles))
+    return angles, information(toy, toy.step * direction(angles))
 
 
 def best_direction(toy: Toy, count: int = 360) -> float:
@@ -110,6 +110,6 @@ def drawn(seed: int, isotropic: bool = True, half_view: float = np.pi) -> Toy:
     )
 
 
-def _direction(angle: float | Array) -> Array:
+def direction(angle: float | Array) -> Array:
     """Unit vector(s) (..., 2) of an angle [rad]."""
     return np.stack((np.cos(angle), np.sin(angle)), axis=-1)

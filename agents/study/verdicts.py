@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.tools.statistics import CONFIDENCE, Estimate, Statistic, estimate
+from agents.tools.statistics import TAILS, Estimate, Statistic, estimate
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -27,7 +27,7 @@ class Finding:
     """One claim under one choice."""
 
     claim: str
-    """Key of the claim."""
+    """Key of the claim; `claims.findings_of` fills it in."""
     choice: str
     """What was chosen where the paper leaves it open."""
     measure: str
@@ -51,20 +51,16 @@ def judge(figure: Estimate, side: Side, bound: float = 0.0) -> str:
     """Whether the figure is on the claimed side of the bound: said only where its whole interval is on one side."""
     if figure.rooms < FEWEST_ROOMS or not np.isfinite([figure.low, figure.high]).all():
         return OPEN
-    above, below = figure.low > bound, figure.high < bound
-    if not (above or below):
+    if figure.low <= bound <= figure.high:
         return OPEN
-    return HOLDS if (above if side == "above" else below) else FAILS
+    return HOLDS if (figure.low > bound) == (side == "above") else FAILS
 
 
 def judge_draw(values: Sequence[float], stated: float) -> str:
     """Whether the paper's one draw lies within the central 95 % of our rooms; NaN rooms are left out."""
-    known = np.array(values, dtype=float)
-    known = known[~np.isnan(known)]
-    if len(known) < FEWEST_ROOMS:
+    if np.count_nonzero(~np.isnan(values)) < FEWEST_ROOMS:
         return OPEN
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(known, (tail, 1.0 - tail))
+    low, high = np.nanquantile(values, TAILS)
     return WITHIN if low <= stated <= high else OUTSIDE
 
 
@@ -114,62 +110,37 @@ def _rung(ladder: Sequence[float | None], rung: int, otherwise: float) -> float:
     """Entry number `rung`, from 1."""
     if not 1 <= rung <= len(ladder):
         return otherwise
-    value = ladder[rung - 1]
-    return otherwise if value is None else value
+    return otherwise if (value := ladder[rung - 1]) is None else value
 
 
-def difference(
-    claim: str,
-    choice: str,
-    measure: str,
-    values: tuple[Array, Array],
-    side: Side,
-    scale: float = 1.0,
-    digits: int = 1,
-) -> Finding:
-    """The finding on a difference in the same rooms, first minus second, which the claim puts on one `side` of zero.
-
-    It is over the rooms in which both are known.
-    """
-    ours, theirs = values
-    return level(claim, choice, measure, ours - theirs, side, 0.0, scale, digits)
-
-
-def level(
-    claim: str,
+def judged(
     choice: str,
     measure: str,
     values: Array,
     side: Side,
-    bound: float,
+    bound: float = 0.0,
     scale: float = 1.0,
     digits: int = 1,
     statistic: Statistic = "mean",
 ) -> Finding:
-    """The finding on a figure over rooms, which the claim puts on one `side` of a `bound`."""
+    """The finding on a figure over rooms, which the claim puts on one `side` of a `bound`; NaN rooms are left out."""
     figure = estimate(values, statistic)
     left_out = len(values) - figure.rooms
     note = f"{left_out} of {len(values)} rooms left out" if left_out else ""
-    return Finding(claim, choice, measure, figure, judge(figure, side, bound), scale, digits, note)
+    return Finding("", choice, measure, figure, judge(figure, side, bound), scale, digits, note)
 
 
-def one_draw(
-    claim: str, choice: str, measure: str, values: Array, stated: float, note: str, digits: int = 1
-) -> Finding:
+def one_draw(choice: str, measure: str, values: Array, stated: float, note: str, digits: int = 1) -> Finding:
     """The finding on a number that the paper states of its one run, beside the median of our rooms."""
     verdict = judge_draw(values.tolist(), stated)
-    return Finding(claim, choice, measure, estimate(values, "median"), verdict, digits=digits, note=note)
+    return Finding("", choice, measure, estimate(values, "median"), verdict, digits=digits, note=note)
 
 
 def under_choices(findings: Sequence[Finding]) -> str:
     """The verdicts of one claim over all choices in a line: `holds: a, b; not shown: c`."""
-    verdicts: dict[str, list[str]] = {}
-    for finding in findings:
-        verdicts.setdefault(finding.verdict, []).append(finding.choice)
-    if len(verdicts) == 1:
-        return f"{next(iter(verdicts))} under every choice" if len(findings) > 1 else ""
-    return "; ".join(
-        f"{verdict}: {', '.join(verdicts[verdict])}"
-        for verdict in (HOLDS, OPEN, FAILS, WITHIN, OUTSIDE)
-        if verdict in verdicts
-    )
+    order = (HOLDS, OPEN, FAILS, WITHIN, OUTSIDE)
+    choices = {verdict: [one.choice for one in findings if one.verdict == verdict] for verdict in order}
+    told = [f"{verdict}: {', '.join(names)}" for verdict, names in choices.items() if names]
+    if len(told) > 1:
+        return "; ".join(told)
+    return f"{findings[0].verdict} under every choice" if len(findings) > 1 else ""

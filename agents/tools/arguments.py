@@ -1,24 +1,60 @@
-"""What the commands check of their arguments; a ValueError names the argument, its value and what is allowed."""
+"""What the commands take and check; a ValueError names the argument, its value and what is allowed."""
 
 from __future__ import annotations
 
 import json
+import math
+import os
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
+
+from agents.tools.files import writable_folder
+from agents.tools.sections import page_with
+
+SEEDS = (0, 2**62)
+"""What a seed may be: the rooms after it have seeds too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rooms:
+    """What every command takes that plays many rooms."""
+
+    seed: int = 1_000_000
+    """Episode j is reset(seed=seed + j)."""
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Processes."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a number outside of what it may be."""
+        within(self, episodes=(1, 10**6), seed=SEEDS, jobs=(1, 4096))
+
+    def prepare(self, *sections: str) -> None:
+        """Raises ValueError where `out` cannot be written to, or a page of `report` has none of these sections."""
+        for page in getattr(self, "report", ()):
+            page_with(page, *sections)
+        writable_folder("out", self.out)  # type: ignore[attr-defined]
 
 
 def at_least(args: Any, **least: int) -> None:
     """Raise ValueError where an argument is less than it may be."""
     for name, bound in least.items():
-        if getattr(args, name) < bound:
+        if not getattr(args, name) >= bound:
             raise ValueError(f"{name}: {getattr(args, name)}; allowed: {bound} or more")
 
 
+def within(args: Any, **bounds: tuple[float, float]) -> None:
+    """Raise ValueError where an argument is less or more than it may be."""
+    for name, (low, high) in bounds.items():
+        if not low <= getattr(args, name) <= high:
+            raise ValueError(f"{name}: {getattr(args, name)!r}; allowed: {low} to {high}")
+
+
 def positive(args: Any, *names: str) -> None:
-    """Raise ValueError where an argument is not above zero."""
+    """Raise ValueError where an argument is not above zero, or not finite."""
     for name in names:
-        if not getattr(args, name) > 0:
-            raise ValueError(f"{name} must be positive, got {getattr(args, name)!r}")
+        if not 0 < getattr(args, name) < math.inf:
+            raise ValueError(f"{name} must be positive and finite, got {getattr(args, name)!r}")
 
 
 def given(args: Any, *names: str) -> None:
@@ -26,6 +62,13 @@ def given(args: Any, *names: str) -> None:
     for name in names:
         if not getattr(args, name):
             raise ValueError(f"{name}: none given; allowed: one name or more")
+
+
+def times(args: Any, name: str) -> None:
+    """Raise ValueError where a list of times has one that is none [s]."""
+    for time in getattr(args, name):
+        if not 0 <= time < math.inf:
+            raise ValueError(f"{name}: {time!r}; allowed: finite times of 0 s or more")
 
 
 def times_within(times: Sequence[float], duration: float) -> list[float]:

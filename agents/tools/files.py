@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 from activeslam_gym.files import written_whole
@@ -28,6 +31,55 @@ def write_text(path: Path, text: str) -> None:
     """Write `text`, its line ends as they are."""
     with written_whole(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8", newline="")
+
+
+def writable_folder(argument: str, folder: Path) -> None:
+    """Raise ValueError, which names the argument, where `folder` cannot be made or written into; it is not made."""
+    nearest = next(path for path in (folder, *folder.resolve().parents) if path.exists())
+    try:
+        with TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise ValueError(f"{argument}: {str(folder)!r} is no folder to write to ({error.strerror})") from error
+
+
+def writable_file(argument: str, path: Path) -> None:
+    """The same for a file, which need not be there yet."""
+    if path.is_dir():
+        raise ValueError(f"{argument}: {str(path)!r} is a folder; allowed: a file")
+    writable_folder(argument, path.parent)
+
+
+@contextmanager
+def alone_in(folder: Path) -> Iterator[None]:
+    """Make `folder` and hold it against other processes of ours, as far as the system has such locks.
+
+    It is let go at the end of the block, and of the process, however that ends. Raises ValueError where another has it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        import fcntl
+    except ImportError:  # not a Unix
+        yield
+        return
+    held = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as error:
+        raise ValueError(f"out: another process writes into {str(folder)!r}; allowed: another folder") from error
+    finally:
+        os.close(held)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Whatever goes wrong with a file that is damaged, or not of this kind, becomes a ValueError of a line."""
+    try:
+        yield
+    except Exception as error:  # readers of archives, arrays and tensors raise a dozen kinds
+        why = next(iter(str(error).splitlines()), "")
+        raise ValueError(f"{str(path)!r} cannot be read: {type(error).__name__}: {why}") from error
 
 
 def written(folder: Path) -> list[str]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 
-from agents.tools.files import write_text
+from agents.tools.files import reading, writable_folder, write_text
 from agents.tools.machine import machine, versions
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
@@ -14,8 +15,19 @@ PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
 
 def provenance(command: str) -> str:
     """The command, the day, the machine and the versions, as Markdown."""
-    named = ", ".join(f"{name} {version}" for name, version in versions(PACKAGES).items())
-    return f"```bash\n{command}\n```\n\n{datetime.now(timezone.utc):%Y-%m-%d}; {machine()}; {named}."
+    day = f"{datetime.now(timezone.utc):%Y-%m-%d}"
+    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}."
+
+
+def listed(versions: Mapping[str, str]) -> str:
+    """Names and versions in a line."""
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") -> str:
+    """A Markdown table; everything to the left, if there is no `rule` under the header."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
+    return "\n".join([lines[0], rule or "|---" * len(header) + "|", *lines[1:]])
 
 
 def put_section(path: Path, name: str, text: str) -> bool:
@@ -23,11 +35,26 @@ def put_section(path: Path, name: str, text: str) -> bool:
 
     Raises ValueError if there is no such page.
     """
-    if not path.is_file():
-        raise ValueError(f"report: there is no page {str(path)!r}")
-    begin, end = f"<!-- generated: {name} -->", f"<!-- end: {name} -->"
-    pattern = re.compile(f"{re.escape(begin)}.*?{re.escape(end)}", re.DOTALL)
-    page, count = pattern.subn(lambda _: f"{begin}\n{text.strip()}\n{end}", path.read_text(encoding="utf-8"))
+    page, count = _between_marks(name).subn(lambda marks: f"{marks[1]}\n{text.strip()}\n{marks[2]}", _text(path))
     if count:
         write_text(path, page)
     return count > 0
+
+
+def page_with(path: Path, *names: str) -> None:
+    """Raise ValueError where there is no such page, or it cannot be written, or has none of these sections."""
+    if not any(_between_marks(name).search(_text(path)) for name in names):
+        marks = " or ".join(f"<!-- generated: {name} --> … <!-- end: {name} -->" for name in names)
+        raise ValueError(f"report: the page {str(path)!r} has no section {marks}")
+    writable_folder("report", path.parent)
+
+
+def _between_marks(name: str) -> re.Pattern[str]:
+    return re.compile(f"(<!-- generated: {name} -->).*?(<!-- end: {name} -->)", re.DOTALL)
+
+
+def _text(path: Path) -> str:
+    if not path.is_file():
+        raise ValueError(f"report: there is no page {str(path)!r}")
+    with reading(path):
+        return path.read_text(encoding="utf-8")

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 CONFIDENCE = 0.95
+TAILS = (1.0 - CONFIDENCE) / 2.0, 1.0 - (1.0 - CONFIDENCE) / 2.0
+"""The quantiles at an interval's ends."""
 RESAMPLES = 2000
 """Bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each."""
 
@@ -63,15 +65,12 @@ def estimate_from_sums(rows: ArrayLike, figure: Callable[[Array], Array]) -> Est
     n = len(rooms)
     with np.errstate(divide="ignore", invalid="ignore"):
         value = float(figure(rooms.sum(axis=0)))
-        drawn = np.random.default_rng(0).multinomial(
-            n, np.full(n, 1.0 / n), size=RESAMPLES
-        )  # how often each room is in
-        resampled = figure((drawn @ rooms).T)
-    tail = (1.0 - CONFIDENCE) / 2.0
+        how_often = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)  # each room is in
+        resampled = figure((how_often @ rooms).T)
     known = resampled[np.isfinite(resampled)]
     if n < 2 or not np.isfinite(value) or not len(known):
         return Estimate(value if np.isfinite(value) else np.nan, np.nan, np.nan, n, "pooled")
-    low, high = np.quantile(known, (tail, 1.0 - tail))
+    low, high = np.quantile(known, TAILS)
     return Estimate(value, float(low), float(high), n, "pooled")
 
 
@@ -83,14 +82,8 @@ def _bootstrap(values: Array, function: Callable[..., Any]) -> tuple[float, floa
         return float(values[0]), float(values[0])
     from scipy.stats import bootstrap
 
-    interval = bootstrap(
-        (values,),
-        function,
-        confidence_level=CONFIDENCE,
-        n_resamples=RESAMPLES,
-        method="percentile",
-        random_state=np.random.default_rng(0),
-    ).confidence_interval
+    how: dict[str, Any] = {"confidence_level": CONFIDENCE, "n_resamples": RESAMPLES, "method": "percentile"}
+    interval = bootstrap((values,), function, **how, random_state=np.random.default_rng(0)).confidence_interval
     return float(interval.low), float(interval.high)
 
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-import gymnasium as gym
-
 from agents.episode import Episode, outcome
 from agents.evaluate import Look
-from agents.task import make_environment, run_policy
-from agents.tools.arguments import given, positive, scenario_argument
+from agents.task import check, file_name, make_environment, run_policy
+from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
+from agents.tools.files import writable_file, writable_folder
 from agents.watching.film import SUFFIXES, Film, side_by_side, write_animation
+
+LONGEST = 60.0
+"""Of a picture of the animation [s]."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +49,18 @@ class Args:
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
         given(self, "policy")
-        positive(self, "every", "speed", "width")
+        within(self, seed=SEEDS, width=(64, 4096))
+        positive(self, "every", "speed")
+        if self.every / self.speed > LONGEST:
+            raise ValueError(f"speed: {self.speed!r} shows a picture for more than {LONGEST:g} s; allowed: faster")
         if self.save is not None and self.save.suffix not in SUFFIXES:
             raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
+        check(self.policy, [self.environment])
+        for name in ("save", "rerun"):
+            if path := getattr(self, name):
+                writable_file(name, path)
+        if self.tum:
+            writable_folder("tum", self.tum)
 
     @property
     def environment(self) -> dict[str, Any]:
@@ -65,14 +75,10 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status: 2 for a bad argument, a missing package or a missing screen."""
-    try:
-        args.check()
-        for path in watch(args):
-            print(f"Written to {path}")
-    except (ValueError, ImportError, gym.error.Error) as error:
-        print(f"watch: {error}", file=sys.stderr)
-        return 2
+    """Run the command; the exit status. Raises as `watch` does, and ValueError for a bad argument."""
+    args.check()
+    for path in watch(args):
+        print(f"Written to {path}")
     return 0
 
 
@@ -83,8 +89,8 @@ def watch(args: Args) -> Iterator[Path]:
         ValueError: an unknown policy, or a bad argument of the environment.
         ImportError, gymnasium.error.Error: what shows or records it is missing.
     """
-    films = []
-    for name in args.policy:
+    films, titles = [], labels(args.policy)
+    for name, title in titles.items():
         film = Film(args.every, args.width)
         env = make_environment(args.environment)
         with ExitStack() as stack:
@@ -92,8 +98,7 @@ def watch(args: Args) -> Iterator[Path]:
             if args.rerun:
                 from agents.recording import Recording
 
-                several = len(args.policy) > 1
-                path = args.rerun.with_stem(f"{args.rerun.stem}-{label(name)}") if several else args.rerun
+                path = args.rerun.with_stem(f"{args.rerun.stem}-{title}") if len(titles) > 1 else args.rerun
                 scenario = cast(Any, env.unwrapped).scenario
                 looks.append(stack.enter_context(Recording(path, scenario, name)).log)
             episode = run_policy(name, env, args.seed, looks=looks)
@@ -101,12 +106,18 @@ def watch(args: Args) -> Iterator[Path]:
         if args.rerun:
             yield path
         if args.tum:
-            yield from episode.write_trajectories(args.tum, f"{label(name)}-{args.seed}")
+            yield from episode.write_trajectories(args.tum, f"{title}-{args.seed}")
         films.append(film.pictures)
     if args.save:
-        pictures = side_by_side(films, [label(name) for name in args.policy])
+        pictures = side_by_side(films, list(titles.values()))
         write_animation(args.save, pictures, args.every / args.speed)
         yield args.save
+
+
+def labels(names: Sequence[str]) -> dict[str, str]:
+    """Each policy's name once, and what it is called: its `label`, or more of it where others have that too."""
+    short = {name: label(name) for name in names}
+    return {name: one if list(short.values()).count(one) == 1 else file_name(name) for name, one in short.items()}
 
 
 def label(name: str) -> str:

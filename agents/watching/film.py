@@ -43,16 +43,8 @@ def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> li
     """The films beside each other under their names; a shorter one stands still at its end."""
     strips = [_strip(name, film[0].shape[1]) for name, film in zip(names, films, strict=True)]
     last = [film[-1] for film in films]
-    moments = zip_longest(*films)
-    return [
-        np.hstack(
-            [
-                np.vstack((strip, end if picture is None else picture))
-                for strip, end, picture in zip(strips, last, moment)
-            ]
-        )
-        for moment in moments
-    ]
+    pictures = ([end if one is None else one for one, end in zip(moment, last)] for moment in zip_longest(*films))
+    return [np.hstack([np.vstack(pair) for pair in zip(strips, beside)]) for beside in pictures]
 
 
 def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> None:
@@ -64,11 +56,9 @@ def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> 
     if path.suffix == ".gif":
         images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [round(1000 * seconds)] * (len(images) - 1) + [2000]
-    form = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}[path.suffix]
+    how: dict[str, Any] = {"format": path.suffix[1:].upper(), "duration": durations, "loop": 0, "optimize": True}
     with written_whole(path) as unfinished:
-        images[0].save(
-            unfinished, form, save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
-        )
+        images[0].save(unfinished, save_all=True, append_images=images[1:], **how)
 
 
 def _strip(name: str, width: int) -> Picture:

@@ -8,8 +8,8 @@ An assignment gives each thing a candidate or none. Its log likelihood, against 
 A pair is accepted when the best assignment leads every one that makes something else of the thing by a margin; and a
 candidate is of nothing known when the best that leaves it unexplained leads every one that explains it. (Neira and
 Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, count pairs; here wide
-ellipses pay for their width, and misses for standing in the image.) The search is bounded by nodes, never by the clock;
-where it runs out nothing is accepted.
+ellipses pay for their width, and misses for standing in the image.) The search is bounded by nodes, never by the clock:
+where they run out, the sharper half of the things is searched by itself, which sharpens the others for the next search.
 """
 
 from __future__ import annotations
@@ -71,24 +71,20 @@ def match_jointly(
     """Match what the open things of ``h`` are together, and condition the rest on it; returns how many were matched.
 
     ``model``: ASSOCIATION; ``strangers``: candidates of nothing known that are expected in an image. Writes
-    ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a candidate unexplained leads.
+    ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a candidate unexplained leads,
+    0 where the search did not take all things in reach.
     """
-    chosen = _in_reach(model, h)
-    n, M = chosen.shape[0], candidates.shape[0]
-    search = Search(
-        np.zeros(n + 1, np.int64),
-        np.empty((n + 1, M + 1), np.int64),
-        np.zeros(n + 1, np.int64),
-        np.zeros(n + 1, np.int64),
-        np.full((n + 1, n), UNDECIDED),
-        np.zeros(n + 1),
-    )
-    outcome = Outcome(np.full((n, M + 1), -np.inf), np.full(M, -np.inf), np.full(n, MISSED))
-    pair_worth = 0.5 * model.clutter_cost - math.log(strangers)
-    best = _explore(model, _levels(h, chosen), search, outcome, candidates, pixel_var, pair_worth)
-    _write_novelty(outcome, best, model.margin, novelty)
+    in_reach = _in_reach(model, h)
+    chosen, pair_worth = in_reach[:MOST_THINGS], 0.5 * model.clutter_cost - math.log(strangers)
+    outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
+    while best == -np.inf and chosen.shape[0] > 2:
+        chosen = chosen[: chosen.shape[0] // 2]
+        outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
+    novelty[:] = 0.0
+    if best > -np.inf and chosen.shape[0] == in_reach.shape[0]:
+        _write_novelty(outcome, best, model.margin, novelty)
     matched = 0
-    for k in range(n):
+    for k in range(chosen.shape[0]):
         i = outcome.answer[k]
         if i != MISSED and best - _best_rival(outcome, k, i) >= model.margin:
             of_thing[chosen[k]] = i
@@ -100,8 +96,26 @@ def match_jointly(
 
 
 @compiled
+def _search(
+    model: Record, h: Hypotheses, chosen: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_worth: float
+) -> tuple[Outcome, float]:
+    """What was found of the ``chosen`` (n,) things, and the greatest score: -inf where the nodes ran out."""
+    n, M = chosen.shape[0], candidates.shape[0]
+    search = Search(
+        np.zeros(n + 1, np.int64),
+        np.empty((n + 1, M + 1), np.int64),
+        np.zeros(n + 1, np.int64),
+        np.zeros(n + 1, np.int64),
+        np.full((n + 1, n), UNDECIDED),
+        np.zeros(n + 1),
+    )
+    outcome = Outcome(np.full((n, M + 1), -np.inf), np.full(M, -np.inf), np.full(n, MISSED))
+    return outcome, _explore(model, _levels(h, chosen), search, outcome, candidates, pixel_var, pair_worth)
+
+
+@compiled
 def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
-    """The open things with a free candidate inside the birth gate: the sharpest MOST_THINGS, by tr S."""
+    """The open things with a free candidate inside the birth gate, the sharpest first, by tr S."""
     chosen, size, n = np.empty(h.open.shape[0], np.int64), np.empty(h.open.shape[0]), 0
     for a in range(h.open.shape[0]):
         near = 0
@@ -115,7 +129,7 @@ def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
                 k -= 1
             chosen[k], size[k] = a, trace
             n += 1
-    return chosen[: min(n, MOST_THINGS)].copy()
+    return chosen[:n]
 
 
 @compiled
@@ -161,7 +175,7 @@ def _explore(
     pixel_var: float,
     pair_worth: float,
 ) -> float:
-    """Search through; the greatest score, or -inf with nothing in ``outcome`` where the nodes ran out."""
+    """Search through; the greatest score, or -inf with no answer in ``outcome`` where the nodes ran out."""
     best, nodes, depth, arrived = -np.inf, 0, 0, True
     most = _most_of_a_pair(candidates, pair_worth)
     while depth >= 0:
@@ -178,8 +192,6 @@ def _explore(
             continue
         nodes += 1
         if nodes > model.nodes:
-            outcome.with_pair[:] = -np.inf
-            outcome.without[:] = -np.inf
             outcome.answer[:] = MISSED
             return -np.inf
         _descend(model, levels, search, depth, candidates, pixel_var, pair_worth)
@@ -320,11 +332,9 @@ def _best_rival(outcome: Outcome, a: int, i: int) -> float:
 
 @compiled
 def _write_novelty(outcome: Outcome, best: float, margin: float, novelty: np.ndarray) -> None:
-    """How far leaving each candidate unexplained leads explaining it, at most the margin; 0 where nothing was found."""
+    """How far leaving each candidate unexplained leads explaining it, at most the margin."""
     for i in range(novelty.shape[0]):
-        novelty[i] = 0.0
-        if best > -np.inf:
-            explained = best - margin
-            for a in range(outcome.answer.shape[0]):
-                explained = max(explained, outcome.with_pair[a, i])
-            novelty[i] = max(outcome.without[i], best - margin) - explained
+        explained = best - margin
+        for a in range(outcome.answer.shape[0]):
+            explained = max(explained, outcome.with_pair[a, i])
+        novelty[i] = max(outcome.without[i], best - margin) - explained

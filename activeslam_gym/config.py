@@ -225,6 +225,8 @@ class Scenario:
     # The policies' metrics ------------------------------------------------------------------------------------------
     motion_criterion: String = "mutual_information"
     """Criterion of the paper's strategies for motion in this scenario."""
+    negative_information: Switch = False
+    """Whether an expected landmark that was looked at and not found is expected elsewhere; the paper's would stay."""
     amortised_decision: Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""
 

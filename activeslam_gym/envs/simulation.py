@@ -11,11 +11,12 @@ import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.config import KNOWN, Scenario, scenario_from, whole_multiple
+from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.referee import OWNER, judge_matches, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
+from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, update_expectation
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
@@ -70,6 +71,7 @@ MODELS = record(
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
     boxes_known="b1",  # whether the belief knows what hides things
+    negative_information="b1",  # whether what was looked at and not found is expected elsewhere
 )
 """The constants of a run."""
 
@@ -108,6 +110,8 @@ EPISODE = record(
     lost="b1",  # in this step or before
     lost_now="b1",
     detections="i8",  # in the last frame
+    views="i8",  # viewpoints so far
+    redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn anew
 )
 """What one run has been worth so far."""
 
@@ -122,6 +126,8 @@ class Run(NamedTuple):
     belief: Belief
     expected: np.ndarray
     """(N,) EXPECTED landmarks."""
+    view: np.ndarray
+    """(V,) VIEW from which was looked for them; V = 0 without negative information."""
     candidate: np.ndarray
     """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
     label: np.ndarray
@@ -142,6 +148,7 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         world_at(runs.world, i),
         belief_at(runs.belief, i),
         borrowed(runs.expected[i]),
+        borrowed(runs.view[i]),
         borrowed(runs.candidate[i]),
         borrowed(runs.label[i]),
         borrowed(runs.owner[i]),
@@ -243,6 +250,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         task=task,
         landmark_var=scenario.landmark_prior_variance,
         boxes_known=scenario.boxes_known,
+        negative_information=scenario.negative_information,
     )
 
 
@@ -259,6 +267,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         world=empty_worlds(scenario, count),
         belief=empty_beliefs(scenario, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
+        view=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
         candidate=candidate,
         label=np.zeros((count, detections), np.int64),
         owner=np.zeros((count, features), OWNER),
@@ -273,7 +282,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
     Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
     """
     scenario = setting.scenario
-    room, expected, noise, sight = np.random.SeedSequence(key).spawn(4)
+    room, expected, noise, sight, redraws = np.random.SeedSequence(key).spawn(5)
     rng = np.random.default_rng(room)
     runs.models[i] = setting.models
     run = row(runs, i)
@@ -282,10 +291,12 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
     world.fiducials[:], world.landmarks[:] = draw_room(scenario, world.state.camera, rng)
     world.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
     world.state.noise_key[:] = noise.generate_state(1, np.uint64)
+    run.expected[:] = np.zeros(1, EXPECTED)
     run.expected["point"] = uniform_points(scenario, scenario.landmark_count, np.random.default_rng(expected))
     run.expected["serial"] = WAITING
     run.owner["serial"] = 0
     runs.episode[i] = np.zeros(1, EPISODE)[0]
+    run.episode.redraw_key[:] = redraws.generate_state(1, np.uint64)
     reset_belief(run.belief, *start_of(scenario))
     if scenario.labelled_first_match:
         face_fiducials(run, np.random.default_rng(sight))
@@ -355,4 +366,17 @@ def advance(run: Run, gaze: int) -> None:
     events.wrong_matches += wrong
     events.false_births += false
     update_expectation(run.expected, models.landmark_var, belief)
+    if models.negative_information:
+        run.episode.views = disprove(
+            models.camera,
+            boxes,
+            belief.state.camera,
+            motion.half,
+            models.filter.initialisation.birth_detections + 2,
+            models.filter.association.detection_probability,
+            run.episode.redraw_key,
+            run.expected,
+            run.view,
+            run.episode.views,
+        )
     control.frames += 1

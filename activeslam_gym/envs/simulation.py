@@ -126,7 +126,7 @@ class Run(NamedTuple):
     belief: Belief
     expected: np.ndarray
     """(N,) EXPECTED landmarks."""
-    view: np.ndarray
+    viewpoint: np.ndarray
     """(V,) VIEW from which was looked for them; V = 0 without negative information."""
     candidate: np.ndarray
     """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
@@ -148,7 +148,7 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         world_at(runs.world, i),
         belief_at(runs.belief, i),
         borrowed(runs.expected[i]),
-        borrowed(runs.view[i]),
+        borrowed(runs.viewpoint[i]),
         borrowed(runs.candidate[i]),
         borrowed(runs.label[i]),
         borrowed(runs.owner[i]),
@@ -267,7 +267,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         world=empty_worlds(scenario, count),
         belief=empty_beliefs(scenario, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
-        view=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
+        viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
         candidate=candidate,
         label=np.zeros((count, detections), np.int64),
         owner=np.zeros((count, features), OWNER),
@@ -376,7 +376,7 @@ def advance(run: Run, gaze: int) -> None:
             models.filter.association.detection_probability,
             run.episode.redraw_key,
             run.expected,
-            run.view,
+            run.viewpoint,
             run.episode.views,
         )
     control.frames += 1

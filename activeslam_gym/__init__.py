@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium
 
 from activeslam_gym.config import SCENARIOS, Scenario
@@ -22,6 +24,7 @@ __all__ = [
     "Motion",
     "ObservationLayout",
     "Scenario",
+    "core_of",
     "observation_layout",
     "warm_up",
 ]
@@ -45,13 +48,22 @@ def warm_up() -> None:
     env.motion_scores()
 
 
+def core_of(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> Any:
+    """The ActiveSLAM environment, single or batched, inside all wrappers of ``env``.
+
+    Raises:
+        ValueError: there is none.
+    """
+    core = getattr(env, "unwrapped", None)
+    if not hasattr(core, "motion_phase"):  # which every ActiveSLAM environment has, and what stands in for one
+        raise ValueError(f"env must be an ActiveSLAM environment, got {env!r}")
+    return core
+
+
 def observation_layout(env: gymnasium.Env | gymnasium.vector.VectorEnv) -> ObservationLayout:
     """Names, slices and the token shape of an environment's flat observation; the same for single and batched.
 
     Raises:
         ValueError: ``env`` is no ActiveSLAM environment.
     """
-    setting = getattr(env.unwrapped, "setting", None)
-    if setting is None:
-        raise ValueError(f"env must be an ActiveSLAM environment, got {env!r}")
-    return setting.layout
+    return core_of(env).setting.layout

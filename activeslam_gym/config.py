@@ -48,6 +48,10 @@ def _positive_numbers(count: int) -> Bound:
     return Bound(f"{count} positive numbers", holds)
 
 
+def _at_most(largest: int) -> Bound:
+    return Bound(f"at most {largest}", lambda value: value <= largest)
+
+
 def _one_of(*words: str) -> Bound:
     return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
@@ -72,19 +76,30 @@ _NOT_NEGATIVE_OR_NONE = Bound(
     "zero, a positive number or None", lambda value: value is None or _NOT_NEGATIVE.holds(value)
 )
 _INCREASING = Bound("in increasing order", lambda pair: pair[0] < pair[1])
+_SENSIBLE = Bound("of a size from 1e-12 to 1e12", lambda value: _sensible(value))
 
-FiniteFloat = Annotated[float, _number("a finite number")]
-PositiveFloat = Annotated[float, _POSITIVE]
-NonNegativeFloat = Annotated[float, _NOT_NEGATIVE]
-NonNegativeFloatOrNone = Annotated[float | None, _NOT_NEGATIVE_OR_NONE]
-PositiveFloatOrNone = Annotated[float | None, _POSITIVE_OR_NONE]
+
+def _sensible(value: Any) -> bool:
+    """Whether neither a square nor a quotient of such numbers runs out of a float's range."""
+    if isinstance(value, tuple):
+        return all(map(_sensible, value))
+    return value is None or value == 0 or 1e-12 <= abs(value) <= 1e12
+
+
+FiniteFloat = Annotated[float, _number("a finite number"), _SENSIBLE]
+PositiveFloat = Annotated[float, _POSITIVE, _SENSIBLE]
+NonNegativeFloat = Annotated[float, _NOT_NEGATIVE, _SENSIBLE]
+NonNegativeFloatOrNone = Annotated[float | None, _NOT_NEGATIVE_OR_NONE, _SENSIBLE]
+PositiveFloatOrNone = Annotated[float | None, _POSITIVE_OR_NONE, _SENSIBLE]
+ClutterRate = Annotated[float, _NOT_NEGATIVE, _SENSIBLE, _at_most(200)]
 Probability = Annotated[float, _number("in [0, 1)", lambda x: 0 <= x < 1)]
-PositiveXYZ = Annotated[tuple[float, float, float], _positive_numbers(3)]
-PositiveRange = Annotated[tuple[float, float], _positive_numbers(2), _INCREASING]
-PositiveInt = Annotated[int, _WHOLE, _POSITIVE]
-NonNegativeInt = Annotated[int, _WHOLE, _NOT_NEGATIVE]
-TwoOrMore = Annotated[int, _WHOLE, _number("at least 2", lambda x: x >= 2)]
-Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...], _BOXES]
+PositiveXYZ = Annotated[tuple[float, float, float], _positive_numbers(3), _SENSIBLE]
+PositiveRange = Annotated[tuple[float, float], _positive_numbers(2), _INCREASING, _SENSIBLE]
+PositiveInt = Annotated[int, _WHOLE, _POSITIVE, _at_most(10**6)]
+PointCount = Annotated[int, _WHOLE, _NOT_NEGATIVE, _at_most(1000)]
+PositivePointCount = Annotated[int, _WHOLE, _POSITIVE, _at_most(1000)]
+ParticleCount = Annotated[int, _WHOLE, _number("at least 2", lambda x: x >= 2), _at_most(10000)]
+Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...], _BOXES, _SENSIBLE]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
 Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
@@ -105,9 +120,9 @@ class Scenario:
     # The room -------------------------------------------------------------------------------------------------------
     room_size: PositiveXYZ = (6.0, 2.0, 6.0)
     """Extent along X, Y (height) and Z [m]."""
-    landmark_count: PositiveInt = 27
+    landmark_count: PositivePointCount = 27
     """Unknown point landmarks, uniform in the room."""
-    fiducial_count: NonNegativeInt = 6
+    fiducial_count: PointCount = 6
     """Points of known position, in view of the first pose."""
     fiducial_distance: PositiveRange = (1.2, 2.0)
     """Nearest and farthest depth of a fiducial from the first pose [m]."""
@@ -145,7 +160,7 @@ class Scenario:
     """Standard deviation of the image noise, each axis [px]."""
     missed_detection_probability: Probability = 0.0
     """Chance that a visible point yields no detection in a frame."""
-    clutter_rate: NonNegativeFloat = 0.0
+    clutter_rate: ClutterRate = 0.0
     """Mean number of false detections in a frame (Poisson, uniform in the image)."""
 
     # The motion -----------------------------------------------------------------------------------------------------
@@ -201,11 +216,11 @@ class Scenario:
     """A feature is mapped when the standard deviation of its depth over its depth is under this."""
     maximum_misses: PositiveInt = 10
     """A feature predicted well inside the image and not matched in so many consecutive frames is deleted."""
-    particle_count: TwoOrMore = 100
+    particle_count: ParticleCount = 100
     """Depth particles of a ray."""
     particle_depth: PositiveRange = (0.3, 9.0)
     """Nearest and farthest depth of a particle [m]."""
-    particle_prune: NonNegativeFloat = 0.05
+    particle_prune: Probability = 0.05
     """A particle with less than this share of the mean weight is dropped."""
     particle_baseline: PositiveFloat = 0.1
     """Motion between two re-weightings of the same ray [m]."""
@@ -241,6 +256,17 @@ class Scenario:
         """What binds several fields to each other."""
         self._demand("goal_margin", 2 * self.goal_margin < min(self.room_size), "less than half of the smallest side")
         self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
+        frame, fastest = self.frame_time, 2.0 * (math.sqrt(2.0) - 1.0) / self.frame_time
+        self._demand(
+            "controller_frequency",
+            self.controller_frequency < fastest,
+            f"under {fastest:.3g} rad/s, 0.83 / frame_time: a faster controller is unstable",
+        )
+        self._demand(
+            "rate_loop_time",
+            self.rate_loop_time > frame / 2,
+            f"over {frame / 2:.3g} s, half of frame_time, to be stable",
+        )
 
     def _demand(self, name: str, holds: bool, allowed: str) -> None:
         if not holds:
@@ -317,10 +343,16 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
         return SCENARIOS[value]
     if isinstance(value, Mapping):
         known = {field.name for field in dataclasses.fields(Scenario)}
-        if unknown := sorted(set(value) - known):
-            raise ValueError(f"scenario has no field {', '.join(unknown)}; its fields are {', '.join(sorted(known))}")
+        if unknown := [key for key in value if key not in known]:
+            raise ValueError(
+                f"scenario has no field {', '.join(map(str, unknown))}; its fields are {', '.join(sorted(known))}"
+            )
         return Scenario(**{"name": "custom", **value})
     raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")
+
+
+MOST_FRAMES = 10**9
+"""Nothing lasts longer."""
 
 
 def whole_multiple(name: str, value: float, unit_name: str, unit: float) -> int:
@@ -329,24 +361,39 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float) -> int:
     Raises:
         ValueError: ``value`` is no positive finite number, or no whole multiple of ``unit``.
     """
+    value = _plain(value)
     if not is_number(value) or value <= 0:
         raise ValueError(f"{name} must be a positive number of seconds, got {value!r}")
     count = round(min(value / unit, sys.float_info.max))  # the quotient of two floats may be infinite
+    if count > MOST_FRAMES:
+        raise ValueError(f"{name} must be at most {MOST_FRAMES} times {unit_name} ({unit:g} s), got {value!r}")
     if count < 1 or abs(value / unit - count) > 1e-6 * count:
         raise ValueError(f"{name} must be a whole multiple of {unit_name} ({unit:g} s), got {value!r}")
     return count
 
 
-def positive_whole_number(name: str, value: Any) -> int:
-    """``value`` as an int.
+def whole_number(name: str, value: Any, least: int = 1) -> int:
+    """``value``, a number of Python's or NumPy's, as an int.
 
     Raises:
-        ValueError: it is no whole number of 1 or more; the message names it.
+        ValueError: it is no whole number of ``least`` or more; the message names it.
     """
     try:
         number = operator.index(value)
     except TypeError:
-        number = 0
-    if number < 1 or isinstance(value, bool):
-        raise ValueError(f"{name} must be a whole number of 1 or more, got {value!r}")
+        number = least - 1
+    if number < least or isinstance(value, bool):
+        raise ValueError(f"{name} must be a whole number of {least} or more, got {value!r}")
     return number
+
+
+def positive_number(name: str, value: Any, unit: str) -> float:
+    """``value``, a number of Python's or NumPy's, as a float; it may be infinite.
+
+    Raises:
+        ValueError: it is no positive number; the message names it.
+    """
+    number = _plain(value)
+    if not (is_number(number) or (isinstance(number, float) and number == math.inf)) or number <= 0:
+        raise ValueError(f"{name} must be a positive number of {unit}, got {value!r}")
+    return float(number)

@@ -9,11 +9,12 @@ at once. Here each environment has its own threads, started at the first use and
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
-from activeslam_gym.config import positive_whole_number
+from activeslam_gym.config import whole_number
 
 
 def available_cores() -> int:
@@ -32,12 +33,13 @@ class Workers:
     """
 
     def __init__(self, rows: int, threads: int | None = None) -> None:
-        wanted = available_cores() if threads is None else positive_whole_number("num_threads", threads)
+        wanted = available_cores() if threads is None else whole_number("num_threads", threads)
         count = min(wanted, rows)
         ends = [rows * i // count for i in range(count + 1)]
         self._slices = list(zip(ends[:-1], ends[1:], strict=True))
         self._pool: ThreadPoolExecutor | None = None
         self._process = os.getpid()
+        self._busy = threading.Lock()
 
     @property
     def threads(self) -> int:
@@ -45,7 +47,20 @@ class Workers:
         return len(self._slices)
 
     def call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
-        """Call ``kernel(*arguments, start, stop)`` for every slice of rows, and wait for all."""
+        """Call ``kernel(*arguments, start, stop)`` for every slice of rows, and wait for all.
+
+        Raises:
+            RuntimeError: another thread is in a call.
+        """
+        self._begin_in_child()
+        if not self._busy.acquire(blocking=False):
+            raise RuntimeError("an environment is used by two threads at once; make one for each thread")
+        try:
+            self._call(kernel, *arguments)
+        finally:
+            self._busy.release()
+
+    def _call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         first, *others = self._slices
         if not others:
             kernel(*arguments, *first)
@@ -59,11 +74,13 @@ class Workers:
         for future in futures:
             future.result()
 
+    def _begin_in_child(self) -> None:
+        """In a forked child neither the parent's threads exist nor what they hold."""
+        if self._process != os.getpid():
+            self._pool, self._busy, self._process = None, threading.Lock(), os.getpid()
+
     def _running_pool(self) -> ThreadPoolExecutor:
-        """The pool; a new one in a forked child, where the parent's threads do not exist."""
-        if self._pool is None or self._process != os.getpid():
-            self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
-            self._process = os.getpid()
+        self._pool = self._pool or ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
         return self._pool
 
     def close(self) -> None:
@@ -74,4 +91,8 @@ class Workers:
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies and pickles start their own threads."""
-        return {**self.__dict__, "_pool": None}
+        return {**self.__dict__, "_pool": None, "_busy": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """With a lock of its own."""
+        self.__dict__.update(state, _busy=threading.Lock())

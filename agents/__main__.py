@@ -1,7 +1,5 @@
 """`python -m agents <command>`: tyro makes the command lines from the commands' dataclasses."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module

@@ -1,7 +1,5 @@
 """One evaluator for every policy: run an episode, and record what happened."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from time import perf_counter
 from typing import Any

@@ -1,7 +1,5 @@
 """From a policy's name to the policy, wherever it lives."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The batch environment as Stable-Baselines3 takes it: a `VecEnv`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """From episodes to the study's figures: per policy over rooms, and policy against policy in the same rooms."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The study's figures as tables, for the terminal and in Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

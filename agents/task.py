@@ -1,7 +1,5 @@
 """An episode to run, by names: of the policy, of the environment's arguments, of the file that keeps it."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

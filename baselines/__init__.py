@@ -3,8 +3,6 @@
 They read observations, beliefs and scores, never the truth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Policies that do not look at the belief: `random`, `stay`, `sweep`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym import Gaze, Motion

@@ -1,10 +1,8 @@
 """Policies that take the best action of one step: the paper's three, and others by the same scores."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from activeslam_gym import Gaze, Motion
+from activeslam_gym import Gaze, Motion, core_of
 
 from .policy import Actions, Environment, Policy, best
 
@@ -98,5 +96,5 @@ class JointGreedy(Policy):
 
 def greedy(env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None) -> Greedy:
     """`AmortisedGreedy` in a scenario that spreads its decisions over the period, `Greedy` elsewhere."""
-    cls = AmortisedGreedy if env.unwrapped.scenario.amortised_decision else Greedy  # type: ignore[union-attr]
+    cls = AmortisedGreedy if core_of(env).scenario.amortised_decision else Greedy
     return cls(env, motion_criterion, gaze_criterion)

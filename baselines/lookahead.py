@@ -1,7 +1,5 @@
 """Receding horizon over motions: `lookahead-2` plans two motion periods and executes the first."""
 
-from __future__ import annotations
-
 from .policy import Actions, Environment, Policy, best
 
 

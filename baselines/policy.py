@@ -1,7 +1,5 @@
 """What every computing policy shares: `predict`, the held motion, and how scores become an action."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any, Protocol
 
@@ -9,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activeslam_gym import Gaze, Motion
+from activeslam_gym import Gaze, Motion, core_of
 
 TIE = 1e-9
 """Scores closer than this to the best are equal to it, in the score's unit."""
@@ -44,10 +42,10 @@ class Policy(ABC):
     """
 
     def __init__(self, env: Environment) -> None:
+        self.env = core_of(env)
         space = getattr(env, "single_action_space", env.action_space)
-        self.env: Any = env.unwrapped
-        self.batched = hasattr(env.unwrapped, "num_envs")
-        self.num_envs: int = getattr(env.unwrapped, "num_envs", 1)
+        self.batched = hasattr(self.env, "num_envs")
+        self.num_envs: int = getattr(self.env, "num_envs", 1)
         self.discrete = isinstance(space, gym.spaces.Discrete)
         self.motion: Actions = np.full(self.num_envs, Motion.STAY, dtype=np.int64)
 

@@ -1,7 +1,5 @@
 """`python -m benchmarks`: measure, print, and write `bench.md` and `bench.json`."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 import time

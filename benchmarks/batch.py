@@ -1,7 +1,5 @@
 """Many environments: the native batch by size and threads, Gymnasium's wrappers over the single one, CartPole."""
 
-from __future__ import annotations
-
 from functools import partial
 from itertools import product
 from typing import Any

@@ -1,7 +1,5 @@
 """How far the covariance update is from what the machine's own BLAS does with as many operations."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

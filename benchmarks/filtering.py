@@ -1,7 +1,5 @@
 """The filter without association on a map of points, which a plain EKF does too; and its frames with all they do."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.envs.simulation import Run, advance, begin_motion, run_at

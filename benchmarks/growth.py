@@ -1,7 +1,5 @@
 """How the cost grows with the map: predict + update with as many features seen, entropy apart."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

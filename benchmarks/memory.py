@@ -1,7 +1,5 @@
 """Bytes of an environment, and whether a long run keeps its size."""
 
-from __future__ import annotations
-
 import gc
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The same filtering by others: filterpy's EKF, and our update written plainly in NumPy."""
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a part of the benchmark says, and how all of it is written down."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any

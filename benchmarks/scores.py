@@ -1,7 +1,5 @@
 """What a policy pays for its scores, in the middle of a sweep."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from .report import Bar, Section

@@ -1,7 +1,5 @@
 """What the parts measure on: an environment in the middle of a sweep, and a map whose size is chosen."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

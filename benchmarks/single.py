@@ -1,7 +1,5 @@
 """One environment: `env.step` through `gymnasium.make`, in the middle of a sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
 from typing import Any

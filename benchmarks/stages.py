@@ -1,7 +1,5 @@
 """Where the microseconds of a frame go: each kernel alone, on the arrays of a run in the middle of a sweep."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

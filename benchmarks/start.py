@@ -1,7 +1,5 @@
 """From nothing to the first step: the import, the first run that compiles, and the next that need not."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

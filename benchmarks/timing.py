@@ -1,7 +1,5 @@
 """Medians of repeated runs, what the clock's calls cost, and the machine that they ran on."""
 
-from __future__ import annotations
-
 import gc
 import platform
 import statistics

@@ -4,8 +4,6 @@ Markdown files are written for the repository, where a link is relative to the f
 the site a link to a page stays a link, and of one to another file the text is left.
 """
 
-from __future__ import annotations
-
 import logging
 import os
 import re

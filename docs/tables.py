@@ -1,7 +1,5 @@
 """Tables of the manual that are made from the code: `<!-- table: scenarios -->` in a page becomes one of these."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import inspect

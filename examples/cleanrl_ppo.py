@@ -4,8 +4,6 @@ The ppo.py that PyPI has (cleanrl 1.2.0) speaks the interface of gym 0.23, behin
 environment when it is imported.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

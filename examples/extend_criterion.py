@@ -1,7 +1,5 @@
 """A criterion of your own: score the seven motions by what they would do to the camera's own position."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

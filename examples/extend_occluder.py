@@ -1,7 +1,5 @@
 """An occluder of your own: a box in the scenario hides what is behind it; a planner may know of it, or not."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

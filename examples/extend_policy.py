@@ -1,7 +1,5 @@
 """A policy of your own: choose a motion and a gaze, for one environment or a batch, and enter the comparison."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym import Gaze

@@ -1,7 +1,5 @@
 """A reward of your own: a wrapper that reads `info` or the belief. Here a translation has a price in bits."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """A scenario of your own: a corridor with a poorer camera, by name everywhere that a scenario is taken."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

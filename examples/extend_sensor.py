@@ -1,7 +1,5 @@
 """A sensor of your own: the filter without an environment, which takes whatever pixels it is handed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the trace of the Fisher information says of one landmark, beside mutual information: the table of the manual."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym import Scenario

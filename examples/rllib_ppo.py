@@ -3,8 +3,6 @@
 With --address and --workers it runs on a cluster of several machines: see docs/cluster.md.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

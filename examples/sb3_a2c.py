@@ -1,7 +1,5 @@
 """Stable-Baselines3's A2C on single environments, as `make_vec_env` makes them: python examples/sb3_a2c.py [steps]."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -1,7 +1,5 @@
 """Stable-Baselines3's DQN on the discrete environment: python examples/sb3_dqn.py [steps]."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -1,7 +1,5 @@
 """Stable-Baselines3's PPO on the batch environment: python examples/sb3_ppo.py [steps]."""
 
-from __future__ import annotations
-
 import sys
 import time
 

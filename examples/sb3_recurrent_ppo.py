@@ -1,7 +1,5 @@
 """sb3-contrib's RecurrentPPO, a policy with a memory, on the batch: python examples/sb3_recurrent_ppo.py [steps]."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -1,7 +1,5 @@
 """TorchRL's PPO loss on `GymEnv`: python examples/torchrl_ppo.py [steps]."""
 
-from __future__ import annotations
-
 import sys
 import time
 

@@ -39,7 +39,7 @@ def test_every_command_tells_its_options_and_names_a_bad_number(capsys: pytest.C
         ("consistency --policies nobody", "nobody"),
         ("watch --policy absent --tum unused", "policy: 'absent' is unknown"),
         ("watch --save clip.avi --tum unused", "save must end in .gif"),
-        ("watch --every 0 --tum unused", "every must be positive, got 0.0"),
+        ("watch --every 0 --tum unused", "every must be positive and finite, got 0.0"),
         ("watch --scenario absent --tum nowhere", "scenario must be one of"),
     ],
 )
@@ -98,6 +98,14 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
     poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")
     assert poses.shape == (41, 8)
     np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0, atol=1e-6)
+
+
+def test_policies_of_the_same_stem_have_files_of_their_own() -> None:
+    names = ("a/policy.npz", "b/policy.npz", "sweep", "sweep")
+    titles = watch.labels(names)
+    assert list(titles) == ["a/policy.npz", "b/policy.npz", "sweep"] and titles["sweep"] == "sweep"
+    assert len(set(titles.values())) == 3 and not any("/" in title for title in titles.values())
+    assert watch.labels(names[:1]) == {"a/policy.npz": "policy"}
 
 
 def test_a_shorter_film_stands_still_at_its_end() -> None:

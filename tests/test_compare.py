@@ -1,10 +1,14 @@
 """The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
 
 import csv
+import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +27,11 @@ from agents.compare import Args, compare
 from agents.episode import SAMPLED, Episode, honesty, outcome
 from agents.evaluate import _rotation_offset, run_episode
 from agents.figures import over_rooms, quaternion_error
+from agents.pretrained import FOLDER
 from agents.summary import summarise
 from agents.task import Task
-from agents.tools.files import write_csv, write_json
+from agents.tools import machine
+from agents.tools.files import alone_in, write_csv, write_json
 from agents.tools.statistics import Estimate, estimate, paired_rmse
 
 ROOT = Path(__file__).parents[1]
@@ -202,6 +208,112 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr("agents.task.sources", lambda: "another filter")
     with pytest.raises(pytest.fail.Exception, match="run again"):
         compare(replace(args, resume=True))
+
+
+def resumed(policies: tuple[str, ...], out: Path, **changes: Any) -> dict[str, float]:
+    """Mean bits of each policy by `compare --resume`, two rooms of a second."""
+    args = Args(policies=policies, episodes=2, duration=1.0, out=out, jobs=1, figures=False, resume=True, **changes)
+    summary = compare(args)
+    assert summary is not None
+    return {name: figures["bits"].value for name, figures in summary.policies.items()}
+
+
+def test_replaced_weights_are_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("torch")
+    names = [str(tmp_path / stem) for stem in ("a/b.npz", "a_b.npz")]  # which once shared a kept file
+
+    def put(weights: str, name: str) -> None:
+        Path(name).parent.mkdir(exist_ok=True)
+        for suffix in (".npz", ".json"):
+            shutil.copy(FOLDER / f"{weights}{suffix}", Path(name).with_suffix(suffix))
+
+    put("ppo", names[0])
+    put("ppo-entropy", names[1])
+    first = resumed(tuple(names), tmp_path / "out")
+    assert first[names[0]] != first[names[1]]
+    assert "0 of 4 episodes are those of an earlier run." in capsys.readouterr().out
+    put("ppo-entropy", names[0])
+    again = resumed(tuple(names), tmp_path / "out")
+    assert again[names[0]] == again[names[1]] == first[names[1]]
+    assert "2 of 4 episodes are those of an earlier run; not taken: 2 of other" in capsys.readouterr().out
+
+
+def test_a_changed_module_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "one.py").write_text("import two\ndef make(env):\n    return two.make(env)\n")
+    code = "import baselines\ndef make(env):\n    return baselines.make({!r}, env)\n"
+    bits = []
+    for name in ("stay", "stay", "sweep"):
+        (tmp_path / "two.py").write_text(code.format(name))  # the module that the named one imports
+        machine.module_sources.cache_clear()
+        sys.modules.pop("one", None), sys.modules.pop("two", None)
+        importlib.invalidate_caches()
+        bits.append(resumed(("one:make",), tmp_path / "out")["one:make"])
+    assert bits[0] == bits[1] != bits[2] == resumed(("sweep",), tmp_path / "out")["sweep"]
+    assert machine.module_sources("no.such") != machine.module_sources("no_such")
+
+
+def test_weights_that_change_while_they_are_compared_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policies, "content", lambda name: "other")
+    with pytest.raises(ValueError, match="'stay' was changed while it was being compared"):
+        Task("stay", 0, json.dumps({"duration": 1.0}), content="this").run()
+
+
+def test_a_truncated_episode_is_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bits = resumed(("stay",), tmp_path)
+    kept = sorted((tmp_path / "episodes").iterdir())
+    kept[0].write_bytes(kept[0].read_bytes()[:-200])
+    kept[1].write_bytes(b"")
+    assert resumed(("stay",), tmp_path) == bits
+    said = "0 of 2 episodes are those of an earlier run; not taken: 0 of other settings, code or policies, 2 damaged"
+    assert said in capsys.readouterr().out
+
+
+def test_two_comparisons_in_a_folder_are_one_too_many(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    with alone_in(tmp_path), pytest.raises(ValueError, match="another process writes into"):
+        resumed(("stay",), tmp_path)
+    resumed(("stay",), tmp_path)  # it was let go
+
+
+def gone(process: int) -> bool:
+    """Whether a process is no more, or waits to be buried."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+    except OSError:
+        return True
+
+
+SLEEPY = """
+import os, pathlib, sys, time
+from agents.tools.parallel import run_all
+def sleep(path):
+    pathlib.Path(path).write_text(f"{os.getpid()} ")
+    time.sleep(300)
+if __name__ == "__main__":
+    list(run_all(sleep, sys.argv[1:], 2))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks into /proc")
+def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
+    script, files = tmp_path / "sleepy.py", [tmp_path / name for name in "ab"]
+    script.write_text(SLEEPY)
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    parent = subprocess.Popen([sys.executable, str(script), *map(str, files)], env=env, stderr=subprocess.PIPE)
+    until(lambda: all(file.exists() and file.read_text().endswith(" ") for file in files))
+    parent.kill()
+    parent.communicate()
+    until(lambda: all(gone(int(file.read_text())) for file in files))
+
+
+def until(happened: Callable[[], bool], seconds: float = 60.0) -> None:
+    """Wait for something to happen."""
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.1)
 
 
 def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

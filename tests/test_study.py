@@ -59,7 +59,7 @@ def test_a_verdict_needs_the_whole_interval_on_one_side(values, side, bound: flo
 
 
 def difference(*values: np.ndarray) -> verdicts.Finding:
-    return verdicts.difference("c", "x", "m", values, "above")
+    return verdicts.judged("x", "m", values[0] - values[1], "above")
 
 
 def test_rooms_are_compared_in_pairs_and_equal_strategies_show_nothing() -> None:

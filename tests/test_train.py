@@ -1,8 +1,13 @@
 """Training and the learned policies: small, but all the way."""
 
+import base64
+import io
 import json
+import pickle
+import shutil
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import gymnasium as gym
 import numpy as np
@@ -16,9 +21,11 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO  # noqa: E402
 
 from agents import policies  # noqa: E402
+from agents.learn.algorithms import save_learner  # noqa: E402
 from agents.learn.card import read_card  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.weights import load, save  # noqa: E402
+from agents.tools.files import alone_in  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
@@ -90,7 +97,7 @@ def test_what_does_not_fit_is_said(trained: Path) -> None:
         load("absent", env, trained)
     with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
         load("policy", quick, trained)
-    with pytest.raises(ValueError, match="total_steps must be positive, got 0"):
+    with pytest.raises(ValueError, match="total_steps must be positive and finite, got 0"):
         Args(total_steps=0).check()
     with pytest.raises(ValueError, match="policy: 'absent.npz' is no file with its card"):
         policies.factory("absent.npz")
@@ -143,3 +150,81 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert "2 held-out rooms" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
+
+
+def test_nothing_is_written_before_all_is_checked(tmp_path: Path) -> None:
+    bad: dict[str, Any] = {"reward": "bogus", "learning_rate": np.inf, "entropy_bonus": np.nan, "decision_period": 0.13}
+    for name, value in bad.items():
+        with pytest.raises(ValueError, match=f"{name}|gaze_period"):
+            train(Args(out=tmp_path / "new", total_steps=40, **(SMALL | {name: value})))
+    assert not (tmp_path / "new").exists()
+
+
+class Evil:
+    """Writes a file where it is unpickled."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = str(path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return open, (self.path, "w")
+
+
+def test_a_stranger_s_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> None:
+    folder, hit = tmp_path / "stranger", tmp_path / "hit"
+    shutil.copytree(trained, folder)
+    with ZipFile(folder / CHECKPOINT) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    held = json.loads(members["data"])
+    held["policy_class"] = {":type:": "type", ":serialized:": base64.b64encode(pickle.dumps(Evil(hit))).decode()}
+    tensors = io.BytesIO()
+    torch.save(Evil(hit), tensors)
+
+    def put(**changed: bytes) -> None:
+        with ZipFile(folder / CHECKPOINT, "w") as archive:
+            for name, value in (members | changed).items():
+                archive.writestr(name, value)
+
+    steps = held["num_timesteps"]
+    put(data=json.dumps(held).encode())
+    train(Args(out=folder, total_steps=steps + 40, **SMALL))  # the pickle beside the numbers is not looked at
+    put(**{"policy.pth": tensors.getvalue()})
+    with pytest.raises(ValueError, match="holds more than tensors and numbers, which could run code"):
+        train(Args(out=folder, total_steps=steps + 80, **SMALL))
+    assert not hit.exists()
+
+
+def test_a_damaged_folder_of_a_training_is_told(trained: Path, tmp_path: Path) -> None:
+    for name in (CHECKPOINT, "arguments.json", "policy.json"):
+        folder = tmp_path / name
+        shutil.copytree(trained, folder)
+        (folder / name).write_bytes((folder / name).read_bytes()[:50])
+        with pytest.raises(ValueError, match=f"{name}' cannot be read"):
+            train(Args(out=folder, total_steps=200, **SMALL))
+    with alone_in(trained), pytest.raises(ValueError, match="another process writes into"):
+        train(Args(out=trained, total_steps=200, **SMALL))
+
+
+def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tmp_path: Path) -> None:
+    env, card, diverged = gym.make("ActiveSLAM-v0", gaze_period=0.25), read_card(trained / "policy.npz"), "diverged"
+    shutil.copy(trained / "policy.npz", tmp_path / "bad.npz")
+    bad = {
+        "algorithm": ("sac", "'sac'; allowed"),
+        "width": (None, "TypeError"),
+        "decision_period": ("often", "convert"),
+    }
+    for name, (value, said) in bad.items():
+        (tmp_path / "bad.json").write_text(json.dumps(card | {name: value}))
+        with pytest.raises(ValueError, match=said):
+            load("bad", env, tmp_path)
+    learner = PPO.load(trained / CHECKPOINT)
+    with torch.no_grad():
+        next(learner.policy.parameters())[:] = np.nan
+    with pytest.raises(ValueError, match=diverged):
+        save(tmp_path / "new.npz", learner.policy, card)
+    with pytest.raises(ValueError, match=diverged):
+        save_learner(learner, tmp_path / "new.zip")
+    assert not list(tmp_path.glob("new*"))
+    np.savez(tmp_path / "bad.npz", **{name: value.numpy() for name, value in learner.policy.state_dict().items()})
+    with pytest.raises(ValueError, match=diverged):
+        load("bad", env, tmp_path)

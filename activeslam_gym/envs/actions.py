@@ -1,4 +1,4 @@
-"""Reading actions: whatever a client hands in becomes two indices, or a clear error."""
+"""Reading actions and options: whatever a client hands in becomes indices and a dict, or a clear error."""
 
 from __future__ import annotations
 
@@ -21,6 +21,17 @@ def action_space() -> spaces.MultiDiscrete:
 def discrete_action_space() -> spaces.Discrete:
     """Of `ActiveSLAMDiscrete-v0`: the index 3 motion + gaze."""
     return spaces.Discrete(MOTION_COUNT * GAZE_COUNT)
+
+
+def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
+    """The ``options`` of a reset; an empty dict for None.
+
+    Raises:
+        ValueError: they are no dict.
+    """
+    if not isinstance(options, (dict, type(None))):
+        raise ValueError(f"options must be a dict or None, got {options!r}")
+    return options or {}
 
 
 def motion_and_gaze(action: Any) -> tuple[int, int]:

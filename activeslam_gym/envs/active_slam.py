@@ -9,8 +9,14 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.config import Scenario
-from activeslam_gym.envs.actions import action_space, discrete_action_space, motion_and_gaze, split_index
+from activeslam_gym.config import Scenario, whole_number
+from activeslam_gym.envs.actions import (
+    action_space,
+    checked_options,
+    discrete_action_space,
+    motion_and_gaze,
+    split_index,
+)
 from activeslam_gym.envs.episode import BEGIN, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
@@ -181,7 +187,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         end_when_lost: bool = True,
         render_mode: str | None = None,
     ) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+        if not (render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])):
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
         setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
@@ -207,8 +213,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin a new run in a new room. The same seed gives the same run, whatever the actions the same noise."""
-        super().reset(seed=seed)
+        """Begin a new run in a new room. The same seed gives the same run, whatever the actions the same noise.
+
+        Raises:
+            ValueError: ``seed`` is no whole number of 0 or more, or ``options`` no dict.
+        """
+        checked_options(options)
+        super().reset(seed=None if seed is None else whole_number("seed", seed, 0))
         key = int(self.np_random.integers(2**63))
         reset_run(self.setting, self._runs, 0, key)
         self._play_one(BEGIN, Gaze.STAY)
@@ -274,7 +285,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
             self._window.show(self.snapshot())
 
     def snapshot(self) -> Snapshot:
-        """All that a picture of this moment needs."""
+        """All that a picture of this moment needs.
+
+        Raises:
+            gymnasium.error.ResetNeeded: no run has begun.
+        """
+        if self._runs.belief.state["dim"][0] == 0:
+            raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         return snapshot_of(self.setting, self._run, self._gaze, self._history)
 
 

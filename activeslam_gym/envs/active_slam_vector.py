@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,8 +12,14 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from activeslam_gym.config import Scenario, positive_whole_number
-from activeslam_gym.envs.actions import action_space, discrete_action_space, motions_and_gazes, split_indices
+from activeslam_gym.config import Scenario, whole_number
+from activeslam_gym.envs.actions import (
+    action_space,
+    checked_options,
+    discrete_action_space,
+    motions_and_gazes,
+    split_indices,
+)
 from activeslam_gym.envs.episode import BEGIN, REST, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
@@ -66,9 +71,9 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
+        if not (render_mode is None or (isinstance(render_mode, str) and render_mode == "rgb_array")):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
-        self.num_envs = positive_whole_number("num_envs", num_envs)
+        self.num_envs = whole_number("num_envs", num_envs)
         setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
         workers = Workers(self.num_envs, num_threads)
         super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
@@ -80,7 +85,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
-        self._steps = min(int(setting.task.steps), positive_whole_number("max_episode_steps", limit))
+        self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
         self._generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._seeds = [-1] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
@@ -271,22 +276,12 @@ def _seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | No
     given: Sequence[int | None] = _spread(seed, count) if np.ndim(seed) == 0 else list(seed)  # type: ignore[arg-type]
     if len(given) != count:
         raise ValueError(f"seed must be one number or {count} (num_envs) of them, got {len(given)}: {seed!r}")
-    return [None if one is None else _whole(one) for one in given]
+    return [None if one is None else whole_number("seed", one, 0) for one in given]
 
 
 def _spread(seed: Any, count: int) -> list[int | None]:
-    first = _whole(seed)
+    first = whole_number("seed", seed, 0)
     return [first + i for i in range(count)]
-
-
-def _whole(seed: Any) -> int:
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise ValueError(f"seed must be a whole number of 0 or more, got {seed!r}")
-    return number
 
 
 def _reset_mask(options: dict[str, Any] | None, count: int) -> np.ndarray:
@@ -295,9 +290,7 @@ def _reset_mask(options: dict[str, Any] | None, count: int) -> np.ndarray:
     Raises:
         ValueError: the mask is no bool array of that shape, or chooses none.
     """
-    if options is None or "reset_mask" not in options:
-        return np.ones(count, bool)
-    mask = options["reset_mask"]
+    mask = checked_options(options).get("reset_mask", np.ones(count, bool))
     if not (isinstance(mask, np.ndarray) and mask.shape == (count,) and mask.dtype == np.bool_ and mask.any()):
         raise ValueError(f"options['reset_mask'] must be a bool array ({count},) with a true value, got {mask!r}")
     return mask.copy()

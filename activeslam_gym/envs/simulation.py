@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import KNOWN, Scenario, scenario_from, whole_multiple
+from activeslam_gym.config import KNOWN, Scenario, positive_number, scenario_from, whole_multiple
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.referee import OWNER, judge_matches, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, update_expectation
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
@@ -205,18 +205,18 @@ def resolve(
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time)
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
-    lost = lost_position_error
-    if isinstance(lost, bool) or not isinstance(lost, (int, float)) or not lost > 0 or math.isnan(lost):
-        raise ValueError(f"lost_position_error must be a positive number of metres, got {lost!r}")
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
+    if resolved.motion_criterion not in CRITERIA:
+        known = ", ".join(CRITERIA)
+        raise ValueError(f"scenario.motion_criterion must be one of {known}, got {resolved.motion_criterion!r}")
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
         steps_per_motion=steps_per_motion,
         steps=steps,
         reward=reward_number(reward),
-        lost_position_error=lost,
+        lost_position_error=positive_number("lost_position_error", lost_position_error, "metres"),
         end_when_lost=end_when_lost,
         labelled_first_match=resolved.labelled_first_match,
         association_known=resolved.association == KNOWN,

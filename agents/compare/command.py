@@ -1,7 +1,5 @@
 """Compare policies in the same unseen rooms: episodes, table, CSV, JSON and figures."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Generator, Sequence

@@ -1,7 +1,5 @@
 """`python -m agents generalise`: the same policies, without retraining, where they were not trained."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path

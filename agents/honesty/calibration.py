@@ -1,7 +1,5 @@
 """From watched runs to the figures of the consistency report, each beside the bar that it has to meet."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

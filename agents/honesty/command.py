@@ -1,7 +1,5 @@
 """Consistency report: does the filter's covariance mean what it says? Every strategy with both initialisers."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from contextlib import closing

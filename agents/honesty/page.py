@@ -1,7 +1,5 @@
 """The consistency report as tables, for the terminal and in Markdown."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 A step must be one frame, or conversions would be seen some frames late.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from pickle import UnpicklingError

@@ -1,7 +1,5 @@
 """What happens during training: a progress bar, checkpoints, and the best weights on held-out rooms."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The card of learned weights: how they came to be, what they reached, and what they were not made for."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The learned policies' eye: landmarks are a set, so their tokens are encoded alike and pooled."""
 
-from __future__ import annotations
-
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor

@@ -1,7 +1,5 @@
 """What is learned, and how: the arguments of training, apart from PyTorch and its slow import."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -50,6 +48,8 @@ class Recipe:
         positive(self, "learning_rate", "reward_scale", "reward_clip")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13))
+        if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
+            raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
         if self.algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm: {self.algorithm!r}; allowed: {', '.join(ALGORITHMS)}")
 

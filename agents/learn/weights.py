@@ -4,12 +4,10 @@ Weights are kept as plain arrays (``.npz``, read without unpickling) beside a ca
 to be; the network is built anew for the environment at hand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,7 +15,7 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.dqn.policies import DQNPolicy
 
-from activeslam_gym import Gaze, Motion, ObservationLayout, observation_layout
+from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation_layout
 from activeslam_gym.config import whole_multiple
 from activeslam_gym.files import written_whole
 from agents import pretrained
@@ -67,7 +65,7 @@ class LearnedPolicy:
 
     def __init__(self, env: Environment, weights: dict[str, np.ndarray], card: dict[str, Any]) -> None:
         self.card = card
-        self._env = cast(Any, env.unwrapped)
+        self._env = core_of(env)
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
         self._logits = _network(observation_layout(env), weights, card)

@@ -1,7 +1,5 @@
 """The paper's claims, and what our runs say of each."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

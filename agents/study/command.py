@@ -1,7 +1,5 @@
 """`python -m agents study`: run everything, judge every claim, draw the figures and write the page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec

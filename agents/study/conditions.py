@@ -1,7 +1,5 @@
 """What is run: the paper's strategies under each choice that it leaves open, and what single claims need."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field

@@ -1,7 +1,5 @@
 """From one run to the numbers that the claims are about."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the study notes of a run beside the episode: sights of fiducials, births, loop closures, distances."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The page of the study: what was run, the pictures, and a table of the claims with their verdicts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

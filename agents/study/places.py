@@ -1,7 +1,5 @@
 """Where the expected landmarks stand: the paper does not say, so the study tries other places."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

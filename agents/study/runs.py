@@ -1,7 +1,5 @@
 """Play every condition in every room, and keep the rows of a condition once it is complete."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing

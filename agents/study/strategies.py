@@ -3,8 +3,6 @@
 They are factories for `package.module:factory`, so that `python -m agents compare --policy` takes them too.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 

@@ -6,8 +6,6 @@ measures bearings. Two choices decide: whether a landmark is as uncertain across
 (`isotropic`) or long along it, as after one sighting; and whether the camera sees all around or only to the front.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """From the rows of two policies in the same rooms to a verdict on what the paper says of them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal

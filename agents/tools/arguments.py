@@ -1,7 +1,5 @@
 """What the commands take and check; a ValueError names the argument, its value and what is allowed."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Results as CSV, JSON and text, each whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os
@@ -78,8 +76,8 @@ def reading(path: Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # readers of archives, arrays and tensors raise a dozen kinds
-        why = next(iter(str(error).splitlines()), "")
-        raise ValueError(f"{str(path)!r} cannot be read: {type(error).__name__}: {why}") from error
+        kind = "" if type(error) is ValueError else f"{type(error).__name__}: "
+        raise ValueError(f"{str(path)!r} cannot be read: {kind}{next(iter(str(error).splitlines()), '')}") from error
 
 
 def written(folder: Path) -> list[str]:

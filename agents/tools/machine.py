@@ -1,7 +1,5 @@
 """What a number was measured on, and with which versions."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import platform

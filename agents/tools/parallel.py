@@ -1,7 +1,5 @@
 """The same function for many tasks, in several processes, with a progress bar."""
 
-from __future__ import annotations
-
 import os
 import signal
 from collections.abc import Callable, Generator, Sequence
@@ -44,7 +42,7 @@ def _run(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Generator
         for future in as_completed(futures):
             yield futures[future], future.result()
     except BrokenProcessPool as error:
-        raise ChildProcessError("a process was ended from outside before its episode was over") from error
+        raise ChildProcessError("a process ended before its episode was over: killed, or out of memory") from error
     finally:
         executor.shutdown(cancel_futures=True)
 

@@ -1,7 +1,5 @@
 """Generated sections of Markdown pages that people write."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone

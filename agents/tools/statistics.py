@@ -1,7 +1,5 @@
 """Estimates over rooms with their intervals. scipy.stats is imported where it is used, since it is slow to load."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """`python -m agents watch`: an episode of one policy, or of several side by side in the same room."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass

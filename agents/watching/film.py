@@ -1,7 +1,5 @@
 """Pictures of episodes, side by side, as an animation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path

@@ -4,8 +4,6 @@ All that it does is this command, and to read what was written of the evaluation
 python -m rl_zoo3.train --algo ppo --env ActiveSLAM-v0 --gym-packages activeslam_gym --conf-file ppo.yml
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

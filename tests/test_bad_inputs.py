@@ -1,0 +1,184 @@
+"""What a hostile user hands in: one clear error that names the argument, and never a NaN, a crash or a traceback."""
+
+import itertools
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import agents
+import baselines
+from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
+from activeslam_gym.config import Scenario
+
+HUGE = 10**400
+NOTHING_GOOD = (-1, 0, -HUGE, float("nan"), "bogus", "", [], True, b"x", object(), np.array([1, 2]), 1j, [("a", 1)])
+BAD_VALUES: dict[str, tuple[Any, ...]] = {
+    "scenario": (*NOTHING_GOOD[:-1], 5, None, {5: 3}, {"bogus": 1}, {"motion_criterion": "bogus"}),
+    "gaze_period": (*NOTHING_GOOD, HUGE, 1e300, 1e-300, float("inf"), {}, 0.07),
+    "motion_period": (*NOTHING_GOOD, HUGE, 1e300, float("inf"), {}, None, 0.07),
+    "duration": (*NOTHING_GOOD, HUGE, 1e300, float("inf"), {}, None, 0.07),
+    "reward": (*NOTHING_GOOD, HUGE, {}, None),
+    "lost_position_error": (*NOTHING_GOOD, HUGE, {}, None),
+    "render_mode": (*NOTHING_GOOD, HUGE, {}, 5),
+}
+BAD_VECTOR_VALUES = {
+    "num_envs": (*NOTHING_GOOD, {}, 2.5, None),
+    "num_threads": (*NOTHING_GOOD, {}, 2.5),
+    "autoreset_mode": (*NOTHING_GOOD, {}, None),
+    "max_episode_steps": (*NOTHING_GOOD, {}, 2.5),
+}
+BAD_ACTIONS = (None, 5, [1], [1, 2, 3], [7, 0], [0, 3], [-1, 0], [0.5, 0], [float("nan"), 0], "ab", ["a", "b"], {})
+BAD_ACTIONS += ([[1, 2]], np.array([1, 2], object), [HUGE, 0], [True, False], np.array([1 + 0j, 2]))
+BAD_SEEDS = (-1, 1.5, "a", object(), np.float64(3.0), True)
+
+
+@pytest.fixture(scope="module")
+def env() -> ActiveSLAMEnv:
+    out = ActiveSLAMEnv()
+    out.reset(seed=1)
+    return out
+
+
+@pytest.fixture(scope="module")
+def batch() -> ActiveSLAMVectorEnv:
+    out = ActiveSLAMVectorEnv(2)
+    out.reset(seed=1)
+    return out
+
+
+def refuses(named: str, call: Callable[[], Any], *kinds: type[Exception]) -> None:
+    with pytest.raises(kinds or ValueError) as error:
+        call()
+    assert named in str(error.value), f"{error.value!r} does not name {named}"
+
+
+@pytest.mark.parametrize("argument", BAD_VALUES)
+def test_a_constructor_names_the_argument(argument: str) -> None:
+    for value in BAD_VALUES[argument]:
+        refuses(argument, lambda value=value: ActiveSLAMEnv(**{argument: value}))
+        refuses(argument, lambda value=value: ActiveSLAMVectorEnv(2, **{argument: value}))
+
+
+@pytest.mark.parametrize("argument", BAD_VECTOR_VALUES)
+def test_a_batch_names_the_argument(argument: str) -> None:
+    for value in BAD_VECTOR_VALUES[argument]:
+        refuses(argument, lambda value=value: ActiveSLAMVectorEnv(**{"num_envs": 2, argument: value}))
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    env = ActiveSLAMEnv(np.str_("paper"), np.float64(0.25), np.int64(1), np.float32(10.0), "entropy", np.float32(0.5))
+    assert (env.gaze_period, env.motion_period, env.duration) == (0.25, 1.0, 10.0)
+    assert (env.reset(seed=np.int64(3))[0] == env.reset(seed=3)[0]).all()  # type: ignore[arg-type]
+
+
+def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
+    for action in BAD_ACTIONS:
+        refuses("action", lambda action=action: env.step(action))
+        refuses("action", lambda action=action: batch.step(action))
+        refuses("action", lambda action=action: batch.step([action, action]))
+    for seed in BAD_SEEDS:
+        refuses("seed", lambda seed=seed: env.reset(seed=seed))
+        refuses("seed", lambda seed=seed: batch.reset(seed=seed))
+    for options in (5, [], "a", True):
+        refuses("options", lambda options=options: env.reset(options=options))
+        refuses("options", lambda options=options: batch.reset(options=options))
+    for mask in (5, [True, False], np.zeros(2, bool), np.ones(1, bool), None):
+        refuses("reset_mask", lambda mask=mask: batch.reset(options={"reset_mask": mask}))
+
+
+def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
+    for core, criterion in itertools.product((env, batch), (5, None, [], {}, "bogus", object(), b"x", ("a",))):
+        for scores in (core.motion_scores, core.gaze_scores, core.joint_scores):
+            refuses("criterion", lambda scores=scores, criterion=criterion: scores(criterion))
+    for plans in (None, 5, [], np.zeros(3), np.zeros((2, 2)), "a"):
+        refuses("plans", lambda plans=plans: env.scores(plans))
+    for motion in (7, -1, "a", None, 1.5, HUGE, []):
+        refuses("motion", lambda motion=motion: env.motion_score(motion))
+    foreign = gymnasium.make("CartPole-v1")
+    for other in (foreign, None, 5, "ActiveSLAM-v0", gymnasium.make_vec("CartPole-v1", num_envs=1)):
+        for name in baselines.names():
+            refuses("env", lambda other=other, name=name: baselines.make(name, other))
+        refuses("env", lambda other=other: observation_layout(other))
+        if other is not foreign:
+            refuses("env", lambda other=other: agents.load("ppo", other))
+    for name in ("bogus", None, 5, ""):
+        refuses("name", lambda name=name: baselines.make(name, env))
+
+
+def test_nothing_is_read_before_a_reset() -> None:
+    new = ActiveSLAMEnv(render_mode="rgb_array")
+    for call in (new.motion_scores, new.snapshot, new.render, lambda: new.step([0, 0])):
+        refuses("reset()", call, gymnasium.error.ResetNeeded)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"rate_loop_time": 0.001}, "rate_loop_time must be over 0.025 s, half of frame_time, to be stable, got 0.001"),
+        ({"controller_frequency": 50}, "controller_frequency must be under 16.6 rad/s, 0.83 / frame_time"),
+        ({"frame_time": 0.2}, "controller_frequency must be under 4.14 rad/s"),
+        ({"particle_prune": 5}, "particle_prune must be in [0, 1), got 5"),
+        ({"room_size": (1e300, 2.0, 6.0)}, "room_size must be of a size from 1e-12 to 1e12"),
+        ({"pixel_std": 1e-300}, "pixel_std must be of a size from 1e-12 to 1e12"),
+        ({"clutter_rate": 800}, "clutter_rate must be at most 200, got 800"),
+        ({"landmark_count": 10**9}, "landmark_count must be at most 1000"),
+        ({"particle_count": 10**9}, "particle_count must be at most 10000"),
+        ({"birth_detections": 10**30}, "birth_detections must be at most 1000000"),
+        ({"principal_x_px": 1e300}, "principal_x_px must be of a size from 1e-12 to 1e12"),
+        ({"principal_y_px": "a"}, "principal_y_px must be a finite number, got 'a'"),
+    ],
+)
+def test_scenarios_that_would_diverge_are_refused(fields: dict[str, Any], message: str) -> None:
+    refuses(f"scenario.{message}", lambda: Scenario(**fields))
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"rate_loop_time": 0.0251},
+        {"controller_frequency": 16.5},
+        {"particle_prune": 0.999, "initialisation": "depth_particles"},
+        {"room_size": (1e12,) * 3},
+        {"clutter_rate": 200},
+        {"pixel_std": 1e-12},
+        {"acceleration_std": 1e12},
+        {"orientation_std": 1e12},
+        {"inverse_depth_mean": 1e-12},
+        {"distortion": 1e12},
+        {"particle_depth": (1e-12, 1e12), "initialisation": "depth_particles"},
+    ],
+)
+def test_what_is_just_allowed_makes_no_nan(fields: dict[str, Any]) -> None:
+    env = ActiveSLAMEnv(fields)
+    env.reset(seed=3)
+    for k in range(25):
+        observation, reward, terminated, _, info = env.step([k % 7, k % 3])
+        told = [reward, *info["reward_terms"].values(), *info["log2_det"].values(), info["entropy"], info["log_score"]]
+        assert np.isfinite(observation).all() and np.isfinite(told).all()
+        assert not np.isnan([value for value in info.values() if isinstance(value, float)]).any()
+        if terminated:
+            break
+
+
+def test_one_environment_in_two_threads_is_an_error_and_no_crash() -> None:
+    env, errors = ActiveSLAMVectorEnv(16, num_threads=1, gaze_period=1.0), []
+    env.reset(seed=1)
+
+    def step() -> None:
+        for _ in range(20):
+            try:
+                env.step(np.zeros((16, 2), int))
+            except RuntimeError as error:
+                errors.append(str(error))
+
+    threads = [threading.Thread(target=step) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert set(errors) == {"an environment is used by two threads at once; make one for each thread"}
+    assert np.isfinite(env.step(np.zeros((16, 2), int))[1]).all()

@@ -19,6 +19,8 @@ from typing import Annotated, Any, NamedTuple, get_type_hints
 DEPTH_PARTICLES = "depth_particles"
 INVERSE_DEPTH = "inverse_depth"
 INITIALISATIONS = (DEPTH_PARTICLES, INVERSE_DEPTH)
+UNKNOWN = "unknown"
+KNOWN = "known"
 
 
 class Bound(NamedTuple):
@@ -101,6 +103,7 @@ Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, fl
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
 Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
+Association = Annotated[str, _one_of(UNKNOWN, KNOWN)]
 
 
 @dataclass(frozen=True)
@@ -199,6 +202,10 @@ class Scenario:
     # The filter -----------------------------------------------------------------------------------------------------
     initialisation: Initialisation = INVERSE_DEPTH
     """``inverse_depth`` (undelayed, Montiel, Civera and Davison 2006) or ``depth_particles`` (the paper's)."""
+    association: Association = UNKNOWN
+    """``unknown``; ``known``: every detection tells what it is of, the ceiling of all matching."""
+    detection_probability: Probability = 0.98
+    """What the belief assumes: the chance that what stands in the image is detected. Lower it where things hide."""
     gate_probability: Probability = 0.99
     """Mass of the chi-square gate of a match (2 dof)."""
     birth_gate_probability: Probability = 0.9999
@@ -233,6 +240,8 @@ class Scenario:
     # The policies' metrics ------------------------------------------------------------------------------------------
     motion_criterion: String = "mutual_information"
     """Criterion of the paper's strategies for motion in this scenario."""
+    negative_information: Switch = False
+    """Whether an expected landmark that was looked at and not found is expected elsewhere; the paper's would stay."""
     amortised_decision: Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""
 
@@ -302,7 +311,7 @@ SCENARIOS: dict[str, Scenario] = {
             labelled_first_match=True,
             initialisation=DEPTH_PARTICLES,
         ),
-        Scenario(name="clutter", missed_detection_probability=0.05, clutter_rate=2.0),
+        Scenario(name="clutter", missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93),
         Scenario(name="hall", room_size=(14.0, 4.0, 14.0), landmark_count=120),
         Scenario(
             name="hand-held",

@@ -177,19 +177,38 @@ def turn_of(motion: Record, gaze: int, time: float) -> float:
 
 
 @compiled
+def turned_by(motion: Record, rate: float, turn: float, frames: int) -> tuple[float, float]:
+    """(angle [rad], rate [rad/s]) after ``frames`` frames of the rate loop, from ``rate`` towards ``turn`` [rad/s].
+
+    w_k = turn + (rate - turn) (1 - dt / tau)^k; the angle is dt times the sum of w_1 … w_n.
+    """
+    left = (rate - turn) * (1.0 - motion.dt / motion.rate_loop_time) ** frames
+    late = (rate - turn - left) * (motion.rate_loop_time - motion.dt)
+    return frames * motion.dt * turn + late, turn + left
+
+
+@compiled
+def minimum_jerk(s: float) -> float:
+    """Share of the way at the share ``s`` of the time."""
+    s = min(max(s, 0.0), 1.0)
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+@compiled
 def accelerations(
     motion: Record, x: np.ndarray, start: np.ndarray, goal: np.ndarray, elapsed: float, turn: float
 ) -> np.ndarray:
     """The commanded accelerations u (6,) [m/s^2, rad/s^2] at the estimated camera ``x`` (13,).
 
     Position: PD with feed-forward along a minimum-jerk reference from ``start`` to ``goal`` (3,), ``elapsed`` seconds
-    after it began, critically damped. Rotation: a rate loop on all axes, alpha = (w_ref - w) / rate_loop_time.
+    after it began, critically damped. Its speed and acceleration are the differences of its places at the frames, which
+    is how a camera moves whose accelerations are held: undisturbed, it follows to the end. Rotation: a rate loop on all
+    axes, alpha = (w_ref - w) / rate_loop_time.
     """
-    s = min(elapsed / motion.period, 1.0)
-    place = s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
-    speed = 30.0 * s * s * (1.0 - s) * (1.0 - s) / motion.period
-    push = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (motion.period * motion.period)
-    w_n = motion.controller_frequency
+    w_n, dt, T = motion.controller_frequency, motion.dt, motion.period
+    place = minimum_jerk(elapsed / T)
+    before, after = place - minimum_jerk((elapsed - dt) / T), minimum_jerk((elapsed + dt) / T) - place
+    speed, push = before / dt, (after - before) / (dt * dt)
     p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     u = np.empty(6)
     for i in range(3):

@@ -28,7 +28,7 @@ class Episode:
     settings: str
     """What the environment was made with, as JSON: episodes with equal settings belong to one study."""
     lost: bool
-    """The belief was lost, which ended the episode."""
+    """The belief was lost at some time."""
     room_size: Array
     """(3,) m, along X, Y, Z."""
 
@@ -176,10 +176,10 @@ def gaze_counts(episode: Episode) -> list[int]:
 def honesty(episode: Episode, time: float) -> dict[str, float]:
     """NEES per degree of freedom of position, orientation and landmarks at `time` [s]; NaN where the run is over.
 
-    A run that was lost by then is over too: these are the figures of the runs alive.
+    Of lost runs too, which go on.
     """
     names = ("position_nees", "orientation_nees", "landmark_nees")
     half_sample = 0.5 * float(np.median(np.diff(episode.times)))
-    alive = time <= episode.times[-1] + half_sample and not (episode.lost and time >= episode.times[-1])
+    alive = time <= episode.times[-1] + half_sample
     index = int(np.abs(episode.times - time).argmin())
     return {name: float(getattr(episode, name)[index]) if alive else np.nan for name in names}

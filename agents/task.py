@@ -57,8 +57,8 @@ def file_name(policy: str) -> str:
 
 
 def make_environment(arguments: dict[str, Any]) -> gym.Env:
-    """The environment of every study."""
-    return gym.make(ENVIRONMENT, **arguments)
+    """The environment of every study. A lost run goes on, or its score would stop where it falls."""
+    return gym.make(ENVIRONMENT, **{"end_when_lost": False, **arguments})
 
 
 def run_policy(

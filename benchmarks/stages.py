@@ -59,8 +59,9 @@ class Stages:
         predict(*predict_with)
         sight = sight_of_belief(*sight_with)
         waits = np.zeros(len(sight.thing), bool)
-        match_with = (models.filter.association, float(camera.pixel_std**2), sight, candidates, waits)
-        matched = associate(*match_with) >= 0
+        var, features = float(camera.pixel_std**2), int(belief.state.count)
+        match_with = (models.filter.association, var, sight, candidates, features, waits)
+        matched = associate(*match_with)[0] >= 0
         kept = np.flatnonzero(np.repeat(matched, 2))
         self.HP, self.S = sight.HP[kept], sight.S[np.ix_(kept, kept)]
         self.features, self.matches, self.rows = int(belief.state.count), int(matched.sum()), int(belief.state.dim)

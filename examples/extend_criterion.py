@@ -30,7 +30,7 @@ def motion_scores(env: Any, criterion: Criterion) -> np.ndarray:
     camera, motion, prospect = inner.setting.models.camera, inner.setting.models.motion, inner.prospect
     frames = round(inner.motion_period / inner.scenario.frame_time)
     P = propagated(motion, prospect.covariance, 0.0, frames)  # after the motion, before its measurements
-    poses = [pose_after(motion, prospect.camera, int(index), 0.0) for index in Motion]
+    poses = [pose_after(motion, prospect.camera, int(index), 0.0, frames) for index in Motion]
     sights = [sight_after(camera, prospect, P, pose) for pose in poses]
     return np.array([criterion(P, sight, camera.pixel_std**2) for sight in sights])
 

@@ -100,10 +100,8 @@ def test_outcome_and_honesty_of_a_known_episode() -> None:
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
     assert np.isnan(outcome(episode(), target_landmarks=2)["target_time"])
     assert outcome(episode(lost=True), 1)["bits"] == 0.0
-    nees = [
-        honesty(episode(lost=lost), time)["position_nees"] for lost, time in ((0, 2.0), (0, 3.0), (1, 1.0), (1, 2.0))
-    ]
-    np.testing.assert_array_equal(nees, [1.0, np.nan, 1.0, np.nan])
+    nees = [honesty(episode(lost=lost), time)["position_nees"] for lost in (0, 1) for time in (1.0, 2.0, 3.0)]
+    np.testing.assert_array_equal(nees, [1.0, 1.0, np.nan] * 2)
 
 
 def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:

@@ -23,7 +23,7 @@ from tests.support import CAMERA, pixel_of, replaced, simulation_of
 
 IDS = ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0")
 INFO = set("entropy log2_det log_score landmarks_mapped distinct_landmarks position_error orientation_error".split())
-INFO |= set("landmark_rmse position_nees lost reward_terms events".split())
+INFO |= set("landmark_rmse position_nees lost lost_at_end reward_terms events".split())
 
 
 def made(**kwargs):

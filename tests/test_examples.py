@@ -69,7 +69,7 @@ def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
     models, prospect = inner.setting.models, inner.prospect
     P = propagated(models.motion, prospect.covariance, 0.0, 20)
     for index in Motion:
-        pose = pose_after(models.motion, prospect.camera, int(index), 0.0)
+        pose = pose_after(models.motion, prospect.camera, int(index), 0.0, 20)
         H = numerical_sight(models.camera, prospect, pose)
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         P_after = P - P @ H.T @ np.linalg.solve(S, H @ P)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from activeslam_gym.config import INVERSE_DEPTH as BY_INVERSE_DEPTH
 from activeslam_gym.config import Scenario
@@ -53,7 +54,10 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     belief = random_belief(PAPER, kinds, rng)
     sight, before = sight_of(belief, support.world_points(rng, belief.state.camera, 2)), copied(belief)
     H, P, nu = dense_H(sight), joint_covariance(belief), rng.standard_normal(len(sight.S))
-    R = VAR * np.eye(len(H))
+    R = VAR * np.eye(len(H)) + block_diag(*sight.thing["extra"])
+    assert (np.trace(sight.thing["extra"], axis1=1, axis2=2) > 0.0).tolist() == [False] * 2 + [
+        k == INVERSE_DEPTH for k in kinds
+    ]
     assert sight.thing["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
     np.testing.assert_allclose(sight.HP, H @ P, atol=1e-12)
     np.testing.assert_allclose(sight.S, H @ P @ H.T + R, rtol=1e-12)
@@ -74,12 +78,12 @@ def test_every_candidate_is_used_with_its_own_noise() -> None:
     nu, own = rng.standard_normal((3, 2)), np.array([support.random_spd(rng, [0.5, 2.0]) for _ in matched])
     own[2] = 100.0 * R_PAPER
     candidates = candidates_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
-    use_candidates(CAMERA, MODEL, belief, 2, NO_BOXES, sight, candidates, True, counters())
+    use_candidates(CAMERA, MODEL, belief, fiducials, NO_BOXES, sight, candidates, True, counters())
     order = np.argsort(matched)
     H = dense_H(sight).reshape(5, 2, -1)[np.sort(matched)].reshape(6, -1)
     R = np.zeros((6, 6))
     for i, k in enumerate(order):
-        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k]
+        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + sight.thing["extra"][np.sort(matched)[i]]
     assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none has matured
     assert_updated(belief, before, H, R, nu[order].ravel())
 
@@ -115,7 +119,7 @@ def match(belief, pixels, **given):
     """(M,) what the candidates are matched to, and (v,) which things wait."""
     sight, candidates = sight_of(belief), candidates_at(pixels, **given)
     waits = np.zeros(len(sight.thing), np.bool_)
-    of_thing = associate(MODEL.association, VAR, sight, candidates, waits)
+    of_thing, _ = associate(MODEL.association, VAR, sight, candidates, int(belief.state.count), waits)
     for a, i in enumerate(of_thing):
         assert i < 0 or candidates[i]["match"] == sight.thing[a]["id"]
     assert sum(of_thing >= 0) == sum((candidates["match"] != NEW) & (candidates["match"] != REJECTED))
@@ -162,8 +166,8 @@ def test_an_ambiguous_candidate_waits_unless_its_id_or_its_looks_decide() -> Non
     belief, z = two_points()
     pixels, enough = np.stack((z[0] + 0.5, z[0] - 0.5)), 0.6 * MODEL.association.clear_margin
     assert match(belief, pixels)[0] == [REJECTED, REJECTED]
-    for ratios, expected in (((0, 0.5), [REJECTED, REJECTED]), ((0, 1), [REJECTED, 1]), ((1, 0), [1, REJECTED])):
-        assert match(belief, pixels, ids=1, log_ratios=enough * np.array(ratios))[0] == expected
+    for ratios, expected in (([0, 1.0], [REJECTED] * 2), ([0, enough], [REJECTED, 1]), ([enough, 0], [1, REJECTED])):
+        assert match(belief, pixels, ids=1, log_ratios=ratios)[0] == expected
 
 
 def test_an_id_restricts_but_does_not_command() -> None:
@@ -179,15 +183,23 @@ def test_an_id_restricts_but_does_not_command() -> None:
     assert found == [REJECTED, REJECTED] and waits.tolist() == [True, False]
 
 
-def test_a_vague_row_is_matched_only_with_support() -> None:
-    """Two points that the camera's rotation makes vague together: one detection waits, both explain each other."""
-    belief, z = two_points(std=0.002, yaw_std=np.radians(3.0))  # about 10 px, for both alike
+def test_vague_rows_are_matched_together() -> None:
+    """Two points that the camera's rotation makes vague alike: one detection waits, both explain each other."""
+    belief, z = two_points(12.0, std=0.002, yaw_std=np.radians(3.0))  # about 10 px, for both alike
     shift = np.array([8.0, 0.0])
     assert match(belief, z[:1] + shift)[0] == [REJECTED]
     assert match(belief, z + shift)[0] == [1, 2]
-    # At the edge of the image, where their ellipses reach over it, more support is needed.
-    belief.feature["mean"][:2, 1] -= 2.0 * (CAMERA.height - 10.0 - z[0, 1]) / CAMERA.focal
-    assert match(belief, sight_of(belief).thing["z_hat"] + shift)[0] == [REJECTED, REJECTED]
+
+
+def test_at_the_edge_of_the_image_a_vague_row_may_be_outside() -> None:
+    """8 px from its point a detection is matched in the middle, where the point would be missed; there it waits."""
+    belief, z = two_points(std=0.002, yaw_std=np.radians(3.0))
+    shift = np.array([-8.0, 0.0])
+    assert match(belief, z[:1] + shift)[0] == [1]
+    belief.feature["mean"][:2, 0] -= 2.0 * (CAMERA.width + 38.0 - z[0, 0]) / CAMERA.focal
+    at_edge = sight_of(belief).thing["z_hat"][:1]
+    assert CAMERA.width - 10.0 < at_edge[0, 0] < CAMERA.width
+    assert match(belief, at_edge + shift)[0] == [REJECTED]
 
 
 def a_ray():
@@ -283,5 +295,6 @@ def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() 
     wall = np.array([[[-0.9, -1.0, 1.0], [-0.2, 1.0, 1.1]]])  # before the second
     assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]
     assert sight_of(belief).thing["id"].tolist() == [1, 2]
-    use_candidates(CAMERA, MODEL, belief, 0, wall, sight_of(belief, boxes=wall), candidates_at([]), False, counters())
+    sight = sight_of(belief, boxes=wall)
+    use_candidates(CAMERA, MODEL, belief, support.NO_FIDUCIALS, wall, sight, candidates_at([]), False, counters())
     assert belief.feature["misses"][:2].tolist() == [1, 0]

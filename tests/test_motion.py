@@ -57,8 +57,7 @@ def test_process_noise_of_one_frame_and_of_many() -> None:
 @pytest.mark.parametrize("motion", Motion)
 def test_goal_is_reached_within_the_period_and_at_rest(motion: Motion) -> None:
     x = drive(motion, Gaze.STAY)
-    np.testing.assert_allclose(x[:3], m.displacement(MODEL, int(motion)), atol=0.01)
-    assert np.linalg.norm(x[7:10]) < 0.05
+    np.testing.assert_allclose(x[:3], m.displacement(MODEL, int(motion)), atol=1e-9)
     assert np.linalg.norm(m.displacement(MODEL, int(motion))) == pytest.approx(0.0 if motion == Motion.STAY else 0.3)
 
 
@@ -91,6 +90,19 @@ def test_gaze_turns_about_the_vertical(gaze: Gaze, rate: float) -> None:
     np.testing.assert_allclose(x[10:], [0.0, rate, 0.0], atol=1e-4)
     y = np.array([0.0, 0.0, 2.0])
     assert np.sign(np.round(pixel_of(CAMERA, x, y)[0] - 162.0)) == np.sign(rate)  # to the left, the view goes right
+
+
+@pytest.mark.parametrize("frames", [0, 1, 5, 20])
+def test_a_turn_is_scored_as_the_rate_loop_makes_it(frames: int) -> None:
+    """The first frame of a turn from rest is half of the commanded rate's: the loop's time is two frames."""
+    for rate, gaze in ((0.0, Gaze.LEFT), (0.3, Gaze.RIGHT), (-0.2, Gaze.STAY)):
+        x = START.copy()
+        x[11] = rate
+        end = drive(Motion.STAY, gaze, frames * MODEL.dt, x)
+        angle, left = m.turned_by(MODEL, rate, m.turn_of(MODEL, int(gaze), 0.0), frames)
+        assert 2.0 * np.arctan2(end[5], end[3]) == pytest.approx(angle, abs=1e-12)
+        assert end[11] == pytest.approx(left, abs=1e-12)
+    assert m.turned_by(MODEL, 0.0, 0.2, 1)[0] == pytest.approx(0.005)
 
 
 def test_hand_held_gaze_is_scripted_and_the_filter_assumes_other_noise() -> None:

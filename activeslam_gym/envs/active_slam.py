@@ -101,8 +101,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     The gain of a potential during the step, by default (`reward="entropy"`) minus the entropy of the belief [bit], so
     that an episode's rewards sum to what was learned. The entropy is that of camera and N landmarks at a constant
-    dimension: an expected landmark that no feature has retired holds its prior. A lost run forfeits what it gained:
-    its last reward adds -max(0, return so far), whatever the reward. The potentials are listed in `envs.reward`.
+    dimension: an expected landmark that no feature has retired holds its prior. The potentials are listed in
+    `envs.reward`. Whatever the reward, the step in which a run is lost makes the return min(return, 0) - 100, once, so
+    that a lost belief is worth less than nothing and no run gains by ending badly.
 
     ## Start
 
@@ -116,6 +117,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     - *Truncated* after `duration`.
     - *Terminated* when lost: the true position is farther than `lost_position_error` from the estimate, or the public
       covariance is not positive definite. Neither is ever an exception, and no number becomes NaN.
+    - With `end_when_lost=False` a lost run goes on to its `duration`: tables are made so, since an end that depends on
+      the truth would stop a score where it falls. `lost` stays true then, and `lost_at_end` tells whether it is lost
+      at the moment. A covariance that is not positive definite has the log score -10 000 bits.
 
     ## Arguments
 
@@ -127,6 +131,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `duration` | `35.0` | time of an episode [s], a whole number of gaze periods |
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |
     | `lost_position_error` | `0.5` | true position error beyond which the run is lost [m] |
+    | `end_when_lost` | `True` | whether a lost run is terminated |
     | `render_mode` | `None` | `"rgb_array"` or `"human"` |
 
     ## Information
@@ -144,7 +149,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `orientation_error` | rad | of the camera |
     | `landmark_rmse` | m | over the distinct landmarks; inf until there is one |
     | `position_nees` | | error squared over covariance, 3 degrees of freedom |
-    | `lost` | | whether the run is lost |
+    | `lost` | | whether the run is lost, or was before |
+    | `lost_at_end` | | whether it is lost at the moment |
     | `reward_terms` | | gain of every potential of `envs.reward` in this step, and `forfeit` |
     | `events` | | counts in this step, see below |
 
@@ -154,7 +160,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `conversions` | features that became points |
     | `deletions` | features that left the filter |
     | `rejected_matches` | detections in a gate that were too ambiguous to be used |
-    | `wrong_matches` | matches with another point than the one that the feature stands for |
+    | `starvations` | frames in which most detections, of two or more, were so |
+    | `recoveries` | frames that matches of two or more as a constellation kept from being so |
+    | `wrong_matches` | matches with another point than the one that the feature was born of |
+    | `false_births` | features that were born of clutter |
     | `wall_contacts` | frames and axes in which the camera touched a wall |
 
     ## Version history
@@ -175,11 +184,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         duration: float = 35.0,
         reward: str = "entropy",
         lost_position_error: float = 0.5,
+        end_when_lost: bool = True,
         render_mode: str | None = None,
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])):
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
-        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
+        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": setting.render_rate}
@@ -232,7 +242,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self._play_one(motion, gaze)
         self._gaze = Gaze(gaze)
         episode, observation = self._runs.episode, self._runs.observation[0].copy()
-        terminated, truncated = bool(episode["lost"][0]), bool(episode["steps"][0] >= self._steps)
+        terminated = bool(self.setting.task.end_when_lost and episode["lost"][0])
+        truncated = bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
         if self.render_mode is not None:
             self._show()

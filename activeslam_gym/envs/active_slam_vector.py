@@ -67,6 +67,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         duration: float = 35.0,
         reward: str = "entropy",
         lost_position_error: float = 0.5,
+        end_when_lost: bool = True,
         render_mode: str | None = None,
         num_threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -75,7 +76,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode == "rgb_array")):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
         self.num_envs = whole_number("num_envs", num_envs)
-        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error)
+        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
         workers = Workers(self.num_envs, num_threads)
         super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
         self.render_mode = render_mode
@@ -130,7 +131,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._record(np.ones(self.num_envs, bool))
         episode = self._runs.episode
         rewards = episode["reward"].copy()
-        terminated = episode["lost"] & ~beginning
+        terminated = episode["lost"] & ~beginning & bool(self.setting.task.end_when_lost)
         truncated = episode["steps"] >= self._steps
         self._over = terminated | truncated
         infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}

@@ -25,6 +25,10 @@ _STAY = int(Motion.STAY)
 _ENTROPY = list(REWARDS).index("entropy")
 _FORFEIT = len(REWARDS)
 """Entry of `terms` behind those of the rewards."""
+LOSS = 100.0
+"""What a loss costs, beside all that was gained [bit]."""
+UNSOUND_LOG_SCORE = -10_000.0
+"""Log score of a belief whose public covariance is not positive definite [bit]."""
 
 
 @compiled
@@ -56,8 +60,8 @@ def _play_frames(run: Run, motion: int, gaze: int) -> None:
     episode, task, events = run.episode, run.models.task, run.episode.events
     if episode.steps % task.steps_per_motion == 0:
         begin_motion(run, motion)
-    events.births, events.conversions, events.deletions = 0, 0, 0
-    events.rejected_matches, events.wrong_matches, events.wall_contacts = 0, 0, 0
+    events.births, events.conversions, events.deletions, events.starvations, events.recoveries = 0, 0, 0, 0, 0
+    events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
     for _ in range(task.frames_per_step):
         advance(run, gaze)
     episode.steps += 1
@@ -69,17 +73,22 @@ def _begin(run: Run) -> None:
     episode = run.episode
     episode.first_density = episode.evaluation.log_density
     episode.evaluation.log_score = 0.0
-    episode.lost = False  # a run is lost by a step
+    episode.lost, episode.lost_now = False, False  # a run is lost by a step
     episode.terms[:] = 0.0
 
 
 @compiled(inline="always")
 def _settle(run: Run) -> None:
-    """The reward of the step: the gain of the chosen potential, and if lost the forfeit of all that was gained."""
+    """The reward of the step: the gain of the chosen potential; where the run is lost, the return is min(it, 0) - 100.
+
+    A run can be lost once: the forfeit is due in the first such step.
+    """
     episode = run.episode
+    first = episode.lost_now and not episode.lost
+    episode.lost = episode.lost or episode.lost_now
     episode.reward = episode.terms[run.models.task.reward]
     episode.total += episode.reward
-    forfeit = -max(0.0, episode.total) if episode.lost else 0.0
+    forfeit = -max(0.0, episode.total) - LOSS if first else 0.0
     episode.terms[_FORFEIT] = forfeit
     episode.total += forfeit
     episode.reward += forfeit
@@ -93,7 +102,7 @@ def _settle(run: Run) -> None:
 def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
     """Bring the evaluation and the potentials up to date; ``points`` and ``covariance`` are the public belief.
 
-    Where that is not positive definite the run is lost, and values and potentials stay as they were.
+    Where that is not positive definite, the log score is UNSOUND_LOG_SCORE and the other potentials stay as they were.
     """
     belief, episode, var = run.belief, run.episode, run.models.landmark_var
     e, N = episode.evaluation, run.expected.shape[0]
@@ -104,17 +113,17 @@ def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
     sound = cholesky_in_place(U)
     _find_mapped(run)
     _evaluate_errors(run, points, covariance, owners)
-    episode.lost = not sound or e.position_error > run.models.task.lost_position_error
-    episode.terms[:] = 0.0
-    if not sound:
-        return
-    waiting = N - first.shape[0] - second.shape[0]
-    log2_dets(var, waiting, covariance, U, first, second, e)
-    e.landmarks = N
-    e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
-    e.log_density = log2_density(run.world, belief, var, points, of_landmark, U)
+    episode.lost_now = not sound or e.position_error > run.models.task.lost_position_error
+    if sound:
+        waiting = N - first.shape[0] - second.shape[0]
+        log2_dets(var, waiting, covariance, U, first, second, e)
+        e.landmarks = N
+        e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
+        e.log_density = log2_density(run.world, belief, var, points, of_landmark, U)
+        e.position_trace, e.trace = traces(var, waiting, covariance, first, second)
+    else:
+        e.log_density = episode.first_density + UNSOUND_LOG_SCORE
     e.log_score = e.log_density - episode.first_density
-    e.position_trace, e.trace = traces(var, waiting, covariance, first, second)
     for i in range(episode.potential.shape[0]):
         potential = potential_of_number(i, e)
         episode.terms[i] = potential - episode.potential[i]
@@ -234,7 +243,8 @@ def info_of(runs: Run, i: int = 0) -> dict[str, Any]:
     episode = runs.episode  # fields of arrays: those of a single record are slow to read
     values = dict(zip(EVALUATION.names or (), episode["evaluation"][i : i + 1].tolist()[0], strict=True))
     events = episode["events"][i : i + 1].tolist()[0]
-    return _tree(values, bool(episode["lost"][i]), episode["terms"][i].tolist(), events)
+    lost = bool(episode["lost"][i]), bool(episode["lost_now"][i])
+    return _tree(values, lost, episode["terms"][i].tolist(), events)
 
 
 def infos_of(runs: Run, included: np.ndarray) -> dict[str, Any]:
@@ -252,14 +262,15 @@ def infos_of(runs: Run, included: np.ndarray) -> dict[str, Any]:
     episode = runs.episode
     values = {name: kept(episode["evaluation"][name]) for name in EVALUATION.names or ()}
     terms, events = map(kept, episode["terms"].T), (kept(episode["events"][name]) for name in EVENTS.names or ())
-    return with_masks(_tree(values, kept(episode["lost"]), terms, events), included)
+    lost = kept(episode["lost"]), kept(episode["lost_now"])
+    return with_masks(_tree(values, lost, terms, events), included)
 
 
 def _tree(values: dict[str, Any], lost: Any, terms: Any, events: Any) -> dict[str, Any]:
     """The tree of `info`, of the numbers of one run or of columns (B,) of numbers."""
     info: dict[str, Any] = {name: values[name] for name in _TOLD}
     info["log2_det"] = {part: values[f"log2_det_{part}"] for part in ("camera", "map", "total")}
-    info["lost"] = lost
+    info["lost"], info["lost_at_end"] = lost
     info["reward_terms"] = dict(zip(_TERMS, terms, strict=True))
     info["events"] = dict(zip(EVENTS.names or (), events, strict=True))
     return info

@@ -11,14 +11,16 @@ from activeslam_gym.kernels import compiled, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.metrics import camera_error, log2_normal_of_factor
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.belief import Belief, position_of
-from activeslam_gym.world.simulator import World
+from activeslam_gym.slam.association import ANYTHING, REJECTED
+from activeslam_gym.slam.belief import Belief, fiducial_id, position_of
+from activeslam_gym.world.simulator import CLUTTER_LABEL, World
 
 OWNER = record(
     serial="i8",  # id of the slot's feature, of which the rest is told
-    landmark="i8",  # index of the true landmark that most of its detections were of, or NOBODY
+    label="i8",  # of the detection that gave birth to it
+    landmark="i8",  # index of that true landmark, or NOBODY
 )
-"""Whose detections the feature in a slot was made of."""
+"""What the feature in a slot was born of."""
 NOBODY = -1
 
 
@@ -45,7 +47,7 @@ class Labels:
     """Whose each feature is, and what was seen in the last frame; for referees, never for policies. Copies."""
 
     owners: np.ndarray
-    """(n,) index of the true landmark that the public belief's k-th feature stands for, or -1."""
+    """(n,) index of the true landmark that the public belief's k-th feature was born of, or -1."""
     detected: np.ndarray
     """(d,) what each detection was of: k for fiducial k, K + l for landmark l, -1 for clutter."""
     matched: np.ndarray
@@ -54,45 +56,48 @@ class Labels:
 
 
 @compiled
-def vote(
-    owner: np.ndarray,
-    votes: np.ndarray,
-    belief: Belief,
-    fiducial_count: int,
-    candidates: np.ndarray,
-    labels: np.ndarray,
-) -> int:
-    """Record a frame's matches, ``candidates.match`` (M,), with their ``labels`` (M,); returns how many were wrong.
+def judge_matches(
+    owner: np.ndarray, belief: Belief, fiducial_count: int, candidates: np.ndarray, labels: np.ndarray
+) -> tuple[int, int]:
+    """How many of a frame's ``candidates`` (M,), with their true ``labels`` (M,), were wrong matches, and false births.
 
-    Wrong: a fiducial matched to something else, or a feature matched to another point than most of its detections.
-    Call it after the frame, whose births start with no votes. ``votes`` (F, P + 1), by slot: detections of each true
-    point, and of clutter, that its feature was matched to.
+    A feature is what the detection of its birth was of, for life: no later match frees a false claim, and none takes a
+    true one away. Wrong is a match with anything else, and every match of a feature that was born of clutter; its birth
+    is false. Call it after every frame, so that a feature of which nothing is known is one just born.
     """
-    for k in range(belief.state.count):
-        feature = belief.feature[k]
-        if owner[feature.slot].serial != feature.serial:
-            owner[feature.slot].serial, owner[feature.slot].landmark = feature.serial, NOBODY
-            votes[feature.slot] = 0
-    wrong = 0
+    wrong, false = 0, 0
     for i in range(candidates.shape[0]):
-        match = candidates[i].match
+        match, label = candidates[i].match, labels[i]
         k = position_of(belief, match) if match > 0 else -1
         if k >= 0:
-            slot = belief.feature[k].slot
-            votes[slot, labels[i]] += 1  # clutter, -1, is the last column
-            best = int(np.argmax(votes[slot]))
-            owner[slot].landmark = _owned_landmark(votes[slot], best, fiducial_count)
-            wrong += labels[i] != best
+            feature = belief.feature[k]
+            known = owner[feature.slot]
+            if known.serial != feature.serial:
+                known.serial, known.label = feature.serial, label
+                known.landmark = label - fiducial_count if label >= fiducial_count else NOBODY
+                false += label == CLUTTER_LABEL
+            else:
+                wrong += label != known.label or label == CLUTTER_LABEL
         elif -fiducial_count <= match < 0:
-            wrong += labels[i] != -1 - match
-    return wrong
+            wrong += fiducial_id(label) != match
+    return wrong, false
 
 
 @compiled
-def _owned_landmark(votes: np.ndarray, best: int, fiducial_count: int) -> int:
-    """The landmark with the most votes, ``best``, if it is one and has more than half of them, or NOBODY."""
-    is_landmark = fiducial_count <= best < votes.shape[0] - 1
-    return best - fiducial_count if is_landmark and 2 * votes[best] > votes.sum() else NOBODY
+def true_id(owner: np.ndarray, belief: Belief, fiducial_count: int, label: int) -> int:
+    """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature born of the point.
+
+    ANYTHING where the point has no feature yet; REJECTED for clutter, of which nothing shall be made.
+    """
+    if label == CLUTTER_LABEL:
+        return REJECTED
+    if label < fiducial_count:
+        return fiducial_id(label)
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        if owner[feature.slot].serial == feature.serial and owner[feature.slot].label == label:
+            return feature.serial
+    return ANYTHING
 
 
 @compiled

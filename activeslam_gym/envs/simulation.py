@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import Scenario, positive_number, scenario_from, whole_multiple
+from activeslam_gym.config import KNOWN, Scenario, positive_number, scenario_from, whole_multiple
+from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
-from activeslam_gym.envs.referee import OWNER, vote
+from activeslam_gym.envs.referee import OWNER, judge_matches, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.criteria import CRITERIA
-from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
+from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, update_expectation
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
@@ -33,7 +34,6 @@ from activeslam_gym.slam.belief import (
     belief_at,
     empty_beliefs,
     feature_capacity,
-    fiducial_id,
     reset_belief,
     start_of,
 )
@@ -56,7 +56,9 @@ TASK = record(
     steps="i8",  # of an episode
     reward="i8",  # where the reward stands in `REWARDS`
     lost_position_error="f8",  # [m]
+    end_when_lost="b1",
     labelled_first_match="b1",
+    association_known="b1",
 )
 """What an environment asks: its rhythm, its reward, and when a run is lost."""
 
@@ -69,6 +71,7 @@ MODELS = record(
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
     boxes_known="b1",  # whether the belief knows what hides things
+    negative_information="b1",  # whether what was looked at and not found is expected elsewhere
 )
 """The constants of a run."""
 
@@ -81,9 +84,17 @@ CONTROL = record(
 """The motion under way."""
 
 EVENTS = record(
-    births="i8", conversions="i8", deletions="i8", rejected_matches="i8", wrong_matches="i8", wall_contacts="i8"
+    births="i8",
+    conversions="i8",
+    deletions="i8",
+    rejected_matches="i8",
+    starvations="i8",
+    recoveries="i8",
+    wrong_matches="i8",
+    false_births="i8",
+    wall_contacts="i8",
 )
-"""What happened in a step: counters; the first four are the filter's own."""
+"""What happened in a step: counters; the first six are the filter's own."""
 
 EPISODE = record(
     control=CONTROL,
@@ -96,8 +107,11 @@ EPISODE = record(
     gain="f8",  # entropy removed so far [bit]
     first_density="f8",  # log_density at the reset [bit]
     steps="i8",  # so far
-    lost="b1",
+    lost="b1",  # in this step or before
+    lost_now="b1",
     detections="i8",  # in the last frame
+    views="i8",  # viewpoints so far
+    redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn anew
 )
 """What one run has been worth so far."""
 
@@ -112,14 +126,14 @@ class Run(NamedTuple):
     belief: Belief
     expected: np.ndarray
     """(N,) EXPECTED landmarks."""
+    viewpoint: np.ndarray
+    """(V,) VIEW from which was looked for them; V = 0 without negative information."""
     candidate: np.ndarray
     """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
     label: np.ndarray
     """(M,) of what each of them is; see `World`. For scoring alone."""
     owner: np.ndarray
     """(F,) OWNER, by slot. For scoring alone."""
-    votes: np.ndarray
-    """(F, K + L + 1) see `referee.vote`."""
     episode: Record
     """EPISODE."""
     observation: np.ndarray
@@ -134,10 +148,10 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         world_at(runs.world, i),
         belief_at(runs.belief, i),
         borrowed(runs.expected[i]),
+        borrowed(runs.viewpoint[i]),
         borrowed(runs.candidate[i]),
         borrowed(runs.label[i]),
         borrowed(runs.owner[i]),
-        borrowed(runs.votes[i]),
         runs.episode[i],
         borrowed(runs.observation[i]),
     )
@@ -177,6 +191,7 @@ def resolve(
     duration: float,
     reward: str,
     lost_position_error: float,
+    end_when_lost: bool = True,
 ) -> Setting:
     """Check the arguments of an environment and work out its constants.
 
@@ -190,6 +205,8 @@ def resolve(
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time)
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
+    if not isinstance(end_when_lost, bool):
+        raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
     if resolved.motion_criterion not in CRITERIA:
         known = ", ".join(CRITERIA)
         raise ValueError(f"scenario.motion_criterion must be one of {known}, got {resolved.motion_criterion!r}")
@@ -200,7 +217,9 @@ def resolve(
         steps=steps,
         reward=reward_number(reward),
         lost_position_error=positive_number("lost_position_error", lost_position_error, "metres"),
+        end_when_lost=end_when_lost,
         labelled_first_match=resolved.labelled_first_match,
+        association_known=resolved.association == KNOWN,
     )
     return Setting(
         scenario=resolved,
@@ -231,6 +250,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         task=task,
         landmark_var=scenario.landmark_prior_variance,
         boxes_known=scenario.boxes_known,
+        negative_information=scenario.negative_information,
     )
 
 
@@ -240,7 +260,6 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
 def empty_runs(scenario: Scenario, count: int) -> Run:
     """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills one of them."""
     features, detections = feature_capacity(scenario), detection_capacity(scenario)
-    points = scenario.fiducial_count + scenario.landmark_count
     candidate = np.zeros((count, detections), CANDIDATE)
     candidate["R"] = scenario.pixel_std**2 * np.eye(2)
     return Run(
@@ -248,10 +267,10 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         world=empty_worlds(scenario, count),
         belief=empty_beliefs(scenario, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
+        viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
         candidate=candidate,
         label=np.zeros((count, detections), np.int64),
         owner=np.zeros((count, features), OWNER),
-        votes=np.zeros((count, features, points + 1), np.int64),
         episode=np.zeros(count, EPISODE),
         observation=np.zeros((count, layout_of(scenario).size), np.float32),
     )
@@ -263,7 +282,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
     Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
     """
     scenario = setting.scenario
-    room, expected, noise, sight = np.random.SeedSequence(key).spawn(4)
+    room, expected, noise, sight, redraws = np.random.SeedSequence(key).spawn(5)
     rng = np.random.default_rng(room)
     runs.models[i] = setting.models
     run = row(runs, i)
@@ -272,10 +291,12 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
     world.fiducials[:], world.landmarks[:] = draw_room(scenario, world.state.camera, rng)
     world.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
     world.state.noise_key[:] = noise.generate_state(1, np.uint64)
+    run.expected[:] = np.zeros(1, EXPECTED)
     run.expected["point"] = uniform_points(scenario, scenario.landmark_count, np.random.default_rng(expected))
     run.expected["serial"] = WAITING
     run.owner["serial"] = 0
     runs.episode[i] = np.zeros(1, EPISODE)[0]
+    run.episode.redraw_key[:] = redraws.generate_state(1, np.uint64)
     reset_belief(run.belief, *start_of(scenario))
     if scenario.labelled_first_match:
         face_fiducials(run, np.random.default_rng(sight))
@@ -332,15 +353,30 @@ def advance(run: Run, gaze: int) -> None:
     count = detect(models.true_camera, models.sensor, world, frame, run.candidate, run.label)
     candidates, labels = run.candidate[:count], run.label[:count]
     run.episode.detections = count
-    labelled = models.task.labelled_first_match and frame == 0
+    labelled = models.task.association_known or (models.task.labelled_first_match and frame == 0)
     for i in range(count):
-        candidates[i].id = fiducial_id(labels[i]) if labelled and 0 <= labels[i] < K else ANYTHING
+        candidates[i].id = true_id(run.owner, belief, K, labels[i]) if labelled else ANYTHING
     if not motion.command_known:
         u[:] = 0.0
     boxes = known_boxes(run)
     filter_frame(
         models.camera, motion, models.filter, belief, world.fiducials, boxes, u, motion.dt, candidates, labelled, events
     )
-    events.wrong_matches += vote(run.owner, run.votes, belief, K, candidates, labels)
+    wrong, false = judge_matches(run.owner, belief, K, candidates, labels)
+    events.wrong_matches += wrong
+    events.false_births += false
     update_expectation(run.expected, models.landmark_var, belief)
+    if models.negative_information:
+        run.episode.views = disprove(
+            models.camera,
+            boxes,
+            belief.state.camera,
+            motion.half,
+            models.filter.initialisation.birth_detections + 2,
+            models.filter.association.detection_probability,
+            run.episode.redraw_key,
+            run.expected,
+            run.viewpoint,
+            run.episode.views,
+        )
     control.frames += 1

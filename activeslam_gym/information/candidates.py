@@ -17,6 +17,7 @@ from activeslam_gym.information.expectation import WAITING, waiting_count
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_gram
 from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
     CAMERA_DIM,
     CAMERA_SIZE,
     GAZE_COUNT,
@@ -27,6 +28,7 @@ from activeslam_gym.motion import (
     goal_of,
     open_loop,
     turn_of,
+    turned_by,
 )
 from activeslam_gym.slam.belief import RAY, Belief, as_points, point_belief
 from activeslam_gym.slam.kalman import propagate
@@ -40,6 +42,8 @@ ACTION = record(
 """A candidate action."""
 REMAIN = -1
 """In place of a motion: the present position, even where it is outside of what goals are clipped to."""
+TURNING = ANGULAR_VELOCITY.start + 1
+"""Where the rate about the vertical stands in a camera's mean."""
 
 
 class Prospect(NamedTuple):
@@ -98,9 +102,13 @@ def _copy_without_rays(belief: Belief, points: np.ndarray, P: np.ndarray) -> Non
 
 
 @compiled
-def pose_after(motion: Record, camera: np.ndarray, index: int, turned: float) -> np.ndarray:
-    """The camera (13,) at the clipped goal of a motion (or REMAIN), turned by ``turned`` [rad], at rest."""
+def pose_after(motion: Record, camera: np.ndarray, index: int, turn: float, frames: int) -> np.ndarray:
+    """The camera (13,) at the clipped goal of a motion (or REMAIN), after ``frames`` frames of turning at ``turn``.
+
+    [rad/s], as the rate loop makes it from the present rate. It is at rest but for that turning.
+    """
     out = np.zeros(CAMERA_SIZE)
+    turned, out[TURNING] = turned_by(motion, camera[TURNING], turn, frames)
     copy_into(out[POSITION], goal_of(motion, camera, index) if index != REMAIN else camera[POSITION])
     copy_into(out[QUATERNION], rotate_left(np.array((0.0, turned, 0.0)), camera[QUATERNION]))
     return out
@@ -170,7 +178,7 @@ def score_plans(
             if not turned:
                 copy_block(prospect.covariance if step == 0 else measured[step - 1], after[step])
                 propagate_by(motion, after[step], turn, action.frames)
-            copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn * motion.dt * action.frames))
+            copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn, action.frames))
             sight = sight_after(camera, prospect, after[step], poses[step + 1])
             gained[step + 1] = gained[step] + criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
             if step < L - 1:

@@ -10,9 +10,14 @@ from activeslam_gym.kernels import compiled, record
 from activeslam_gym.linalg import cholesky_in_place, count_true, log2_det_3, solve_transposed_vector, sum_of_squares
 from activeslam_gym.slam.belief import RAY, Belief, point_marginal, position_of
 
+VIEW = record(pose=("f8", 7), axis=("f8", 3))
+"""A viewpoint: position and quaternion, and the optical axis."""
 EXPECTED = record(
     point=("f8", 3),  # where it is expected [m]; uncorrelated with the truth
     serial="i8",  # id of the counting feature that has retired it, or WAITING
+    looked="i8",  # frames that it has been looked at, see `envs.disproof`; -1: to no avail
+    looked_from=VIEW,  # and from where
+    redraws="i8",  # so far
 )
 """One expected landmark. Its covariance is that of the uniform room, `landmark_var` (3,) [m^2]."""
 WAITING = 0

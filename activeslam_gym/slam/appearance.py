@@ -23,7 +23,8 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.slam.association import REJECTED, Predicted, chi_square_2_quantile, condition, innovation_with
+from activeslam_gym.slam.association import REJECTED, chi_square_2_quantile
+from activeslam_gym.slam.hypotheses import Predicted, condition, innovation_with
 from activeslam_gym.slam.sight import Sight
 
 APPEARANCE = record(

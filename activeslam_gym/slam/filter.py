@@ -34,6 +34,7 @@ from activeslam_gym.slam.belief import (
     reset_belief,
     start_of,
 )
+from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
 from activeslam_gym.slam.initialisation import (
     INITIALISATION,
@@ -43,13 +44,20 @@ from activeslam_gym.slam.initialisation import (
     initialisation_of,
     mature,
 )
-from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.map import remove_feature
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
 
 FILTER = record(association=ASSOCIATION, initialisation=INITIALISATION, particles=PARTICLES)
 """Constants of the filter."""
-COUNTS = record(births="i8", conversions="i8", deletions="i8", rejected_matches="i8")
+COUNTS = record(
+    births="i8",
+    conversions="i8",
+    deletions="i8",
+    rejected_matches="i8",
+    starvations="i8",  # frames in which most candidates, of two or more, were rejected
+    recoveries="i8",  # frames in which joint matches alone, of two or more, kept this from happening
+)
 """What a frame did to the map: counters that it adds to."""
 
 
@@ -85,7 +93,7 @@ def filter_frame(
     """
     predict(motion, belief, u, dt)
     sight = sight_of_belief(camera, belief, fiducials, boxes)
-    use_candidates(camera, model, belief, fiducials.shape[0], boxes, sight, candidates, labelled, counts)
+    use_candidates(camera, model, belief, fiducials, boxes, sight, candidates, labelled, counts)
     for i in follow_tracks(camera, model.initialisation, belief, candidates):
         candidate = candidates[i]
         candidate.match = give_birth(
@@ -99,26 +107,30 @@ def use_candidates(
     camera: Record,
     model: Record,
     belief: Belief,
-    K: int,
+    fiducials: np.ndarray,
     boxes: np.ndarray,
     sight: Sight,
     candidates: np.ndarray,
     labelled: bool,
     counts: Record,
 ) -> None:
-    """Associate, update, count misses, turn features into points and delete those that failed; K fiducials."""
-    pixel_var, v = camera.pixel_std**2, sight.thing.shape[0]
-    waits = np.zeros(v, np.bool_)
+    """Associate, update, count misses, turn features into points and delete those that failed."""
+    pixel_var, v, M = camera.pixel_std**2, sight.thing.shape[0], candidates.shape[0]
+    waits, jointly = np.zeros(v, np.bool_), 0
     if labelled:
         of_thing = match_by_id(sight, candidates)
     else:
-        of_thing = associate(model.association, pixel_var, sight, candidates, waits)
+        of_thing, jointly = associate(model.association, pixel_var, sight, candidates, belief.state.count, waits)
     if belief.particles.shape[1] > 0:
         follow_rays(camera, model.particles, belief, boxes, candidates, labelled)
-    for i in range(candidates.shape[0]):
-        counts.rejected_matches += candidates[i].match == REJECTED
-    _count_misses(belief, K, sight, of_thing, waits)
-    _update_by(belief, sight, of_thing, candidates, pixel_var)
+    rejected = 0
+    for i in range(M):
+        rejected += candidates[i].match == REJECTED
+    counts.rejected_matches += rejected
+    counts.starvations += M >= 2 and 2 * rejected > M
+    counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
+    _count_misses(belief, fiducials.shape[0], sight, of_thing, waits)
+    _update_by(camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
 
@@ -129,13 +141,13 @@ def use_identified(
     appearance: Record,
     model: Record,
     belief: Belief,
-    K: int,
+    fiducials: np.ndarray,
     sight: Sight,
     candidates: np.ndarray,
     least: int,
     counts: Record,
 ) -> None:
-    """Associate candidates that bear ids, update, and turn features into points; see `appearance`. K fiducials.
+    """Associate candidates that bear ids, update, and turn features into points; see `appearance`.
 
     No misses are counted and nothing is deleted: whoever searched knows which things it searched, and may come again in
     the same frame.
@@ -144,8 +156,8 @@ def use_identified(
     of_thing = associate_identified(appearance, pixel_var, sight, candidates, least)
     for i in range(candidates.shape[0]):
         counts.rejected_matches += candidates[i].match == REJECTED
-    _count_misses(belief, K, sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    _update_by(belief, sight, of_thing, candidates, pixel_var)
+    _count_misses(belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
+    _update_by(camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
 
 
@@ -179,31 +191,35 @@ def _count_misses(belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, wa
 
 
 @compiled(inline="always")
-def _update_by(belief: Belief, sight: Sight, of_thing: np.ndarray, candidates: np.ndarray, pixel_var: float) -> None:
-    """Update by the matched things: their part of H P and of S, each with its candidate's own R."""
+def _update_by(
+    camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, of_thing: np.ndarray, candidates: np.ndarray
+) -> None:
+    """Correct by the matched things, each with its candidate's own R."""
     m = 0
     for i in of_thing:
-        m += 2 * (i >= 0)
+        m += i >= 0
     if m == 0:
         return
-    kept, HP, S, innovation = np.empty(m, np.int64), np.empty((m, sight.HP.shape[1])), np.empty((m, m)), np.empty(m)
+    things, row, pixels = np.empty(m, THING), np.empty(2 * m, np.int64), np.empty(2 * m)
+    HP, S = np.empty((2 * m, sight.HP.shape[1])), np.empty((2 * m, 2 * m))
     m = 0
     for a in range(of_thing.shape[0]):
         if of_thing[a] >= 0:
+            things[m] = sight.thing[a]
             for axis in range(2):
-                kept[m] = 2 * a + axis
-                innovation[m] = candidates[of_thing[a]].pixel[axis] - sight.thing[a].z_hat[axis]
-                m += 1
-    for r in range(m):
+                row[2 * m + axis], pixels[2 * m + axis] = 2 * a + axis, candidates[of_thing[a]].pixel[axis]
+            m += 1
+    for r in range(2 * m):
         for j in range(HP.shape[1]):
-            HP[r, j] = sight.HP[kept[r], j]
-        for c in range(m):
-            S[r, c] = sight.S[kept[r], kept[c]]
-        own = candidates[of_thing[kept[r] // 2]].R
-        first = r - r % 2
+            HP[r, j] = sight.HP[row[r], j]
+        for c in range(2 * m):
+            S[r, c] = sight.S[row[r], row[c]]
+        R = candidates[of_thing[row[r] // 2]].R
         for axis in range(2):
-            S[r, first + axis] += own[r % 2, axis] - (pixel_var if r % 2 == axis else 0.0)
-    update(belief, HP, S, innovation)
+            more = R[r % 2, axis] - (camera.pixel_std**2 if r % 2 == axis else 0.0)
+            S[r, r - r % 2 + axis] += more
+            things[r // 2].extra[r % 2, axis] += more
+    correct(camera, belief, fiducials, Sight(things, HP, S), pixels)
 
 
 class Filter:
@@ -280,9 +296,16 @@ class Filter:
         if jointly:
             self._update_jointly(given, labelled, least)
         else:
-            K, sight = len(self.fiducials), self.sight()
             use_candidates(
-                self.camera, self.model, self.belief, K, self.boxes, sight, given, bool(labelled), self.counts
+                self.camera,
+                self.model,
+                self.belief,
+                self.fiducials,
+                self.boxes,
+                self.sight(),
+                given,
+                bool(labelled),
+                self.counts,
             )
         self._sight = None
         return given["match"].copy()
@@ -295,8 +318,8 @@ class Filter:
             raise ValueError("candidates must have finite log_ratio")
         if self.belief.particles.shape[1] > 0:
             raise ValueError("jointly needs a scenario whose initialisation is inverse_depth")
-        K, sight = len(self.fiducials), self.sight()
-        use_identified(self.camera, self.appearance, self.model, self.belief, K, sight, given, int(least), self.counts)
+        camera, belief, fiducials, sight = self.camera, self.belief, self.fiducials, self.sight()
+        use_identified(camera, self.appearance, self.model, belief, fiducials, sight, given, int(least), self.counts)
 
     def birth(self, pixel: Any, R: Any = None) -> int:
         """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); its id, or 0 if there is no room."""

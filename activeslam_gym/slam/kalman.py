@@ -51,20 +51,30 @@ def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
 def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> bool:
     """x ⊞ K nu, P - K S K^T by ``innovation`` nu (m,). False, with nothing changed, if S has no factor.
 
-    ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` are overwritten. With U^T U = S and W = U^-T H P:
-    K S K^T = W^T W and K nu = W^T (U^-T nu): one factor, no inverse.
+    ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` are overwritten.
+    """
+    W, delta, sound = gain(HP, S, innovation)
+    if sound:
+        shift_mean(belief, delta)
+        subtract_and_recentre(belief, W, delta)
+    return sound
+
+
+@compiled
+def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
+    """(W, delta, sound): with U^T U = S and W = U^-T H P, K S K^T = W^T W and delta = K nu = W^T (U^-T nu).
+
+    One factor, no inverse. ``S`` (m, m) and ``innovation`` nu (m,) are overwritten; not sound if S has no factor.
     """
     m, dim = HP.shape
-    if not cholesky_in_place(S):
-        return False
     W, delta = np.zeros((m + -m % 4, dim)), np.zeros((1, dim))  # rows of zeros, since the product takes four at a time
+    if not cholesky_in_place(S):
+        return W, delta[0], False
     copy_block(HP, W)
     solve_transposed(S, W[:m])
     solve_transposed_vector(S, innovation)
     add_product(innovation.reshape((1, m)), W, delta)
+    sound = True
     for value in delta[0]:
-        if not math.isfinite(value):
-            return False
-    shift_mean(belief, delta[0])
-    subtract_and_recentre(belief, W, delta[0])
-    return True
+        sound = sound and math.isfinite(value)
+    return W, delta[0], sound

@@ -62,7 +62,7 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
     update, M P M^T = P + E^T B + B^T E.
     """
     P, dim = belief.covariance, belief.state.dim
-    E, B = _turning(belief, delta), np.zeros((3, dim))
+    E, B = turning(belief, delta), np.zeros((3, dim))
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
         for r in range(W.shape[0]):
@@ -86,7 +86,7 @@ def _add_symmetric(P: np.ndarray, E: np.ndarray, B: np.ndarray, n: int) -> None:
 
 
 @compiled
-def _turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
+def turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
     E = np.zeros((3, belief.state.dim))
     _cross(delta[D_POSITION], E[:, D_POSITION])

@@ -27,6 +27,7 @@ from activeslam_gym.slam.belief import (
     ANCHOR,
     AZIMUTH,
     ELEVATION,
+    INVERSE_DEPTH,
     KIND_DIM,
     POINT,
     RAY,
@@ -56,6 +57,7 @@ THING = record(
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
+    extra=("f8", (2, 2)),  # covariance of its measurement beside H P H^T and the camera's own image noise [px^2]
 )
 """One thing in reach."""
 
@@ -68,7 +70,7 @@ class Sight(NamedTuple):
     HP: np.ndarray
     """(2 v, dim) covariance of the predicted pixels with the state [px × unit of the state]."""
     S: np.ndarray
-    """(2 v, 2 v) innovation covariance H P H^T + R, with the camera's own image noise for R [px^2]."""
+    """(2 v, 2 v) innovation covariance H P H^T + R: the camera's own image noise, and each thing's ``extra`` [px^2]."""
 
 
 # One measurement ----------------------------------------------------------------------------------------------------
@@ -160,6 +162,31 @@ def own_innovation(
 
 
 @compiled
+def second_order(P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: np.ndarray) -> None:
+    """Write what the line leaves out of an inverse-depth measurement into ``extra`` (2, 2) [px^2].
+
+    Its point moves by d(rho) (anchor - p) + rho d(anchor - p) + d(rho) d(anchor - p). The last, a product of what may
+    both be vague, has for Gaussians the covariance var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p);
+    in the image J of it J^T, with J = H_anchor / rho.
+    """
+    D = np.empty((3, 3))
+    r = start + RHO
+    for i in range(3):
+        a = start + i
+        for j in range(3):
+            b = start + j
+            D[i, j] = P[r, r] * (P[a, b] - P[a, j] - P[i, b] + P[i, j]) + (P[r, a] - P[r, i]) * (P[r, b] - P[r, j])
+    for i in range(2):
+        for j in range(i + 1):
+            value = 0.0
+            for k in range(3):
+                for m in range(3):
+                    value += H_y[i, k] * D[k, m] * H_y[j, m]
+            extra[i, j] = value / (rho * rho)
+            extra[j, i] = extra[i, j]
+
+
+@compiled
 def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
     longest = math.sqrt(max(S[0, 0], S[1, 1]))
@@ -167,6 +194,18 @@ def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     if inside_image(camera, z, -INSIDE_STDS * longest):
         return INSIDE
     return NEAR if inside_image(camera, z, SEARCH_STDS * longest) else 0
+
+
+@compiled
+def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) -> bool:
+    """Write pixel and Jacobians of a ``thing`` of the belief at its present mean; False where it is not in front."""
+    K, z, H_x, H_y = fiducials.shape[0], thing.z_hat, thing.H_camera, thing.H_feature
+    if thing.row < K:
+        return point_measurement(view, fiducials[thing.row], z, H_x, H_y)
+    feature = belief.feature[thing.row - K]
+    if feature.kind == POINT:
+        return point_measurement(view, feature.mean, z, H_x, H_y)
+    return inverse_depth_measurement(view, feature.mean, z, H_x, H_y)
 
 
 # All of them --------------------------------------------------------------------------------------------------------
@@ -192,6 +231,12 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
             thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
         if found:
             own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
+            thing.extra[:] = 0.0
+            if row >= K and belief.feature[row - K].kind == INVERSE_DEPTH:
+                second_order(P, thing.column, belief.feature[row - K].mean[RHO], thing.H_feature, thing.extra)
+            for i in range(2):
+                for j in range(2):
+                    S[i, j] += thing.extra[i, j]
             thing.row, thing.visibility = row, visibility_of(camera, thing.z_hat, S)
             v += thing.visibility > 0
     return sight_with(things[:v], P, belief.state.dim, camera.pixel_std**2)
@@ -211,6 +256,7 @@ def sight_of_points(
         thing = things[v]
         if place_point(view, fiducials[row] if row < K else points[row - K], 0.0, thing):
             thing.row, thing.id, thing.visibility = row, 0, INSIDE
+            thing.extra[:] = 0.0
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             v += 1
     return sight_with(things[:v], P, P.shape[0], camera.pixel_std**2)
@@ -248,7 +294,7 @@ def sight_with(things: np.ndarray, P: np.ndarray, dim: int, pixel_var: float) ->
 
 @compiled(fastmath={"contract"})
 def innovation_covariance(things: np.ndarray, HP: np.ndarray, pixel_var: float) -> np.ndarray:
-    """S (2 v, 2 v) = H P H^T + R of ``things`` (v,), from their ``HP``; symmetric to the bit."""
+    """S (2 v, 2 v) of ``things`` (v,) from their ``HP``, see `Sight`; symmetric to the bit."""
     m = HP.shape[0]
     S = np.empty((m, m))
     for c in range(0, m, 2):  # both rows of a thing's H at once
@@ -265,4 +311,7 @@ def innovation_covariance(things: np.ndarray, HP: np.ndarray, pixel_var: float) 
             S[r, c], S[c, r], S[r, c + 1], S[c + 1, r] = u, u, v, v
     for r in range(m):
         S[r, r] += pixel_var
+        extra = things[r // 2].extra
+        for axis in range(2):
+            S[r, r - r % 2 + axis] += extra[r % 2, axis]
     return S

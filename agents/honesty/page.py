@@ -12,20 +12,20 @@ from agents.tools.sections import listed
 
 MEASURED = (
     "NEES: eᵀ P⁻¹ e over its 3 degrees of freedom, of the position, of the orientation, and the mean over the mapped "
-    "features that stand for a true landmark (the oldest of each landmark). Averages and medians are over the runs "
-    "alive at that time; a landmark NEES exists where something is mapped.",
+    "features that stand for a true landmark (the oldest of each landmark). Averages and medians are over all runs, "
+    "lost ones too, which go on; a landmark NEES exists where something is mapped.",
     "χ²: 95 % bounds of the average over so many independent runs if the filter is consistent. For landmarks a run's "
     "map counts as 3 degrees of freedom, as if its features shared one error: the widest that the bounds can be.",
     "Depth error: at the frame in which a feature becomes a point, after the update and the conversion. Along the line "
     "of sight m from the feature's anchor to the estimated point: the true distance between landmark and camera minus "
     "the estimated one, over the filter's standard deviation of it, mᵀ (P_yy − P_yp − P_py + P_pp) m. The landmark is "
-    "the one that more than half of the feature's detections were of; features without one are left out. Mean and "
-    "standard deviation of the errors of all runs together.",
-    "Wrong associations: matches with a fiducial or a feature that most of whose detections were of another point, or "
-    "that are clutter (births from clutter among them), among all matches but births, all runs together.",
+    "the one that the detection of its birth was of; features without one are left out. Mean and standard deviation "
+    "of the errors of all runs together.",
+    "Wrong associations: matches of a fiducial with anything else, or of a feature with anything but what it was born "
+    "of (all, if that was clutter), among all matches but births, all runs together.",
     "Duplicates: features that at some frame had their landmark in common with an older feature of the map, among all "
     "that stood for a landmark, all runs together.",
-    "Lost: a true position error over 0.5 m, or a covariance that is not positive definite; it ends the run.",
+    "Lost: a true position error over 0.5 m, or a covariance that is not positive definite, at some time.",
     "Log score: log₂ N(truth | belief), end minus start, mean over all runs, lost ones too.",
 )
 
@@ -66,7 +66,7 @@ def _nees_table(calibrations: Sequence[Calibration], time: str) -> Table:
             median = one.nees_median[time][quantity].text(digits=2)
             cells += [one.nees[time][quantity].text(), median, f"{low:.2f}–{high:.2f}"]
         rows.append([*cells, str(one.nees[time]["position"].figure.rooms)])
-    return Table(f"Average NEES per degree of freedom at {time} s", [*header, "alive"], rows)
+    return Table(f"Average NEES per degree of freedom at {time} s", [*header, "runs"], rows)
 
 
 DEPTH: dict[str, Callable[[Calibration], object]] = {

@@ -31,7 +31,7 @@ class Testimony:
     wrong_matches: int
     """Wrong ones, as the environment counts them (a feature born of clutter is one)."""
     features: int
-    """Features that ever had an owner: a true landmark that more than half of their detections were of."""
+    """Features that ever had an owner: a true landmark that they were born of."""
     duplicates: int
     """Those of them that, at some frame, had their owner in common with an older feature of the map."""
 

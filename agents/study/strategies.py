@@ -63,7 +63,7 @@ class Reread(Greedy):
         camera, motion, out = models.camera, models.motion, np.zeros(len(plans))
         for a, (index, gaze, frames) in enumerate(plans[:, 0].tolist()):
             turn = turn_of(motion, gaze, self.env.time)
-            pose = pose_after(motion, prospect.camera, index, turn * motion.dt * frames)
+            pose = pose_after(motion, prospect.camera, index, turn, frames)
             P = propagated(motion, prospect.covariance, turn, frames)
             P = capped(prospect.points, P, pose, prospect.waiting, scenario)
             sight = sight_after(camera, prospect, P, pose)

@@ -1,0 +1,111 @@
+"""Negative information: an expected landmark that was looked at and not found is not there; it is expected elsewhere.
+
+Only expected *points* move, of which the criteria and the observation make what is to be seen. Entropy, the threshold
+of counting and the unmapped part of the log score keep the room's prior, so that staring at emptiness gains nothing and
+rewards telescope as before.
+
+A point is looked at once a viewpoint, when it has stood well inside the image for longer than a birth takes: frames
+from one place are not independent. A look misses what is there with the probability 1 - P_D, and tells nothing then.
+What is disproved is drawn anew in the room, where no viewpoint of this run would have seen it; draw r of point e is one
+of (key, e, r), so that no other point's fate changes it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from activeslam_gym.camera import View, visible
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.expectation import VIEW, WAITING
+from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import QUATERNION
+from activeslam_gym.world.noise import uniforms
+
+VIEWS = 64
+"""Viewpoints that a run remembers, the last ones."""
+SAME_DISTANCE, SAME_COSINE = 0.3, 0.98
+"""Two viewpoints are one if they are nearer to each other [m] and their axes differ by less (0.2 rad)."""
+WELL_INSIDE_PX = 20.0
+"""A point is looked at so far inside the image [px]."""
+TRIES = 24
+"""Draws of which the first that no viewpoint would have seen is taken; else the last."""
+
+
+@compiled
+def disprove(
+    camera: Record,
+    boxes: np.ndarray,
+    pose: np.ndarray,
+    half: np.ndarray,
+    frames: int,
+    detection_probability: float,
+    key: np.ndarray,
+    expected: np.ndarray,
+    view: np.ndarray,
+    seen: int,
+) -> int:
+    """One frame from ``pose`` (>= 7): move those of ``expected`` (N,) that it disproves, after ``frames`` in view.
+
+    ``half`` (3,) of the room [m]; ``view`` (V,) VIEW, of which ``seen`` were entered so far; returns how many are now.
+    """
+    here, R_WC, z = np.zeros(1, VIEW), rotation_matrix(pose[QUATERNION]), np.empty(2)
+    present = View(camera, pose, R_WC, boxes)
+    copy_into(here[0].pose, pose[:7])
+    copy_into(here[0].axis, R_WC[:, 2])
+    seen = _remember(view, seen, here[0])
+    for e in range(expected.shape[0]):
+        one = expected[e]
+        if one.serial != WAITING:
+            continue
+        if not visible(present, one.point, -WELL_INSIDE_PX, z):
+            one.looked = min(one.looked, 0)
+        elif one.looked >= 0 or not _same_view(one.looked_from, here[0]):
+            one.looked = max(one.looked, 0) + 1
+        if one.looked < frames:
+            continue
+        luck = uniforms(key, (4096 * e + one.redraws % 4096) * (3 * TRIES + 1), 3 * TRIES + 1)
+        one.redraws += 1
+        if luck[3 * TRIES] < detection_probability:
+            one.looked = 0
+            _draw_anew(camera, boxes, half, luck, view[: min(seen, view.shape[0])], one.point)
+        else:  # missed from here, whatever is there
+            one.looked, one.looked_from = -1, here[0]
+    return seen
+
+
+@compiled
+def _remember(view: np.ndarray, seen: int, here: Record) -> int:
+    """Enter a viewpoint, if it is a new one, in the place of the oldest; returns how many were entered."""
+    for v in range(min(seen, view.shape[0])):
+        if _same_view(view[v], here):
+            return seen
+    view[seen % view.shape[0]] = here
+    return seen + 1
+
+
+@compiled
+def _same_view(a: Record, b: Record) -> bool:
+    square, cosine = 0.0, 0.0
+    for i in range(3):
+        square += (a.pose[i] - b.pose[i]) ** 2
+        cosine += a.axis[i] * b.axis[i]
+    return square < SAME_DISTANCE**2 and cosine > SAME_COSINE
+
+
+@compiled
+def _draw_anew(
+    camera: Record, boxes: np.ndarray, half: np.ndarray, luck: np.ndarray, view: np.ndarray, y: np.ndarray
+) -> None:
+    """Write a point of the room, by ``luck`` (3 TRIES + 1,), into ``y`` (3,)."""
+    z = np.empty(2)
+    for t in range(TRIES):
+        for i in range(3):
+            y[i] = half[i] * (2.0 * luck[3 * t + i] - 1.0)
+        unseen = True
+        for v in range(view.shape[0]):
+            pose = view[v].pose
+            earlier = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+            unseen = unseen and not visible(earlier, y, -WELL_INSIDE_PX, z)
+        if unseen:
+            return

@@ -1,0 +1,340 @@
+"""Joint matching: what the open things are, all together, by branch and bound over their joint Gaussian.
+
+An assignment gives each thing a candidate or none. Its log likelihood, against "all are of nothing known", is
+
+    sum over pairs    ln N(z; z_hat, S | the pairs before) - ln(strangers per px^2)
+  + sum over others   ln(1 - P_D P(its pixel is in the image)).
+
+A pair is accepted when the best assignment leads every one that makes something else of the thing by a margin; and a
+candidate is of nothing known when the best that leaves it unexplained leads every one that explains it. (Neira and
+Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, count pairs; here wide
+ellipses pay for their width, and misses for standing in the image.) The search is bounded by nodes, never by the clock:
+where they run out, the sharper half of the things is searched by itself, which sharpens the others for the next search.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.linalg import count_true
+from activeslam_gym.slam.hypotheses import Hypotheses, close, condition, measure_distances
+
+MOST_THINGS = 14
+"""A search takes so many things, the sharpest."""
+UNDECIDED, MISSED = -2, -1
+"""Answers beside the number of a candidate."""
+_PRUNED, _LEAF, _BRANCH = 0, 1, 2
+
+
+class Search(NamedTuple):
+    """A depth-first search that decides one thing a level; n + 1 levels of n things and M candidates."""
+
+    thing: np.ndarray
+    """(n + 1,) the one that the level decides."""
+    choice: np.ndarray
+    """(n + 1, M + 1) what it may be: candidates, the likeliest first, and MISSED."""
+    choices: np.ndarray
+    """(n + 1,) how many these are."""
+    tried: np.ndarray
+    """(n + 1,) and how many of them have been followed."""
+    answer: np.ndarray
+    """(n + 1, n) what has been decided of each thing."""
+    score: np.ndarray
+    """(n + 1,) its log likelihood."""
+
+
+class Outcome(NamedTuple):
+    """The greatest scores that were found."""
+
+    with_pair: np.ndarray
+    """(n, M + 1) of those in which the thing is the candidate; in the last column, is missed."""
+    without: np.ndarray
+    """(M,) of those that leave the candidate unexplained."""
+    answer: np.ndarray
+    """(n,) the best."""
+
+
+@compiled
+def match_jointly(
+    model: Record,
+    h: Hypotheses,
+    candidates: np.ndarray,
+    pixel_var: float,
+    strangers: float,
+    of_thing: np.ndarray,
+    novelty: np.ndarray,
+) -> int:
+    """Match what the open things of ``h`` are together, and condition the rest on it; returns how many were matched.
+
+    ``model``: ASSOCIATION; ``strangers``: candidates of nothing known that are expected in an image. Writes
+    ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a candidate unexplained leads,
+    0 where the search did not take all things in reach.
+    """
+    in_reach = _in_reach(model, h)
+    chosen, pair_worth = in_reach[:MOST_THINGS], 0.5 * model.clutter_cost - math.log(strangers)
+    outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
+    while best == -np.inf and chosen.shape[0] > 2:
+        chosen = chosen[: chosen.shape[0] // 2]
+        outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
+    novelty[:] = 0.0
+    if best > -np.inf and chosen.shape[0] == in_reach.shape[0]:
+        _write_novelty(outcome, best, model.margin, novelty)
+    matched = 0
+    for k in range(chosen.shape[0]):
+        i = outcome.answer[k]
+        if i != MISSED and best - _best_rival(outcome, k, i) >= model.margin:
+            of_thing[chosen[k]] = i
+            close(h, chosen[k], i)
+            condition(h, h.open, chosen[k], candidates[i], pixel_var)
+            matched += 1
+    measure_distances(h, candidates, pixel_var)
+    return matched
+
+
+@compiled
+def _search(
+    model: Record, h: Hypotheses, chosen: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_worth: float
+) -> tuple[Outcome, float]:
+    """What was found of the ``chosen`` (n,) things, and the greatest score: -inf where the nodes ran out."""
+    n, M = chosen.shape[0], candidates.shape[0]
+    search = Search(
+        np.zeros(n + 1, np.int64),
+        np.empty((n + 1, M + 1), np.int64),
+        np.zeros(n + 1, np.int64),
+        np.zeros(n + 1, np.int64),
+        np.full((n + 1, n), UNDECIDED),
+        np.zeros(n + 1),
+    )
+    outcome = Outcome(np.full((n, M + 1), -np.inf), np.full(M, -np.inf), np.full(n, MISSED))
+    return outcome, _explore(model, _levels(h, chosen), search, outcome, candidates, pixel_var, pair_worth)
+
+
+@compiled
+def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
+    """The open things with a free candidate inside the birth gate, the sharpest first, by tr S."""
+    chosen, size, n = np.empty(h.open.shape[0], np.int64), np.empty(h.open.shape[0]), 0
+    for a in range(h.open.shape[0]):
+        near = 0
+        for i in range(h.free.shape[0]):
+            near += h.open[a] and h.free[i] and h.d2[a, i] < model.birth_gate
+        if near > 0:
+            trace = h.S[2 * a, 2 * a] + h.S[2 * a + 1, 2 * a + 1]
+            k = n
+            while k > 0 and size[k - 1] > trace:
+                chosen[k], size[k] = chosen[k - 1], size[k - 1]
+                k -= 1
+            chosen[k], size[k] = a, trace
+            n += 1
+    return chosen[:n]
+
+
+@compiled
+def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
+    """Room for the hypotheses of n + 1 levels, with a leading axis; the first is that of the ``chosen`` (n,) things."""
+    n, M = chosen.shape[0], h.free.shape[0]
+    levels = Hypotheses(
+        np.empty((n + 1, 2 * n)),
+        np.empty((n + 1, 2 * n, 2 * n)),
+        np.ones((n + 1, n), np.bool_),
+        np.empty((n + 1, M), np.bool_),
+        np.empty((n, M), np.bool_),
+        np.full((n + 1, n, M), np.inf),
+        np.full((n + 1, n, M), np.inf),
+    )
+    for i in range(M):
+        levels.free[0, i] = h.free[i]
+    for a in range(2 * n):
+        row = 2 * chosen[a // 2] + a % 2
+        levels.z[0, a] = h.z[row]
+        for b in range(2 * n):
+            levels.S[0, a, b] = h.S[row, 2 * chosen[b // 2] + b % 2]
+        for i in range(M):
+            levels.allowed[a // 2, i] = h.allowed[chosen[a // 2], i]
+    return levels
+
+
+@compiled
+def _level(levels: Hypotheses, d: int) -> Hypotheses:
+    """The hypotheses of one level: views."""
+    return Hypotheses(
+        levels.z[d], levels.S[d], levels.open[d], levels.free[d], levels.allowed, levels.d2[d], levels.cost[d]
+    )
+
+
+@compiled
+def _explore(
+    model: Record,
+    levels: Hypotheses,
+    search: Search,
+    outcome: Outcome,
+    candidates: np.ndarray,
+    pixel_var: float,
+    pair_worth: float,
+) -> float:
+    """Search through; the greatest score, or -inf with no answer in ``outcome`` where the nodes ran out."""
+    best, nodes, depth, arrived = -np.inf, 0, 0, True
+    most = _most_of_a_pair(candidates, pair_worth)
+    while depth >= 0:
+        if arrived:
+            arrived = False
+            kind = _look(model, _level(levels, depth), search, depth, candidates, pixel_var, most, best)
+            if kind == _LEAF:
+                best = _note(levels.free[depth], search, depth, outcome, best)
+            if kind != _BRANCH:
+                depth -= 1
+                continue
+        if search.tried[depth] == search.choices[depth]:
+            depth -= 1
+            continue
+        nodes += 1
+        if nodes > model.nodes:
+            outcome.answer[:] = MISSED
+            return -np.inf
+        _descend(model, levels, search, depth, candidates, pixel_var, pair_worth)
+        depth += 1
+        arrived = True
+    return best
+
+
+@compiled
+def _most_of_a_pair(candidates: np.ndarray, pair_worth: float) -> float:
+    """What no pair's worth exceeds: that of a pixel predicted without any doubt, at its place."""
+    most = 0.0
+    for i in range(candidates.shape[0]):
+        R = candidates[i].R
+        det = max(R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0], 1e-300)
+        most = max(most, pair_worth + candidates[i].log_ratio - 0.5 * math.log(det))
+    return most
+
+
+@compiled
+def _look(
+    model: Record,
+    h: Hypotheses,
+    search: Search,
+    depth: int,
+    candidates: np.ndarray,
+    pixel_var: float,
+    most: float,
+    best: float,
+) -> int:
+    """What is left at a level: things without a candidate are missed, and the one with the fewest is decided next."""
+    measure_distances(h, candidates, pixel_var)
+    n, M = h.open.shape[0], h.free.shape[0]
+    fewest, open_things, reached = M + 1, 0, np.zeros(M, np.bool_)
+    for a in range(n):
+        if not h.open[a]:
+            continue
+        near = 0
+        for i in range(M):
+            if h.free[i] and h.d2[a, i] < model.birth_gate:
+                near += 1
+                reached[i] = True
+        if near == 0:
+            h.open[a] = False
+            search.answer[depth, a] = MISSED
+            search.score[depth] += _miss(model, h, a)
+        else:
+            open_things += 1
+            if near < fewest:
+                fewest, search.thing[depth] = near, a
+    if search.score[depth] + most * min(open_things, count_true(reached)) < best - model.margin:
+        return _PRUNED
+    if open_things == 0:
+        return _LEAF
+    _list_choices(model, h, search, depth)
+    return _BRANCH
+
+
+@compiled
+def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> None:
+    """The free candidates near the level's thing, the likeliest first, and MISSED."""
+    a, choice, count = search.thing[depth], search.choice[depth], 0
+    for i in range(h.free.shape[0]):
+        if h.free[i] and h.d2[a, i] < model.birth_gate:
+            k = count
+            while k > 0 and h.cost[a, choice[k - 1]] > h.cost[a, i]:
+                choice[k] = choice[k - 1]
+                k -= 1
+            choice[k] = i
+            count += 1
+    choice[count] = MISSED
+    search.choices[depth], search.tried[depth] = count + 1, 0
+
+
+@compiled
+def _miss(model: Record, h: Hypotheses, a: int) -> float:
+    """ln(1 - P_D P(in the image)) of thing ``a``, its pixel's axes taken as independent."""
+    wide_u, wide_v = math.sqrt(2.0 * h.S[2 * a, 2 * a]), math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
+    u, v = h.z[2 * a], h.z[2 * a + 1]
+    inside_u = 0.5 * (math.erf((model.width - u) / wide_u) + math.erf(u / wide_u))
+    inside_v = 0.5 * (math.erf((model.height - v) / wide_v) + math.erf(v / wide_v))
+    return math.log(1.0 - model.detection_probability * inside_u * inside_v)
+
+
+@compiled
+def _descend(
+    model: Record,
+    levels: Hypotheses,
+    search: Search,
+    depth: int,
+    candidates: np.ndarray,
+    pixel_var: float,
+    pair_worth: float,
+) -> None:
+    """Follow the next choice of a level into the level below."""
+    h, below, a = _level(levels, depth), _level(levels, depth + 1), search.thing[depth]
+    i = search.choice[depth, search.tried[depth]]
+    search.tried[depth] += 1
+    below.z[:] = h.z
+    below.S[:, :] = h.S
+    below.open[:] = h.open
+    below.free[:] = h.free
+    search.answer[depth + 1] = search.answer[depth]
+    search.answer[depth + 1, a] = i
+    below.open[a] = False
+    if i == MISSED:
+        search.score[depth + 1] = search.score[depth] + _miss(model, h, a)
+    else:
+        below.free[i] = False
+        search.score[depth + 1] = search.score[depth] + pair_worth - 0.5 * h.cost[a, i]
+        condition(below, below.open, a, candidates[i], pixel_var)
+
+
+@compiled
+def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: float) -> float:
+    """Take down a leaf; returns the best score so far."""
+    score, answer, M = search.score[depth], search.answer[depth], free.shape[0]
+    for a in range(answer.shape[0]):
+        i = answer[a] if answer[a] != MISSED else M
+        outcome.with_pair[a, i] = max(outcome.with_pair[a, i], score)
+    for i in range(M):
+        if free[i]:
+            outcome.without[i] = max(outcome.without[i], score)
+    if score > best:
+        outcome.answer[:] = answer
+    return max(score, best)
+
+
+@compiled
+def _best_rival(outcome: Outcome, a: int, i: int) -> float:
+    """The best score in which thing ``a`` is not candidate ``i``."""
+    rival = -np.inf
+    for j in range(outcome.with_pair.shape[1]):
+        if j != i:
+            rival = max(rival, outcome.with_pair[a, j])
+    return rival
+
+
+@compiled
+def _write_novelty(outcome: Outcome, best: float, margin: float, novelty: np.ndarray) -> None:
+    """How far leaving each candidate unexplained leads explaining it, at most the margin."""
+    for i in range(novelty.shape[0]):
+        explained = best - margin
+        for a in range(outcome.answer.shape[0]):
+            explained = max(explained, outcome.with_pair[a, i])
+        novelty[i] = max(outcome.without[i], best - margin) - explained

@@ -1,0 +1,227 @@
+"""Joint matching, the way back out of starvation, and the iterated correction: by what they must obey."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from activeslam_gym.camera import View
+from activeslam_gym.config import Scenario
+from activeslam_gym.metrics import camera_error
+from activeslam_gym.slam.association import NEW, REJECTED, association_of, expected_strangers
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
+from activeslam_gym.slam.constellation import match_jointly
+from activeslam_gym.slam.correction import correct
+from activeslam_gym.slam.filter import Filter, candidates_of
+from activeslam_gym.slam.hypotheses import Hypotheses, measure_distances
+from activeslam_gym.slam.kalman import update
+from activeslam_gym.slam.sight import measure
+
+from .support import (
+    CAMERA,
+    NO_BOXES,
+    NO_FIDUCIALS,
+    PAPER,
+    copied,
+    joint_covariance,
+    mean_difference,
+    moved,
+    pixel_of,
+    random_belief,
+    random_camera,
+    random_spd,
+    replaced,
+    sight_of,
+    world_points,
+)
+
+VAR = float(CAMERA.pixel_std**2)
+MODEL = replaced(association_of(PAPER), birth_gate=1e9)
+"""Without a gate, so that every assignment is one."""
+SEEDS = pytest.mark.parametrize("seed", range(12))
+
+# Joint matching -----------------------------------------------------------------------------------------------------
+
+
+def hypotheses(z: np.ndarray, S: np.ndarray, candidates: np.ndarray) -> Hypotheses:
+    """All open, all free, all allowed."""
+    v, M = len(z) // 2, len(candidates)
+    empty = np.full((v, M), np.inf)
+    h = Hypotheses(z.copy(), S.copy(), np.ones(v, bool), np.ones(M, bool), np.ones((v, M), bool), empty, empty.copy())
+    measure_distances(h, candidates, VAR)
+    return h
+
+
+def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, strangers: float) -> dict[tuple[int, ...], float]:
+    """The log likelihood of every assignment (things to candidates or -1), of things in the middle of the image."""
+    n, M = len(z) // 2, len(pixels)
+    density, miss = strangers / (PAPER.image_width * PAPER.image_height), np.log(1.0 - PAPER.detection_probability)
+    scores = {}
+    for answer in itertools.product(range(-1, M), repeat=n):
+        paired = [a for a in range(n) if answer[a] >= 0]
+        if len({answer[a] for a in paired}) == len(paired):
+            rows = [2 * a + axis for a in paired for axis in range(2)]
+            seen = np.array([pixels[answer[a]] for a in paired]).ravel()
+            joint = multivariate_normal.logpdf(seen, z[rows], S[np.ix_(rows, rows)]) if rows else 0.0
+            scores[answer] = joint - len(paired) * np.log(density) + (n - len(paired)) * miss
+    return scores
+
+
+def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Predicted pixels in the middle with a common error, and candidates: of most of them, and strangers."""
+    rng = np.random.default_rng(seed)
+    z = np.array([160.0, 120.0] * things) + rng.uniform(-30, 30, 2 * things)
+    common = np.tile(np.eye(2), (things, 1)) * rng.uniform(5.0, 15.0)
+    S = common @ common.T + random_spd(rng, np.full(2 * things, 4.0)) + VAR * np.eye(2 * things)
+    seen = rng.multivariate_normal(z, S).reshape(-1, 2)[: max(1, things - seed % 2)]
+    return z, S, rng.permutation(np.concatenate((seen, rng.uniform((110, 70), (210, 170), (extra, 2)))))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_search_is_that_of_all_assignments(seed: int) -> None:
+    z, S, pixels = scene(seed, 3, seed % 3)
+    strangers = 1.5
+    scores = scores_of_all(z, S, pixels, strangers)
+    best = max(scores, key=scores.__getitem__)
+    candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
+    count = match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, strangers, of_thing, novelty)
+    for a in range(3):
+        rival = max(score for answer, score in scores.items() if answer[a] != best[a])
+        accepted = best[a] if scores[best] - rival >= MODEL.margin else -1
+        assert of_thing[a] == accepted
+    assert count == sum(of_thing >= 0)
+    for i in range(len(pixels)):
+        with_it, without = ([s for answer, s in scores.items() if (i in answer) == there] for there in (True, False))
+        lead = np.clip(max(without) - max(with_it), -MODEL.margin, MODEL.margin)
+        assert novelty[i] == pytest.approx(lead, abs=1e-5)
+
+
+def test_the_scenes_hold_accepted_ambiguous_and_new_candidates() -> None:
+    found = []
+    for seed in range(40):
+        z, S, pixels = scene(seed, 3, seed % 3)
+        candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
+        match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, 1.5, of_thing, novelty)
+        found.append([sum(of_thing >= 0), sum(of_thing < 0), sum(novelty > MODEL.novelty)])
+    assert (np.sum(found, axis=0) > 5).all()
+
+
+def test_where_the_nodes_run_out_nothing_is_accepted() -> None:
+    z, S, pixels = scene(1, 3, 0)
+    candidates, of_thing = candidates_of(pixels), np.full(3, -1)
+    for nodes, found in ((400, True), (2, False)):
+        novelty, model = np.zeros(len(pixels)), replaced(MODEL, nodes=nodes)
+        count = match_jointly(model, hypotheses(z, S, candidates), candidates, VAR, 1.5, of_thing, novelty)
+        assert (count > 0) == (of_thing >= 0).any() == novelty.any() == found
+        of_thing[:] = -1
+
+
+def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
+    model = association_of(Scenario(clutter_rate=2.0))
+    assert expected_strangers(model, 0) == pytest.approx(0.15 * 30 + 2.0)
+    assert expected_strangers(model, 40) == pytest.approx(0.3 + 2.0)
+
+
+# The way back -------------------------------------------------------------------------------------------------------
+
+
+def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
+    """Seven known points under ellipses so wide that each holds several detections, and the estimate far from true."""
+    count = recoveries = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        fiducials = world_points(rng, np.array([0.0, 0, 0, 1, 0, 0, 0]), 7, (1.5, 3.0))
+        filter = Filter(fiducials=fiducials, covariance=np.diag([0.2**2] * 3 + [0.08**2] * 3 + [1e-4] * 6))
+        error = np.array([0.25] * 3 + [0.1] * 3 + [0.0] * 6) * rng.choice([-1, 1], 12)
+        true = moved(filter.belief.state.camera, error)
+        pixels = np.array([pixel_of(CAMERA, true, y) for y in fiducials]) + 2.0 * rng.standard_normal((7, 2))
+        sight, candidates = filter.sight(), candidates_of(pixels)
+        several = hypotheses(sight.thing["z_hat"].ravel(), sight.S, candidates).d2 < 9.21
+        assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a thing may be several
+        found = filter.update(candidates)
+        used = (found != NEW) & (found != REJECTED)
+        assert (found[used] == -np.arange(1, 8)[used]).all()
+        left = camera_error(true, filter.belief.state.camera)[:6]
+        assert left @ np.linalg.solve(filter.belief.covariance[:6, :6], left) < 22.5  # 99.9 % of 6 dimensions
+        count, recoveries = count + sum(used), recoveries + filter.counts.recoveries
+    assert count > 0.75 * 12 * 7 and recoveries >= 9
+
+
+def test_starvation_is_counted() -> None:
+    """Two points of which nothing tells which is which."""
+    fiducials = np.array([[0.02, 0.0, 2.0], [-0.02, 0.0, 2.0]])
+    filter = Filter(fiducials=fiducials, covariance=np.diag([0.1**2] * 3 + [0.05**2] * 3 + [1e-4] * 6))
+    z = filter.sight().thing["z_hat"]
+    pixels = z.mean(axis=0) + [[0.0, 3.0], [0.0, -3.0]]
+    assert filter.update(candidates_of(pixels)).tolist() == [REJECTED, REJECTED]
+    assert (filter.counts.starvations, filter.counts.recoveries) == (1, 0)
+
+
+# The correction -----------------------------------------------------------------------------------------------------
+
+
+def test_where_the_measurement_is_straight_the_correction_is_the_update() -> None:
+    rng = np.random.default_rng(3)
+    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
+    belief.covariance[:] *= 1e-4
+    once, sight = copied(belief), sight_of(belief)
+    nu = 0.1 * rng.standard_normal(len(sight.S))
+    assert update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
+    z = sight.thing["z_hat"].ravel() + nu
+    assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
+    np.testing.assert_allclose(mean_difference(belief, once), 0.0, atol=1e-14)
+    np.testing.assert_allclose(joint_covariance(belief), joint_covariance(once), rtol=1e-12, atol=1e-18)
+
+
+@SEEDS
+def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
+    """Points known to be somewhere near, seen without noise: the iterated mean explains them, one update does not."""
+    rng = np.random.default_rng(seed)
+    camera = random_camera(rng)
+    fiducials = world_points(rng, camera, 8, (1.0, 2.5))
+    belief = random_belief(PAPER, [], rng, camera)
+    belief.covariance[:12, :12] = np.diag([0.3**2] * 3 + [0.2**2] * 3 + [1e-6] * 6)
+    true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
+    z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
+    sight, once = sight_of(belief, fiducials), copied(belief)
+    assert len(sight.thing) == 8
+    update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
+    assert correct(CAMERA, belief, fiducials, sight, z)
+    errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]
+    assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1]
+    P = joint_covariance(belief)
+    assert np.linalg.eigvalsh(P).min() > 0.0
+    np.testing.assert_array_equal(P, P.T)
+
+
+def test_a_correction_without_a_factor_changes_nothing() -> None:
+    belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
+    before, sight = copied(belief), sight_of(belief)
+    sight.S[:] = -np.eye(2)
+    assert not correct(CAMERA, belief, NO_FIDUCIALS, sight, np.ones(2))
+    np.testing.assert_array_equal(belief.covariance, before.covariance)
+    assert belief.state == before.state and (belief.feature == before.feature).all()
+
+
+def test_what_the_line_leaves_out_is_in_the_noise() -> None:
+    """A vague inverse depth and a vague position across the sight: the residual's variance over 20 000 draws."""
+    rng = np.random.default_rng(0)
+    belief = random_belief(PAPER, [INVERSE_DEPTH], rng)
+    belief.state.camera[:7] = (0, 0, 0, 1, 0, 0, 0)
+    feature = belief.feature[0]
+    feature.mean[:] = (0.0, 0, 0, 0, 0, 0.5)
+    stds, rho = np.array([0.05, 0.15]), feature.start + RHO
+    correlated = np.outer(stds, stds) * [[1.0, 0.5], [0.5, 1.0]]
+    belief.covariance[:] = 1e-12 * np.eye(len(belief.covariance))
+    belief.covariance[np.ix_([0, rho], [0, rho])] = correlated
+    thing = sight_of(belief).thing[:1].copy()
+    H, said, left = thing["H_camera"][0, 0, 0], thing["z_hat"][0, 0], []
+    for x, d_rho in rng.multivariate_normal([0.0, 0.0], correlated, 20_000):
+        belief.state.camera[0], feature.mean[RHO] = x, max(0.5 + d_rho, 0.01)
+        assert measure(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, thing[0])
+        left.append(thing["z_hat"][0, 0] - said - H * x)
+    assert np.var(left) == pytest.approx(thing["extra"][0, 0, 0], rel=0.1)
+    assert thing["extra"][0, 0, 0] > 2.0

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 
-from activeslam_gym.camera import visible
+from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.disproof import VIEWS, WELL_INSIDE_PX, disprove
 from activeslam_gym.geometry import rotation_matrix
@@ -15,7 +15,7 @@ HALF, POSE, KEY = np.array([3.0, 1.0, 3.0]), np.array([0.0, 0, 0, 1, 0, 0, 0]), 
 
 
 def inside(pose: np.ndarray, y: np.ndarray) -> bool:
-    return visible(CAMERA, NO_BOXES, rotation_matrix(pose[3:7]), pose, y, -WELL_INSIDE_PX, np.empty(2))
+    return visible(View(CAMERA, pose, rotation_matrix(pose[3:7]), NO_BOXES), y, -WELL_INSIDE_PX, np.empty(2))
 
 
 def expectation(*points: tuple[float, float, float]) -> np.ndarray:

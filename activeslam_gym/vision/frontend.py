@@ -77,6 +77,10 @@ class FrontEndSettings:
     """Share of a feature's record that is left after one more search."""
     clear: float = 0.5
     """A frame in which a smaller share of the searched is matched is blurred: it judges no feature and bears none."""
+    least_clear: int = 3
+    """So is one in which fewer are matched."""
+    room_below: int = 32
+    """In a full map, features not seen for longest make room while fewer are in view."""
     recover: bool = True
     """Whether ``least_share`` is demanded, and scouts go first where ellipses are large."""
 
@@ -140,6 +144,7 @@ class FrontEnd:
         self._seen = np.zeros(rows, np.int64)
         self._frame = 0
         self._time = 0.0
+        self._found: list[np.ndarray] = []
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -152,24 +157,35 @@ class FrontEnd:
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         for k, corner in enumerate(corners):
-            self._store(-1 - k, drawn, corner, normal)
+            self.know(k, drawn, corner, self.filter.belief.state.camera, normal)
         self._time = time
         for _ in range(4):
             self._give_births(image, grey, corners)
 
+    def know(self, k: int, picture: np.ndarray, pixel: np.ndarray, camera: np.ndarray, normal: np.ndarray) -> None:
+        """Fiducial ``k`` looks as at ``pixel`` (2,) of ``picture`` (h, w) float32, which is seen from ``camera``
+        (>= 7,) and shows a plane with ``normal`` (3,) (world, away from the camera)."""
+        self._store(-1 - k, picture, pixel, camera, normal)
+
     # A frame ----------------------------------------------------------------------------------------------------------
 
-    def step(self, image: np.ndarray, time_s: float) -> FrameLog:
-        """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s]."""
+    @property
+    def candidates(self) -> np.ndarray:
+        """(M,) CANDIDATE: what was found in the last image, and what became of it; births at the end."""
+        return np.concatenate(self._found)
+
+    def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
+        """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
         began = time.process_time()
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         self._frame += 1
+        self._found = [np.zeros(0, CANDIDATE)]
         dt, self._time = time_s - self._time, time_s
-        self.filter.predict(dt=dt)
+        self.filter.predict(u, dt)
         looked = self._look(grey)
         searched, found, matched = len(looked.searched), len(looked.found), len(looked.matched)
-        clear = bool(matched >= max(self.settings.clear * searched, 3))
+        clear = bool(matched >= max(self.settings.clear * searched, self.settings.least_clear))
         if clear:
             self._judge(looked)
         deletions = self._delete_failed()
@@ -225,6 +241,8 @@ class FrontEnd:
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
         candidates = self._candidates(ids, findings)
         matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
+        candidates["match"] = matched
+        self._found.append(candidates)
         return Looked(
             sight,
             ids[tried].tolist(),
@@ -297,14 +315,17 @@ class FrontEnd:
         due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
         if wanted <= 0 or not due:
             return 0
+        born = np.zeros(wanted, CANDIDATE)
         count = 0
         for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner):
-            if self._is_full() and not self._make_room():
+            if self._is_full() and not (in_view + count < s.room_below and self._make_room()):
                 break
             id = self.filter.birth(pixel)
             if id > 0:
-                self._store(id, grey, pixel, np.zeros(3))
+                self._store(id, grey, pixel, self.filter.belief.state.camera, np.zeros(3))
+                born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
+        self._found.append(born[:count])
         return count
 
     def _is_full(self) -> bool:
@@ -319,13 +340,12 @@ class FrontEnd:
         self._forget(int(self.templates.id[oldest]))
         return True
 
-    def _store(self, id: int, grey: np.ndarray, pixel: np.ndarray, normal: np.ndarray) -> None:
-        """Keep the template of a feature or fiducial first seen at ``pixel`` (2,)."""
+    def _store(self, id: int, grey: np.ndarray, pixel: np.ndarray, camera: np.ndarray, normal: np.ndarray) -> None:
+        """Keep the template of a feature or fiducial first seen at ``pixel`` (2,) from ``camera`` (>= 7,)."""
         place = int(np.flatnonzero(self.templates.id == 0)[0])
         self._place[id] = place
         self._tried[place], self._matched[place], self._seen[place] = 0.0, 0.0, self._frame
-        pose = self.filter.belief.state.camera
-        store(self.camera, self.templates, place, id, grey, np.asarray(pixel, float), pose, normal)
+        store(self.camera, self.templates, place, id, grey, np.asarray(pixel, float), camera, normal)
 
 
 def _search_of(settings: FrontEndSettings, scouting: bool) -> Record:

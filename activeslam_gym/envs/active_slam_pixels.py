@@ -1,0 +1,261 @@
+"""``ActiveSLAMPixels-v0``: the same environment on images of a textured room instead of points."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.config import INVERSE_DEPTH, Scenario, scenario_from
+from activeslam_gym.envs.active_slam import ActiveSLAMEnv
+from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
+from activeslam_gym.envs.episode import BEGIN, REST, conclude, open_step
+from activeslam_gym.envs.public import Reads
+from activeslam_gym.envs.referee import NOBODY
+from activeslam_gym.envs.simulation import Run, Setting, begin_motion, drive, run_at
+from activeslam_gym.envs.snapshot import Snapshot
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.expectation import WAITING, update_expectation
+from activeslam_gym.kernels import compiled, row
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import QUATERNION, Motion
+from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.belief import position_of
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introduce_target
+from activeslam_gym.world.simulator import CLUTTER_LABEL
+
+SIGHTED = FrontEndSettings(visible=14, births=3, room_below=8, least_clear=0, lens_std=0.0)
+"""The front end of a camera whose lens is known, in a room whose map should hold all of it."""
+_HOLD = -3
+"""In place of a motion: the step has begun."""
+_STAY = int(Motion.STAY)
+_WRONG_PX = 4.0
+"""A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
+_COUNTED = ("births", "deletions", "rejected_matches", "conversions")
+"""Events of the front end and the filter."""
+_DEMANDED: dict[str, Any] = {
+    "fiducial_count": TARGET_CORNERS,
+    "initialisation": INVERSE_DEPTH,
+    "boxes": (),
+    "clutter_rate": 0.0,
+    "missed_detection_probability": 0.0,
+    "labelled_first_match": False,
+}
+"""Fields of a scenario, as images need them."""
+
+
+# The frame, around the front end ------------------------------------------------------------------------------------
+
+
+@compiled
+def _begin(runs: Run, i: int) -> None:
+    """Evaluate run ``i``, which has just been reset."""
+    run = run_at(runs, i)
+    begin_motion(run, _STAY)
+    conclude(run, True)
+
+
+@compiled
+def _move(runs: Run, i: int, motion: int, gaze: int) -> np.ndarray:
+    """One frame of true motion of run ``i``; (6,) what the filter knows of the accelerations."""
+    run = run_at(runs, i)
+    if motion != _HOLD:
+        open_step(run, motion)
+    return drive(run, gaze)
+
+
+@compiled
+def _account(runs: Run, i: int, births: np.ndarray, spare: np.ndarray) -> None:
+    """After the filter: which matches were right, and which scene point each of the N slots of the score stands for.
+
+    ``births`` (F, 3): by slot, the scene point of each feature's birth pixel. The slot of the expected landmark that a
+    feature has retired is the feature's; of an empty one, ``spare`` (N, 3), anywhere in the room, is the truth.
+    """
+    run = run_at(runs, i)
+    world, belief, expected, owner = run.world, run.belief, run.expected, run.owner
+    update_expectation(expected, run.models.landmark_var, belief)
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        owner[feature.slot].serial, owner[feature.slot].landmark = feature.serial, NOBODY
+    for e in range(expected.shape[0]):
+        k = position_of(belief, expected[e].serial) if expected[e].serial != WAITING else -1
+        if k >= 0:
+            owner[belief.feature[k].slot].landmark = e
+            copy_into(world.landmarks[e], births[belief.feature[k].slot])
+        else:
+            copy_into(world.landmarks[e], spare[e])
+    for c in range(run.episode.detections):
+        run.label[c] = _label(run, births, run.candidate[c].match, run.candidate[c].pixel)
+
+
+@compiled(inline="always")
+def _label(run: Run, births: np.ndarray, match: int, pixel: np.ndarray) -> int:
+    """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
+    world, belief, K = run.world, run.belief, run.world.fiducials.shape[0]
+    k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
+    if match > 0:
+        k = position_of(belief, match)
+    if k >= 0:
+        slot = belief.feature[k].slot
+        point = births[slot]
+        if run.owner[slot].landmark != NOBODY:
+            label = K + run.owner[slot].landmark
+    elif -K <= match < 0:
+        point, label = world.fiducials[-1 - match], -1 - match
+    if k >= 0 or -K <= match < 0:
+        z, pose = np.empty(2), world.state.camera
+        p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
+        seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
+        if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > _WRONG_PX**2:
+            run.episode.events.wrong_matches += 1
+            label = CLUTTER_LABEL
+    return label
+
+
+@compiled
+def _finish(runs: Run, i: int) -> None:
+    """After the frames of a step."""
+    run = run_at(runs, i)
+    conclude(run, False)
+
+
+class Eye:
+    """The camera of one run, and the front end that feeds the run's belief with what it finds in the images."""
+
+    def __init__(self, setting: Setting, run: Run, seed: np.random.SeedSequence) -> None:
+        self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
+        run.world.fiducials[:] = self._camera.fiducials
+        self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials)
+        self._front_end = FrontEnd(self._filter, SIGHTED)
+        introduce_target(self._front_end, setting.scenario, self._camera.fiducials)
+        self.births, self.spare = np.zeros((len(run.owner), 3)), run.world.landmarks.copy()
+        self.image = self._camera.photograph(run.world.state.camera, 0)
+
+    def look(self, run: Run, u: np.ndarray) -> None:
+        """Photograph the room, and let the front end make what it can of it, under the known accelerations ``u``."""
+        state, belief, counts = run.world.state.camera, run.belief, self._filter.counts
+        frame = int(belief.state.frame) + 1
+        self.image = self._camera.photograph(state, frame)
+        self._filter.belief = belief
+        counts["conversions"] = 0
+        log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
+        found, events = self._front_end.candidates, run.episode.events
+        born = found[len(found) - log.births :]
+        newest = belief.feature[int(belief.state.count) - log.births : int(belief.state.count)]
+        for slot, pixel in zip(newest["slot"], born["pixel"]):
+            self.births[slot] = self._camera.point(state, pixel)
+        for name, count in zip(_COUNTED, (log.births, log.deletions, log.rejected, int(counts["conversions"]))):
+            events[name] += count
+        believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
+        run.candidate[: len(believed_first)] = believed_first
+        run.episode["detections"] = len(believed_first)
+
+
+# The environments ---------------------------------------------------------------------------------------------------
+
+
+class _Sighted(Reads):
+    """Runs with eyes: what both environments have."""
+
+    def _open_eyes(self) -> None:
+        """Before the first reset.
+
+        Raises:
+            ModuleNotFoundError: OpenCV is not installed.
+        """
+        opencv()
+        self._eyes: list[Any] = [None] * len(self._runs.episode)
+
+    def _reset_run(self, i: int, key: int) -> None:
+        super()._reset_run(i, key)
+        seed = np.random.SeedSequence(key).spawn(5)[-1]  # the first four are the world's
+        self._eyes[i] = Eye(self.setting, row(self._runs, i), seed)
+
+    def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
+        self._workers.call(self._play_rows, motions, gazes)
+
+    def _play_rows(self, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
+        """`episode.play`, with images for detections."""
+        runs = self._runs
+        for i in range(start, stop):
+            motion, gaze, eye = int(motions[i]), int(gazes[i]), self._eyes[i]
+            if motion == BEGIN:
+                _begin(runs, i)
+            elif motion != REST:
+                for frame in range(int(self.setting.task.frames_per_step)):
+                    u = _move(runs, i, motion if frame == 0 else _HOLD, gaze)
+                    eye.look(row(runs, i), u)
+                    _account(runs, i, eye.births, eye.spare)
+                _finish(runs, i)
+
+    def _seen(self, snapshot: Snapshot, i: int) -> Snapshot:
+        """The snapshot of environment ``i`` with its image; of the truth, the scene points that features stand for."""
+        run = row(self._runs, i)
+        stands = run.expected["serial"] != WAITING
+        return dataclasses.replace(snapshot, image=self._eyes[i].image, true_landmarks=run.world.landmarks[stands])
+
+
+class ActiveSLAMPixelsEnv(_Sighted, ActiveSLAMEnv):
+    """`ActiveSLAMEnv` on images: the same actions, observation, rewards, scores and ends, and another sensor.
+
+    The room has textured walls, posters, and boxes that hide what is behind them. Its image is rendered through the
+    lens, with noise, blur of motion and drifting gain, and is a function of the seed, the frame and the camera's true
+    state alone. The front end of `vision` searches the features of the belief in it, and adds and drops features. The
+    fiducials are the four corners of a black rectangle of known size, which hangs before the start.
+
+    What differs:
+
+    - ``scenario`` is ``"pixels"`` by default. Its ``fiducial_count`` must be 4, its ``initialisation``
+      ``inverse_depth``, and it must have no ``boxes``, no clutter, no missed detections and no labelled first match:
+      the image has its own.
+    - ``landmark_count``, N, bounds the map (N + 13 features) instead of telling how many points the room has.
+    - Truth of a landmark is the scene point of its feature's birth pixel, by ray-casting. Of the N slots of the log
+      score, one without a feature scores a random point of the room by the prior.
+    - A match is wrong where the feature's scene point is more than 4 pixels from it in the true image.
+    - Nothing stops the camera at a box.
+
+    Raises:
+        ValueError: a bad argument or action.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+
+    def __init__(self, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any) -> None:
+        super().__init__(_checked(scenario), **arguments)
+        self._open_eyes()
+
+    def snapshot(self) -> Snapshot:
+        """All that a picture of this moment needs, the camera's image included."""
+        return self._seen(super().snapshot(), 0)
+
+
+class ActiveSLAMPixelsVectorEnv(_Sighted, ActiveSLAMVectorEnv):
+    """``ActiveSLAMPixels-v0`` a batch at a time: what `ActiveSLAMVectorEnv` is to `ActiveSLAMEnv`."""
+
+    def __init__(
+        self, num_envs: int = 1, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any
+    ) -> None:
+        super().__init__(num_envs, _checked(scenario), **arguments)
+        self._open_eyes()
+
+    def snapshot(self, i: int) -> Snapshot:
+        """All that a picture of this moment of environment ``i`` needs, the camera's image included."""
+        return self._seen(super().snapshot(i), i)
+
+
+def _checked(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
+    """The scenario, if images can be made of it.
+
+    Raises:
+        ValueError: a field is not as `ActiveSLAMPixelsEnv` says.
+    """
+    resolved = scenario_from(scenario)
+    for name, value in _DEMANDED.items():
+        if getattr(resolved, name) != value:
+            raise ValueError(f"scenario.{name} must be {value!r} for images, got {getattr(resolved, name)!r}")
+    return resolved

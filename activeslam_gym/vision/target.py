@@ -26,7 +26,7 @@ _SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))
 """The rectangle's sides, by corners: top, bottom, left, right."""
 
 
-_SUPERSAMPLING = 5
+_SUPERSAMPLING = 20
 """Rays a side of a pixel by which edges are drawn."""
 _ROUNDS = 4
 """Times that edges are sought from the corners found before."""

@@ -233,6 +233,28 @@ class ActiveSLAMPixelsEnv(_Sighted, ActiveSLAMEnv):
         """All that a picture of this moment needs, the camera's image included."""
         return self._seen(super().snapshot(), 0)
 
+    @property
+    def image(self) -> np.ndarray:
+        """(H, W) uint8 the last image; a copy."""
+        return self._eyes[0].image.copy()
+
+    def match_errors(self) -> np.ndarray:
+        """(m, 6) of the last frame's matches: id, error u, v [px], and the noise R that was assumed, uu, uv, vv [px^2].
+
+        The error is measured - true, by the scene point of the birth pixel. For referees, never for policies.
+        """
+        run, births = self._run, self._eyes[0].births
+        pose, known = run.world.state.camera, run.belief.feature[: int(run.belief.state.count)]
+        slots = {int(f["serial"]): int(f["slot"]) for f in known if f["born"] != run.belief.state.frame}
+        R_WC, z, out = rotation_matrix(pose[QUATERNION]), np.empty(2), []
+        for one in run.candidate[: int(run.episode.detections)]:
+            match, R = int(one["match"]), one["R"]
+            if match in slots or -len(run.world.fiducials) <= match < 0:
+                point = births[slots[match]] if match > 0 else run.world.fiducials[-1 - match]
+                pixel_from_camera_point(run.models.true_camera, camera_point(R_WC, pose, point), z)
+                out.append((match, *(one["pixel"] - z), R[0, 0], R[0, 1], R[1, 1]))
+        return np.reshape(out, (-1, 6))
+
 
 class ActiveSLAMPixelsVectorEnv(_Sighted, ActiveSLAMVectorEnv):
     """``ActiveSLAMPixels-v0`` a batch at a time: what `ActiveSLAMVectorEnv` is to `ActiveSLAMEnv`."""

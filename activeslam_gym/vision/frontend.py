@@ -73,6 +73,9 @@ class FrontEndSettings:
     """A feature is judged after so many searches ..."""
     least_success: float = 0.5
     """... and deleted when a smaller share of them was matched."""
+    most_residual: float = 1.0
+    """A feature whose pixels are that far, on average, from where the updated belief has it, is deleted: an edge before
+    something far behind, or a moving picture [px]."""
     memory: float = 0.9
     """Share of a feature's record that is left after one more search."""
     clear: float = 0.5
@@ -141,6 +144,7 @@ class FrontEnd:
         self.templates = empty_templates(rows)
         self._place: dict[int, int] = {}
         self._tried, self._matched = np.zeros(rows), np.zeros(rows)
+        self._residual = np.zeros((rows, 2))
         self._seen = np.zeros(rows, np.int64)
         self._frame = 0
         self._time = 0.0
@@ -186,10 +190,12 @@ class FrontEnd:
         looked = self._look(grey)
         searched, found, matched = len(looked.searched), len(looked.found), len(looked.matched)
         clear = bool(matched >= max(self.settings.clear * searched, self.settings.least_clear))
+        sight = self.filter.sight()
         if clear:
             self._judge(looked)
+            self._remember_residuals(sight)
         deletions = self._delete_failed()
-        births = self._give_births(image, grey, self._occupied(looked.sight)) if clear else 0
+        births = self._give_births(image, grey, self._occupied(sight)) if clear else 0
         return FrameLog(
             time_s,
             len(self._place) - len(self.filter.fiducials),
@@ -287,11 +293,23 @@ class FrontEnd:
                 self._tried[place] = self.settings.memory * self._tried[place] + 1.0
                 self._matched[place] = self.settings.memory * self._matched[place] + hit
 
+    def _remember_residuals(self, sight: Sight) -> None:
+        """How far the matched pixels are from where the updated belief has them, each feature's running mean."""
+        at = {int(id): z for id, z in zip(sight.thing["id"], sight.thing["z_hat"])}
+        keep = self.settings.memory
+        for found in self._found:
+            for id, pixel in zip(found["match"].tolist(), found["pixel"]):
+                if id in at:
+                    self._residual[self._place[id]] *= keep
+                    self._residual[self._place[id]] += (1.0 - keep) * (pixel - at[id])
+
     def _delete_failed(self) -> int:
-        """Delete the features that were searched often and found seldom."""
+        """Delete the features that were searched often and found seldom, or not where they should be."""
         s = self.settings
         enough = (1.0 - s.memory**s.trials) / (1.0 - s.memory)
-        failed = (self._tried >= enough) & (self._matched < s.least_success * self._tried) & (self.templates.id > 0)
+        seldom = (self._tried >= enough) & (self._matched < s.least_success * self._tried)
+        astray = np.hypot(*self._residual.T) > s.most_residual
+        failed = (seldom | astray) & (self.templates.id > 0)
         for place in np.flatnonzero(failed):
             self._forget(int(self.templates.id[place]))
         return int(failed.sum())
@@ -345,6 +363,7 @@ class FrontEnd:
         place = int(np.flatnonzero(self.templates.id == 0)[0])
         self._place[id] = place
         self._tried[place], self._matched[place], self._seen[place] = 0.0, 0.0, self._frame
+        self._residual[place] = 0.0
         store(self.camera, self.templates, place, id, grey, np.asarray(pixel, float), camera, normal)
 
 

@@ -30,7 +30,10 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introduce_target
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
-SIGHTED = FrontEndSettings(visible=14, births=3, room_below=8, least_clear=0, lens_std=0.0)
+SIGHTED = FrontEndSettings(
+    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=1.1, fiducial_std=0.5,
+    most_residual=0.5,
+)  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""
 _HOLD = -3
 """In place of a motion: the step has begun."""

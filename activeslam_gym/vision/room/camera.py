@@ -22,6 +22,9 @@ _AHEAD = np.array((0.0, 0.0, 1.0))
 _STRAIGHT = np.array((1.0, 0.0, 0.0, 0.0))
 """q_WC of the camera that looks straight at it."""
 
+_AROUND = 2.0 * np.array([(0, 0), *((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)])
+"""A pixel and its surroundings [px]."""
+
 
 class RoomCamera:
     """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one.
@@ -46,8 +49,14 @@ class RoomCamera:
         return image
 
     def point(self, state: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-        """(3,) what ``pixel`` (2,) shows from ``state`` [m]; the room is closed, so there is always something."""
-        return scene_point(self.scene, state, self._lens.camera, pixel)[0]
+        """(3,) what ``pixel`` (2,) shows from ``state`` [m]; the room is closed, so there is always something.
+
+        An edge belongs to what is in front: the depth is the least within two pixels.
+        """
+        origin = state[:3]
+        points = [scene_point(self.scene, state, self._lens.camera, pixel + offset)[0] for offset in _AROUND]
+        depths = [float(np.linalg.norm(point - origin)) for point in points]
+        return origin + (points[0] - origin) * (min(depths) / depths[0])
 
 
 def introduce_target(front_end: FrontEnd, scenario: Scenario, fiducials: np.ndarray) -> None:

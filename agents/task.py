@@ -18,6 +18,8 @@ from agents.evaluate import Look, run_episode
 from agents.tools.machine import sources
 
 ENVIRONMENT = "ActiveSLAM-v0"
+IMAGES = {"pixels": "ActiveSLAMPixels-v0"}
+"""The scenarios whose sensor is a camera in a textured room."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,9 @@ class Task:
 
 def make_environment(arguments: dict[str, Any]) -> gym.Env:
     """The environment of every study."""
-    return gym.make(ENVIRONMENT, **arguments)
+    scenario = arguments.get("scenario")
+    name = scenario.get("name") if isinstance(scenario, dict) else scenario
+    return gym.make(IMAGES.get(str(name), ENVIRONMENT), **arguments)
 
 
 def run_policy(

@@ -2,7 +2,7 @@
 
     python -m benchmarks.rooms --episodes 100 --seed 3000000 --out results/rooms.json
 
-Prints, for each policy, the NEES of the pose, lost runs, wrong matches; and of all, the pixel noise of what was matched.
+Prints, for each policy, the NEES of the pose, lost runs and wrong matches; and the noise of all matched pixels.
 """
 
 from __future__ import annotations
@@ -46,7 +46,14 @@ def episode(policy: str, seed: int, scenario: Any, seconds: float) -> tuple[dict
         if any(abs(core.time - t) < 1e-6 for t in TIMES) and not lost:
             honest[round(core.time)] = pose_nees(core)
     steps = round(core.time / core.gaze_period)
-    figures = {"policy": policy, "seed": seed, "lost": lost, "time": core.time, "nees": honest, "ms": 1e3 * took / steps}
+    figures = {
+        "policy": policy,
+        "seed": seed,
+        "lost": lost,
+        "time": core.time,
+        "nees": honest,
+        "ms": 1e3 * took / steps,
+    }
     figures |= {"matches": int(counts[0]), "wrong": int(counts[1]), "births": int(counts[2])}
     figures |= {name: info[name] for name in ("entropy", "log_score", "position_error", "distinct_landmarks")}
     return figures, errors
@@ -54,7 +61,9 @@ def episode(policy: str, seed: int, scenario: Any, seconds: float) -> tuple[dict
 
 def pose_nees(core: Any) -> float:
     """NEES of position and rotation together, over 6."""
-    ends = [np.concatenate((x.position, x.quaternion, x.velocity, x.angular_velocity)) for x in (core.truth, core.belief)]
+    ends = [
+        np.concatenate((x.position, x.quaternion, x.velocity, x.angular_velocity)) for x in (core.truth, core.belief)
+    ]
     return nees(camera_error(*ends)[:6], core.belief.covariance[:6, :6]) / 6.0
 
 
@@ -82,19 +91,23 @@ def summary(episodes: list[dict[str, Any]]) -> str:
     lines = []
     for policy in dict.fromkeys(one["policy"] for one in episodes):
         own = [one for one in episodes if one["policy"] == policy]
-        ratios = [f"{np.mean(v):.2f}" for t in TIMES if (v := [e["nees"][round(t)] for e in own if round(t) in e["nees"]])]
+        ratios = [
+            f"{np.mean(v):.2f}" for t in TIMES if (v := [e["nees"][round(t)] for e in own if round(t) in e["nees"]])
+        ]
         lost, wrong = sum(e["lost"] for e in own), sum(e["wrong"] for e in own) / sum(e["matches"] for e in own)
         lines.append(
             f"{policy}: {len(own)} rooms, NEES of the pose per dof at {'/'.join(f'{t:g}' for t in TIMES)} s "
             f"{' / '.join(ratios)}, lost {lost}, wrong matches {wrong:.2%}, "
             f"position error {100 * np.median([e['position_error'] for e in own]):.1f} cm (median), "
-            f"{np.median([e['distinct_landmarks'] for e in own]):.0f} landmarks, step {np.mean([e['ms'] for e in own]):.1f} ms"
+            f"{np.median([e['distinct_landmarks'] for e in own]):.0f} landmarks, "
+            f"{np.median([e['ms'] for e in own]):.1f} ms a step"
         )
     mean = {name: np.nanmean([e["noise"][name] for e in episodes]) for name in episodes[0]["noise"]}
     rho = {lag: mean[f"lag{lag}"] / mean["square"] for lag in (1, 5, 20)}
     lines.append(
-        f"noise of a matched pixel: rms {mean['square'] ** 0.5:.3f} px, of a feature's own mean {mean['bias'] ** 0.5:.3f} px; "
-        f"correlation after 1, 5, 20 frames {rho[1]:.2f}, {rho[5]:.2f}, {rho[20]:.2f}; square over R {mean['ratio']:.2f}"
+        f"noise of a matched pixel: rms {mean['square'] ** 0.5:.3f} px, of a feature's own mean "
+        f"{mean['bias'] ** 0.5:.3f} px, correlation after 1, 5, 20 frames "
+        f"{rho[1]:.2f}, {rho[5]:.2f}, {rho[20]:.2f}; square over R {mean['ratio']:.2f}"
     )
     return "\n".join(lines)
 

@@ -12,34 +12,26 @@ from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.config import INVERSE_DEPTH, Scenario, scenario_from
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
-from activeslam_gym.envs.episode import BEGIN, REST, conclude, open_step
+from activeslam_gym.envs.episode import BEGIN, REST
 from activeslam_gym.envs.public import Reads
-from activeslam_gym.envs.referee import NOBODY
-from activeslam_gym.envs.simulation import Run, Setting, begin_motion, drive, run_at
+from activeslam_gym.envs.sensed import HOLD, account, begin, finish, move
+from activeslam_gym.envs.simulation import Run, Setting
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import WAITING, update_expectation
-from activeslam_gym.kernels import compiled, row
-from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import QUATERNION, Motion
+from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.kernels import row
+from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.association import REJECTED
-from activeslam_gym.slam.belief import position_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introduce_target
-from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 SIGHTED = FrontEndSettings(
     visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=1.1, fiducial_std=0.5,
     most_residual=0.5,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""
-_HOLD = -3
-"""In place of a motion: the step has begun."""
-_STAY = int(Motion.STAY)
-_WRONG_PX = 4.0
-"""A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
 _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
 """Events of the front end and the filter."""
 _DEMANDED: dict[str, Any] = {
@@ -51,81 +43,6 @@ _DEMANDED: dict[str, Any] = {
     "labelled_first_match": False,
 }
 """Fields of a scenario, as images need them."""
-
-
-# The frame, around the front end ------------------------------------------------------------------------------------
-
-
-@compiled
-def _begin(runs: Run, i: int) -> None:
-    """Evaluate run ``i``, which has just been reset."""
-    run = run_at(runs, i)
-    begin_motion(run, _STAY)
-    conclude(run, True)
-
-
-@compiled
-def _move(runs: Run, i: int, motion: int, gaze: int) -> np.ndarray:
-    """One frame of true motion of run ``i``; (6,) what the filter knows of the accelerations."""
-    run = run_at(runs, i)
-    if motion != _HOLD:
-        open_step(run, motion)
-    return drive(run, gaze)
-
-
-@compiled
-def _account(runs: Run, i: int, births: np.ndarray, spare: np.ndarray) -> None:
-    """After the filter: which matches were right, and which scene point each of the N slots of the score stands for.
-
-    ``births`` (F, 3): by slot, the scene point of each feature's birth pixel. The slot of the expected landmark that a
-    feature has retired is the feature's; of an empty one, ``spare`` (N, 3), anywhere in the room, is the truth.
-    """
-    run = run_at(runs, i)
-    world, belief, expected, owner = run.world, run.belief, run.expected, run.owner
-    update_expectation(expected, run.models.landmark_var, belief)
-    for k in range(belief.state.count):
-        feature = belief.feature[k]
-        owner[feature.slot].serial, owner[feature.slot].landmark = feature.serial, NOBODY
-    for e in range(expected.shape[0]):
-        k = position_of(belief, expected[e].serial) if expected[e].serial != WAITING else -1
-        if k >= 0:
-            owner[belief.feature[k].slot].landmark = e
-            copy_into(world.landmarks[e], births[belief.feature[k].slot])
-        else:
-            copy_into(world.landmarks[e], spare[e])
-    for c in range(run.episode.detections):
-        run.label[c] = _label(run, births, run.candidate[c].match, run.candidate[c].pixel)
-
-
-@compiled(inline="always")
-def _label(run: Run, births: np.ndarray, match: int, pixel: np.ndarray) -> int:
-    """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
-    world, belief, K = run.world, run.belief, run.world.fiducials.shape[0]
-    k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
-    if match > 0:
-        k = position_of(belief, match)
-    if k >= 0:
-        slot = belief.feature[k].slot
-        point = births[slot]
-        if run.owner[slot].landmark != NOBODY:
-            label = K + run.owner[slot].landmark
-    elif -K <= match < 0:
-        point, label = world.fiducials[-1 - match], -1 - match
-    if k >= 0 or -K <= match < 0:
-        z, pose = np.empty(2), world.state.camera
-        p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
-        seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
-        if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > _WRONG_PX**2:
-            run.episode.events.wrong_matches += 1
-            label = CLUTTER_LABEL
-    return label
-
-
-@compiled
-def _finish(runs: Run, i: int) -> None:
-    """After the frames of a step."""
-    run = run_at(runs, i)
-    conclude(run, False)
 
 
 class Eye:
@@ -189,13 +106,13 @@ class _Sighted(Reads):
         for i in range(start, stop):
             motion, gaze, eye = int(motions[i]), int(gazes[i]), self._eyes[i]
             if motion == BEGIN:
-                _begin(runs, i)
+                begin(runs, i)
             elif motion != REST:
                 for frame in range(int(self.setting.task.frames_per_step)):
-                    u = _move(runs, i, motion if frame == 0 else _HOLD, gaze)
+                    u = move(runs, i, motion if frame == 0 else HOLD, gaze)
                     eye.look(row(runs, i), u)
-                    _account(runs, i, eye.births, eye.spare)
-                _finish(runs, i)
+                    account(runs, i, eye.births, eye.spare)
+                finish(runs, i)
 
     def _seen(self, snapshot: Snapshot, i: int) -> Snapshot:
         """The snapshot of environment ``i`` with its image; of the truth, the scene points that features stand for."""

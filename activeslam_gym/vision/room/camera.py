@@ -43,7 +43,7 @@ class RoomCamera:
         self._size = int(lens.height), int(lens.width)
 
     def photograph(self, state: np.ndarray, frame: int) -> np.ndarray:
-        """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, velocity, angular velocity."""
+        """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities."""
         image = np.empty(self._size, np.uint8)
         render(self.scene, self._lens, self._sensor, state, frame, self._key, self._work, image)
         return image

@@ -58,13 +58,9 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
         return np.array(board.getChessboardCorners())[ids.ravel(), :2].astype(float), pixels.reshape(-1, 2).astype(
             float
         )
-    found, pixels = cv2.findChessboardCorners(image, (columns, rows), flags=cv2.CALIB_CB_ADAPTIVE_THRESH)
+    found, pixels = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
     if not found:
         return None
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-    spacing = np.linalg.norm(np.diff(pixels.reshape(rows, columns, 2), axis=1), axis=2).min()
-    half = int(np.clip(0.3 * spacing, 2, 11))
-    pixels = cv2.cornerSubPix(image, pixels, (half, half), (-1, -1), criteria)
     y, x = np.mgrid[:rows, :columns]
     return np.stack((x.ravel(), y.ravel()), axis=1).astype(float), pixels.reshape(-1, 2).astype(float)
 

@@ -36,6 +36,7 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_sequence(tracking)
     tracking.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
+    tracking.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     ablating = commands.add_parser(
         "ablate",
         help="track with parts of the front end left out, side by side",
@@ -95,7 +96,7 @@ def _play(args: argparse.Namespace) -> int:
 def _track(args: argparse.Namespace) -> int:
     from activeslam_gym.vision.track import summary, track
 
-    done = track(args.images, args.calibration, args.target, args.rate, args.out)
+    done = track(args.images, args.calibration, args.target, args.rate, args.out, args.film)
     print(f"{summary(done)}; results in {args.out}")
     return 0 if done.trouble is None else _said(args, f"ended early: {done.trouble}", 1)
 

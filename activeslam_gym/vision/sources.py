@@ -52,6 +52,17 @@ def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
     raise SourceError(f"there is no {path}")
 
 
+def image_count(path: str | Path) -> int | None:
+    """How many images ``path`` means, or None where nobody knows: a live camera, some videos."""
+    where = Path(path)
+    if where.is_dir():
+        return sum(file.suffix.lower() in PICTURES for file in where.iterdir())
+    if where.is_file():
+        cv2 = opencv()
+        return int(cv2.VideoCapture(str(where)).get(cv2.CAP_PROP_FRAME_COUNT)) or None
+    return len(glob.glob(str(path))) or None
+
+
 def _checked(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
     """The images with their times, each grey and of the first one's size. Opened at once, so errors come at once."""
     name, first = next(images)

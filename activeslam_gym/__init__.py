@@ -35,6 +35,11 @@ for _id, _name in (("ActiveSLAM-v0", "ActiveSLAM"), ("ActiveSLAMDiscrete-v0", "A
         entry_point=f"activeslam_gym.envs.active_slam:{_name}Env",
         vector_entry_point=f"activeslam_gym.envs.active_slam_vector:{_name}VectorEnv",
     )
+gymnasium.register(
+    "ActiveSLAMPixels-v0",
+    entry_point="activeslam_gym.envs.active_slam_pixels:ActiveSLAMPixelsEnv",
+    vector_entry_point="activeslam_gym.envs.active_slam_pixels:ActiveSLAMPixelsVectorEnv",
+)
 
 
 def warm_up() -> None:

@@ -1,4 +1,4 @@
-"""`python -m activeslam_gym play` and `track`: the environment's own command line."""
+"""`python -m activeslam_gym play`, `track`, `ablate` and `calibrate`: the environment's own command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment."
     )
-    commands = top.add_subparsers(dest="command", required=True, metavar="play | track")
+    commands = top.add_subparsers(dest="command", required=True, metavar="play | track | ablate | calibrate")
     flying = commands.add_parser(
         "play",
         help="fly the camera by hand",
@@ -34,12 +34,38 @@ def parser() -> argparse.ArgumentParser:
         description="Track a calibrated camera through images that begin before a target of known size: its "
         "trajectory, the map and a log of every image. Needs the extra `vision`.",
     )
-    tracking.add_argument("--images", required=True, help="a folder, a pattern in quotes, or a video; 8-bit grey")
-    tracking.add_argument("--calibration", required=True, help="JSON file with the lens")
-    tracking.add_argument("--target", required=True, help="JSON file with the rectangle that the first image shows")
-    tracking.add_argument("--rate", type=float, default=30.0, help="images a second (default: %(default)s)")
+    _add_sequence(tracking)
     tracking.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
+    tracking.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
+    ablating = commands.add_parser(
+        "ablate",
+        help="track with parts of the front end left out, side by side",
+        description="Track the same images five times: in full, without warped templates, without the sub-pixel fit, "
+        "without appearance in the association, and without recovery.",
+    )
+    _add_sequence(ablating)
+    ablating.add_argument("--reference", help="a trajectory in TUM's format, to which the errors are told")
+    ablating.add_argument("--every", type=int, default=1, help="use every so many-th image (default: %(default)s)")
+    fitting = commands.add_parser(
+        "calibrate",
+        help="the lens from pictures of a board",
+        description="Fit the lens of equation 1 to pictures of a chessboard or a ChArUco board (dictionary 4x4_50, "
+        "markers of 3/4 of a square), held at different places, distances and angles. Needs the extra `vision`.",
+    )
+    fitting.add_argument("--images", required=True, help="a folder, a pattern in quotes, or a video; 8-bit grey")
+    fitting.add_argument("--kind", default="chessboard", help="chessboard or charuco (default: %(default)s)")
+    fitting.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
+    fitting.add_argument("--rows", type=int, required=True, help="rows of them")
+    fitting.add_argument("--out", required=True, help="the JSON file to write")
     return top
+
+
+def _add_sequence(command: argparse.ArgumentParser) -> None:
+    """The options of what is tracked."""
+    command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
+    command.add_argument("--calibration", required=True, help="JSON file with the lens")
+    command.add_argument("--target", required=True, help="JSON file with the rectangle that the first image shows")
+    command.add_argument("--rate", type=float, default=30.0, help="images a second (default: %(default)s)")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +75,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     args = parser().parse_args(arguments)
     try:
-        return _play(args) if args.command == "play" else _track(args)
+        return _COMMANDS[args.command](args)
+    except ModuleNotFoundError as error:
+        return _said(args, error, 1)
     except (ValueError, OSError) as error:
         return _said(args, error, 2)
     except KeyboardInterrupt:
@@ -68,12 +96,34 @@ def _play(args: argparse.Namespace) -> int:
 def _track(args: argparse.Namespace) -> int:
     from activeslam_gym.vision.track import summary, track
 
-    try:
-        done = track(args.images, args.calibration, args.target, args.rate, args.out)
-    except ModuleNotFoundError as error:
-        return _said(args, error, 1)
+    done = track(args.images, args.calibration, args.target, args.rate, args.out, args.film)
     print(f"{summary(done)}; results in {args.out}")
     return 0 if done.trouble is None else _said(args, f"ended early: {done.trouble}", 1)
+
+
+def _ablate(args: argparse.Namespace) -> int:
+    from activeslam_gym.vision.ablation import ablate, line_of
+
+    for outcome in ablate(args.images, args.calibration, args.target, args.rate, args.reference, args.every):
+        print(line_of(outcome), flush=True)
+    return 0
+
+
+def _calibrate(args: argparse.Namespace) -> int:
+    from activeslam_gym.vision.board import calibrate
+
+    fit = calibrate(args.images, args.kind, args.columns, args.rows, args.out)
+    lens, stds = fit.calibration, fit.stds
+    print(
+        f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
+        f"focal_px {lens.focal_px:.2f} +- {stds[0]:.2f}, principal point ({lens.principal_x_px:.2f} +- {stds[1]:.2f}, "
+        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
+        f"written to {args.out}"
+    )
+    return 0
+
+
+_COMMANDS = {"play": _play, "track": _track, "ablate": _ablate, "calibrate": _calibrate}
 
 
 def _said(args: argparse.Namespace, message: object, status: int) -> int:

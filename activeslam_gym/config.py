@@ -324,6 +324,12 @@ SCENARIOS: dict[str, Scenario] = {
             motion_criterion="mutual_information_position_map",
             amortised_decision=True,
         ),
+        Scenario(
+            name="pixels",
+            landmark_count=36,  # with the spare places, a map of 49: "fewer than 50"
+            fiducial_count=4,  # the corners of the target
+            pixel_std=0.7,
+        ),
     )
 }
 """The named scenarios, by name."""

@@ -17,6 +17,8 @@ from agents.evaluate import Look, run_episode
 from agents.tools.machine import sources
 
 ENVIRONMENT = "ActiveSLAM-v0"
+IMAGES = {"pixels": "ActiveSLAMPixels-v0"}
+"""The scenarios whose sensor is a camera in a textured room."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,9 @@ def file_name(policy: str) -> str:
 
 def make_environment(arguments: dict[str, Any]) -> gym.Env:
     """The environment of every study. A lost run goes on, or its score would stop where it falls."""
-    return gym.make(ENVIRONMENT, **{"end_when_lost": False, **arguments})
+    scenario = arguments.get("scenario")
+    name = scenario.get("name") if isinstance(scenario, dict) else scenario
+    return gym.make(IMAGES.get(str(name), ENVIRONMENT), **{"end_when_lost": False, **arguments})
 
 
 def run_policy(

@@ -33,7 +33,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "slam": MATHEMATICS,
     "information": MATHEMATICS | {"slam.belief", "slam.sight", "slam.kalman"},
     "rendering": {"envs.snapshot"},  # draws a snapshot
-    "envs": MATHEMATICS | {"threads", "metrics", "world", "slam", "information", "rendering"},
+    "envs": MATHEMATICS | {"threads", "metrics", "world", "slam", "information", "rendering", "vision"},
     "vision": MATHEMATICS | {"files", "slam", "world.noise"},  # beside envs; of the world the counted noise alone
     "play": {"motion", "rendering"},
     "__main__": {"play", "vision"},

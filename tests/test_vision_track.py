@@ -194,6 +194,17 @@ def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
     assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
 
 
+def test_a_film_shows_the_image_beside_the_map(sequence, tmp_path) -> None:
+    files = [f"--{name}={sequence / name}.json" for name in ("calibration", "target")]
+    assert main(["track", "--images", str(sequence / "images"), "--out", str(tmp_path), "--film", *files]) == 0
+    film = cv2.VideoCapture(str(tmp_path / "film.mp4"))
+    there, picture = film.read()
+    assert there and picture.shape == (480, 1280, 3)
+    coloured = np.ptp(picture.astype(int), axis=2) > 60
+    assert coloured[:, :640].any() and (picture[:, 640:] > 200).mean() > 0.5
+    assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == len(list((sequence / "images").iterdir())) - 1
+
+
 def test_what_was_tracked_before_trouble_is_kept(sequence, tmp_path, capsys) -> None:
     folder = tmp_path / "images"
     folder.mkdir()

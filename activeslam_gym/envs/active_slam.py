@@ -20,7 +20,7 @@ from activeslam_gym.envs.actions import (
 from activeslam_gym.envs.episode import BEGIN, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
-from activeslam_gym.envs.simulation import empty_runs, reset_run, resolve
+from activeslam_gym.envs.simulation import empty_runs, resolve
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.motion import Gaze
 from activeslam_gym.threads import Workers
@@ -221,7 +221,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         checked_options(options)
         super().reset(seed=None if seed is None else whole_number("seed", seed, 0))
         key = int(self.np_random.integers(2**63))
-        reset_run(self.setting, self._runs, 0, key)
+        self._reset_run(0, key)
         self._play_one(BEGIN, Gaze.STAY)
         self._running = True
         self._gaze = Gaze.STAY

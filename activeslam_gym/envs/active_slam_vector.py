@@ -23,7 +23,7 @@ from activeslam_gym.envs.actions import (
 from activeslam_gym.envs.episode import BEGIN, REST, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
-from activeslam_gym.envs.simulation import empty_runs, reset_run, resolve
+from activeslam_gym.envs.simulation import empty_runs, resolve
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import Gaze
@@ -201,7 +201,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """Give new rooms, each by a key of its own generator, where ``chosen`` (B,)."""
         for i in np.flatnonzero(chosen).tolist():
             generator, _ = self._generator_and_seed(i)
-            reset_run(self.setting, self._runs, i, key=int(generator.integers(2**63)))
+            self._reset_run(i, key=int(generator.integers(2**63)))
             self._histories[i] = History()
 
     def _generator_and_seed(self, i: int) -> tuple[np.random.Generator, int]:

@@ -44,27 +44,33 @@ def play(runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: in
         if motions[i] == BEGIN:
             begin_motion(run, _STAY)
         else:
-            _play_frames(run, motions[i], gazes[i])
-        points, covariance = as_points(run.belief)
-        evaluate(run, points, covariance)
-        if motions[i] == BEGIN:
-            _begin(run)
-        else:
-            _settle(run)
-        observe(run, points, covariance)
+            open_step(run, motions[i])
+            for _ in range(run.models.task.frames_per_step):
+                advance(run, gazes[i])
+        conclude(run, motions[i] == BEGIN)
 
 
 @compiled(inline="always")
-def _play_frames(run: Run, motion: int, gaze: int) -> None:
-    """The frames of one gaze period; the motion is read where its period begins."""
-    episode, task, events = run.episode, run.models.task, run.episode.events
-    if episode.steps % task.steps_per_motion == 0:
+def open_step(run: Run, motion: int) -> None:
+    """Before the frames of a gaze period; the motion is read where its own period begins."""
+    episode, events = run.episode, run.episode.events
+    if episode.steps % run.models.task.steps_per_motion == 0:
         begin_motion(run, motion)
     events.births, events.conversions, events.deletions, events.starvations, events.recoveries = 0, 0, 0, 0, 0
     events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
-    for _ in range(task.frames_per_step):
-        advance(run, gaze)
     episode.steps += 1
+
+
+@compiled(inline="always")
+def conclude(run: Run, begins: bool) -> None:
+    """After the frames: what they were worth, and what is seen of them."""
+    points, covariance = as_points(run.belief)
+    evaluate(run, points, covariance)
+    if begins:
+        _begin(run)
+    else:
+        _settle(run)
+    observe(run, points, covariance)
 
 
 @compiled(inline="always")

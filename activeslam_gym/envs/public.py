@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.envs.episode import landmark_distances, play
 from activeslam_gym.envs.referee import Labels, Truth, features_of_landmarks, owners_of
-from activeslam_gym.envs.simulation import Run, Setting, known_boxes, run_at
+from activeslam_gym.envs.simulation import Run, Setting, known_boxes, reset_run, run_at
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
 from activeslam_gym.information.criteria import criterion_number
@@ -216,6 +216,10 @@ class Reads:
     def _given(self, batch: np.ndarray) -> Any:
         """``batch`` (B, ...) as readers get it."""
         raise NotImplementedError
+
+    def _reset_run(self, i: int, key: int) -> None:
+        """Begin run ``i`` anew from ``key``."""
+        reset_run(self.setting, self._runs, i, key)
 
     def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
         """One step of every run: ``motions`` (B,) and ``gazes`` (B,) as `episode.play` takes them."""

@@ -343,21 +343,31 @@ def known_boxes(run: Run) -> np.ndarray:
 
 
 @compiled(inline="always")
+def drive(run: Run, gaze: int) -> np.ndarray:
+    """One frame of control and true motion; (6,) what the filter knows of the accelerations."""
+    motion, frame, control = run.models.motion, run.belief.state.frame, run.episode.control
+    turn = turn_of(motion, gaze, frame * motion.dt)
+    seconds = control.frames * motion.dt
+    u = accelerations(motion, run.belief.state.camera, control.start, control.goal, seconds, turn)
+    run.episode.events.wall_contacts += move(motion, run.world, u, frame)
+    control.frames += 1
+    if not motion.command_known:
+        u[:] = 0.0
+    return u
+
+
+@compiled(inline="always")
 def advance(run: Run, gaze: int) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation."""
-    models, world, belief, control, events = run.models, run.world, run.belief, run.episode.control, run.episode.events
+    models, world, belief, events = run.models, run.world, run.belief, run.episode.events
     motion, frame, K = models.motion, belief.state.frame, world.fiducials.shape[0]
-    turn = turn_of(motion, gaze, frame * motion.dt)
-    u = accelerations(motion, belief.state.camera, control.start, control.goal, control.frames * motion.dt, turn)
-    events.wall_contacts += move(motion, world, u, frame)
+    u = drive(run, gaze)
     count = detect(models.true_camera, models.sensor, world, frame, run.candidate, run.label)
     candidates, labels = run.candidate[:count], run.label[:count]
     run.episode.detections = count
     labelled = models.task.association_known or (models.task.labelled_first_match and frame == 0)
     for i in range(count):
         candidates[i].id = true_id(run.owner, belief, K, labels[i]) if labelled else ANYTHING
-    if not motion.command_known:
-        u[:] = 0.0
     boxes = known_boxes(run)
     filter_frame(
         models.camera, motion, models.filter, belief, world.fiducials, boxes, u, motion.dt, candidates, labelled, events
@@ -365,13 +375,20 @@ def advance(run: Run, gaze: int) -> None:
     wrong, false = judge_matches(run.owner, belief, K, candidates, labels)
     events.wrong_matches += wrong
     events.false_births += false
+    expect(run)
+
+
+@compiled(inline="always")
+def expect(run: Run) -> None:
+    """After a frame: features retire expected landmarks, and what was looked at and not found is expected elsewhere."""
+    models, belief = run.models, run.belief
     update_expectation(run.expected, models.landmark_var, belief)
     if models.negative_information:
         run.episode.views = disprove(
             models.camera,
-            boxes,
+            known_boxes(run),
             belief.state.camera,
-            motion.half,
+            models.motion.half,
             models.filter.initialisation.birth_detections + 2,
             models.filter.association.detection_probability,
             run.episode.redraw_key,
@@ -379,4 +396,3 @@ def advance(run: Run, gaze: int) -> None:
             run.viewpoint,
             run.episode.views,
         )
-    control.frames += 1

@@ -54,6 +54,8 @@ class Snapshot:
     """(j,) times at which the number of mapped landmarks rose [s]."""
     image_size: np.ndarray
     """(2,) width and height [px]."""
+    image: np.ndarray | None = None
+    """(H, W) uint8 what the camera sees, where there is an image."""
 
 
 class History:

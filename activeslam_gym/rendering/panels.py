@@ -143,6 +143,7 @@ class ImagePanel:
         axes.set(xticks=[], yticks=[], facecolor=WALL, aspect="equal", anchor="S")
         axes.set_title("Camera image", loc="left", size=9.5, pad=6)
         self._axes = axes
+        self._photo = axes.imshow(np.zeros((1, 1)), cmap="gray", vmin=0, vmax=255, visible=False, zorder=0)
         self._gates = _added(
             axes, PolyCollection([], facecolors=_faded([MAPPED], 0.10), edgecolors=MAPPED, linewidths=0.9)
         )
@@ -155,6 +156,9 @@ class ImagePanel:
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists to the snapshot."""
         width, height = (float(pixels) for pixels in snapshot.image_size)
+        self._photo.set_visible(snapshot.image is not None)
+        if snapshot.image is not None:
+            self._photo.set(data=snapshot.image, extent=(-0.5, width - 0.5, height - 0.5, -0.5))
         self._axes.set(xlim=(0, width), ylim=(height, 0))
         self._gates.set_verts(geometry.ellipses(*scene.predicted_pixels(snapshot), GATE_SIGMAS))
         self._detections.set_data(*snapshot.detections.T)

@@ -73,10 +73,17 @@ class FrontEndSettings:
     """A feature is judged after so many searches ..."""
     least_success: float = 0.5
     """... and deleted when a smaller share of them was matched."""
+    most_residual: float = 1.0
+    """A feature whose pixels are that far, on average, from where the updated belief has it, is deleted: an edge before
+    something far behind, or a moving picture [px]."""
     memory: float = 0.9
     """Share of a feature's record that is left after one more search."""
     clear: float = 0.5
     """A frame in which a smaller share of the searched is matched is blurred: it judges no feature and bears none."""
+    least_clear: int = 3
+    """So is one in which fewer are matched."""
+    room_below: int = 32
+    """In a full map, features not seen for longest make room while fewer are in view."""
     recover: bool = True
     """Whether ``least_share`` is demanded, and scouts go first where ellipses are large."""
 
@@ -137,9 +144,11 @@ class FrontEnd:
         self.templates = empty_templates(rows)
         self._place: dict[int, int] = {}
         self._tried, self._matched = np.zeros(rows), np.zeros(rows)
+        self._residual = np.zeros((rows, 2))
         self._seen = np.zeros(rows, np.int64)
         self._frame = 0
         self._time = 0.0
+        self._found: list[np.ndarray] = []
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -152,28 +161,41 @@ class FrontEnd:
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         for k, corner in enumerate(corners):
-            self._store(-1 - k, drawn, corner, normal)
+            self.know(k, drawn, corner, self.filter.belief.state.camera, normal)
         self._time = time
         for _ in range(4):
             self._give_births(image, grey, corners)
 
+    def know(self, k: int, picture: np.ndarray, pixel: np.ndarray, camera: np.ndarray, normal: np.ndarray) -> None:
+        """Fiducial ``k`` looks as at ``pixel`` (2,) of ``picture`` (h, w) float32, which is seen from ``camera``
+        (>= 7,) and shows a plane with ``normal`` (3,) (world, away from the camera)."""
+        self._store(-1 - k, picture, pixel, camera, normal)
+
     # A frame ----------------------------------------------------------------------------------------------------------
 
-    def step(self, image: np.ndarray, time_s: float) -> FrameLog:
-        """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s]."""
+    @property
+    def candidates(self) -> np.ndarray:
+        """(M,) CANDIDATE: what was found in the last image, and what became of it; births at the end."""
+        return np.concatenate(self._found)
+
+    def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
+        """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
         began = time.process_time()
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         self._frame += 1
+        self._found = [np.zeros(0, CANDIDATE)]
         dt, self._time = time_s - self._time, time_s
-        self.filter.predict(dt=dt)
+        self.filter.predict(u, dt)
         looked = self._look(grey)
         searched, found, matched = len(looked.searched), len(looked.found), len(looked.matched)
-        clear = bool(matched >= max(self.settings.clear * searched, 3))
+        clear = bool(matched >= max(self.settings.clear * searched, self.settings.least_clear))
+        sight = self.filter.sight()
         if clear:
             self._judge(looked)
+            self._remember_residuals(sight)
         deletions = self._delete_failed()
-        births = self._give_births(image, grey, self._occupied(looked.sight)) if clear else 0
+        births = self._give_births(image, grey, self._occupied(sight)) if clear else 0
         return FrameLog(
             time_s,
             len(self._place) - len(self.filter.fiducials),
@@ -225,6 +247,8 @@ class FrontEnd:
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
         candidates = self._candidates(ids, findings)
         matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
+        candidates["match"] = matched
+        self._found.append(candidates)
         return Looked(
             sight,
             ids[tried].tolist(),
@@ -269,11 +293,23 @@ class FrontEnd:
                 self._tried[place] = self.settings.memory * self._tried[place] + 1.0
                 self._matched[place] = self.settings.memory * self._matched[place] + hit
 
+    def _remember_residuals(self, sight: Sight) -> None:
+        """How far the matched pixels are from where the updated belief has them, each feature's running mean."""
+        at = {int(id): z for id, z in zip(sight.thing["id"], sight.thing["z_hat"])}
+        keep = self.settings.memory
+        for found in self._found:
+            for id, pixel in zip(found["match"].tolist(), found["pixel"]):
+                if id in at:
+                    self._residual[self._place[id]] *= keep
+                    self._residual[self._place[id]] += (1.0 - keep) * (pixel - at[id])
+
     def _delete_failed(self) -> int:
-        """Delete the features that were searched often and found seldom."""
+        """Delete the features that were searched often and found seldom, or not where they should be."""
         s = self.settings
         enough = (1.0 - s.memory**s.trials) / (1.0 - s.memory)
-        failed = (self._tried >= enough) & (self._matched < s.least_success * self._tried) & (self.templates.id > 0)
+        seldom = (self._tried >= enough) & (self._matched < s.least_success * self._tried)
+        astray = np.hypot(*self._residual.T) > s.most_residual
+        failed = (seldom | astray) & (self.templates.id > 0)
         for place in np.flatnonzero(failed):
             self._forget(int(self.templates.id[place]))
         return int(failed.sum())
@@ -297,14 +333,17 @@ class FrontEnd:
         due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
         if wanted <= 0 or not due:
             return 0
+        born = np.zeros(wanted, CANDIDATE)
         count = 0
         for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner):
-            if self._is_full() and not self._make_room():
+            if self._is_full() and not (in_view + count < s.room_below and self._make_room()):
                 break
             id = self.filter.birth(pixel)
             if id > 0:
-                self._store(id, grey, pixel, np.zeros(3))
+                self._store(id, grey, pixel, self.filter.belief.state.camera, np.zeros(3))
+                born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
+        self._found.append(born[:count])
         return count
 
     def _is_full(self) -> bool:
@@ -319,13 +358,13 @@ class FrontEnd:
         self._forget(int(self.templates.id[oldest]))
         return True
 
-    def _store(self, id: int, grey: np.ndarray, pixel: np.ndarray, normal: np.ndarray) -> None:
-        """Keep the template of a feature or fiducial first seen at ``pixel`` (2,)."""
+    def _store(self, id: int, grey: np.ndarray, pixel: np.ndarray, camera: np.ndarray, normal: np.ndarray) -> None:
+        """Keep the template of a feature or fiducial first seen at ``pixel`` (2,) from ``camera`` (>= 7,)."""
         place = int(np.flatnonzero(self.templates.id == 0)[0])
         self._place[id] = place
         self._tried[place], self._matched[place], self._seen[place] = 0.0, 0.0, self._frame
-        pose = self.filter.belief.state.camera
-        store(self.camera, self.templates, place, id, grey, np.asarray(pixel, float), pose, normal)
+        self._residual[place] = 0.0
+        store(self.camera, self.templates, place, id, grey, np.asarray(pixel, float), camera, normal)
 
 
 def _search_of(settings: FrontEndSettings, scouting: bool) -> Record:

@@ -1,9 +1,11 @@
-"""Sources of images: a folder, a pattern, a video. Each is an iterator of (time [s], grey image (h, w) uint8)."""
+"""Sources of images: a folder, a pattern, a video, a live camera. Each is an iterator of (time [s], grey image (h, w)
+uint8)."""
 
 from __future__ import annotations
 
 import glob
 import math
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +18,8 @@ Frame = tuple[float, np.ndarray]
 
 PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 """Endings of the pictures that a folder is searched for."""
+CAMERA = "camera:"
+"""What the name of a live camera begins with; its number follows."""
 
 
 class SourceError(ValueError):
@@ -23,7 +27,8 @@ class SourceError(ValueError):
 
 
 def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
-    """The images that ``path`` means, ``rate`` [Hz] a second: a folder, a pattern (``shots/*.png``) or a video.
+    """The images that ``path`` means, ``rate`` [Hz] a second: a folder, a pattern (``shots/*.png``) or a video; or of
+    the live camera ``camera:0``, in grey, with the times at which they came.
 
     Raises:
         SourceError: there is nothing there (said at once), or an image is unreadable, coloured or of another size than
@@ -33,6 +38,8 @@ def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
     """
     if not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
+    if str(path).startswith(CAMERA):
+        return _live(str(path))
     where = Path(path)
     if where.is_dir():
         files = sorted(file for file in where.iterdir() if file.suffix.lower() in PICTURES)
@@ -43,6 +50,17 @@ def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
         files = sorted(Path(name) for name in glob.glob(str(path)))
         return _checked(_pictures(files, f"nothing matches the pattern {path}"), rate)
     raise SourceError(f"there is no {path}")
+
+
+def image_count(path: str | Path) -> int | None:
+    """How many images ``path`` means, or None where nobody knows: a live camera, some videos."""
+    where = Path(path)
+    if where.is_dir():
+        return sum(file.suffix.lower() in PICTURES for file in where.iterdir())
+    if where.is_file():
+        cv2 = opencv()
+        return int(cv2.VideoCapture(str(where)).get(cv2.CAP_PROP_FRAME_COUNT)) or None
+    return len(glob.glob(str(path))) or None
 
 
 def _checked(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
@@ -111,3 +129,27 @@ def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
             raise SourceError(f"{path} breaks off after {count} images")
     finally:
         capture.release()
+
+
+def _live(name: str) -> Iterator[Frame]:
+    """The images of a live camera, until it stops; opened at once, so that errors come at once."""
+    cv2, number = opencv(), name.removeprefix(CAMERA)
+    if not number.isdecimal():
+        raise SourceError(f"a camera is camera:0, camera:1 and so on, got {name}")
+    capture = cv2.VideoCapture(int(number))
+    if not capture.isOpened():
+        raise SourceError(f"{name} is not there or cannot be opened")
+
+    def frames() -> Iterator[Frame]:
+        began = time.monotonic()
+        try:
+            while True:
+                there, image = capture.read()
+                if not there:
+                    raise SourceError(f"{name} has stopped")
+                grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+                yield time.monotonic() - began, grey
+        finally:
+            capture.release()
+
+    return frames()

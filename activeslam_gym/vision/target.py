@@ -26,10 +26,12 @@ _SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))
 """The rectangle's sides, by corners: top, bottom, left, right."""
 
 
-_SUPERSAMPLING = 5
+_SUPERSAMPLING = 20
 """Rays a side of a pixel by which edges are drawn."""
 _ROUNDS = 4
 """Times that edges are sought from the corners found before."""
+_BLACK, _WHITE = 25.0, 225.0
+"""Grey levels of a printed target."""
 _LEAST_CONTRAST = 25.0
 """Grey levels between the two sides of the target's edge."""
 
@@ -262,6 +264,16 @@ def drawn_target(
     near = np.abs(middle) < reach
     part[near] = (bright + (dark - bright) * inside)[near]
     return out, corners
+
+
+def printed_target(camera: Record, target: Rectangle, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The target as it is printed, seen straight from ``distance`` [m]: the image (h, w) float32, its corners (4, 2)
+    [px], and the camera's pose (7,) in the target's frame."""
+    pose = np.concatenate(((0.0, 0.0, distance), _FACING))
+    x, y = np.arange(camera.width), np.arange(camera.height)
+    inside = _depth_inside(camera, target, pose, rotation_matrix(_FACING), x, y) > 0.0
+    drawn, corners = drawn_target(np.where(inside, _BLACK, _WHITE), camera, target, pose)
+    return drawn, corners, pose
 
 
 def _projected(camera: Record, pose: np.ndarray, R_WC: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ axes as image files have them, x right, y down, z forward. The filter's camera h
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,9 +21,10 @@ from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration, read_calibration
+from activeslam_gym.vision.film import Film
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import Frame, open_images
+from activeslam_gym.vision.sources import Frame, image_count, open_images
 from activeslam_gym.vision.target import Rectangle, drawn_target, read_target, refine_corners, start_pose
 
 HAND_HELD: dict[str, Any] = {
@@ -100,8 +101,11 @@ def follow(
     rate: float,
     settings: FrontEndSettings | None = None,
     scenario_fields: dict[str, Any] | None = None,
+    watch: Callable[[FrontEnd, np.ndarray], None] | None = None,
 ) -> Track:
     """Track ``images``; trouble with an image ends the track, and what was tracked until then is kept.
+
+    ``watch`` is called after each image but the first, with the front end and the image.
 
     Raises:
         SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target.
@@ -120,13 +124,27 @@ def follow(
             times.append(time)
             cameras.append(belief.state.camera.copy())
             covariances.append(belief.covariance[:6, :6].copy())
+            if watch is not None:
+                watch(front_end, image)
     except ValueError as error:
         trouble = str(error)
+    except KeyboardInterrupt:
+        trouble = "interrupted"
     return Track(np.array(times), np.array(cameras), np.array(covariances), logs, front_end.filter, trouble)
 
 
-def track(images: str | Path, calibration: str | Path, target: str | Path, rate: float, out: str | Path) -> Track:
-    """Track the images that ``images`` means and write trajectory.tum, map.csv and frames.csv into the folder ``out``.
+def track(
+    images: str | Path,
+    calibration: str | Path,
+    target: str | Path,
+    rate: float,
+    out: str | Path,
+    film: bool = False,
+) -> Track:
+    """Track the images that ``images`` means and write trajectory.tum, map.csv and frames.csv into the folder ``out``,
+    and with ``film`` the images with their ellipses beside the map, film.mp4.
+
+    Ctrl-C ends it early, as trouble with an image does.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -137,20 +155,24 @@ def track(images: str | Path, calibration: str | Path, target: str | Path, rate:
     lens, rectangle = read_calibration(calibration), read_target(target)
     frames, folder = open_images(images, rate), Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    done = follow(_with_progress(frames), lens, rectangle, rate)
+    painter = Film(folder / "film.mp4", rate) if film else None
+    shown = _with_progress(frames, image_count(images))
+    done = follow(shown, lens, rectangle, rate, watch=painter.add if painter else None)
+    if painter:
+        painter.close()
     write_trajectory(folder / "trajectory.tum", done)
     write_map(folder / "map.csv", done.filter)
     write_log(folder / "frames.csv", done.logs)
     return done
 
 
-def _with_progress(frames: Iterable[Frame]) -> Iterable[Frame]:
+def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame]:
     """The same, with a progress bar where there is `tqdm` and a terminal."""
     try:
         from tqdm import tqdm
     except ModuleNotFoundError:
         return frames
-    return tqdm(frames, desc="track", unit=" images", disable=None)
+    return tqdm(frames, desc="track", total=total, unit=" images", disable=None)
 
 
 def summary(done: Track) -> str:

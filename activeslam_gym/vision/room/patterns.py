@@ -13,8 +13,8 @@ import numpy as np
 Pattern = Callable[[np.random.Generator, int], np.ndarray]
 """A picture (n, n) [grey levels]."""
 
-TARGET_MARGIN = 0.1875
-"""Share of the target's board on each side of its black rectangle."""
+TARGET_MARGIN = 0.25
+"""Share of the target's board on each side of its black rectangle: a corner's template lies on it at 2.9 m still."""
 
 
 def value_noise(rng: np.random.Generator, n: int, across: int, down: int, octaves: int = 4) -> np.ndarray:

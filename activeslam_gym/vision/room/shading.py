@@ -72,8 +72,8 @@ _EXPONENT = np.int32(23)
 """Where it begins in a number of 32 bits; its bias is 127."""
 _ONE_BITS = np.int32(127 << 23)
 _HALF_LOG = np.float32(0.5 / 2**23)
-_GREATEST = np.float32(4.0 ** (LEVELS - 2))
-"""Square of the largest texel to be asked for: there is one level above it."""
+_GREATEST = np.float32(4.0 ** (LEVELS - 3))
+"""Square of the largest texel to be asked for: there are two levels above it."""
 
 
 @compiled(error_model="numpy")
@@ -210,8 +210,9 @@ def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one:
         u, v = min(max(u, low_u), high_u), min(max(v, low_v), high_v)
         one[_U + i], other[_U + i] = u - apart * along_u, u + apart * along_u
         one[_V + i], other[_V + i] = v - apart * along_v, v + apart * along_v
-        # log2 of the probes' side, by the bits of its square: exact at the powers of two, and straight between them
-        floats[_LEVEL + i] = np.float32(np.int32(np.float32(square).view(np.int32) - _ONE_BITS)) * _HALF_LOG
+        # log2 of the probes' side, by the bits of its square: exact at the powers of two, and straight between them.
+        # Half a level more: a ramp between two texels that is shorter than a pixel would shift edges by their phase
+        floats[_LEVEL + i] = np.float32(np.int32(np.float32(square).view(np.int32) - _ONE_BITS)) * _HALF_LOG + _HALF
 
 
 @compiled(error_model="numpy")

@@ -1,0 +1,95 @@
+"""A frame of a run whose detections come from somebody else: the kernels before and after the front end's turn."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.envs.episode import conclude, open_step
+from activeslam_gym.envs.referee import NOBODY
+from activeslam_gym.envs.simulation import Run, begin_motion, drive, expect, run_at
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.kernels import compiled
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import QUATERNION, Motion
+from activeslam_gym.slam.belief import position_of
+from activeslam_gym.world.simulator import CLUTTER_LABEL
+
+HOLD = -3
+"""In place of a motion: the step has begun."""
+WRONG_PX = 4.0
+"""A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
+_STAY = int(Motion.STAY)
+
+
+@compiled
+def begin(runs: Run, i: int) -> None:
+    """Evaluate run ``i``, which has just been reset."""
+    run = run_at(runs, i)
+    begin_motion(run, _STAY)
+    conclude(run, True)
+
+
+@compiled
+def move(runs: Run, i: int, motion: int, gaze: int) -> np.ndarray:
+    """One frame of true motion of run ``i``; (6,) what the filter knows of the accelerations."""
+    run = run_at(runs, i)
+    if motion != HOLD:
+        open_step(run, motion)
+    return drive(run, gaze)
+
+
+@compiled
+def account(runs: Run, i: int, births: np.ndarray, spare: np.ndarray) -> None:
+    """After the filter: which matches were right, and which scene point each of the N slots of the score stands for.
+
+    ``births`` (F, 3): by slot, the scene point of each feature's birth pixel. The slot of the expected landmark that a
+    feature has retired is the feature's; of an empty one, ``spare`` (N, 3), anywhere in the room, is the truth.
+    """
+    run = run_at(runs, i)
+    world, belief, expected, owner = run.world, run.belief, run.expected, run.owner
+    expect(run)
+    for k in range(belief.state.count):
+        feature = belief.feature[k]
+        owner[feature.slot].serial, owner[feature.slot].landmark = feature.serial, NOBODY
+    for e in range(expected.shape[0]):
+        k = position_of(belief, expected[e].serial) if expected[e].serial != WAITING else -1
+        if k >= 0:
+            owner[belief.feature[k].slot].landmark = e
+            copy_into(world.landmarks[e], births[belief.feature[k].slot])
+        else:
+            copy_into(world.landmarks[e], spare[e])
+    for c in range(run.episode.detections):
+        run.label[c] = _label(run, births, run.candidate[c].match, run.candidate[c].pixel)
+
+
+@compiled(inline="always")
+def _label(run: Run, births: np.ndarray, match: int, pixel: np.ndarray) -> int:
+    """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
+    world, belief, K = run.world, run.belief, run.world.fiducials.shape[0]
+    k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
+    if match > 0:
+        k = position_of(belief, match)
+    if k >= 0:
+        slot = belief.feature[k].slot
+        point = births[slot]
+        if run.owner[slot].landmark != NOBODY:
+            label = K + run.owner[slot].landmark
+    elif -K <= match < 0:
+        point, label = world.fiducials[-1 - match], -1 - match
+    if k >= 0 or -K <= match < 0:
+        z, pose = np.empty(2), world.state.camera
+        p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
+        seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
+        if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
+            run.episode.events.wrong_matches += 1
+            label = CLUTTER_LABEL
+    return label
+
+
+@compiled
+def finish(runs: Run, i: int) -> None:
+    """After the frames of a step."""
+    run = run_at(runs, i)
+    conclude(run, False)

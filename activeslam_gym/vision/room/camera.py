@@ -1,0 +1,73 @@
+"""A camera in a room: the source of rendered images, each a function of the seed, the pose and the frame alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import Scenario
+from activeslam_gym.kernels import Record
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.room.geometry import Scene, scene_point
+from activeslam_gym.vision.room.lens import lens_of
+from activeslam_gym.vision.room.render import render, workspace_of
+from activeslam_gym.vision.room.scene import TARGET_SIZE, draw_scene
+from activeslam_gym.vision.room.sensor import Sensor, sensor_of
+from activeslam_gym.vision.target import Rectangle, printed_target
+
+TARGET_CORNERS = 4
+"""Fiducials of a room: the corners of its target."""
+_AHEAD = np.array((0.0, 0.0, 1.0))
+"""The target's normal, away from the camera."""
+_STRAIGHT = np.array((1.0, 0.0, 0.0, 0.0))
+"""q_WC of the camera that looks straight at it."""
+
+_AROUND = 2.0 * np.array([(0, 0), *((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)])
+"""A pixel and its surroundings [px]."""
+
+
+class RoomCamera:
+    """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one.
+
+    ``scene``: the room; `fiducials` (4, 3) [m]: the corners of its target.
+    """
+
+    def __init__(self, scenario: Scenario, lens: Record, seed: np.random.SeedSequence, sensor: Sensor | None = None):
+        room, noise = seed.spawn(2)
+        self.scene: Scene = draw_scene(scenario, np.random.default_rng(room))
+        self.fiducials = self.scene.target[[0, 1, 3, 2]]  # in the order of `Rectangle`
+        self._sensor = sensor_of() if sensor is None else sensor
+        self._lens = lens_of(lens)
+        self._key = noise.generate_state(1, np.uint64)
+        self._work = workspace_of(self.scene, self._lens)
+        self._size = int(lens.height), int(lens.width)
+
+    def photograph(self, state: np.ndarray, frame: int) -> np.ndarray:
+        """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities."""
+        image = np.empty(self._size, np.uint8)
+        render(self.scene, self._lens, self._sensor, state, frame, self._key, self._work, image)
+        return image
+
+    def point(self, state: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+        """(3,) what ``pixel`` (2,) shows from ``state`` [m]; the room is closed, so there is always something.
+
+        An edge belongs to what is in front: the depth is the least within two pixels.
+        """
+        origin = state[:3]
+        points = [scene_point(self.scene, state, self._lens.camera, pixel + offset)[0] for offset in _AROUND]
+        depths = [float(np.linalg.norm(point - origin)) for point in points]
+        return origin + (points[0] - origin) * (min(depths) / depths[0])
+
+
+def introduce_target(front_end: FrontEnd, scenario: Scenario, fiducials: np.ndarray) -> None:
+    """Tell the front end what the ``fiducials`` (4, 3) of a room look like: the target as it is printed.
+
+    It is drawn as seen from the middle of the distances at which it may stand.
+    """
+    camera = camera_of(scenario)
+    target = Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2)))
+    distance = 0.5 * sum(scenario.fiducial_distance)
+    picture, corners, _ = printed_target(camera, target, distance)
+    pose = np.concatenate((fiducials.mean(axis=0) - distance * _AHEAD, _STRAIGHT))
+    for k, corner in enumerate(corners):
+        front_end.know(k, picture, corner, pose, _AHEAD)

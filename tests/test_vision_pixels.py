@@ -1,0 +1,155 @@
+"""``ActiveSLAMPixels-v0``: the same environment, and images for a sensor."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import activeslam_gym  # noqa: F401  (registers the environment)
+from activeslam_gym import SCENARIOS
+from activeslam_gym.motion import Gaze, Motion
+
+pytest.importorskip("cv2")
+
+NAME = "ActiveSLAMPixels-v0"
+ACTIONS = [(Motion.LEFT, Gaze.STAY)] * 6 + [(Motion.UP, Gaze.LEFT)] * 6
+LONG = {"gaze_period": 0.1, "motion_period": 0.2}
+
+
+def play(env: gym.Env, seed: int | None, actions=ACTIONS):
+    """Observations, rewards and infos of an episode's beginning."""
+    observation, info = env.reset(seed=seed)
+    seen, rewards, infos = [observation], [], [info]
+    for action in actions:
+        observation, reward, terminated, truncated, info = env.step(action)
+        seen.append(observation)
+        rewards.append(reward)
+        infos.append(info)
+        if terminated or truncated:
+            break
+    return np.array(seen), np.array(rewards), infos
+
+
+@pytest.fixture(scope="module")
+def played():
+    """An environment that has played all actions."""
+    env = gym.make(NAME, **LONG)
+    return env, *play(env, 3)
+
+
+def test_it_is_a_gymnasium_environment_with_the_spaces_of_points() -> None:
+    env, points = gym.make(NAME, duration=1.0).unwrapped, gym.make("ActiveSLAM-v0", scenario="pixels", duration=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=True)
+    assert env.observation_space == points.observation_space and env.action_space == points.action_space
+    env.reset(seed=4), points.reset(seed=4)
+    np.testing.assert_array_equal(env.truth.position, points.unwrapped.truth.position)
+
+
+def test_the_same_seed_gives_the_same_run(played) -> None:
+    _, seen, rewards, infos = played
+    again = play(gym.make(NAME, **LONG), 3)
+    np.testing.assert_array_equal(seen, again[0])
+    np.testing.assert_array_equal(rewards, again[1])
+    assert infos == again[2]
+    assert not np.array_equal(play(gym.make(NAME, **LONG), 5, ACTIONS[:2])[0], seen[:3])
+
+
+def test_a_batch_is_its_single_environments_through_an_autoreset() -> None:
+    arguments = {"gaze_period": 0.1, "motion_period": 0.2, "duration": 0.4}
+    batch = gym.make_vec(NAME, num_envs=2, num_threads=2, **arguments)
+    together = [batch.reset(seed=7)[0]] + [batch.step([action] * 2)[0] for action in ACTIONS[:8]]
+    for i in range(2):
+        env = gym.make(NAME, **arguments)
+        alone = [*play(env, 7 + i, ACTIONS[:8])[0], *play(env, None, ACTIONS[5:8])[0]]
+        np.testing.assert_array_equal(np.array(together)[:, i], alone[: len(together)])
+    batch.close()
+
+
+def test_the_images_tell_where_the_camera_is(played) -> None:
+    env, _, _, infos = played
+    assert infos[-1]["position_error"] < 0.2 and infos[-1]["orientation_error"] < 0.1
+    assert infos[-1]["entropy"] < infos[0]["entropy"] - 100.0, "bits"
+    assert sum(info["events"]["births"] for info in infos[1:]) > 8
+    assert sum(info["events"]["wrong_matches"] for info in infos[1:]) < 0.1 * 13 * len(infos), "a tenth of the matches"
+
+
+def test_matches_are_good_to_a_fraction_of_a_pixel(played) -> None:
+    errors = played[0].unwrapped.match_errors()
+    assert len(errors) > 8
+    assert np.median(np.abs(errors[:, 1:3])) < 0.3
+
+
+def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> None:
+    env = played[0].unwrapped
+    belief, labels = env.belief, env.labels
+    owned = np.flatnonzero(labels.owners >= 0)
+    assert len(owned) > 5
+    P = np.array([belief.covariance[12 + 3 * k : 15 + 3 * k, 12 + 3 * k : 15 + 3 * k] for k in owned])
+    error = env.truth.landmarks[labels.owners[owned]] - belief.landmarks[owned]
+    square = np.einsum("ki,kij,kj->k", error, np.linalg.inv(P), error)
+    assert np.median(square) < 8.0, "chi squared with 3 degrees of freedom"
+    right = labels.detected[labels.matched > 0]
+    assert np.isin(labels.owners[owned], right - 4).any(), "detections bear their slots"
+
+
+def test_noise_of_a_frame_does_not_depend_on_the_actions() -> None:
+    """With a sensor that sees the noise alone: the same frame of the same seed, from another place."""
+    images = []
+    for motion in (Motion.LEFT, Motion.RIGHT):
+        env = gym.make(NAME, motion_period=0.05).unwrapped
+        env.reset(seed=2)
+        for _ in range(3):
+            env.step((motion, Gaze.STAY))
+        images.append(env.image.astype(float))
+    flat = [image[-12:, -12:] - image[-12:, -12:].mean() for image in images]
+    assert abs(flat[0] - flat[1]).mean() < abs(flat[0] - flat[1].T).mean()
+
+
+def test_a_copy_goes_on_alike_and_alone(played) -> None:
+    env = copy.deepcopy(played[0])
+    other = copy.deepcopy(env)
+    steps = [[one.step((Motion.STAY, Gaze.RIGHT))[0] for _ in range(2)] for one in (env, other)]
+    np.testing.assert_array_equal(*steps)
+
+
+def test_the_picture_shows_the_image() -> None:
+    pytest.importorskip("matplotlib")
+    env = gym.make(NAME, render_mode="rgb_array", **LONG)
+    env.reset(seed=1)
+    env.step((Motion.STAY, Gaze.STAY))
+    snapshot = env.unwrapped.snapshot()
+    np.testing.assert_array_equal(snapshot.image, env.unwrapped.image)
+    with_image = env.render()
+    from activeslam_gym import rendering
+
+    without = rendering.draw(dataclasses.replace(snapshot, image=None))
+    assert (with_image != without).any(axis=2).mean() > 0.05
+
+
+@pytest.mark.parametrize(("field", "value"), [("fiducial_count", 6), ("clutter_rate", 1.0)])
+def test_a_scenario_that_has_no_image_is_refused(field: str, value: object) -> None:
+    with pytest.raises(ValueError, match=f"scenario.{field} must be"):
+        gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))
+
+
+def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(ModuleNotFoundError, match="install the extra `vision`"):
+        gym.make(NAME)
+
+
+def test_policies_and_compare_take_it() -> None:
+    from agents.task import make_environment
+
+    env = make_environment({"scenario": "pixels", "duration": 1.0})
+    assert env.spec is not None and env.spec.id == NAME
+    assert make_environment({"scenario": "paper"}).spec.id == "ActiveSLAM-v0"

@@ -119,7 +119,7 @@ def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
     sound = cholesky_in_place(U)
     _find_mapped(run)
     _evaluate_errors(run, points, covariance, owners)
-    episode.lost_now = not sound or e.position_error > run.models.task.lost_position_error
+    episode.lost_now = not (sound and e.position_error <= run.models.task.lost_position_error)  # NaN is lost too
     if sound:
         waiting = N - first.shape[0] - second.shape[0]
         log2_dets(var, waiting, covariance, U, first, second, e)

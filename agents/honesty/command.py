@@ -54,7 +54,11 @@ class Args(Rooms):
     @property
     def command(self) -> str:
         """What runs this."""
-        return f"python -m agents consistency --episodes {self.episodes} --seed {self.seed} --scenario {self.scenario}"
+        command = (
+            f"python -m agents consistency --episodes {self.episodes} --seed {self.seed} --scenario {self.scenario}"
+        )
+        chosen = self.initialisations != Args.initialisations
+        return command + (f" --initialisations {' '.join(self.initialisations)}" if chosen else "")
 
     @property
     def environments(self) -> list[dict[str, Any]]:

@@ -29,7 +29,8 @@ import json, sys, warnings
 import gymnasium, numpy as np
 from numba.core.errors import NumbaWarning
 warnings.simplefilter("error", NumbaWarning)
-from numba.core.runtime.rtsys import get_allocation_stats as counts
+from numba.core.runtime import rtsys
+counts = rtsys.get_allocation_stats
 from activeslam_gym.envs.episode import play
 from activeslam_gym.envs.public import score_runs
 

@@ -14,7 +14,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.linalg import congruence, copy_block, product
+from activeslam_gym.linalg import congruence, copy_into, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -100,8 +100,17 @@ def transition(x: np.ndarray, u: np.ndarray, dt: float) -> np.ndarray:
     v+ = v + a dt, p+ = p + v+ dt, w+ = w + alpha dt, q+ = Exp(w+ dt) q: the paper's matrix Q with its factor
     corrected to 1/|w|, and the angular velocity in the world frame.
     """
-    v, w = x[VELOCITY] + dt * u[:3], x[ANGULAR_VELOCITY] + dt * u[3:]
-    return np.concatenate((x[POSITION] + dt * v, rotate_left(dt * w, x[QUATERNION]), v, w))
+    p, q, v, w = x[POSITION], x[QUATERNION], x[VELOCITY], x[ANGULAR_VELOCITY]
+    out = np.empty(CAMERA_SIZE)
+    p_next, v_next, w_next = out[POSITION], out[VELOCITY], out[ANGULAR_VELOCITY]
+    turned = np.empty(3)
+    for i in range(3):
+        v_next[i] = v[i] + dt * u[i]
+        p_next[i] = p[i] + dt * v_next[i]
+        w_next[i] = w[i] + dt * u[3 + i]
+        turned[i] = dt * w_next[i]
+    copy_into(out[QUATERNION], rotate_left(turned, q))
+    return out
 
 
 @compiled
@@ -110,18 +119,33 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
 
     dtheta+ = Exp(w+ dt) dtheta + J_l(w+ dt) dt dw+, which follows from Exp((w + dw) dt) = Exp(J_l dw dt) Exp(w dt).
     """
-    phi, F_x = dt * angular_velocity, np.eye(CAMERA_DIM)
-    copy_block(dt * np.eye(3), F_x[D_POSITION, D_VELOCITY])
-    copy_block(so3_exp(phi), F_x[D_ROTATION, D_ROTATION])
-    copy_block(dt * so3_left_jacobian(phi), F_x[D_ROTATION, D_ANGULAR])
+    phi = np.array((dt * angular_velocity[0], dt * angular_velocity[1], dt * angular_velocity[2]))
+    turn, spread = so3_exp(phi), so3_left_jacobian(phi)
+    F_x = np.zeros((CAMERA_DIM, CAMERA_DIM))
+    for i in range(CAMERA_DIM):
+        F_x[i, i] = 1.0
+    p_by_v, theta_by_theta, theta_by_w = (
+        F_x[D_POSITION, D_VELOCITY],
+        F_x[D_ROTATION, D_ROTATION],
+        F_x[D_ROTATION, D_ANGULAR],
+    )
+    for i in range(3):
+        p_by_v[i, i] = dt
+        for j in range(3):
+            theta_by_theta[i, j] = turn[i, j]
+            theta_by_w[i, j] = dt * spread[i, j]
     return F_x
 
 
 @compiled
 def process_covariance(motion: Record, F_x: np.ndarray, dt: float) -> np.ndarray:
     """Q (12, 12) = F_x Q_u F_x^T of ``dt`` seconds: the noise enters v and w, and reaches p and theta as they do."""
-    of_v, of_w = (dt * motion.filter_acceleration_std) ** 2, (dt * motion.filter_angular_acceleration_std) ** 2
-    return congruence(F_x, np.diag(np.repeat(np.array((0.0, 0.0, of_v, of_w)), 3)))
+    Q_u = np.zeros((CAMERA_DIM, CAMERA_DIM))
+    Q_v, Q_w = Q_u[D_VELOCITY, D_VELOCITY], Q_u[D_ANGULAR, D_ANGULAR]
+    for i in range(3):
+        Q_v[i, i] = (dt * motion.filter_acceleration_std) ** 2
+        Q_w[i, i] = (dt * motion.filter_angular_acceleration_std) ** 2
+    return congruence(F_x, Q_u)
 
 
 @compiled

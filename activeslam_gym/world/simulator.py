@@ -11,7 +11,7 @@ from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record
-from activeslam_gym.linalg import copy_block, copy_into
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import CAMERA_SIZE, POSITION, QUATERNION, VELOCITY, transition
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
 
@@ -76,8 +76,11 @@ def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
     noise = normals(world.state.noise_key, _draws(world) * frame, 6)
-    stds = np.repeat(np.array((motion.acceleration_std, motion.angular_acceleration_std)), 3)
-    x = transition(world.state.camera, u + stds * noise, motion.dt)
+    disturbed = np.empty(6)
+    for i in range(3):
+        disturbed[i] = u[i] + motion.acceleration_std * noise[i]
+        disturbed[3 + i] = u[3 + i] + motion.angular_acceleration_std * noise[3 + i]
+    x = transition(world.state.camera, disturbed, motion.dt)
     p, v = x[POSITION], x[VELOCITY]
     contacts = 0
     for i in range(3):
@@ -126,9 +129,7 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
         candidates[n].pixel[1] = camera.height * spare[2 + 3 * i]
         labels[n], order[n] = CLUTTER_LABEL, spare[3 + 3 * i]
         n += 1
-    shuffled, pixels = np.argsort(order[:n]), candidates["pixel"]
-    copy_block(pixels[shuffled], pixels)
-    copy_into(labels, labels[shuffled])
+    _shuffle(candidates, labels, order[:n])
     return n
 
 
@@ -143,3 +144,17 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
         term *= rate / k
         total += term
     return k
+
+
+@compiled
+def _shuffle(candidates: np.ndarray, labels: np.ndarray, order: np.ndarray) -> None:
+    """Sort the detections by their random ``order`` (n,), by insertion: there are few."""
+    for i in range(1, order.shape[0]):
+        for j in range(i, 0, -1):
+            if order[j - 1] <= order[j]:
+                break
+            order[j - 1], order[j] = order[j], order[j - 1]
+            labels[j - 1], labels[j] = labels[j], labels[j - 1]
+            one, other = candidates[j - 1].pixel, candidates[j].pixel
+            for axis in range(2):
+                one[axis], other[axis] = other[axis], one[axis]

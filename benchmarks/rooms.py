@@ -74,7 +74,7 @@ def noise(errors: list[np.ndarray]) -> dict[str, float]:
         for one in rows:
             if np.hypot(one[1], one[2]) < 4.0:
                 series.setdefault(int(one[0]), []).append((frame, one[1:]))
-    total: dict[str, list[float]] = {"square": [], "bias": [], "ratio": [], "lag1": [], "lag5": [], "lag20": []}
+    total: dict[str, list[Any]] = {"square": [], "bias": [], "ratio": [], "lag1": [], "lag5": [], "lag20": []}
     for seen in series.values():
         at = {frame: one[:2] for frame, one in seen}
         total["bias"] += [np.mean(list(at.values()), axis=0) ** 2] if len(at) >= 20 else []

@@ -157,7 +157,7 @@ def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
     return levels
 
 
-@compiled
+@compiled(inline="always")
 def _level(levels: Hypotheses, d: int) -> Hypotheses:
     """The hypotheses of one level: views."""
     return Hypotheses(
@@ -200,7 +200,7 @@ def _explore(
     return best
 
 
-@compiled
+@compiled(inline="always")
 def _most_of_a_pair(candidates: np.ndarray, pair_worth: float) -> float:
     """What no pair's worth exceeds: that of a pixel predicted without any doubt, at its place."""
     most = 0.0
@@ -211,7 +211,7 @@ def _most_of_a_pair(candidates: np.ndarray, pair_worth: float) -> float:
     return most
 
 
-@compiled
+@compiled(inline="always")
 def _look(
     model: Record,
     h: Hypotheses,
@@ -250,7 +250,7 @@ def _look(
     return _BRANCH
 
 
-@compiled
+@compiled(inline="always")
 def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> None:
     """The free candidates near the level's thing, the likeliest first, and MISSED."""
     a, choice, count = search.thing[depth], search.choice[depth], 0
@@ -276,7 +276,7 @@ def _miss(model: Record, h: Hypotheses, a: int) -> float:
     return math.log(1.0 - model.detection_probability * inside_u * inside_v)
 
 
-@compiled
+@compiled(inline="always")
 def _descend(
     model: Record,
     levels: Hypotheses,
@@ -305,7 +305,7 @@ def _descend(
         condition(below, below.open, a, candidates[i], pixel_var)
 
 
-@compiled
+@compiled(inline="always")
 def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: float) -> float:
     """Take down a leaf; returns the best score so far."""
     score, answer, M = search.score[depth], search.answer[depth], free.shape[0]

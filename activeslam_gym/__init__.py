@@ -1,7 +1,5 @@
 """Active SLAM as a Gymnasium environment: where should a camera go, and where should it look, to know the most?"""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

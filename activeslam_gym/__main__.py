@@ -1,7 +1,5 @@
 """`python -m activeslam_gym play`, `track`, `ablate` and `calibrate`: the environment's own command line."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Sequence

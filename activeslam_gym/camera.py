@@ -4,8 +4,6 @@ u_c = f x/z, v_c = f y/z, d = 1 + K_d (u_c^2 + v_c^2), u = u0 - u_c/sqrt(d), v =
 Camera axes are x left, y up, z forward, hence the minus signs; u runs to the right and v downwards.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

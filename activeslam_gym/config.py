@@ -6,8 +6,6 @@ Angles are in radians, lengths in metres and times in seconds unless a suffix sa
 Z are horizontal, the origin is the centre of the room. Camera axes: x left, y up, z forward (the paper's equation 1).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import operator

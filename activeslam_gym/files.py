@@ -1,7 +1,5 @@
 """Files that are whole or absent, whenever the program is stopped."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

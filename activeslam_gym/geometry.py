@@ -1,7 +1,5 @@
 """Rotations: quaternions (scalar first) and so(3), with the perturbation in the world frame, R = Exp(dtheta) R_hat."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

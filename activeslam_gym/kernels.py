@@ -5,8 +5,6 @@ named after the *content* of the modules that hold kernels: an edit of any of th
 its own, and going back to the old content finds the old kernels again. Edits of other modules change nothing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib

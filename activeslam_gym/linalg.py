@@ -5,8 +5,6 @@ They begin at 0, of slices: with another start the compiler cannot know that no 
 at a time.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

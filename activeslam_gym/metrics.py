@@ -1,7 +1,5 @@
 """Is the belief true? Errors, NEES, the proper log score, and trajectory files."""
 
-from __future__ import annotations
-
 import math
 import os
 

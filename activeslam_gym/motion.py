@@ -4,8 +4,6 @@ The camera's mean is a vector of 13: position, quaternion (scalar first), veloci
 covariance lives in the 12-D tangent: position, rotation dtheta (world frame), velocity, angular velocity.
 """
 
-from __future__ import annotations
-
 import math
 from enum import IntEnum
 

@@ -6,8 +6,6 @@ to the whole process, and of the layers at hand one dies in a forked child and t
 at once. Here each environment has its own threads, started at the first use and anew in a forked child.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 from collections.abc import Callable

@@ -5,8 +5,6 @@
 Prints, for each policy, the NEES of the pose, lost runs and wrong matches; and the noise of all matched pixels.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

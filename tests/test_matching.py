@@ -1,7 +1,5 @@
 """Joint matching, the way back out of starvation, and the iterated correction: by what they must obey."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

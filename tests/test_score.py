@@ -1,7 +1,5 @@
 """What a run is scored by: the price of a loss, whose each feature is, and the labels that may be given."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

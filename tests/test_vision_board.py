@@ -1,7 +1,5 @@
 """The lens from pictures of a board, a live camera, and the ablation's arithmetic."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

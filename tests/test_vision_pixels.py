@@ -1,7 +1,5 @@
 """``ActiveSLAMPixels-v0``: the same environment, and images for a sensor."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import sys

@@ -1,7 +1,5 @@
 """The rendered room: geometry against the camera's equation, pictures against what they are pictures of."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 

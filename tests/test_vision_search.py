@@ -1,7 +1,5 @@
 """Templates and search against a ray-cast plane; corners."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The target and its pose, the sources' errors, and a short track of a rendered plane."""
 
-from __future__ import annotations
-
 import json
 import sys
 from pathlib import Path

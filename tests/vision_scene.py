@@ -1,7 +1,5 @@
 """A plane with a smooth texture and a target on it, seen through the lens: truth for the front end's tests."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

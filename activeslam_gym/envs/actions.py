@@ -1,7 +1,5 @@
 """Reading actions and options: whatever a client hands in becomes indices and a dict, or a clear error."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

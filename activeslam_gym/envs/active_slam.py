@@ -1,7 +1,5 @@
 """``ActiveSLAM-v0``: where should a camera go, and where should it look, to know the most?"""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

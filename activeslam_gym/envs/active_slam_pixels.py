@@ -1,7 +1,5 @@
 """``ActiveSLAMPixels-v0``: the same environment on images of a textured room instead of points."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping
 from typing import Any

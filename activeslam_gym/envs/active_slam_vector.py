@@ -1,7 +1,5 @@
 """``ActiveSLAM-v0`` a batch at a time: ``gymnasium.make_vec("ActiveSLAM-v0", num_envs=64)``."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

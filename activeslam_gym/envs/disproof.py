@@ -10,8 +10,6 @@ What is disproved is drawn anew in the room, where no viewpoint of this run woul
 of (key, e, r), so that no other point's fate changes it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.camera import View, visible

@@ -1,7 +1,5 @@
 """One step of an environment: some frames, then what they were worth and what is seen of them."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -3,8 +3,6 @@
 Directions are in camera axes (x left, y up, z forward) and every number is scaled by a constant and clipped to [-1, 1].
 """
 
-from __future__ import annotations
-
 import math
 from collections import namedtuple
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What policies read of an environment, and referees; the same names for one and for a batch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

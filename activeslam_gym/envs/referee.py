@@ -1,7 +1,5 @@
 """The referee: what only those may see who judge, the truth and the labels, and the belief scored against them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

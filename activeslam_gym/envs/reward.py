@@ -4,8 +4,6 @@ A potential is a function of an EVALUATION record. To add a reward, write its fu
 Everything else follows: the gain of a step, the forfeit of a lost run, `info["reward_terms"]`, the checks of arguments.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A frame of a run whose detections come from somebody else: the kernels before and after the front end's turn."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point

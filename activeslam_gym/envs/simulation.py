@@ -1,7 +1,5 @@
 """All arrays of a run, and one frame of truth and belief together."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple

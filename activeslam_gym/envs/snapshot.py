@@ -1,7 +1,5 @@
 """A moment of a run, as a painter needs it, and the history that pictures show."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

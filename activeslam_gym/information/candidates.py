@@ -4,8 +4,6 @@ An action is a record (motion, gaze, frames); a plan is a sequence of actions. O
 and every score of an environment is made of it.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

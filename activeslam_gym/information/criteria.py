@@ -9,8 +9,6 @@ stacked over all predicted measurements. The same number, O(m^3), and no singula
 idea in general: Kopitkov and Indelman, "No belief propagation required", IJRR 2017.)
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

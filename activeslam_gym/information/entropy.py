@@ -3,8 +3,6 @@
 H = 1/2 log2((2 pi e)^n |P|) bits, n = 12 + 3 N, |P| = |P_counted| |Sigma_prior|^(N - m) with m counting features.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Expected landmarks: what the room is assumed to hold and nobody has found yet, the reason not to stay at home."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@ to the left. Under such a projection V (2 x 3), an ellipsoid of covariance P has
 V P Vᵀ, exactly; so the picture needs no 3-D engine, and a frame costs a few tens of milliseconds.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

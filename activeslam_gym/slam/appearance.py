@@ -15,8 +15,6 @@ pixel: one stranger in every ellipse, whatever its size, would be too kind to la
 2. Then the worthiest candidate given all that are accepted, until none inside the gate is worth more than nothing.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -14,8 +14,6 @@ one wrong match makes the next ones. So a match must be more than near:
 4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

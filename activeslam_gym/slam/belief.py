@@ -13,8 +13,6 @@ A feature has an id, its serial number, which no other feature ever has; and a s
 particles know it. The ids of fiducials are negative, see `fiducial_id`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

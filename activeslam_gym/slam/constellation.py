@@ -12,8 +12,6 @@ ellipses pay for their width, and misses for standing in the image.) The search 
 where they run out, the sharper half of the things is searched by itself, which sharpens the others for the next search.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

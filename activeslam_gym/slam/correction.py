@@ -1,7 +1,5 @@
 """The correction of a frame: the update by all that was matched, iterated where its line is not straight enough."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.camera import View

@@ -4,8 +4,6 @@ Made honest in two ways: a ray is re-weighted only after the camera has moved a 
 the errors of the ray and the camera; and the spacing of the particles has a variance of its own.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@
 same steps for one belief of a batch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

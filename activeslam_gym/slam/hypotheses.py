@@ -3,8 +3,6 @@
 A match conditions it, which sharpens what is predicted of everything else.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 The seam of the two initialisers: `give_birth` and `mature` are the only places that know which of them is at work.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

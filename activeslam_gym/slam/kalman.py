@@ -1,7 +1,5 @@
 """Prediction and update of the mean and the joint covariance, cross-covariances included."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The mean on its manifold: how an update shifts it, and what the covariance is about the new mean."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

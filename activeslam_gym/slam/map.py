@@ -1,7 +1,5 @@
 """Changes of the map: a feature joins it, leaves it, or turns into a point."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.kernels import compiled

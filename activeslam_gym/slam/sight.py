@@ -3,8 +3,6 @@
 Rows are numbered alike everywhere: row r < K is fiducial r, row K + k the feature (or the planner's point) k.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The same sequence with parts of the front end left out, side by side: what each of them gives."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path

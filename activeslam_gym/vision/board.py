@@ -4,8 +4,6 @@ A board is a chessboard of so many inner corners, or a ChArUco board of so many 
 lens. Axes are those of image files here, x right and y down, in which equation 1 is u = u0 + u_c / sqrt(1 + K r_c^2).
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Sequence

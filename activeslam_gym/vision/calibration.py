@@ -1,7 +1,5 @@
 """The calibration of a real camera: equation 1's parameters in a small JSON file."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

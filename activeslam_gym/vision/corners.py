@@ -1,7 +1,5 @@
 """Where a new feature is worth it: good corners (Shi and Tomasi 1994) in the parts of the image that have few."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.vision.opencv import opencv

@@ -1,7 +1,5 @@
 """A film of a track: the image with what was searched and found, beside the map from above."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

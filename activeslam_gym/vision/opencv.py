@@ -1,7 +1,5 @@
 """OpenCV, which reads images and finds corners: optional, and imported when it is first needed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

@@ -5,8 +5,6 @@ refined below the pixel by Gauss-Newton on I(z + w) = gain T(w) + bias, whose no
 patch can be localised: along an edge, badly.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,8 +1,6 @@
 """Sources of images: a folder, a pattern, a video, a live camera. Each is an iterator of (time [s], grey image (h, w)
 uint8)."""
 
-from __future__ import annotations
-
 import glob
 import math
 import time

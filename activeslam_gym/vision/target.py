@@ -3,8 +3,6 @@
 The target's frame is the world: origin at its centre, X to the right and Y up as it is printed, Z towards the viewer.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any, NamedTuple

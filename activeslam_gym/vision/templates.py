@@ -5,8 +5,6 @@ that plane at X = p + d (n . (y - p)) / (n . d); the first camera saw X at the p
 This is the plane's homography, taken through the distortion of equation 1 on both sides.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ axes as image files have them, x right, y down, z forward. The filter's camera h
 1), a half turn about z.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterable
 from pathlib import Path

@@ -5,8 +5,6 @@ is SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number gener
 mix(key + c * gamma); normals by Box and Muller.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Draw a room: where the points are, and where the camera really starts."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.camera import camera_of, ray_from_pixel

@@ -1,7 +1,5 @@
 """Move the true camera and detect points: the only source of measurements."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

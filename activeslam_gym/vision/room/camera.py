@@ -1,7 +1,5 @@
 """A camera in a room: the source of rendered images, each a function of the seed, the pose and the frame alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.camera import camera_of

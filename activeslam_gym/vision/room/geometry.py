@@ -4,8 +4,6 @@ A rectangle is corner + s along + t down with s and t in [0, 1]; to somebody who
 and ``down`` downwards. It is seen from the side of its normal alone.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ The image is cut into tiles of 16 by 8 pixels, and the table is kept tile by til
 vector of 128. Pixel (0, 0) is the centre of the top left pixel.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

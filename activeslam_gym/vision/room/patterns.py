@@ -4,8 +4,6 @@ Every picture can be laid side by side with itself: noise is periodic, and poste
 right and y downwards, both in [0, 1); grey values are 0 to 255.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

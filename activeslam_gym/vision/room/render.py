@@ -3,8 +3,6 @@
 So it does not depend on what was seen before, on the policy, on the thread, or on being one of a batch.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Draw a room: what stands in it, what hangs on its walls, and the known target before the start."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from activeslam_gym.config import Scenario

@@ -3,8 +3,6 @@
 The picture is exposed about the instant of its pose: half before and half after it, so that blur does not shift it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

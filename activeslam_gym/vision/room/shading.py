@@ -4,8 +4,6 @@ A tile is a vector of TILE pixels; each step is one short loop over it, which th
 instructions. All is in 32 bits and without ``fastmath``, so that every machine gives the same bits.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ A texel holds the four greys that a bilinear look-up at it needs, its own and th
 the right, in one number of 32 bits: one load instead of four.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

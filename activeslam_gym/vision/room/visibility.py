@@ -7,8 +7,6 @@ Boxes are asked from front to back, which needs no depth per pixel: what is seen
 and of two boxes with a plane between them, the one on the camera's side cannot be hidden by the other.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

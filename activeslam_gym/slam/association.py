@@ -66,7 +66,7 @@ def association_of(scenario: Scenario) -> Record:
         clear_margin=20.0,
         margin=8.0,
         novelty=2.0,
-        nodes=100,
+        nodes=400,
         detection_probability=scenario.detection_probability,
         clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
         landmarks=scenario.landmark_count,

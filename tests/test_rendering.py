@@ -83,6 +83,7 @@ def make_snapshot(seed=0, landmarks=20, steps=300, time=15.0, motion=Motion.FORW
         times=times,
         entropy=60.0 - learned - 2.5 * times,
         landmark_times=landmark_times,
+        image=None,
         image_size=np.array([320, 240]),
     )
 

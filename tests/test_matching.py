@@ -37,8 +37,8 @@ from .support import (
 )
 
 VAR = float(CAMERA.pixel_std**2)
-MODEL = replaced(association_of(PAPER), birth_gate=1e9)
-"""Without a gate, so that every assignment is one."""
+MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
+"""Without a gate, so that every assignment is one, and with room for them."""
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
 # Joint matching -----------------------------------------------------------------------------------------------------
@@ -85,12 +85,12 @@ def test_the_search_is_that_of_all_assignments(seed: int) -> None:
     scores = scores_of_all(z, S, pixels, strangers)
     best = max(scores, key=scores.__getitem__)
     candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
-    count = match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, strangers, of_thing, novelty)
+    count, complete = match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, strangers, of_thing, novelty)
     for a in range(3):
         rival = max(score for answer, score in scores.items() if answer[a] != best[a])
         accepted = best[a] if scores[best] - rival >= MODEL.margin else -1
         assert of_thing[a] == accepted
-    assert count == sum(of_thing >= 0)
+    assert count == sum(of_thing >= 0) and complete
     for i in range(len(pixels)):
         with_it, without = ([s for answer, s in scores.items() if (i in answer) == there] for there in (True, False))
         lead = np.clip(max(without) - max(with_it), -MODEL.margin, MODEL.margin)
@@ -112,8 +112,8 @@ def test_where_the_nodes_run_out_nothing_is_accepted() -> None:
     candidates, of_thing = candidates_of(pixels), np.full(3, -1)
     for nodes, found in ((400, True), (2, False)):
         novelty, model = np.zeros(len(pixels)), replaced(MODEL, nodes=nodes)
-        count = match_jointly(model, hypotheses(z, S, candidates), candidates, VAR, 1.5, of_thing, novelty)
-        assert (count > 0) == (of_thing >= 0).any() == novelty.any() == found
+        count, complete = match_jointly(model, hypotheses(z, S, candidates), candidates, VAR, 1.5, of_thing, novelty)
+        assert (count > 0) == (of_thing >= 0).any() == novelty.any() == complete == found
         of_thing[:] = -1
 
 

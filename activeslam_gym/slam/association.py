@@ -107,12 +107,14 @@ def associate(
     of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
     strangers = expected_strangers(model, features)
     measure_distances(h, candidates, pixel_var)
+    settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
         if not _match_clear(model, h, candidates, pixel_var, of_thing):
-            matched = match_jointly(model, h, candidates, pixel_var, strangers, of_thing, novelty)
-            jointly += matched
-            if matched == 0:
+            if settled:
                 break
+            matched, settled = match_jointly(model, h, candidates, pixel_var, strangers, of_thing, novelty)
+            jointly += matched
+            settled = settled or matched == 0
     for i in range(M):
         candidates[i].match = NEW
         for a in range(v):

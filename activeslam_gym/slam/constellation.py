@@ -65,8 +65,10 @@ def match_jointly(
     strangers: float,
     of_thing: np.ndarray,
     novelty: np.ndarray,
-) -> int:
-    """Match what the open things of ``h`` are together, and condition the rest on it; returns how many were matched.
+) -> tuple[int, bool]:
+    """Match what the open things of ``h`` are together, and condition the rest on it.
+
+    Returns how many were matched, and whether the search took all things in reach.
 
     ``model``: ASSOCIATION; ``strangers``: candidates of nothing known that are expected in an image. Writes
     ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a candidate unexplained leads,
@@ -79,7 +81,8 @@ def match_jointly(
         chosen = chosen[: chosen.shape[0] // 2]
         outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
     novelty[:] = 0.0
-    if best > -np.inf and chosen.shape[0] == in_reach.shape[0]:
+    complete = best > -np.inf and chosen.shape[0] == in_reach.shape[0]
+    if complete:
         _write_novelty(outcome, best, model.margin, novelty)
     matched = 0
     for k in range(chosen.shape[0]):
@@ -90,7 +93,7 @@ def match_jointly(
             condition(h, h.open, chosen[k], candidates[i], pixel_var)
             matched += 1
     measure_distances(h, candidates, pixel_var)
-    return matched
+    return matched, complete
 
 
 @compiled

@@ -99,17 +99,17 @@ def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> No
     assert np.isin(labels.owners[owned], right - 4).any(), "detections bear their slots"
 
 
-def test_noise_of_a_frame_does_not_depend_on_the_actions() -> None:
-    """With a sensor that sees the noise alone: the same frame of the same seed, from another place."""
-    images = []
-    for motion in (Motion.LEFT, Motion.RIGHT):
-        env = gym.make(NAME, motion_period=0.05).unwrapped
-        env.reset(seed=2)
-        for _ in range(3):
-            env.step((motion, Gaze.STAY))
-        images.append(env.image.astype(float))
-    flat = [image[-12:, -12:] - image[-12:, -12:].mean() for image in images]
-    assert abs(flat[0] - flat[1]).mean() < abs(flat[0] - flat[1].T).mean()
+def test_an_image_is_of_its_seed_frame_and_state_whatever_was_photographed_before() -> None:
+    env = gym.make(NAME).unwrapped
+    env.reset(seed=2)
+    here = env._run.world.state.camera.copy()
+    there = here.copy()
+    there[:3] += 0.2
+    straight, roundabout = (copy.deepcopy(env._eyes[0]._camera) for _ in range(2))
+    roundabout.photograph(there, 4)
+    first = straight.photograph(here, 5)
+    assert (first == roundabout.photograph(here, 5)).all()
+    assert (first != straight.photograph(here, 6)).mean() > 0.5, "a frame has noise of its own"
 
 
 def test_a_copy_goes_on_alike_and_alone(played) -> None:

@@ -239,7 +239,7 @@ class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """The mode that is meant: an enum member, its name or its value."""
     for member in AutoresetMode:
-        if mode in (member, member.name, member.value):
+        if isinstance(mode, (str, AutoresetMode)) and mode in (member, member.name, member.value):
             return member
     names = ", ".join(f"{member.name} ({member.value!r})" for member in AutoresetMode)
     raise ValueError(f"autoreset_mode must be one of {names}, got {mode!r}")

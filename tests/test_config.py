@@ -34,7 +34,7 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
         assert re.match(rf"scenario\.{name} must be .*, got 10000", refusal(name, 10**400))
     with pytest.raises(ValueError, match="duration must be a positive number of seconds, got 10000"):
         whole_multiple("duration", 10**400, "gaze_period", 0.05)
-    with pytest.raises(ValueError, match="duration must be a whole multiple of gaze_period"):
+    with pytest.raises(ValueError, match="duration must be at most 1000000000 times gaze_period"):
         whole_multiple("duration", 1e308, "gaze_period", 0.05)
 
 

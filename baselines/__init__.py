@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from .fixed import Random, Stay, Sweep
+from .fixed import Orbit, Random, Stay, Sweep
 from .greedy import JointGreedy, greedy
 from .lookahead import Lookahead
 from .policy import Environment, Policy, Predictor, best
@@ -18,6 +18,7 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "random": Random,
     "stay": Stay,
     "sweep": Sweep,
+    "orbit": Orbit,
     "mi-constant": greedy,
     "mi-mi": partial(greedy, gaze_criterion="mutual_information"),
     "mi-fisher": partial(greedy, gaze_criterion="fisher_trace"),

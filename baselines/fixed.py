@@ -1,4 +1,4 @@
-"""Policies that do not look at the belief: `random`, `stay`, `sweep`."""
+"""Policies that do not look at the belief: `random`, `stay`, `sweep`, `orbit`."""
 
 import numpy as np
 
@@ -42,6 +42,19 @@ class Sweep(Policy):
     def choose_motion(self) -> Actions:
         period = np.rint(self.per_env(self.env.time) / self.env.motion_period).astype(np.int64)
         return np.where(period % 2 == 0, Motion.RIGHT, Motion.LEFT)
+
+    def choose_gaze(self) -> Actions:
+        return self.always(Gaze.LEFT)
+
+
+class Orbit(Policy):
+    """One constant action, RIGHT with LEFT: a circle around what stood ahead, seen from all sides.
+
+    At 0.3 m/s and 0.2 rad/s its radius is 1.5 m. What decides has to beat it.
+    """
+
+    def choose_motion(self) -> Actions:
+        return self.always(Motion.RIGHT)
 
     def choose_gaze(self) -> Actions:
         return self.always(Gaze.LEFT)

@@ -69,6 +69,7 @@ def test_ties_go_to_stay() -> None:
 BEST = {
     "stay": (Motion.STAY, Gaze.STAY),
     "sweep": (Motion.RIGHT, Gaze.LEFT),
+    "orbit": (Motion.RIGHT, Gaze.LEFT),
     "fisher-fisher": (Motion.FORWARD, Gaze.LEFT),
     "joint-mi": (Motion.DOWN, Gaze.RIGHT),
     **dict.fromkeys(("mi-constant", "mi-fisher"), (Motion.UP, Gaze.LEFT)),
@@ -127,6 +128,7 @@ def test_sweep_strafes_in_turn_and_random_uses_every_action() -> None:
         return made
 
     assert [motion for motion, _ in actions("sweep", 4)] == [Motion.RIGHT, Motion.LEFT] * 2
+    assert set(actions("orbit", 4)) == {(Motion.RIGHT, Gaze.LEFT)}
     assert actions("random", 300, seed=3) == actions("random", 300, seed=3) != actions("random", 300, seed=4)
     assert len(set(actions("random", 300, seed=3))) == 21
 
@@ -167,7 +169,7 @@ def test_shapes_of_observations_and_actions() -> None:
 
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
-    named = "random stay sweep mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2"
+    named = "random stay sweep orbit mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())

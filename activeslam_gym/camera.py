@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 
 Vector = np.ndarray | tuple[float, float, float]
 """Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
@@ -57,7 +57,7 @@ class View(NamedTuple):
     """(B, 2, 3) see `hidden`."""
 
 
-@compiled
+@borrowing
 def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, float]:
     """R_WC^T v_W: the world vector (3,) in camera axes. A tuple, since this is where a frame spends its time."""
     return (
@@ -67,13 +67,13 @@ def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, floa
     )
 
 
-@compiled
+@borrowing
 def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """p_C = R_WC^T (y - p) of the world point ``y`` (3,); ``pose`` begins with the position p."""
     return camera_from_world(R_WC, (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
 
 
-@compiled
+@borrowing
 def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
     """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
     if p_C[2] <= 0.0:
@@ -86,13 +86,13 @@ def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
     return True
 
 
-@compiled
+@borrowing
 def inside_image(camera: Record, z: Pixel, margin: float) -> bool:
     """Whether the pixel ``z`` (2,) lies inside the image grown by ``margin`` [px] on each side."""
     return -margin <= z[0] < camera.width + margin and -margin <= z[1] < camera.height + margin
 
 
-@compiled
+@borrowing
 def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     """Whether the world point ``y`` (>= 3,) is in ``view``: the one test of visibility.
 
@@ -105,7 +105,7 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     return inside_image(view.camera, (z[0], z[1]), margin) and not hidden(view.boxes, view.pose, y)
 
 
-@compiled
+@borrowing
 def hidden(boxes: np.ndarray, p: np.ndarray, y: np.ndarray) -> bool:
     """Whether one of the ``boxes`` (B, 2, 3), lowest and highest corner [m], cuts the way from ``p`` to ``y`` (>= 3,).
 
@@ -127,7 +127,7 @@ def hidden(boxes: np.ndarray, p: np.ndarray, y: np.ndarray) -> bool:
     return False
 
 
-@compiled
+@borrowing
 def pixel_jacobian(camera: Record, p_C: Vector, J: np.ndarray) -> None:
     """Write d z / d p_C (2, 3) [px/m] at ``p_C``, which lies in front of the camera, into ``J``."""
     f_z = camera.focal / p_C[2]

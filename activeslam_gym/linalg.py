@@ -9,13 +9,13 @@ import math
 
 import numpy as np
 
-from activeslam_gym.kernels import compiled
+from activeslam_gym.kernels import borrowing, compiled
 
 _FUSE = {"contract"}
 """Let a product and a sum become one fused operation; sums are never reordered."""
 
 
-@compiled(fastmath=_FUSE)
+@borrowing(fastmath=_FUSE)
 def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
@@ -43,7 +43,7 @@ def cholesky_in_place(A: np.ndarray) -> bool:
     return True
 
 
-@compiled(fastmath=_FUSE)
+@borrowing(fastmath=_FUSE)
 def _subtract_four(A: np.ndarray, start: int, n: int, W: np.ndarray, first: int) -> None:
     """A -= w^T w for the rows w ``first`` … ``first + 3`` of ``W``, in A's upper triangle from ``start`` to ``n``.
 
@@ -67,7 +67,7 @@ def _subtract_four(A: np.ndarray, start: int, n: int, W: np.ndarray, first: int)
             lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
 
 
-@compiled
+@borrowing
 def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     """log2 of the squared product of the diagonal entries ``start`` to ``stop`` of a factor: of a determinant."""
     total = 0.0
@@ -76,7 +76,7 @@ def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
     return 2.0 * total
 
 
-@compiled(fastmath=_FUSE)
+@borrowing(fastmath=_FUSE)
 def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     """Overwrite ``B`` (n, m) with U^{-T} B."""
     n, m = B.shape
@@ -96,7 +96,7 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
             row[j] *= inverse
 
 
-@compiled(fastmath=_FUSE)
+@borrowing(fastmath=_FUSE)
 def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
     """Overwrite the vector ``b`` (n,) with U^{-T} b; U may have more rows than b."""
     n = b.shape[0]
@@ -116,7 +116,7 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@compiled(fastmath=_FUSE)
+@borrowing(fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
     m = W.shape[0]
@@ -132,7 +132,7 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     _copy_upper_to_lower(P, n)
 
 
-@compiled
+@borrowing
 def _copy_upper_to_lower(P: np.ndarray, n: int) -> None:
     """P[i, j] = P[j, i] for j < i < n, four columns at a time: what a cache line holds is used while it is at hand."""
     for first in range(0, n, 4):
@@ -146,7 +146,7 @@ def _copy_upper_to_lower(P: np.ndarray, n: int) -> None:
                 P[i, first], P[i, first + 1], P[i, first + 2], P[i, first + 3] = row0[i], row1[i], row2[i], row3[i]
 
 
-@compiled
+@borrowing
 def log2_det_3(A: np.ndarray) -> float:
     """log2 |A| of a symmetric 3 x 3 matrix in closed form, or NaN where the determinant is not positive."""
     det = (
@@ -157,7 +157,7 @@ def log2_det_3(A: np.ndarray) -> float:
     return math.log2(det) if det > 0.0 else np.nan
 
 
-@compiled(fastmath=_FUSE)
+@borrowing(fastmath=_FUSE)
 def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
     """out += A B, for A (n, k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""
     for i in range(A.shape[0]):
@@ -185,7 +185,7 @@ def congruence(F: np.ndarray, P: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled
+@borrowing
 def add_symmetric_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
     """out += A B^T (n, n) where that is symmetric: the lower triangle, whose copy is the upper; A, B (>= n, k)."""
     for i in range(out.shape[0]):
@@ -197,14 +197,14 @@ def add_symmetric_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None
             out[j, i] = value
 
 
-@compiled
+@borrowing
 def copy_into(out: np.ndarray, values: np.ndarray) -> None:
     """out = ``values`` (n,). Written out, since Numba compiles ten functions for the assignment to a slice."""
     for i in range(values.shape[0]):
         out[i] = values[i]
 
 
-@compiled
+@borrowing
 def copy_block(source: np.ndarray, out: np.ndarray) -> None:
     """out = ``source`` (n, m); ``out`` may have more rows."""
     for i in range(source.shape[0]):

@@ -15,7 +15,7 @@ from activeslam_gym.camera import View, camera_point, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
-from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import log2_det_3
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, MOTION_COUNT, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.slam.belief import Belief, feature_capacity
@@ -182,7 +182,7 @@ def observe_tokens(
             slot += 1
 
 
-@compiled
+@borrowing
 def _place(view: View, y: np.ndarray, z: np.ndarray, token: np.ndarray) -> None:
     """Direction, log distance and visibility of the world point ``y`` (3,); writes its pixel into ``z`` (2,)."""
     p_C = camera_point(view.R_WC, view.pose, y)

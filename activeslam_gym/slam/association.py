@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.slam.constellation import match_jointly
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition, measure_distances
 from activeslam_gym.slam.sight import Sight
@@ -137,7 +137,7 @@ def expected_strangers(model: Record, features: int) -> float:
     return max(0.15 * (model.landmarks + 3.0 - features), 0.3) + model.clutter_rate
 
 
-@compiled
+@borrowing
 def _any_open(model: Record, h: Hypotheses) -> bool:
     """Whether an open thing and a free candidate may still belong together."""
     for a in range(h.open.shape[0]):
@@ -148,7 +148,7 @@ def _any_open(model: Record, h: Hypotheses) -> bool:
     return False
 
 
-@compiled
+@borrowing
 def _is_sharp(model: Record, h: Hypotheses, a: int) -> bool:
     """Whether the longest axis of thing ``a``'s ellipse is within the limit."""
     s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
@@ -181,7 +181,7 @@ def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var
     return found
 
 
-@compiled
+@borrowing
 def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
     """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
     best = -1

@@ -17,15 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.linalg import count_true
+from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, solve_transposed
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition, measure_distances
 
 MOST_THINGS = 14
 """A search takes so many things, the sharpest."""
 UNDECIDED, MISSED = -2, -1
 """Answers beside the number of a candidate."""
-_PRUNED, _LEAF, _BRANCH = 0, 1, 2
 
 
 class Search(NamedTuple):
@@ -43,6 +42,12 @@ class Search(NamedTuple):
     """(n + 1, n) what has been decided of each thing."""
     score: np.ndarray
     """(n + 1,) its log likelihood."""
+    rest: np.ndarray
+    """(n + 1,) what the other open things cannot add more than."""
+    most: np.ndarray
+    """(n,) what no pair of the thing is worth more than."""
+    reached: np.ndarray
+    """(M,) room to mark what some open thing reaches."""
 
 
 class Outcome(NamedTuple):
@@ -109,9 +114,14 @@ def _search(
         np.zeros(n + 1, np.int64),
         np.full((n + 1, n), UNDECIDED),
         np.zeros(n + 1),
+        np.zeros(n + 1),
+        np.empty(n),
+        np.empty(M, np.bool_),
     )
     outcome = Outcome(np.full((n, M + 1), -np.inf), np.full(M, -np.inf), np.full(n, MISSED))
-    return outcome, _explore(model, _levels(h, chosen), search, outcome, candidates, pixel_var, pair_worth)
+    levels = _levels(h, chosen)
+    _bound_pairs(levels.S[0], candidates, pixel_var, pair_worth, search.most)
+    return outcome, _explore(model, levels, search, outcome, candidates, pixel_var, pair_worth)
 
 
 @compiled
@@ -166,7 +176,7 @@ def _level(levels: Hypotheses, d: int) -> Hypotheses:
     )
 
 
-@compiled
+@borrowing
 def _explore(
     model: Record,
     levels: Hypotheses,
@@ -178,55 +188,71 @@ def _explore(
 ) -> float:
     """Search through; the greatest score, or -inf with no answer in ``outcome`` where the nodes ran out."""
     best, nodes, depth, arrived = -np.inf, 0, 0, True
-    most = _most_of_a_pair(candidates, pair_worth)
     while depth >= 0:
-        if arrived:
+        if arrived and not _look(model, _level(levels, depth), search, depth, candidates, pixel_var):
+            best = _note(levels.free[depth], search, depth, outcome, best)
+            depth -= 1
             arrived = False
-            kind = _look(model, _level(levels, depth), search, depth, candidates, pixel_var, most, best)
-            if kind == _LEAF:
-                best = _note(levels.free[depth], search, depth, outcome, best)
-            if kind != _BRANCH:
-                depth -= 1
-                continue
+            continue
+        arrived = False
         if search.tried[depth] == search.choices[depth]:
             depth -= 1
             continue
+        score = _worth(model, _level(levels, depth), search, depth, pair_worth)
+        if score + search.rest[depth] < best - model.margin:
+            search.tried[depth] += 1
+            continue
         nodes += 1
         if nodes > model.nodes:
-            outcome.answer[:] = MISSED
+            for a in range(outcome.answer.shape[0]):
+                outcome.answer[a] = MISSED
             return -np.inf
-        _descend(model, levels, search, depth, candidates, pixel_var, pair_worth)
+        _descend(levels, search, depth, score, candidates, pixel_var)
         depth += 1
         arrived = True
     return best
 
 
-@compiled(inline="always")
-def _most_of_a_pair(candidates: np.ndarray, pair_worth: float) -> float:
-    """What no pair's worth exceeds: that of a pixel predicted without any doubt, at its place."""
-    most = 0.0
+@compiled
+def _bound_pairs(S: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_worth: float, most: np.ndarray) -> None:
+    """What no pair of each thing is worth more than: that at the predicted pixel, given where all others are.
+
+    Of a joint covariance with the inverse A, what is given all others has the covariance A_aa^-1: no conditioning makes
+    a thing sharper. It is taken with the least R of the ``candidates``.
+    """
+    n, least, ratio = S.shape[0], pixel_var, -np.inf
     for i in range(candidates.shape[0]):
         R = candidates[i].R
-        det = max(R[0, 0] * R[1, 1] - R[0, 1] * R[1, 0], 1e-300)
-        most = max(most, pair_worth + candidates[i].log_ratio - 0.5 * math.log(det))
-    return most
+        half, differ = 0.5 * (R[0, 0] + R[1, 1]), 0.5 * (R[0, 0] - R[1, 1])
+        least = min(least, half - math.sqrt(differ * differ + R[0, 1] * R[0, 1]))
+        ratio = max(ratio, candidates[i].log_ratio)
+    U, V = S.copy(), np.eye(n)
+    for a in range(n):
+        U[a, a] += least - pixel_var
+    sound = cholesky_in_place(U)
+    if sound:
+        solve_transposed(U, V)
+    for a in range(n // 2):
+        a00, a01, a11 = 0.0, 0.0, 0.0
+        for k in range(n):
+            u, v = V[k, 2 * a], V[k, 2 * a + 1]
+            a00, a01, a11 = a00 + u * u, a01 + u * v, a11 + v * v
+        most[a] = pair_worth + ratio + 0.5 * math.log(a00 * a11 - a01 * a01) if sound else np.inf
 
 
 @compiled(inline="always")
 def _look(
-    model: Record,
-    h: Hypotheses,
-    search: Search,
-    depth: int,
-    candidates: np.ndarray,
-    pixel_var: float,
-    most: float,
-    best: float,
-) -> int:
-    """What is left at a level: things without a candidate are missed, and the one with the fewest is decided next."""
+    model: Record, h: Hypotheses, search: Search, depth: int, candidates: np.ndarray, pixel_var: float
+) -> bool:
+    """What is left at a level: things without a candidate are missed, and the one with the fewest is decided next.
+
+    False, where nothing is.
+    """
     measure_distances(h, candidates, pixel_var)
-    n, M = h.open.shape[0], h.free.shape[0]
-    fewest, open_things, reached = M + 1, 0, np.zeros(M, np.bool_)
+    n, M, reached = h.open.shape[0], h.free.shape[0], search.reached
+    fewest, most, highest = M + 1, 0.0, 0.0
+    for i in range(M):
+        reached[i] = False
     for a in range(n):
         if not h.open[a]:
             continue
@@ -239,16 +265,24 @@ def _look(
             h.open[a] = False
             search.answer[depth, a] = MISSED
             search.score[depth] += _miss(model, h, a)
-        else:
-            open_things += 1
-            if near < fewest:
-                fewest, search.thing[depth] = near, a
-    if search.score[depth] + most * min(open_things, count_true(reached)) < best - model.margin:
-        return _PRUNED
-    if open_things == 0:
-        return _LEAF
-    _list_choices(model, h, search, depth)
-    return _BRANCH
+            continue
+        most += max(search.most[a], 0.0)
+        highest = max(highest, search.most[a])
+        if near < fewest:
+            fewest, search.thing[depth] = near, a
+    if fewest <= M:
+        most -= max(search.most[search.thing[depth]], 0.0)
+        search.rest[depth] = min(most, highest * count_true(reached))
+        _list_choices(model, h, search, depth)
+    return fewest <= M
+
+
+@compiled(inline="always")
+def _worth(model: Record, h: Hypotheses, search: Search, depth: int, pair_worth: float) -> float:
+    """The score that follows a level's next choice."""
+    a = search.thing[depth]
+    i = search.choice[depth, search.tried[depth]]
+    return search.score[depth] + (_miss(model, h, a) if i == MISSED else pair_worth - 0.5 * h.cost[a, i])
 
 
 @compiled(inline="always")
@@ -267,7 +301,7 @@ def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> N
     search.choices[depth], search.tried[depth] = count + 1, 0
 
 
-@compiled
+@borrowing
 def _miss(model: Record, h: Hypotheses, a: int) -> float:
     """ln(1 - P_D P(in the image)) of thing ``a``, its pixel's axes taken as independent."""
     wide_u, wide_v = math.sqrt(2.0 * h.S[2 * a, 2 * a]), math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
@@ -279,30 +313,21 @@ def _miss(model: Record, h: Hypotheses, a: int) -> float:
 
 @compiled(inline="always")
 def _descend(
-    model: Record,
-    levels: Hypotheses,
-    search: Search,
-    depth: int,
-    candidates: np.ndarray,
-    pixel_var: float,
-    pair_worth: float,
+    levels: Hypotheses, search: Search, depth: int, score: float, candidates: np.ndarray, pixel_var: float
 ) -> None:
-    """Follow the next choice of a level into the level below."""
+    """Follow the next choice of a level, with its ``score``, into the level below."""
     h, below, a = _level(levels, depth), _level(levels, depth + 1), search.thing[depth]
     i = search.choice[depth, search.tried[depth]]
     search.tried[depth] += 1
-    below.z[:] = h.z
-    below.S[:, :] = h.S
-    below.open[:] = h.open
-    below.free[:] = h.free
-    search.answer[depth + 1] = search.answer[depth]
-    search.answer[depth + 1, a] = i
+    copy_into(below.z, h.z)
+    copy_block(h.S, below.S)
+    copy_into(below.open, h.open)
+    copy_into(below.free, h.free)
+    copy_into(search.answer[depth + 1], search.answer[depth])
+    search.answer[depth + 1, a], search.score[depth + 1] = i, score
     below.open[a] = False
-    if i == MISSED:
-        search.score[depth + 1] = search.score[depth] + _miss(model, h, a)
-    else:
+    if i != MISSED:
         below.free[i] = False
-        search.score[depth + 1] = search.score[depth] + pair_worth - 0.5 * h.cost[a, i]
         condition(below, below.open, a, candidates[i], pixel_var)
 
 
@@ -317,11 +342,11 @@ def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: 
         if free[i]:
             outcome.without[i] = max(outcome.without[i], score)
     if score > best:
-        outcome.answer[:] = answer
+        copy_into(outcome.answer, answer)
     return max(score, best)
 
 
-@compiled
+@borrowing
 def _best_rival(outcome: Outcome, a: int, i: int) -> float:
     """The best score in which thing ``a`` is not candidate ``i``."""
     rival = -np.inf
@@ -331,7 +356,7 @@ def _best_rival(outcome: Outcome, a: int, i: int) -> float:
     return rival
 
 
-@compiled
+@borrowing
 def _write_novelty(outcome: Outcome, best: float, margin: float, novelty: np.ndarray) -> None:
     """How far leaving each candidate unexplained leads explaining it, at most the margin."""
     for i in range(novelty.shape[0]):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.kernels import Record, borrowing
 
 
 class Predicted(NamedTuple):
@@ -39,7 +39,7 @@ class Hypotheses(NamedTuple):
     """(v, M) d^2 + ln |S| - 2 log_ratio: -2 ln of the likelihood, less a constant."""
 
 
-@compiled
+@borrowing
 def measure_distances(h: Hypotheses, candidates: np.ndarray, pixel_var: float) -> None:
     """Distances and costs of the open things."""
     for a in range(h.open.shape[0]):
@@ -59,7 +59,7 @@ def measure_distances(h: Hypotheses, candidates: np.ndarray, pixel_var: float) -
             h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * candidate.log_ratio
 
 
-@compiled
+@borrowing
 def innovation_with(
     h: Predicted | Hypotheses, a: int, candidate: Record, pixel_var: float
 ) -> tuple[float, float, float]:
@@ -72,14 +72,14 @@ def innovation_with(
     )
 
 
-@compiled
+@borrowing
 def close(h: Hypotheses, a: int, i: int) -> None:
     """Thing ``a`` and candidate ``i`` have found each other."""
     h.open[a] = False
     h.free[i] = False
 
 
-@compiled
+@borrowing
 def condition(h: Predicted | Hypotheses, others: np.ndarray, a: int, candidate: Record, pixel_var: float) -> None:
     """Condition the joint Gaussian of ``others`` (v,) bool, of which ``a`` is none, on thing ``a`` being ``candidate``.
 

@@ -18,7 +18,7 @@ from activeslam_gym.camera import (
     visible,
 )
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, compiled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.linalg import add_product
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam.belief import (
@@ -74,7 +74,7 @@ class Sight(NamedTuple):
 # One measurement ----------------------------------------------------------------------------------------------------
 
 
-@compiled
+@borrowing
 def point_measurement(view: View, y: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
     """Pixel of the world point ``y`` (>= 3,) with its Jacobians.
 
@@ -113,7 +113,7 @@ def inverse_depth_measurement(view: View, feature: np.ndarray, z: np.ndarray, H_
     return True
 
 
-@compiled
+@borrowing
 def _chain(view: View, p_C: Vector, d: Vector, scale: float, H_x: np.ndarray, H_y: np.ndarray) -> None:
     """J = dz/dp_C R^T; H_y[:, :3] = scale J (by a world point), H_x = [-scale J, J [d]x]."""
     R_WC = view.R_WC
@@ -130,7 +130,7 @@ def _chain(view: View, p_C: Vector, d: Vector, scale: float, H_x: np.ndarray, H_
         H_x[i, 5] = a * d[1] - b * d[0]
 
 
-@compiled
+@borrowing
 def own_innovation(
     P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
 ) -> None:
@@ -184,7 +184,7 @@ def second_order(P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: 
             extra[j, i] = extra[i, j]
 
 
-@compiled
+@borrowing
 def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
     longest = math.sqrt(max(S[0, 0], S[1, 1]))
@@ -260,7 +260,7 @@ def sight_of_points(
     return sight_with(things[:v], P, P.shape[0], camera.pixel_std**2)
 
 
-@compiled
+@borrowing
 def place_point(view: View, y: np.ndarray, margin: float, thing: Record) -> bool:
     """Write pixel and Jacobians of the world point ``y`` (>= 3,) into ``thing``, if it is `visible`."""
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature

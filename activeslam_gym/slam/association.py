@@ -21,7 +21,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.slam.constellation import match_jointly
-from activeslam_gym.slam.hypotheses import Hypotheses, close, condition, measure_distances
+from activeslam_gym.slam.hypotheses import Hypotheses, close, condition_on_all, measure_distances
 from activeslam_gym.slam.sight import Sight
 
 CANDIDATE = record(
@@ -167,16 +167,12 @@ def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var
         if h.open[a] and _is_sharp(model, h, a):
             partner[a] = _clear_partner(model, h, a)
             found |= partner[a] >= 0
-    others = h.open.copy()
     for a in range(v):
         if partner[a] >= 0:
             of_thing[a] = partner[a]
             close(h, a, partner[a])
     if found and _any_open(model, h):
-        for a in range(v):
-            if partner[a] >= 0:
-                others[a] = False
-                condition(h, others, a, candidates[partner[a]], pixel_var)
+        condition_on_all(h, partner, candidates, pixel_var)
         measure_distances(h, candidates, pixel_var)
     return found
 

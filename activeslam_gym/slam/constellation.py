@@ -241,9 +241,7 @@ def _bound_pairs(S: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_w
 
 
 @compiled(inline="always")
-def _look(
-    model: Record, h: Hypotheses, search: Search, depth: int, candidates: np.ndarray, pixel_var: float
-) -> bool:
+def _look(model: Record, h: Hypotheses, search: Search, depth: int, candidates: np.ndarray, pixel_var: float) -> bool:
     """What is left at a level: things without a candidate are missed, and the one with the fewest is decided next.
 
     False, where nothing is.

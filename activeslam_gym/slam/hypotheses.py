@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, borrowing
+from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.linalg import cholesky_in_place, solve_transposed, subtract_gram
 
 
 class Predicted(NamedTuple):
@@ -97,3 +98,47 @@ def condition(h: Predicted | Hypotheses, others: np.ndarray, a: int, candidate: 
         z[i] += g0 * x + g1 * y
         for j in range(c0.shape[0]):
             row[j] -= g0 * c0[j] + g1 * c1[j]
+
+
+@compiled
+def condition_on_all(h: Hypotheses, partner: np.ndarray, candidates: np.ndarray, pixel_var: float) -> None:
+    """Condition the open things, all at once, on thing ``a`` being candidate ``partner[a]`` (v,) wherever that is >= 0.
+
+    By W = U^-T [S_mo, z - z_hat] with S_mm = U^T U: z_o += W_o^T w, S_oo -= W_o^T W_o. Nothing is done where S_mm has no factor.
+    """
+    known, unknown = _rows_of(partner >= 0), _rows_of(h.open)
+    n, count = known.shape[0], unknown.shape[0]
+    U, W, S_oo = np.empty((n, n)), np.empty((n, count + 1)), np.empty((count, count))
+    for r in range(n):
+        source, candidate = h.S[known[r]], candidates[partner[known[r] // 2]]
+        for c in range(n):
+            U[r, c] = source[known[c]]
+        for axis in range(2):
+            U[r, r - r % 2 + axis] += candidate.R[r % 2, axis]
+        U[r, r] -= pixel_var
+        for c in range(count):
+            W[r, c] = source[unknown[c]]
+        W[r, count] = candidate.pixel[r % 2] - h.z[known[r]]
+    if not cholesky_in_place(U):
+        return
+    solve_transposed(U, W)
+    for r in range(count):
+        for c in range(count):
+            S_oo[r, c] = h.S[unknown[r], unknown[c]]
+        for k in range(n):
+            h.z[unknown[r]] += W[k, r] * W[k, count]
+    subtract_gram(S_oo, W, count)
+    for r in range(count):
+        for c in range(count):
+            h.S[unknown[r], unknown[c]] = S_oo[r, c]
+
+
+@compiled
+def _rows_of(things: np.ndarray) -> np.ndarray:
+    """The pixel rows of the chosen ``things`` (v,) bool."""
+    rows, n = np.empty(2 * things.shape[0], np.int64), 0
+    for a in range(things.shape[0]):
+        if things[a]:
+            rows[n], rows[n + 1] = 2 * a, 2 * a + 1
+            n += 2
+    return rows[:n]

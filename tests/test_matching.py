@@ -14,7 +14,7 @@ from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.constellation import match_jointly
 from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.filter import Filter, candidates_of
-from activeslam_gym.slam.hypotheses import Hypotheses, measure_distances
+from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
 from activeslam_gym.slam.kalman import update
 from activeslam_gym.slam.sight import measure
 
@@ -95,6 +95,26 @@ def test_the_search_is_that_of_all_assignments(seed: int) -> None:
         with_it, without = ([s for answer, s in scores.items() if (i in answer) == there] for there in (True, False))
         lead = np.clip(max(without) - max(with_it), -MODEL.margin, MODEL.margin)
         assert novelty[i] == pytest.approx(lead, abs=1e-5)
+
+
+def test_conditioning_on_all_at_once_is_conditioning_on_one_after_the_other() -> None:
+    rng = np.random.default_rng(5)
+    z, S, pixels = scene(3, 7, 0)
+    candidates = candidates_of(pixels)
+    candidates["R"] = [random_spd(rng, np.ones(2)) for _ in candidates]
+    at_once, in_turn = hypotheses(z, S, candidates), hypotheses(z, S, candidates)
+    partner = np.array([2, -1, 0, -1, -1, 1, -1])
+    for h in (at_once, in_turn):
+        h.open[partner >= 0] = False
+    condition_on_all(at_once, partner, candidates, VAR)
+    others = np.ones(7, bool)
+    for a in np.flatnonzero(partner >= 0):
+        others[a] = False
+        condition(in_turn, others, a, candidates[partner[a]], VAR)
+    rows = np.repeat(partner < 0, 2)
+    np.testing.assert_allclose(at_once.z[rows], in_turn.z[rows], atol=1e-9)
+    np.testing.assert_allclose(at_once.S[np.ix_(rows, rows)], in_turn.S[np.ix_(rows, rows)], atol=1e-9)
+    assert np.abs(at_once.z[rows] - z[rows]).min() > 0.1
 
 
 def test_the_scenes_hold_accepted_ambiguous_and_new_candidates() -> None:

@@ -1,12 +1,14 @@
 """A planner: plans are played ahead in imagined runs, and the best of them is begun.
 
-At each decision the plan so far is challenged by changes of it: an action held from some time on for some time. All are
-played to the end of the episode in the same imagined rooms, which are drawn from the belief (`envs.imagination`), and
-by sequential halving: in each round every plan that is left is played in more rooms, and the worse half is dropped. The
-plan so far is never dropped, so that a challenger has to beat it in the very rooms in which both were played.
+At each decision the plan so far is challenged by changes of it: an action, a motion or a gaze held from some time on
+for some time. All are played to the end of the episode in the same imagined rooms, which are drawn from the belief (see
+`activeslam_gym.envs.imagination`), by sequential halving: in each round every plan that is left is played in more
+rooms, and the worse half is dropped. The plan so far is never dropped: a challenger has to beat it in the very rooms in
+which both were played, and by more than the standard error of the difference.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +21,24 @@ from .policy import Actions, Environment, Policy
 Plan = NDArray[np.int64]
 """(T, 2) motion and gaze of each motion period."""
 
-CONSTANTS: Plan = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])
-"""(21, 2) the constant actions."""
-HELD = (1, 2, 3, 5, 8, 12, 20)
-"""A change holds its action for one of so many motion periods."""
+HELD = (1, 2, 3, 5, 8, 13, 1000)
+"""A change is held for one of so many motion periods, or to the end."""
+NOW = 0.5
+"""Share of the changes that begin at once."""
+RUNS_PER_PLAN = 4
+"""The budget is so many runs for each plan."""
+FEWEST_RUNS = 8
 
 
 class Rollout(Policy):
-    """The first action of the best plan found, one a motion period; its gaze is held for the whole period.
+    """The first action of the best plan found, once a motion period; its gaze is held for the whole period.
 
     ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: the motion and the gaze of the
-    plan with which an episode begins. ``seed``: of all that is drawn. ``threads`` share the imagined runs.
+    plan with which an episode begins. ``seed``: of all that is drawn. ``threads`` share the imagined runs (None: one
+    for each core).
+
+    Raises:
+        ValueError: the budget is under 8 runs.
     """
 
     def __init__(
@@ -41,9 +50,10 @@ class Rollout(Policy):
         threads: int | None = None,
     ) -> None:
         super().__init__(env)
-        if budget < 4:
-            raise ValueError(f"budget: {budget} imagined runs a decision; allowed: 4 or more")
-        self._searches = [Search(self.env, i, budget, base, seed, threads) for i in range(self.num_envs)]
+        if budget < FEWEST_RUNS:
+            raise ValueError(f"budget: {budget} imagined runs a decision; allowed: {FEWEST_RUNS} or more")
+        imaginations = [Imagination(self.env, i, seed, threads) for i in range(self.num_envs)]
+        self._searches = [Search(one, budget, base, seed) for one in imaginations]
         self._gaze = self.always(Gaze.STAY)
 
     def decide(self) -> Actions:
@@ -52,11 +62,12 @@ class Rollout(Policy):
         return super().decide()
 
     def choose_motion(self) -> Actions:
-        action = np.stack((self.motion, self._gaze), axis=-1)
+        actions = np.stack((self.motion, self._gaze), axis=-1)
+        first = self.per_env(self.env.time) == 0
         for i in np.flatnonzero(self.motion_starts()).tolist():
-            action[i] = self._searches[i].next_action(bool(self.per_env(self.env.time)[i] == 0))
-        self._gaze = action[:, 1]
-        return action[:, 0]
+            actions[i] = self._searches[i].next_action(bool(first[i]))
+        self._gaze = actions[:, 1]
+        return actions[:, 0]
 
     def choose_gaze(self) -> Actions:
         return self._gaze
@@ -65,66 +76,63 @@ class Rollout(Policy):
 class Search:
     """The plan of one environment, and how it is bettered."""
 
-    worth = "entropy"
-
-    def __init__(
-        self, env: Environment, i: int, budget: int, base: tuple[int, int], seed: int, threads: int | None
-    ) -> None:
-        self.imagination = Imagination(env, i, seed, threads)
+    def __init__(self, imagination: Imagination, budget: int, base: tuple[int, int], seed: int) -> None:
+        self.imagination = imagination
+        self.plan: Plan = np.zeros((0, 2), np.int64)
         self._budget, self._base, self._seed = budget, base, seed
         self._rng = np.random.default_rng(seed)
-        self.plan: Plan = np.zeros((0, 2), np.int64)
-        self.log = []
 
     def next_action(self, first: bool) -> NDArray[np.int64]:
-        """Better the plan, and take its first action off it."""
+        """(2,) the first action of the bettered plan, which is taken off it; ``first`` of an episode."""
         if first:
             self._rng = np.random.default_rng(self._seed)
-            self.plan = np.tile(self._base, (self.imagination.periods, 1))
-        self.plan = self._best(self._challenged(first))
+            self.plan = np.tile(np.array(self._base, np.int64), (self.imagination.periods, 1))
+        challengers = [self._changed() for _ in range(self._budget // RUNS_PER_PLAN - 1)]
+        self.plan = self._best(np.stack([self.plan, *challengers]))
         action, self.plan = self.plan[0], self.plan[1:]
         return action
 
-    def _challenged(self, first: bool) -> NDArray[np.int64]:
-        """(n, T, 2) the plan so far and its challengers."""
-        T, count = len(self.plan), max(4, self._budget // 4)
-        plans = [self.plan]
-        if first:
-            plans += [np.tile(a, (T, 1)) for a in CONSTANTS]
-        while len(plans) < count:
-            plans.append(self._changed())
-        return np.stack(plans[:max(count, len(plans) if first else 0)])
-
     def _changed(self) -> Plan:
-        plan, T = self.plan.copy(), len(self.plan)
-        start = int(self._rng.integers(T)) if self._rng.random() < 0.5 else 0
-        length = int(self._rng.choice(HELD))
-        plan[start : start + length] = CONSTANTS[self._rng.integers(len(CONSTANTS))]
+        """The plan with one change."""
+        plan, rng = self.plan.copy(), self._rng
+        start = 0 if rng.random() < NOW else int(rng.integers(len(plan)))
+        part = slice(start, start + int(rng.choice(HELD)))
+        what = rng.integers(3)  # motion, gaze or both
+        if what != 1:
+            plan[part, 0] = rng.integers(len(Motion))
+        if what != 0:
+            plan[part, 1] = rng.integers(len(Gaze))
         return plan
 
     def _best(self, plans: NDArray[np.int64]) -> Plan:
-        """The plan of most worth, by sequential halving; the first of ``plans`` (n, T, 2) is never dropped."""
+        """The best of ``plans`` (n, T, 2) by sequential halving, or the first, which is never dropped."""
+        schedule = list(halvings(len(plans), self._budget))
+        self.imagination.draw(sum(rooms for _, rooms in schedule))
+        worth, done = np.full((len(plans), sum(rooms for _, rooms in schedule)), np.nan), 0
         left = np.arange(len(plans))
-        rounds = int(np.ceil(np.log2(len(plans))))
-        shares = []
-        n = len(plans)
-        for _ in range(rounds):
-            shares.append(max(1, round(self._budget / rounds / n)))
-            n = max(2, -(-n // 2))
-        self.imagination.draw(sum(shares))
-        totals, done = np.zeros(len(plans)), 0
-        worths = np.zeros((len(plans), sum(shares)))
-        for samples in shares:
-            rooms = np.tile(np.arange(done, done + samples), len(left))
-            out = self.imagination.play(rooms, np.repeat(plans[left], samples, axis=0))
-            w = -out.entropy if self.worth == "entropy" else out.log_density
-            worths[left, done : done + samples] = w.reshape(len(left), samples)
-            done += samples
-            totals = worths[:, :done].mean(1)
-            challengers = left[left != 0]
-            order = challengers[np.argsort(-totals[challengers], kind="stable")]
-            left = np.concatenate(([0], order[: max(1, -(-len(left) // 2) - 1)]))
-        final = left[1]
-        gain = worths[final, :done] - worths[0, :done]
-        self.log.append((len(self.plan), gain.mean(), gain.std() / np.sqrt(len(gain)), totals[0]))
-        return plans[final] if gain.mean() > 0.0 else plans[0]
+        for keep, rooms in schedule:
+            drawn = np.arange(done, done + rooms)
+            worth[np.ix_(left, drawn)] = self._worths(plans[left], drawn)
+            done += rooms
+            order = left[1:][np.argsort(-worth[left[1:], :done].mean(axis=1), kind="stable")]
+            left = np.concatenate((left[:1], order[: keep - 1]))
+        lead = worth[left[1]] - worth[0]
+        return plans[left[1] if lead.mean() > lead.std(ddof=1) / math.sqrt(len(lead)) else 0]
+
+    def _worths(self, plans: NDArray[np.int64], rooms: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n, m) how much entropy is removed by the end by each of ``plans`` in each of ``rooms`` (m,) [bit]."""
+        each = np.repeat(plans, len(rooms), axis=0)
+        outcome = self.imagination.play(np.tile(rooms, len(plans)), each)
+        return -outcome.entropy.reshape(len(plans), len(rooms))
+
+
+def halvings(plans: int, budget: int) -> Iterator[tuple[int, int]]:
+    """The rounds of sequential halving: how many plans each keeps, and in how many new rooms it plays those left.
+
+    The rounds share the budget of runs about equally; each has at least one room.
+    """
+    rounds = math.ceil(math.log2(plans))
+    for _ in range(rounds):
+        keep = max(2, math.ceil(plans / 2))
+        yield keep, max(1, round(budget / rounds / plans))
+        plans = keep

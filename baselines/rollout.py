@@ -2,9 +2,9 @@
 
 At each decision the plan so far is challenged by changes of it: an action, a motion or a gaze held from some time on
 for some time. All are played to the end of the episode in the same imagined rooms, which are drawn from the belief (see
-`activeslam_gym.envs.imagination`), by sequential halving: in each round every plan that is left is played in more
-rooms, and the worse half is dropped. The plan so far is never dropped: a challenger has to beat it in the very rooms in
-which both were played, and by more than the standard error of the difference.
+`activeslam_gym.envs.imagination`), by sequential halving: in each round every plan that is left is played in new rooms,
+and the worse half is dropped. The plan so far is never dropped: the best challenger has to beat it in the rooms of the
+last round, which had no part in its choice, by more than the standard error of the difference.
 """
 
 import math
@@ -108,16 +108,16 @@ class Search:
         """The best of ``plans`` (n, T, 2) by sequential halving, or the first, which is never dropped."""
         schedule = list(halvings(len(plans), self._budget))
         self.imagination.draw(sum(rooms for _, rooms in schedule))
-        worth, done = np.full((len(plans), sum(rooms for _, rooms in schedule)), np.nan), 0
-        left = np.arange(len(plans))
+        left, totals, done = np.arange(len(plans)), np.zeros(len(plans)), 0
         for keep, rooms in schedule:
-            drawn = np.arange(done, done + rooms)
-            worth[np.ix_(left, drawn)] = self._worths(plans[left], drawn)
+            worths = self._worths(plans[left], np.arange(done, done + rooms))
             done += rooms
-            order = left[1:][np.argsort(-worth[left[1:], :done].mean(axis=1), kind="stable")]
-            left = np.concatenate((left[:1], order[: keep - 1]))
-        lead = worth[left[1]] - worth[0]
-        return plans[left[1] if lead.mean() > lead.std(ddof=1) / math.sqrt(len(lead)) else 0]
+            lead = worths[1] - worths[0]  # of use in the last round
+            totals[left] += worths.sum(axis=1)
+            challengers = left[1:][np.argsort(-totals[left[1:]], kind="stable")]
+            left = np.concatenate((left[:1], challengers[: keep - 1]))
+        sure = lead.mean() > lead.std(ddof=1) / math.sqrt(len(lead))
+        return plans[left[1] if sure else 0]
 
     def _worths(self, plans: NDArray[np.int64], rooms: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, m) how much entropy is removed by the end by each of ``plans`` in each of ``rooms`` (m,) [bit]."""

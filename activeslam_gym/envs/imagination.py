@@ -2,27 +2,26 @@
 
 An imagined run begins with a copy of the belief, in a room drawn from it: the camera and the features stand where
 N(mean, P) has them, and the landmarks that no feature stands for where none was found by looking. Its noise is its
-own. Nothing of the truth enters: neither true places nor labels nor the stream of noise that the real run will meet.
+own. Nothing of the truth enters: neither true places nor labels, nor the stream of noise that the real run will meet,
+nor boxes that the belief does not know, nor what is wrong with the calibration.
 
 It is the environment's own simulation, with two things made cheap: frames are longer, with as much noise in a second
-(see `coarse`), and detections tell what they are of, so that no imagined match is wrong.
+(see `slowed`), and detections tell what they are of, so that no imagined match is wrong.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from activeslam_gym.camera import View, visible
-from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.envs.episode import play
 from activeslam_gym.envs.referee import NOBODY
-from activeslam_gym.envs.simulation import Run, Setting, empty_runs, resolve
+from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import WAITING
-from activeslam_gym.kernels import row
+from activeslam_gym.kernels import Record, row
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.slam.belief import ANCHOR, POINT, RAY, Belief, positions_of
 from activeslam_gym.slam.manifold import shift_mean
@@ -35,7 +34,7 @@ LONGEST_FRAME = 0.25
 LOOK_PERIOD = 0.25
 """Places where a landmark may be are looked at so often [s]."""
 OVERLOOKED = 0.1
-"""Chance that a landmark in view of one look gets no feature."""
+"""Chance that a landmark in view of a look gets no feature."""
 WELL_INSIDE_PX = 20.0
 """A place is looked at so far inside the image [px]."""
 PLACES = 600
@@ -55,28 +54,26 @@ class Outcome:
 
 
 class Imagination:
-    """Imagined futures of environment ``i`` of ``env`` (a single one is its own 0th).
+    """Imagined futures of environment ``i`` of ``env``; a single environment is its own 0th.
 
-    Call `look` at every step, from the reset on; `draw` at the start of a motion period, then `play` plans in the rooms
-    that were drawn. ``seed``: of everything that is drawn. ``threads`` share the runs (None: one for each core).
+    Call `look` at every step from the reset on; `draw` at the start of a motion period, then `play` plans in the rooms
+    that were drawn. ``seed``: of everything that is drawn, anew in each episode. ``threads`` share the runs (None: one
+    for each core).
     """
 
     def __init__(self, env: Any, i: int = 0, seed: int = 0, threads: int | None = None) -> None:
-        self._env, self._i = env, i
-        self._setting = coarse(env.setting)
-        self._seed, self._workers = seed, Workers(ROWS, threads)
-        self._batch = empty_runs(self._setting.scenario, ROWS)
-        self._rooms = empty_runs(self._setting.scenario, 0)
-        self._places = np.zeros((0, 3))
-        self._weights = np.zeros(0)
+        self._env, self._i, self._seed, self._threads = env, i, seed, threads
+        self._batch = empty_runs(env.scenario, ROWS)
+        self._workers = Workers(ROWS, threads)
+        self._rooms = empty_runs(env.scenario, 0)
         self._looked_at = -math.inf
-        self._rng = np.random.default_rng(seed)
+        self._begin()
 
     @property
     def periods(self) -> int:
         """Motion periods from the present to the end of the episode."""
-        steps = int(self._env.setting.task.steps) - int(self._own().episode.steps)
-        return -(-steps // int(self._env.steps_per_motion))
+        own = self._own()
+        return math.ceil((own.models.task.steps - own.episode.steps) / own.models.task.steps_per_motion)
 
     def look(self) -> None:
         """Take note of what is in view now: where a landmark would have been found, there is hardly one."""
@@ -87,42 +84,45 @@ class Imagination:
         if time < self._looked_at + LOOK_PERIOD - 1e-9:
             return
         self._looked_at = time
-        view, z = _present_view(run), np.empty(2)
+        pose, z = run.belief.state.camera, np.empty(2)
+        view = View(run.models.camera, pose, rotation_matrix(pose[QUATERNION]), known_boxes(run))
         seen = np.array([visible(view, place, -WELL_INSIDE_PX, z) for place in self._places])
-        self._weights[seen] *= OVERLOOKED
-        self._weights /= self._weights.max()
+        self._chances[seen] *= OVERLOOKED
+        self._chances /= self._chances.sum()
 
-    def draw(self, samples: int) -> None:
-        """Draw ``samples`` rooms from the present belief.
+    def draw(self, count: int) -> None:
+        """Draw ``count`` rooms from the present belief.
 
         Raises:
-            ValueError: a motion is under way; a plan begins with a motion of its own.
+            ValueError: a motion is under way, while plans begin with a motion of their own.
         """
         run = self._own()
-        if int(run.episode.steps) % int(self._env.steps_per_motion):
-            raise ValueError("a plan is imagined from the start of a motion period, and a motion is under way")
-        self._rooms = empty_runs(self._setting.scenario, samples)
-        _copy(row(self._env._runs.belief, [self._i] * samples), self._rooms.belief)
-        for m in range(samples):
-            self._imagine(run, row(self._rooms, m))
+        if run.episode.steps % run.models.task.steps_per_motion:
+            raise ValueError("plans are imagined from the start of a motion period; a motion is under way")
+        models, stride = slowed(run.models)
+        self._rooms = empty_runs(self._env.scenario, count)
+        self._rooms.models[:] = models
+        self._rooms.candidate["R"] = models.camera.pixel_std**2 * np.eye(2)
+        _copy(row(self._env._runs.belief, slice(self._i, self._i + 1)), self._rooms.belief)
+        for m in range(count):
+            self._furnish(run, row(self._rooms, m), stride)
 
     def play(self, rooms: Sequence[int] | np.ndarray, plans: np.ndarray) -> Outcome:
-        """Play ``plans`` (R, T, 2), an action for each motion period, each in that one of the ``rooms`` (R,) drawn."""
+        """Play ``plans`` (R, T, 2), an action for each motion period, each in that of the ``rooms`` (R,) drawn."""
         rooms, entropy, density = np.asarray(rooms), np.empty(len(plans)), np.empty(len(plans))
         for start in range(0, len(plans), ROWS):
             part = slice(start, start + ROWS)
-            end = self._play(rooms[part], plans[part])
+            end = self._played(rooms[part], np.asarray(plans[part], np.int64))
             entropy[part], density[part] = end["entropy"], end["log_density"]
         return Outcome(entropy, density)
 
-    def _play(self, rooms: np.ndarray, plans: np.ndarray) -> np.ndarray:
+    def _played(self, rooms: np.ndarray, plans: np.ndarray) -> np.ndarray:
         """(R,) EVALUATION at the end of at most ROWS runs."""
-        runs, count = row(self._batch, slice(0, len(plans))), len(plans)
-        _copy(row(self._rooms, rooms), runs)
-        runs.models[:] = self._setting.models
-        workers = self._workers if count == ROWS else Workers(count, self._workers.threads)
-        for period in range(plans.shape[1]):
-            motions, gazes = plans[:, period, 0].astype(np.int64), plans[:, period, 1].astype(np.int64)
+        count = len(plans)
+        runs = row(self._batch, slice(0, count))
+        _copy(self._rooms, runs, rooms)
+        workers = self._workers if count == ROWS else Workers(count, self._threads)
+        for motions, gazes in np.ascontiguousarray(plans.transpose(1, 2, 0)):
             workers.call(play, runs, motions, gazes)
         return runs.episode["evaluation"]
 
@@ -130,135 +130,127 @@ class Imagination:
         return row(self._env._runs, self._i)
 
     def _begin(self) -> None:
-        """A new episode: a landmark may be anywhere."""
+        """Of a new episode: a landmark may be anywhere."""
         self._rng = np.random.default_rng(self._seed)
-        self._places = uniform_points(self._setting.scenario, PLACES, self._rng)
-        self._weights = np.ones(PLACES)
+        self._places = uniform_points(self._env.scenario, PLACES, self._rng)
+        self._chances = np.full(PLACES, 1.0 / PLACES)
         self._looked_at = -math.inf
 
-    def _imagine(self, run: Run, room: Run) -> None:
-        """Make ``room`` one of those in which the belief of ``run`` may be; the run's truth is not read."""
-        stride = self._setting.models.motion.dt / self._env.setting.models.motion.dt
-        self._place_things(run, room)
-        _slow_clock(room.belief, round(stride))
+    def _furnish(self, run: Run, room: Run, stride: int) -> None:
+        """Make ``room``, which has the belief of ``run``, one that may be; the run's truth is not read."""
+        task = run.models.task
         room.expected[:], room.viewpoint[:] = run.expected, run.viewpoint
-        room.episode.views = run.episode.views
-        room.episode.steps = int(run.episode.steps) // int(self._env.steps_per_motion)
-        room.world.fiducials[:] = run.world.fiducials  # which are known
-        if run.models.boxes_known:
-            room.world.boxes[:] = run.world.boxes
-        room.world.state.noise_key[:] = self._rng.integers(2**63)
+        room.episode.views, room.episode.steps = run.episode.views, run.episode.steps // task.steps_per_motion
         room.episode.redraw_key[:] = self._rng.integers(2**63)
+        world = room.world
+        world.state.noise_key[:] = self._rng.integers(2**63)
+        world.fiducials[:] = run.world.fiducials  # which are known
+        world.boxes[: len(known_boxes(run))] = known_boxes(run)
+        world.state.camera[:], points = sampled(room.belief, run.models.motion.half, self._rng)
+        own = _owned(room, points)
+        unseen = self._rng.choice(PLACES, len(world.landmarks) - own, replace=False, p=self._chances)
+        world.landmarks[own:] = self._places[unseen]
+        _count_slowly(room.belief, stride)
 
-    def _place_things(self, run: Run, room: Run) -> None:
-        """Draw the true camera, and the landmarks: those of the features, oldest first, and the rest unseen."""
-        camera, points = sampled(room.belief, 0.5 * np.array(self._setting.scenario.room_size), self._rng)
-        N, K, n = len(room.world.landmarks), len(room.world.fiducials), len(points)
-        room.world.state.camera[:] = camera
-        room.world.landmarks[:n] = points[:N]
-        for k in range(n):
-            owner = room.owner[run.belief.feature[k].slot]
-            owner.serial = run.belief.feature[k].serial
-            owner.label, owner.landmark = (K + k, k) if k < N else (CLUTTER_LABEL, NOBODY)
-        if n < N:
-            chosen = self._rng.choice(PLACES, N - n, replace=False, p=self._weights / self._weights.sum())
-            room.world.landmarks[n:] = self._places[chosen]
+
+def _owned(room: Run, points: np.ndarray) -> int:
+    """Make the ``points`` (n, 3) of the features the first landmarks of ``room``, oldest first; how many fit.
+
+    Features beyond the number of landmarks are of nothing: some of them must be.
+    """
+    N, K = len(room.world.landmarks), len(room.world.fiducials)
+    room.world.landmarks[: len(points)] = points[:N]
+    for k in range(len(points)):
+        feature = room.belief.feature[k]
+        owner = room.owner[feature.slot]
+        owner.serial = feature.serial
+        owner.label, owner.landmark = (K + k, k) if k < N else (CLUTTER_LABEL, NOBODY)
+    return min(len(points), N)
+
+
+# What may be true ---------------------------------------------------------------------------------------------------
 
 
 def sampled(belief: Belief, half: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A camera (13,) and a point (n, 3) for each feature, drawn from the belief and kept in the room ``half`` (3,)."""
+    """A camera (13,) and a point (n, 3) for each feature, drawn from the belief; points stay in the room ``half`` (3,).
+
+    mean ⊞ delta with delta ~ N(0, P); the depth of a ray is that of one of its particles.
+    """
     dim, n = int(belief.state.dim), int(belief.state.count)
-    drawn = belief._replace(feature=belief.feature.copy(), state=belief.state.copy())
+    drawn = belief._replace(state=belief.state.copy(), feature=belief.feature.copy())
     for k in range(n):
         if drawn.feature[k].kind == RAY:
             depths, weights = belief.particles[drawn.feature[k].slot].T
             drawn.feature[k].depth = rng.choice(depths, p=weights / weights.sum())
     shift_mean(drawn, _normal(belief.covariance[:dim, :dim], rng))
-    camera, points = drawn.state.camera.copy(), positions_of(drawn)
-    from_ = np.where((drawn.feature["kind"][:n] == POINT)[:, None], camera[POSITION], drawn.feature["mean"][:n, ANCHOR])
-    return camera, _kept_inside(from_, points, half)
+    feature, camera = drawn.feature[:n], drawn.state.camera
+    origins = np.where((feature["kind"] == POINT)[:, None], camera[POSITION], feature["mean"][:, ANCHOR])
+    return camera, _kept_inside(origins, positions_of(drawn), half)
 
 
 def _normal(P: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A draw of N(0, P), of the nearest such P where it is not quite positive."""
+    """A draw of N(0, P); of the nearest such P where it is not quite positive."""
     values, vectors = np.linalg.eigh(P)
     return vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
 
 
-def _kept_inside(from_: np.ndarray, points: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """``points`` (n, 3) moved along their lines of sight ``from_`` (n, 3) into the room."""
-    way = points - from_
+def _kept_inside(origins: np.ndarray, points: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """``points`` (n, 3), those outside of the room moved back on their lines of sight from ``origins`` (n, 3)."""
+    way = points - origins
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(way != 0.0, (np.copysign(half, way) - from_) / way, np.inf).min(axis=1, initial=1.0)
-    return from_ + np.maximum(share, 0.0)[:, None] * way
+        share = np.where(way == 0.0, 1.0, (np.copysign(half, way) - origins) / way).min(axis=1, initial=1.0)
+    return origins + np.maximum(share, 0.0)[:, None] * way
 
 
-def _slow_clock(belief: Belief, stride: int) -> None:
+def _count_slowly(belief: Belief, stride: int) -> None:
     """Count in frames that are ``stride`` times as long."""
     frame, feature = int(belief.state.frame), belief.feature[: int(belief.state.count)]
     belief.state.frame = frame // stride
     for name in ("born", "seen"):
-        feature[name] = frame // stride + (feature[name] - frame) // stride
+        feature[name] = frame // stride - (frame - feature[name]) // stride
     feature["misses"] //= stride
     belief.track["hits"] //= stride
 
 
-def _present_view(run: Run) -> View:
-    """What the estimated camera sees, with what is known to hide things."""
-    pose = run.belief.state.camera
-    boxes = run.world.boxes if run.models.boxes_known else run.world.boxes[:0]
-    return View(run.models.camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
-
-
-def _copy(source: Any, target: Any) -> None:
-    """Copy all arrays of nested tuples."""
+def _copy(source: tuple, target: tuple, rows: Any = ...) -> None:
+    """Copy those ``rows`` of all arrays of nested tuples; all of them, or one for all of the ``target``."""
     for one, other in zip(source, target, strict=True):
         if isinstance(one, tuple):
-            _copy(one, other)
+            _copy(one, other, rows)
         else:
-            other[...] = one
+            other[...] = one[rows]
 
 
 # The model of the world ---------------------------------------------------------------------------------------------
 
 
-def coarse(setting: Setting) -> Setting:
-    """A setting that is cheaper to play: longer frames, one step for each motion period, detections that are labelled.
+def slowed(models: Record) -> tuple[Record, int]:
+    """MODELS that are cheaper to play, and how many times as long their frames are, s.
 
-    A frame s times as long has 1/s the variance of image noise, and of the disturbance held over it, so that a second
-    tells as much and disturbs as much. What is counted in frames is divided by s. The controller is as fast as such
-    frames allow.
+    A step is a whole motion period. Frames are as long as `LONGEST_FRAME` and whole numbers allow; a long one has 1/s
+    of the variance of the image noise, and of the disturbance held over it, so that a second tells and disturbs as
+    much. What is counted in frames is divided by s. The controller is as fast as such frames allow. Detections are
+    labelled, and the true camera is the known one.
     """
-    scenario, motion = setting.scenario, round(setting.motion_period / setting.scenario.frame_time)
-    stride = max(s for s in range(1, motion + 1) if motion % s == 0 and (s == 1 or s * scenario.frame_time <= LONGEST_FRAME + 1e-9))
-    periods = math.ceil(setting.duration / setting.motion_period - 1e-9)
-    return resolve(
-        _slowed(scenario, stride),
-        gaze_period=setting.motion_period,
-        motion_period=setting.motion_period,
-        duration=periods * setting.motion_period,
-        reward=setting.reward,
-        lost_position_error=float(setting.task.lost_position_error),
-        end_when_lost=False,
-    )
-
-
-def _slowed(scenario: Scenario, s: int) -> Scenario:
-    """The scenario with frames ``s`` times as long; see `coarse`."""
-    frame, root = s * scenario.frame_time, math.sqrt(s)
-    linear, angular = scenario.filter_acceleration_stds
-    return replace(
-        scenario,
-        frame_time=frame,
-        pixel_std=scenario.pixel_std / root,
-        acceleration_std=scenario.acceleration_std / root,
-        angular_acceleration_std=scenario.angular_acceleration_std / root,
-        filter_acceleration_std=linear / root,
-        filter_angular_acceleration_std=angular / root,
-        controller_frequency=min(scenario.controller_frequency, 0.8 / frame),
-        rate_loop_time=max(scenario.rate_loop_time, 0.75 * frame),
-        birth_detections=max(1, round(scenario.birth_detections / s)),
-        maximum_misses=max(2, round(scenario.maximum_misses / s)),
-        association=KNOWN,
-        labelled_first_match=False,
-    )
+    task, motion = models.task, models.motion
+    frames = int(task.frames_per_step * task.steps_per_motion)
+    divisors = [s for s in range(1, frames + 1) if frames % s == 0 and s * motion.dt <= LONGEST_FRAME + 1e-9]
+    s = max(divisors, default=1)
+    out = models.copy()
+    dt, root = s * float(motion.dt), math.sqrt(s)
+    out.camera.pixel_std /= root
+    out.true_camera = out.camera
+    for name in ("acceleration_std", "angular_acceleration_std"):
+        out.motion[name] /= root
+        out.motion[f"filter_{name}"] /= root
+    out.motion.dt = dt
+    out.motion.controller_frequency = min(float(motion.controller_frequency), 0.8 / dt)
+    out.motion.rate_loop_time = max(float(motion.rate_loop_time), 0.75 * dt)
+    counts = out.filter.initialisation
+    for name in ("birth_detections", "maximum_misses", "memory_frames", "ray_age_frames"):
+        counts[name] = max(1, round(int(counts[name]) / s))
+    out.filter.particles.maximum_misses = counts.maximum_misses
+    out.task.frames_per_step, out.task.steps_per_motion = frames // s, 1
+    out.task.steps = math.ceil(task.steps / task.steps_per_motion)
+    out.task.association_known, out.task.labelled_first_match, out.task.end_when_lost = True, False, False
+    return out, s

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.envs.imagination import Imagination
 
+from .constants import best_constant
 from .policy import Actions, Environment, Policy
 
 Plan = NDArray[np.int64]
@@ -34,7 +35,7 @@ class Rollout(Policy):
     """The first action of the best plan found, once a motion period; its gaze is held for the whole period.
 
     ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: the motion and the gaze of the
-    plan with which an episode begins. ``seed``: of all that is drawn. ``threads`` share the imagined runs (None: one
+    plan with which an episode begins (None: the best constant). ``seed``: of all that is drawn. ``threads`` share the imagined runs (None: one
     for each core).
 
     Raises:
@@ -45,7 +46,7 @@ class Rollout(Policy):
         self,
         env: Environment,
         budget: int = 64,
-        base: tuple[int, int] = (Motion.RIGHT, Gaze.LEFT),
+        base: tuple[int, int] | None = None,
         seed: int = 0,
         threads: int | None = None,
     ) -> None:
@@ -53,7 +54,7 @@ class Rollout(Policy):
         if budget < FEWEST_RUNS:
             raise ValueError(f"budget: {budget} imagined runs a decision; allowed: {FEWEST_RUNS} or more")
         imaginations = [Imagination(self.env, i, seed, threads) for i in range(self.num_envs)]
-        self._searches = [Search(one, budget, base, seed) for one in imaginations]
+        self._searches = [Search(one, budget, base or best_constant(self.env), seed) for one in imaginations]
         self._gaze = self.always(Gaze.STAY)
 
     def decide(self) -> Actions:

@@ -1,6 +1,6 @@
 """`best-constant`: the best of the 21 constant actions on rooms of training, for the scenario at hand.
 
-Of the named scenarios it stands in `best_constants.json`, which `python -m baselines` makes anew. Of others it is chosen
+Of named scenarios it stands in `best_constants.json`, which `python -m baselines` makes anew. Of others it is chosen
 when it is first asked for, which takes a minute or so and is said.
 """
 
@@ -11,11 +11,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import Gaze, Motion, Scenario
+from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario
 
 from .policy import Actions, Environment, Policy
 
@@ -101,9 +100,7 @@ def choose(scenario: Scenario, gaze_period: float, motion_period: float, duratio
 
 def log_scores(action: Any, scenario: Scenario, seed: int, rooms: int, **times: float) -> NDArray[np.float64]:
     """(rooms,) log score [bit] at the end of runs in which nothing but ``action`` (2,) is done, from ``seed`` on."""
-    env = gym.make_vec(
-        "ActiveSLAM-v0", rooms, scenario=scenario, end_when_lost=False, autoreset_mode="DISABLED", **times
-    )
+    env = ActiveSLAMVectorEnv(rooms, scenario, end_when_lost=False, autoreset_mode="DISABLED", **times)  # type: ignore[arg-type]
     env.reset(seed=seed)
     actions, over = np.tile(action, (rooms, 1)), np.zeros(rooms, bool)
     while not over.all():

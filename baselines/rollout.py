@@ -34,13 +34,15 @@ FEWEST_RUNS = 8
 class Rollout(Policy):
     """The first action of the best plan found, once a motion period; its gaze is held for the whole period.
 
-    ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: the motion and the gaze of the
-    plan with which an episode begins (None: the best constant). ``seed``: of all that is drawn. ``threads`` share the imagined runs (None: one
-    for each core).
+    ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: motion and gaze of the plan with
+    which an episode begins (None: the best constant). ``seed``: of all that is drawn. ``threads`` share the imagined
+    runs (None: one for each core).
 
     Raises:
         ValueError: the budget is under 8 runs.
     """
+
+    imagination: type[Imagination] = Imagination
 
     def __init__(
         self,
@@ -53,7 +55,7 @@ class Rollout(Policy):
         super().__init__(env)
         if budget < FEWEST_RUNS:
             raise ValueError(f"budget: {budget} imagined runs a decision; allowed: {FEWEST_RUNS} or more")
-        imaginations = [Imagination(self.env, i, seed, threads) for i in range(self.num_envs)]
+        imaginations = [self.imagination(self.env, i, seed, threads) for i in range(self.num_envs)]
         self._searches = [Search(one, budget, base or best_constant(self.env), seed) for one in imaginations]
         self._gaze = self.always(Gaze.STAY)
 

@@ -168,6 +168,15 @@ def _owned(room: Run, points: np.ndarray) -> int:
     return min(len(points), N)
 
 
+class Hindsight(Imagination):
+    """Futures of who knows the truth, but not the noise to come: for bounds and referees, never for policies."""
+
+    def _furnish(self, run: Run, room: Run, stride: int) -> None:
+        super()._furnish(run, room, stride)
+        room.world.state.camera[:], room.world.landmarks[:] = run.world.state.camera, run.world.landmarks
+        room.owner[:] = run.owner
+
+
 # What may be true ---------------------------------------------------------------------------------------------------
 
 

@@ -15,8 +15,9 @@ def ceiling(episode: Episode, scenario: Scenario) -> float:
     """Expected log score [bit] of a camera on the path of `episode` that sees all landmarks in every frame.
 
     A bearing from p to y has the information (f / (sigma d))^2 (I - m m^T) of y, d = |y - p|, m = (y - p) / d: that of
-    a pixel at the image's centre, the sharpest of the lens. Summed over the frames it is Lambda, and the landmark's
-    expected log2 density 1/2 log2 |Lambda| - 3/2 log2(2 pi e), against the room's prior. The camera's part is the run's.
+    a pixel at the image's centre, where the lens is sharpest. Summed over the frames it is Lambda, and the expected
+    log2 density of the landmark 1/2 log2 |Lambda| - 3/2 log2(2 pi e), of which the prior's is subtracted. The camera's
+    own part is that of the run.
     """
     prior = np.diag(1.0 / np.array(scenario.landmark_prior_variance))
     information = prior + _information(episode, scenario)

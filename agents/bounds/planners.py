@@ -12,7 +12,7 @@ small, medium, large = (partial(Rollout, budget=budget, threads=1) for budget in
 
 
 class Clairvoyant(Rollout):
-    """The planner in the room that is, told where everything is, but not the noise: each plan is scored over several."""
+    """The planner, told where everything really is, but not the noise: its plans are scored over several of it."""
 
     imagination = Hindsight
 

@@ -13,7 +13,7 @@ from activeslam_gym.config import scenario_from
 from agents.bounds.ceiling import ceiling
 from agents.bounds.drawing import draw
 from agents.bounds.planners import BUDGETS
-from agents.bounds.share import shares
+from agents.bounds.share import BASE, shares
 from agents.compare.command import Args as Comparison
 from agents.compare.command import compare
 from agents.episode import Episode
@@ -23,7 +23,6 @@ from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
 from agents.tools.statistics import Estimate, estimate
 
-BASE = "best-constant"
 CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
 PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from agents.tools.statistics import Estimate, estimate_from_sums
 
+PLANNER, BASE = "rollout", "best-constant"
 Scores = Mapping[str, Mapping[int, float]]
 """Policy → seed → log score gained [bit]."""
 

@@ -46,6 +46,8 @@ class Args(Rooms):
     """Rooms for each policy and scenario."""
     gaze_period: float = 0.25
     """Seconds between gaze commands."""
+    duration: float = 35.0
+    """Seconds of an episode."""
     out: Path = Path("results/bounds")
     """Folder of the results; finished episodes that it holds are not run again."""
     report: tuple[Path, ...] = ()
@@ -78,6 +80,7 @@ class Args(Rooms):
             jobs=self.jobs,
             scenario=scenario,
             gaze_period=self.gaze_period,
+            duration=self.duration,
             reference=BASE,
             out=self.out / scenario,
             resume=True,

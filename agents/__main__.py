@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 COMMANDS = {
+    "bounds": "agents.bounds.command",
     "compare": "agents.compare.command",
     "consistency": "agents.honesty.command",
     "generalise": "agents.compare.generalise",

@@ -1,12 +1,13 @@
 """From episodes to the study's figures: per policy over rooms, and policy against policy in the same rooms."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 import baselines
+from agents.bounds.share import BASE, PLANNER, shares
 from agents.episode import Episode, honesty, outcome
 from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
 
@@ -72,6 +73,8 @@ class Summary:
     """The baseline with the most bits, if one was run."""
     notes: list[str]
     """What a reader has to know beside the figures."""
+    shares: dict[str, Estimate] = field(default_factory=dict)
+    """Policy → its share of the planner's lead over the best constant in the log score, where both were run."""
 
 
 def summarise(
@@ -101,6 +104,7 @@ def summarise(
         },
         best_baseline=best,
         notes=_notes(by_policy, policies, reference, target_landmarks),
+        shares=_shares(by_policy),
     )
 
 
@@ -159,6 +163,17 @@ def _difference(run: Episode, other: Episode, target_landmarks: int) -> dict[str
     own, others = paired_rmse(run.landmark_errors, other.landmark_errors)
     columns = {one.key: _column(one.key) for one in PAIRED}
     return {key: row[name] - other_row[name] for key, name in columns.items()} | {"landmark_rmse": own - others}
+
+
+def _shares(by_policy: dict[str, list[Episode]]) -> dict[str, Estimate]:
+    """See `Summary.shares`."""
+    if not {PLANNER, BASE} <= set(by_policy):
+        return {}
+    gained = {
+        name: {run.seed: float(run.log_score[-1] - run.log_score[0]) for run in runs}
+        for name, runs in by_policy.items()
+    }
+    return shares(gained, PLANNER, BASE)
 
 
 def _notes(

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from .constants import BestConstant
 from .fixed import Orbit, Random, Stay, Sweep
 from .greedy import JointGreedy, greedy
 from .lookahead import Lookahead
 from .policy import Environment, Policy, Predictor, best
+from .rollout import Rollout
 
 __all__ = ["Policy", "Predictor", "best", "make", "names"]
 
@@ -19,6 +21,7 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "stay": Stay,
     "sweep": Sweep,
     "orbit": Orbit,
+    "best-constant": BestConstant,
     "mi-constant": greedy,
     "mi-mi": partial(greedy, gaze_criterion="mutual_information"),
     "mi-fisher": partial(greedy, gaze_criterion="fisher_trace"),
@@ -26,6 +29,7 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "variance-reduction": partial(greedy, motion_criterion="variance_reduction", gaze_criterion="variance_reduction"),
     "joint-mi": JointGreedy,
     "lookahead-2": partial(Lookahead, horizon=2),
+    "rollout": Rollout,
 }
 
 
@@ -35,7 +39,9 @@ def names() -> tuple[str, ...]:
 
 
 def make(name: str, env: Environment, **kwargs: Any) -> Policy:
-    """Return the policy `name` bound to `env`, single or batched; `random` takes `seed`.
+    """Return the policy `name` bound to `env`, single or batched.
+
+    `random` and `rollout` take `seed`, `rollout` a `budget` too.
 
     Raises ValueError for an unknown name, and lists the known ones.
     """

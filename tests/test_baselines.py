@@ -169,7 +169,10 @@ def test_shapes_of_observations_and_actions() -> None:
 
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
-    named = "random stay sweep orbit mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2"
+    named = (
+        "random stay sweep orbit best-constant mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi"
+    )
+    named += " lookahead-2 rollout"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())

@@ -1,0 +1,265 @@
+"""What might come: runs played ahead from what is believed, for policies that plan.
+
+An imagined run begins with a copy of the belief, in a room drawn from it: the camera and the features stand where
+N(mean, P) has them, and the landmarks that no feature stands for where none was found by looking. Its noise is its
+own. Nothing of the truth enters: neither true places nor labels, nor the stream of noise that the real run will meet,
+nor boxes that the belief does not know, nor what is wrong with the calibration.
+
+It is the environment's own simulation, with two things made cheap: frames are longer, with as much noise in a second
+(see `slowed`), and detections tell what they are of, so that no imagined match is wrong.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym.camera import View, visible
+from activeslam_gym.envs.episode import play
+from activeslam_gym.envs.referee import NOBODY
+from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import Record, row
+from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.slam.belief import ANCHOR, POINT, RAY, Belief, positions_of
+from activeslam_gym.slam.manifold import shift_mean
+from activeslam_gym.threads import Workers
+from activeslam_gym.world.room import uniform_points
+from activeslam_gym.world.simulator import CLUTTER_LABEL
+
+LONGEST_FRAME = 0.25
+"""Imagined frames are at most so long [s]."""
+LOOK_PERIOD = 0.25
+"""Places where a landmark may be are looked at so often [s]."""
+OVERLOOKED = 0.1
+"""Chance that a landmark in view of a look gets no feature."""
+WELL_INSIDE_PX = 20.0
+"""A place is looked at so far inside the image [px]."""
+PLACES = 600
+"""Places in the room where a landmark may be."""
+ROWS = 32
+"""Runs played at a time."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What imagined runs came to; R runs."""
+
+    entropy: np.ndarray
+    """(R,) of the belief at the end [bit]."""
+    log_density: np.ndarray
+    """(R,) log2 N(imagined truth | belief) at the end [bit]."""
+
+
+class Imagination:
+    """Imagined futures of environment ``i`` of ``env``; a single environment is its own 0th.
+
+    Call `look` at every step from the reset on; `draw` at the start of a motion period, then `play` plans in the rooms
+    that were drawn. ``seed``: of everything that is drawn, anew in each episode. ``threads`` share the runs (None: one
+    for each core).
+    """
+
+    def __init__(self, env: Any, i: int = 0, seed: int = 0, threads: int | None = None) -> None:
+        self._env, self._i, self._seed, self._threads = env, i, seed, threads
+        self._batch = empty_runs(env.scenario, ROWS)
+        self._workers = Workers(ROWS, threads)
+        self._rooms = empty_runs(env.scenario, 0)
+        self._looked_at = -math.inf
+        self._begin()
+
+    @property
+    def periods(self) -> int:
+        """Motion periods from the present to the end of the episode."""
+        own = self._own()
+        return math.ceil((own.models.task.steps - own.episode.steps) / own.models.task.steps_per_motion)
+
+    def look(self) -> None:
+        """Take note of what is in view now: where a landmark would have been found, there is hardly one."""
+        run = self._own()
+        time = int(run.episode.steps) * self._env.gaze_period
+        if time == 0.0:
+            self._begin()
+        if time < self._looked_at + LOOK_PERIOD - 1e-9:
+            return
+        self._looked_at = time
+        pose, z = run.belief.state.camera, np.empty(2)
+        view = View(run.models.camera, pose, rotation_matrix(pose[QUATERNION]), known_boxes(run))
+        seen = np.array([visible(view, place, -WELL_INSIDE_PX, z) for place in self._places])
+        self._chances[seen] *= OVERLOOKED
+        self._chances /= self._chances.sum()
+
+    def draw(self, count: int) -> None:
+        """Draw ``count`` rooms from the present belief.
+
+        Raises:
+            ValueError: a motion is under way, while plans begin with a motion of their own.
+        """
+        run = self._own()
+        if run.episode.steps % run.models.task.steps_per_motion:
+            raise ValueError("plans are imagined from the start of a motion period; a motion is under way")
+        models, stride = slowed(run.models)
+        self._rooms = empty_runs(self._env.scenario, count)
+        self._rooms.models[:] = models
+        self._rooms.candidate["R"] = models.camera.pixel_std**2 * np.eye(2)
+        _copy(row(self._env._runs.belief, slice(self._i, self._i + 1)), self._rooms.belief)
+        for m in range(count):
+            self._furnish(run, row(self._rooms, m), stride)
+
+    def play(self, rooms: Sequence[int] | np.ndarray, plans: np.ndarray) -> Outcome:
+        """Play ``plans`` (R, T, 2), an action for each motion period, each in that of the ``rooms`` (R,) drawn."""
+        rooms, entropy, density = np.asarray(rooms), np.empty(len(plans)), np.empty(len(plans))
+        for start in range(0, len(plans), ROWS):
+            part = slice(start, start + ROWS)
+            end = self._played(rooms[part], np.asarray(plans[part], np.int64))
+            entropy[part], density[part] = end["entropy"], end["log_density"]
+        return Outcome(entropy, density)
+
+    def _played(self, rooms: np.ndarray, plans: np.ndarray) -> np.ndarray:
+        """(R,) EVALUATION at the end of at most ROWS runs."""
+        count = len(plans)
+        runs = row(self._batch, slice(0, count))
+        _copy(self._rooms, runs, rooms)
+        workers = self._workers if count == ROWS else Workers(count, self._threads)
+        for motions, gazes in np.ascontiguousarray(plans.transpose(1, 2, 0)):
+            workers.call(play, runs, motions, gazes)
+        return runs.episode["evaluation"]
+
+    def _own(self) -> Run:
+        return row(self._env._runs, self._i)
+
+    def _begin(self) -> None:
+        """Of a new episode: a landmark may be anywhere."""
+        self._rng = np.random.default_rng(self._seed)
+        self._places = uniform_points(self._env.scenario, PLACES, self._rng)
+        self._chances = np.full(PLACES, 1.0 / PLACES)
+        self._looked_at = -math.inf
+
+    def _furnish(self, run: Run, room: Run, stride: int) -> None:
+        """Make ``room``, which has the belief of ``run``, one that may be; the run's truth is not read."""
+        task = run.models.task
+        room.expected[:], room.viewpoint[:] = run.expected, run.viewpoint
+        room.episode.views, room.episode.steps = run.episode.views, run.episode.steps // task.steps_per_motion
+        room.episode.redraw_key[:] = self._rng.integers(2**63)
+        world = room.world
+        world.state.noise_key[:] = self._rng.integers(2**63)
+        world.fiducials[:] = run.world.fiducials  # which are known
+        world.boxes[: len(known_boxes(run))] = known_boxes(run)
+        world.state.camera[:], points = sampled(room.belief, run.models.motion.half, self._rng)
+        own = _owned(room, points)
+        unseen = self._rng.choice(PLACES, len(world.landmarks) - own, replace=False, p=self._chances)
+        world.landmarks[own:] = self._places[unseen]
+        _count_slowly(room.belief, stride)
+
+
+def _owned(room: Run, points: np.ndarray) -> int:
+    """Make the ``points`` (n, 3) of the features the first landmarks of ``room``, oldest first; how many fit.
+
+    Features beyond the number of landmarks are of nothing: some of them must be.
+    """
+    N, K = len(room.world.landmarks), len(room.world.fiducials)
+    room.world.landmarks[: len(points)] = points[:N]
+    for k in range(len(points)):
+        feature = room.belief.feature[k]
+        owner = room.owner[feature.slot]
+        owner.serial = feature.serial
+        owner.label, owner.landmark = (K + k, k) if k < N else (CLUTTER_LABEL, NOBODY)
+    return min(len(points), N)
+
+
+class Hindsight(Imagination):
+    """Futures of who knows the truth, but not the noise to come: for bounds and referees, never for policies."""
+
+    def _furnish(self, run: Run, room: Run, stride: int) -> None:
+        super()._furnish(run, room, stride)
+        room.world.state.camera[:], room.world.landmarks[:] = run.world.state.camera, run.world.landmarks
+        room.owner[:] = run.owner
+
+
+# What may be true ---------------------------------------------------------------------------------------------------
+
+
+def sampled(belief: Belief, half: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A camera (13,) and a point (n, 3) for each feature, drawn from the belief; points stay in the room ``half`` (3,).
+
+    mean ⊞ delta with delta ~ N(0, P); the depth of a ray is that of one of its particles.
+    """
+    dim, n = int(belief.state.dim), int(belief.state.count)
+    drawn = belief._replace(state=belief.state.copy(), feature=belief.feature.copy())
+    for k in range(n):
+        if drawn.feature[k].kind == RAY:
+            depths, weights = belief.particles[drawn.feature[k].slot].T
+            drawn.feature[k].depth = rng.choice(depths, p=weights / weights.sum())
+    shift_mean(drawn, _normal(belief.covariance[:dim, :dim], rng))
+    feature, camera = drawn.feature[:n], drawn.state.camera
+    origins = np.where((feature["kind"] == POINT)[:, None], camera[POSITION], feature["mean"][:, ANCHOR])
+    return camera, _kept_inside(origins, positions_of(drawn), half)
+
+
+def _normal(P: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A draw of N(0, P); of the nearest such P where it is not quite positive."""
+    values, vectors = np.linalg.eigh(P)
+    return vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
+
+
+def _kept_inside(origins: np.ndarray, points: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """``points`` (n, 3), those outside of the room moved back on their lines of sight from ``origins`` (n, 3)."""
+    way = points - origins
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.where(way == 0.0, 1.0, (np.copysign(half, way) - origins) / way).min(axis=1, initial=1.0)
+    return origins + np.maximum(share, 0.0)[:, None] * way
+
+
+def _count_slowly(belief: Belief, stride: int) -> None:
+    """Count in frames that are ``stride`` times as long."""
+    frame, feature = int(belief.state.frame), belief.feature[: int(belief.state.count)]
+    belief.state.frame = frame // stride
+    for name in ("born", "seen"):
+        feature[name] = frame // stride - (frame - feature[name]) // stride
+    feature["misses"] //= stride
+    belief.track["hits"] //= stride
+
+
+def _copy(source: tuple, target: tuple, rows: Any = ...) -> None:
+    """Copy those ``rows`` of all arrays of nested tuples; all of them, or one for all of the ``target``."""
+    for one, other in zip(source, target, strict=True):
+        if isinstance(one, tuple):
+            _copy(one, other, rows)
+        else:
+            other[...] = one[rows]
+
+
+# The model of the world ---------------------------------------------------------------------------------------------
+
+
+def slowed(models: Record) -> tuple[Record, int]:
+    """MODELS that are cheaper to play, and how many times as long their frames are, s.
+
+    A step is a whole motion period. Frames are as long as `LONGEST_FRAME` and whole numbers allow; a long one has 1/s
+    of the variance of the image noise, and of the disturbance held over it, so that a second tells and disturbs as
+    much. What is counted in frames is divided by s. The controller is as fast as such frames allow. Detections are
+    labelled, and the true camera is the known one.
+    """
+    task, motion = models.task, models.motion
+    frames = int(task.frames_per_step * task.steps_per_motion)
+    divisors = [s for s in range(1, frames + 1) if frames % s == 0 and s * motion.dt <= LONGEST_FRAME + 1e-9]
+    s = max(divisors, default=1)
+    out = models.copy()
+    dt, root = s * float(motion.dt), math.sqrt(s)
+    out.camera.pixel_std /= root
+    out.true_camera = out.camera
+    for name in ("acceleration_std", "angular_acceleration_std"):
+        out.motion[name] /= root
+        out.motion[f"filter_{name}"] /= root
+    out.motion.dt = dt
+    out.motion.controller_frequency = min(float(motion.controller_frequency), 0.8 / dt)
+    out.motion.rate_loop_time = max(float(motion.rate_loop_time), 0.75 * dt)
+    counts = out.filter.initialisation
+    for name in ("birth_detections", "maximum_misses", "memory_frames", "ray_age_frames"):
+        counts[name] = max(1, round(int(counts[name]) / s))
+    out.filter.particles.maximum_misses = counts.maximum_misses
+    out.task.frames_per_step, out.task.steps_per_motion = frames // s, 1
+    out.task.steps = math.ceil(task.steps / task.steps_per_motion)
+    out.task.association_known, out.task.labelled_first_match, out.task.end_when_lost = True, False, False
+    return out, s

@@ -1,0 +1,154 @@
+"""`python -m agents bounds`: every kind of policy in the same rooms, between what is simple and what cannot be had."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym.config import scenario_from
+from agents.bounds.ceiling import ceiling
+from agents.bounds.drawing import draw
+from agents.bounds.planners import BUDGETS
+from agents.bounds.share import BASE, shares
+from agents.compare.command import Args as Comparison
+from agents.compare.command import compare
+from agents.episode import Episode
+from agents.task import check, file_name
+from agents.tools.arguments import Rooms, given
+from agents.tools.files import write_json, write_text
+from agents.tools.sections import provenance, put_section, table
+from agents.tools.statistics import Estimate, estimate
+
+CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
+PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
+PLANNER = list(PLANNERS)[-1]
+SOURCES = PLANNERS | {CLAIRVOYANT: "agents.bounds.planners:clairvoyant"}
+"""Name in the table → the policy, where it is another."""
+Scores = dict[str, dict[int, float]]
+"""Policy → seed → log score gained [bit]."""
+
+
+@dataclass(frozen=True)
+class Args(Rooms):
+    """Bounds: constants, greedy and learned policies, the planner at three budgets, and what cannot be reached."""
+
+    scenarios: tuple[str, ...] = ("paper", "hall", "clutter")
+    """Names of scenarios."""
+    greedy: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "joint-mi", "lookahead-2")
+    """Greedy policies, of which the best counts."""
+    learned: tuple[str, ...] = ("ppo",)
+    """Learned policies."""
+    episodes: int = 50
+    """Rooms for each policy and scenario."""
+    gaze_period: float = 0.25
+    """Seconds between gaze commands."""
+    duration: float = 35.0
+    """Seconds of an episode."""
+    out: Path = Path("results/bounds")
+    """Folder of the results; finished episodes that it holds are not run again."""
+    report: tuple[Path, ...] = ()
+    """Pages whose generated section "bounds" is made anew, with its picture in `images/` beside the page."""
+    figures: bool = True
+    """Draw the figure (needs matplotlib)."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given(self, "scenarios")
+
+    @property
+    def command(self) -> str:
+        """What runs this."""
+        scenarios = " ".join(self.scenarios)
+        return f"python -m agents bounds --scenarios {scenarios} --episodes {self.episodes} --seed {self.seed}"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The policies that are run, as the tables call them."""
+        return (BASE, *self.greedy, *self.learned, *SOURCES)
+
+    def comparison(self, scenario: str) -> Comparison:
+        """The comparison in one scenario."""
+        policies = tuple(SOURCES.get(name, name) for name in self.names)
+        return Comparison(
+            policies=policies,
+            episodes=self.episodes,
+            seed=self.seed,
+            jobs=self.jobs,
+            scenario=scenario,
+            gaze_period=self.gaze_period,
+            duration=self.duration,
+            reference=BASE,
+            out=self.out / scenario,
+            resume=True,
+            figures=False,
+        )
+
+
+def main(args: Args) -> int:
+    """Run what is missing, and write table and figure; the exit status, 130 when interrupted."""
+    comparisons = {scenario: args.comparison(scenario) for scenario in args.scenarios}
+    for one in comparisons.values():
+        check(one.names, [one.environment])
+    args.prepare("bounds")
+    results: dict[str, Scores] = {}
+    for scenario, one in comparisons.items():
+        print(f"{scenario}: {len(one.names)} policies, {args.episodes} rooms each")
+        summary = compare(one)
+        if summary is None or not summary.settings["complete"]:
+            print("Interrupted; the same command goes on.")
+            return 130
+        results[scenario] = scores(args, scenario)
+    write(args, results)
+    return 0
+
+
+def scores(args: Args, scenario: str) -> Scores:
+    """The log scores that the comparison left in its folder, and the loose bound on the largest planner's path."""
+    folder, seeds = args.out / scenario / "episodes", range(args.seed, args.seed + args.episodes)
+    episodes = {
+        name: {seed: Episode.load(folder / f"{file_name(SOURCES.get(name, name))}-{seed}.npz") for seed in seeds}
+        for name in args.names
+    }
+    out = {
+        name: {seed: float(run.log_score[-1] - run.log_score[0]) for seed, run in runs.items()}
+        for name, runs in episodes.items()
+    }
+    settings = scenario_from(scenario)
+    return out | {CEILING: {seed: ceiling(run, settings) for seed, run in episodes[PLANNER].items()}}
+
+
+def write(args: Args, results: Mapping[str, Scores]) -> None:
+    """Everything into `args.out`, and into the pages of `args.report`."""
+    texts = [f"### `{scenario}`\n\n{bounds_table(found)}" for scenario, found in results.items()]
+    drawn = args.figures and find_spec("matplotlib") is not None
+    text = "\n\n".join([*texts, *(["![bounds](images/bounds.png)"] if drawn else [])])
+    write_text(args.out / "bounds.md", text + "\n")
+    write_json(args.out / "bounds.json", {"settings": json.loads(json.dumps(asdict(args), default=str)), **results})
+    if drawn:
+        draw(results, args.out / "images" / "bounds.png")
+    for page in args.report:
+        put_section(page, "bounds", f"{provenance(args.command)}\n\n{text}")
+        if drawn:
+            draw(results, page.parent / "images" / "bounds.png")
+    print(f"\n{text}\n\nWritten to {args.out}/")
+
+
+def bounds_table(found: Scores) -> str:
+    """A row for each policy: its log score, its lead over the best constant, and its share of the planner's."""
+    of_lead = shares(found, PLANNER, BASE)
+    header = ["policy", "log score, bits (median)", f"lead over {BASE} (mean)", "lead (median)", "share", "rooms"]
+    rows = [[name, *_figures(found[name], found[BASE]), of_lead[name].text(100.0, 0) + " %"] for name in found]
+    rows = [[*row[:4], row[5], row[4]] for row in rows]
+    return table(header, rows, "| --- |" + " ---: |" * (len(header) - 1))
+
+
+def _figures(own: Mapping[int, float], base: Mapping[int, float]) -> Sequence[str]:
+    """Median, paired lead by mean and by median, and how many rooms."""
+    lead = np.array([own[seed] - base[seed] for seed in own])
+    median: Estimate = estimate(list(own.values()), "median")
+    leads: list[Any] = [estimate(lead, "mean"), estimate(lead, "median")]
+    return [median.text(digits=0), *(one.text() for one in leads), str(len(lead))]

@@ -1,0 +1,20 @@
+"""The planner at three budgets, and one that knows the room: for `compare`, which calls them as factories."""
+
+from functools import partial
+
+from activeslam_gym.envs.imagination import Hindsight
+from baselines.rollout import Rollout
+
+BUDGETS = {"small": 8, "medium": 24, "large": 72}
+"""Imagined runs for each decision."""
+
+small, medium, large = (partial(Rollout, budget=budget, threads=1) for budget in BUDGETS.values())
+
+
+class Clairvoyant(Rollout):
+    """The planner, told where everything really is, but not the noise: its plans are scored over several of it."""
+
+    imagination = Hindsight
+
+
+clairvoyant = partial(Clairvoyant, budget=BUDGETS["large"], threads=1)

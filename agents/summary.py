@@ -31,15 +31,17 @@ class Column:
 
 
 LEARNED = (
-    Column("bits", "bits removed"),
-    Column("log_score_gain", "log score gain, bits"),
     Column("log_score_gain_median", "log score gain, bits", "median"),
+    Column("log_score_under_0", "under 0, %", "share", 100.0),
+    Column("log_score_under_minus_1000", "under −1000, %", "share", 100.0),
+    Column("log_score_gain", "log score gain, bits"),
+    Column("bits", "bits removed"),
     Column("landmarks_mapped", "mapped"),
     Column("distinct_landmarks", "distinct"),
     Column("lost", "lost, %", "share", 100.0),
 )
 """The log score's mean is the proper score, of which a single confident error, a landmark taken for another, takes
-thousands of bits; its median tells of the usual room."""
+thousands of bits; its median tells of the usual room, and two shares of the rooms that were wrong and sure."""
 ERRORS = (
     Column("landmark_rmse", "landmark RMSE, cm", "median", 100.0),
     Column("position_error", "position error, cm", "median", 100.0),
@@ -51,7 +53,12 @@ SPEED = (
     Column("target_log2_det", "log₂|P| then"),
     Column("decision_us", "µs per decision", "median"),
 )
-PAIRED = (*LEARNED[:3], Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", "median", 100.0), *ERRORS[1:])
+PAIRED = (
+    LEARNED[0],
+    *LEARNED[3:5],
+    Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", "median", 100.0),
+    *ERRORS[1:],
+)
 """Of the differences in the same room."""
 STATISTICS = {column.key: column.statistic for column in (*LEARNED, *ERRORS, *SPEED)}
 """Which figure over rooms stands for which column of episodes.csv."""

@@ -68,7 +68,7 @@ def markdown(summary: Summary) -> str:
 def headline(summary: Summary) -> str:
     """One Markdown table, the highest log score first."""
     figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
-    return f"{pipes(_table('', figures, (*LEARNED[1:3], LEARNED[0], *LEARNED[3:], ERRORS[0])))}\n\n{legend()}"
+    return f"{pipes(_table('', figures, (*LEARNED, ERRORS[0])))}\n\n{legend()}"
 
 
 def _table(

@@ -95,6 +95,9 @@ def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
 def test_outcome_and_honesty_of_a_known_episode() -> None:
     row = outcome(episode(bits=10.0), target_landmarks=1)
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
+    for gain, under in ((0.0, [0, 0]), (-1.0, [1, 0]), (-1000.0, [1, 0]), (-1001.0, [1, 1])):
+        row = outcome(episode(log_score=np.linspace(0.0, gain, 5)), 1)
+        assert [row["log_score_under_0"], row["log_score_under_minus_1000"]] == under
     assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
     assert (row["target_time"], row["target_log2_det"]) == (1.0, -20.0)
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
@@ -135,7 +138,7 @@ def test_tables_are_aligned_and_complete_and_few_rooms_are_marked() -> None:
     for table in tables.tables(summary):
         assert {len(row) for row in table.rows} == {len(table.header)}
     assert len({len(line) for line in tables.text(summary).splitlines()[1:4]}) == 1
-    assert "| stay | 10.0 | 20.0 |" in tables.markdown(summary)
+    assert "| stay | 20.0 | 0.0 [0.0, 79.3] | 0.0 [0.0, 79.3] | 20.0 | 10.0 |" in tables.markdown(summary)
 
 
 def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:

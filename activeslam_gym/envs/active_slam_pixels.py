@@ -12,7 +12,7 @@ from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.envs.episode import BEGIN, REST
 from activeslam_gym.envs.public import Reads
-from activeslam_gym.envs.sensed import HOLD, account, begin, finish, move
+from activeslam_gym.envs.sensed import account, begin, finish, move
 from activeslam_gym.envs.simulation import Run, Setting
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.geometry import rotation_matrix
@@ -95,19 +95,19 @@ class _Sighted(Reads):
         seed = np.random.SeedSequence(key).spawn(5)[-1]  # the first four are the world's
         self._eyes[i] = Eye(self.setting, row(self._runs, i), seed)
 
-    def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
-        self._workers.call(self._play_rows, motions, gazes)
+    def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
+        self._workers.call(self._play_rows, phases, commands)
 
-    def _play_rows(self, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
+    def _play_rows(self, phases: np.ndarray, commands: np.ndarray, start: int, stop: int) -> None:
         """`episode.play`, with images for detections."""
         runs = self._runs
         for i in range(start, stop):
-            motion, gaze, eye = int(motions[i]), int(gazes[i]), self._eyes[i]
-            if motion == BEGIN:
+            eye = self._eyes[i]
+            if phases[i] == BEGIN:
                 begin(runs, i)
-            elif motion != REST:
+            elif phases[i] != REST:
                 for frame in range(int(self.setting.task.frames_per_step)):
-                    u = move(runs, i, motion if frame == 0 else HOLD, gaze)
+                    u = move(runs, i, commands[i], frame == 0)
                     eye.look(row(runs, i), u)
                     account(runs, i, eye.births, eye.spare)
                 finish(runs, i)

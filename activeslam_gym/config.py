@@ -54,7 +54,7 @@ def _at_most(largest: int) -> Bound:
     return Bound(f"at most {largest}", lambda value: value <= largest)
 
 
-def _one_of(*words: str) -> Bound:
+def _among(*words: str) -> Bound:
     return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
 
@@ -79,10 +79,12 @@ _NOT_NEGATIVE_OR_NONE = Bound(
 )
 _COUNTS = Bound(
     "two whole numbers from 0 to 100, in no decreasing order",
-    lambda value: isinstance(value, tuple)
-    and len(value) == 2
-    and all(map(_WHOLE.holds, value))
-    and 0 <= value[0] <= value[1] <= 100,
+    lambda value: (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and all(map(_WHOLE.holds, value))
+        and 0 <= value[0] <= value[1] <= 100
+    ),
 )
 VARIABLE = (
     "room_size",
@@ -97,8 +99,10 @@ VARIABLE = (
 """Fields that a scenario may draw anew at each reset; the sizes of arrays depend on none of them."""
 _VARIED = Bound(
     f"triples (field, least, greatest), of the fields {', '.join(VARIABLE)}",
-    lambda value: isinstance(value, tuple)
-    and all(isinstance(one, tuple) and len(one) == 3 and one[0] in VARIABLE for one in value),
+    lambda value: (
+        isinstance(value, tuple)
+        and all(isinstance(one, tuple) and len(one) == 3 and one[0] in VARIABLE for one in value)
+    ),
 )
 _INCREASING = Bound("in increasing order", lambda pair: pair[0] < pair[1])
 _SENSIBLE = Bound("of a size from 1e-12 to 1e12", lambda value: _sensible(value))
@@ -128,12 +132,12 @@ Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, fl
 CountRange = Annotated[tuple[int, int], _COUNTS]
 Varied = Annotated[tuple[tuple[str, Any, Any], ...], _VARIED]
 Angle = Annotated[float, _POSITIVE, Bound("at most pi / 2", lambda value: value <= math.pi / 2)]
-Layout = Annotated[str, _one_of(UNIFORM, SURFACES, CLUSTERS)]
-Start = Annotated[str, _one_of(CENTRE, CORNER, ANYWHERE)]
+Layout = Annotated[str, _among(UNIFORM, SURFACES, CLUSTERS)]
+Start = Annotated[str, _among(CENTRE, CORNER, ANYWHERE)]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
-Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
-Association = Annotated[str, _one_of(UNKNOWN, KNOWN)]
+Initialisation = Annotated[str, _among(*INITIALISATIONS)]
+Association = Annotated[str, _among(UNKNOWN, KNOWN)]
 
 
 @dataclass(frozen=True)
@@ -452,6 +456,19 @@ SCENARIOS: dict[str, Scenario] = {
     )
 }
 """The named scenarios, by name."""
+
+TRAINING_SEED = 2**32
+"""Training draws its seeds from here up; those of benchmarks and of validation are below."""
+_SEEDS = ("paper", *(scenario.name for scenario in _PLACES))
+
+
+def benchmark_seed(name: str, validation: bool = False) -> int:
+    """The first seed of a scenario's frozen benchmark rooms, or of those for validation; each range has 500 000.
+
+    Of a scenario with no range of its own they are those of ``paper``.
+    """
+    place = _SEEDS.index(name) if name in _SEEDS else 0
+    return 1_000_000 * (1 + 10 * place) + 500_000 * validation
 
 
 def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:

@@ -17,7 +17,6 @@ from activeslam_gym.camera import (
     inside_image,
     pixel_from_camera_point,
     pixel_jacobian,
-    too_far,
     visible,
 )
 from activeslam_gym.geometry import rotation_matrix

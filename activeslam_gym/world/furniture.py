@@ -72,7 +72,8 @@ def _stands_well(box: np.ndarray, boxes: list[np.ndarray], scenario: Scenario) -
 def inside_any(points: np.ndarray, boxes: np.ndarray, margin: float = 0.0) -> np.ndarray:
     """(n,) bool: which of ``points`` (n, 3) are in one of the ``boxes`` (B, 2, 3) grown by ``margin`` [m]."""
     p = points[:, None]
-    return ((p > boxes[:, 0] - margin) & (p < boxes[:, 1] + margin)).all(axis=2).any(axis=1)
+    inside = ((p > boxes[:, 0] - margin) & (p < boxes[:, 1] + margin)).all(axis=2)
+    return np.logical_or.reduce(inside, axis=1)
 
 
 def first_hits(boxes: np.ndarray, half: np.ndarray, p: np.ndarray, ways: np.ndarray) -> np.ndarray:

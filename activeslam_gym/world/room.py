@@ -65,9 +65,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         place = _draw_place(scenario, np.empty((0, 2, 3)), rng)
         camera = draw_start(scenario, rng, place)
         landmarks = _landmarks(scenario, np.empty((0, 2, 3)), rng)
-        return Room(
-            place, camera, _floating(scenario, camera, rng), landmarks, np.empty((0, 3)), np.empty((0, 2, 3))
-        )
+        return Room(place, camera, _floating(scenario, camera, rng), landmarks, np.empty((0, 3)), np.empty((0, 2, 3)))
     for _ in range(_TRIES):
         boxes = draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
@@ -146,7 +144,7 @@ def _turn(place: np.ndarray, heading: float) -> None:
 
 
 def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray | None = None) -> np.ndarray:
-    """The true first camera (13,), drawn from the scenario's prior about ``place`` (7,), None: the centre, facing +Z."""
+    """The true first camera (13,), drawn by the prior about ``place`` (7,), None: the centre, facing +Z."""
     camera = np.empty(CAMERA_SIZE)
     camera[POSITION] = np.array(scenario.position_std) * rng.standard_normal(3)
     turned = scenario.orientation_std * rng.standard_normal(3)

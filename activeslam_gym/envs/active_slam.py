@@ -56,12 +56,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
     the estimated pose, and held until the period is over; its goal is clipped to lie 0.4 m inside the walls. In
-    between, the motion of an action is ignored. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index =
-    3 motion + gaze.
+    between, the motion of an action is ignored. Where there are boxes the goal ends 0.3 m before the camera would touch
+    one on its way, which is sensed. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index = 3 motion + gaze;
+    `ActiveSLAMContinuous-v0` takes `Box(4)`, a displacement and a turn, see `ActiveSLAMContinuousEnv`.
 
     ## Observation space
 
-    A flat float32 `Box` in [-1, 1], of what the belief holds and nothing of the truth. First the global features:
+    A flat float32 `Box` in [-1, 1], of what the belief holds. First the global features:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
@@ -79,6 +80,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `features` | 1 | features in the filter over its slots | N + 13 |
     | `gain` | 1 | entropy removed since the reset, over the belief's dimensions 12 + 3 N | 10 bit per dimension |
 
+    Where a scenario has boxes, range finders follow, which read the truth:
+
+    | Feature | Size | What it is | Is 1 at |
+    |---|---|---|---|
+    | `clearance` | 7 | how far the camera can go by each motion before it touches something; STAY: the least | 3 m |
+
     Then K + N + 13 tokens of equal width: the fiducials, then the filter's feature slots. A feature keeps its slot for
     life; expected landmarks that no feature has retired take free slots; a token that stands for nothing is zero.
 
@@ -95,7 +102,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
 
     Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; the
-    size, 32 + 11 (K + N + 13), depends on the scenario alone.
+    size, 32 + 11 (K + N + 13), and 7 more where there are boxes, depends on the scenario alone.
 
     ## Reward
 
@@ -109,7 +116,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     A room drawn from the seed: landmarks uniform in it, and the same number of *expected* landmarks, uniform too and
     independent of the true ones. The estimate is at the room's centre, at rest, facing K fiducials 1.2 to 2 m ahead;
-    the true pose is drawn from the prior. The noise of frame k is the same whatever was done before it, so that two
+    the true pose is drawn from the prior. Other scenarios start in a corner or anywhere, put landmarks on surfaces or in
+    clusters, and draw boxes and walls, see `Scenario`; the estimate is always the mean of the prior. The noise of frame k is the same whatever was done before it, so that two
     policies with the same seed are compared in pairs. `options` are ignored.
 
     ## End
@@ -164,7 +172,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `recoveries` | frames that matches of two or more as a constellation kept from being so |
     | `wrong_matches` | matches with another point than the one that the feature was born of |
     | `false_births` | features that were born of clutter |
-    | `wall_contacts` | frames and axes in which the camera touched a wall |
+    | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and boxes that it touched |
 
     ## Version history
 

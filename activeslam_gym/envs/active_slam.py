@@ -116,9 +116,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     A room drawn from the seed: landmarks uniform in it, and the same number of *expected* landmarks, uniform too and
     independent of the true ones. The estimate is at the room's centre, at rest, facing K fiducials 1.2 to 2 m ahead;
-    the true pose is drawn from the prior. Other scenarios start in a corner or anywhere, put landmarks on surfaces or in
-    clusters, and draw boxes and walls, see `Scenario`; the estimate is always the mean of the prior. The noise of frame k is the same whatever was done before it, so that two
-    policies with the same seed are compared in pairs. `options` are ignored.
+    the true pose is drawn from the prior. Other scenarios start in a corner or anywhere, put landmarks on surfaces or
+    in clusters, and draw boxes and walls, see `Scenario`; the estimate is always the mean of the prior. The noise of
+    frame k is the same whatever was done before it, so that two policies with the same seed are compared in pairs.
+    `options` are ignored.
 
     ## End
 

@@ -457,6 +457,23 @@ SCENARIOS: dict[str, Scenario] = {
 }
 """The named scenarios, by name."""
 
+ASKED: dict[str, str] = {
+    "paper": "the paper's simulation: how good is an action for what is known, and for what is not?",
+    "paper-literal": "the same by the letter: a vague first pose, and depth particles",
+    "clutter": "false detections, and missed ones",
+    "hall": "many landmarks in a large hall",
+    "hand-held": "the paper's live system: a hand moves the camera, and the gaze swings by itself",
+    "office": "furniture: look behind it, and do not run into it",
+    "rooms": "two or three rooms: find the doors, and close the loop, in 90 s",
+    "clusters": "a few groups of landmarks, far apart, in much emptiness, of which only the near is seen",
+    "corner": "start in a corner with the fiducials aside: which way is the room?",
+    "sprint": "the same in 10 s: no time to look everywhere",
+    "noisy": "the office with twice the image noise and a rough hand",
+    "mixed": "generalise: size, furniture, walls, image noise and roughness are drawn at each reset",
+    "pixels": "images of a textured room in the place of points",
+}
+"""What each of them asks of a policy."""
+
 TRAINING_SEED = 2**32
 """Training draws its seeds from here up; those of benchmarks and of validation are below."""
 _SEEDS = ("paper", *(scenario.name for scenario in _PLACES))

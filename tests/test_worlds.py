@@ -80,10 +80,10 @@ def test_landmarks_are_on_surfaces_by_area_and_in_clusters_they_are_near_each_ot
     room = draw_room(scenario, np.random.default_rng(0))
     on_wall = (np.abs(np.abs(room.landmarks[:, [0, 2]]) - 3.0) < 1e-9).any(axis=1)
     assert on_wall.mean() == pytest.approx(48.0 / 56.0, abs=0.05) and not on_wall.all()
-    clusters = Scenario(landmark_count=200, landmark_layout=CLUSTERS, cluster_count=3, cluster_std=0.1)
+    clusters = Scenario(landmark_count=200, landmark_layout=CLUSTERS, cluster_count=3, cluster_std=0.05)
     points = draw_room(clusters, np.random.default_rng(1)).landmarks
     near = np.linalg.norm(points[:, None] - points[None], axis=2) < 0.6
-    assert len(np.unique(near, axis=0)) <= 6 and near.sum(axis=1).min() > 20
+    assert len(np.unique(near, axis=0)) <= 3 and near.sum(axis=1).min() > 20
 
 
 def test_starts_are_where_they_should_be() -> None:
@@ -237,9 +237,8 @@ def test_clearance_is_observed_where_there_are_boxes_and_nowhere_else() -> None:
 def test_a_goal_ends_short_of_a_box_and_the_planner_knows_it() -> None:
     """Whether the belief knows the boxes or not: the range finder does."""
     for known in (False, True):
-        env = started(boxes_known=known)
+        env = started(boxes_known=known, acceleration_std=0.01, angular_acceleration_std=0.01)
         core = env.unwrapped
-        scores = core.motion_scores()
         for _ in range(16):
             _, _, _, _, info = env.step((Motion.FORWARD, 2))
         assert info["events"]["wall_contacts"] == 0

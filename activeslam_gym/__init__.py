@@ -5,8 +5,12 @@ from typing import Any
 import gymnasium
 
 from activeslam_gym.config import SCENARIOS, Scenario
-from activeslam_gym.envs.active_slam import ActiveSLAMDiscreteEnv, ActiveSLAMEnv
-from activeslam_gym.envs.active_slam_vector import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
+from activeslam_gym.envs.active_slam import ActiveSLAMContinuousEnv, ActiveSLAMDiscreteEnv, ActiveSLAMEnv
+from activeslam_gym.envs.active_slam_vector import (
+    ActiveSLAMContinuousVectorEnv,
+    ActiveSLAMDiscreteVectorEnv,
+    ActiveSLAMVectorEnv,
+)
 from activeslam_gym.envs.observation import ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
@@ -14,6 +18,8 @@ __version__ = "0.1.0"
 
 __all__ = [
     "SCENARIOS",
+    "ActiveSLAMContinuousEnv",
+    "ActiveSLAMContinuousVectorEnv",
     "ActiveSLAMDiscreteEnv",
     "ActiveSLAMDiscreteVectorEnv",
     "ActiveSLAMEnv",
@@ -27,9 +33,9 @@ __all__ = [
     "warm_up",
 ]
 
-for _id, _name in (("ActiveSLAM-v0", "ActiveSLAM"), ("ActiveSLAMDiscrete-v0", "ActiveSLAMDiscrete")):
+for _name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous"):
     gymnasium.register(
-        _id,
+        f"{_name}-v0",
         entry_point=f"activeslam_gym.envs.active_slam:{_name}Env",
         vector_entry_point=f"activeslam_gym.envs.active_slam_vector:{_name}VectorEnv",
     )

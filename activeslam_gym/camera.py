@@ -26,6 +26,7 @@ CAMERA = record(
     width="f8",
     height="f8",
     minimum_depth="f8",  # points nearer than this are not seen [m]
+    maximum_distance="f8",  # nor are points farther than this [m]
     pixel_std="f8",  # of the image noise, each axis [px]
 )
 """Intrinsics; in pixels where nothing else is said."""
@@ -41,6 +42,7 @@ def camera_of(scenario: Scenario) -> Record:
         v0=scenario.principal_y_px,
         width=scenario.image_width,
         height=scenario.image_height,
+        maximum_distance=math.inf if scenario.maximum_distance is None else scenario.maximum_distance,
     )
 
 
@@ -96,13 +98,31 @@ def inside_image(camera: Record, z: Pixel, margin: float) -> bool:
 def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     """Whether the world point ``y`` (>= 3,) is in ``view``: the one test of visibility.
 
-    It is where it lies in front of the camera, its pixel in the image grown by ``margin`` [px] on each side, and none
-    of the boxes between them. Writes the pixel into ``z`` (2,).
+    It is where it lies in front of the camera and not too far away, its pixel in the image grown by ``margin`` [px] on
+    each side, and none of the boxes between them. Writes the pixel into ``z`` (2,).
     """
+    return in_reach(view, y, margin, z) and not too_far(view, y)
+
+
+@compiled
+def in_reach(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
+    """`visible`, at any distance: what a filter asks, which knows the distance of ``y`` badly."""
     p_C = camera_point(view.R_WC, view.pose, y)
     if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
         return False
     return inside_image(view.camera, (z[0], z[1]), margin) and not hidden(view.boxes, view.pose, y)
+
+
+@borrowing
+def too_far(view: View, y: np.ndarray) -> bool:
+    """Whether the world point ``y`` (>= 3,) is beyond the camera's greatest distance."""
+    return distance_between(view.pose, y) > view.camera.maximum_distance
+
+
+@borrowing
+def distance_between(p: np.ndarray, y: np.ndarray) -> float:
+    """|y - p| of two points (>= 3,) [m]."""
+    return math.sqrt((y[0] - p[0]) ** 2 + (y[1] - p[1]) ** 2 + (y[2] - p[2]) ** 2)
 
 
 @borrowing
@@ -125,6 +145,32 @@ def hidden(boxes: np.ndarray, p: np.ndarray, y: np.ndarray) -> bool:
         if far - near > 1e-9:
             return True
     return False
+
+
+@borrowing
+def free_way(boxes: np.ndarray, margin: float, p: np.ndarray, way: np.ndarray) -> float:
+    """How far one can go from ``p`` along ``way`` (3,), as a share of it, before a box grown by ``margin`` [m]: <= 1.
+
+    In a grown box already, only a way out is free: one that leads away from the middle of the side that is nearest.
+    """
+    free = 1.0
+    for b in range(boxes.shape[0]):
+        near, far, shallow, inward = -math.inf, math.inf, math.inf, False
+        for i in range(3):
+            low, high = boxes[b, 0, i] - margin - p[i], boxes[b, 1, i] + margin - p[i]
+            if min(-low, high) < shallow:
+                shallow, inward = min(-low, high), (way[i] > 0.0) == (-low < high) and way[i] != 0.0
+            if abs(way[i]) < 1e-12:
+                if low >= 0.0 or high <= 0.0:
+                    far = -math.inf
+                continue
+            first, second = low / way[i], high / way[i]
+            near, far = max(near, min(first, second)), min(far, max(first, second))
+        if shallow > 0.0:
+            free = 0.0 if inward else free
+        elif far - near > 1e-9 and near > -1e-9:
+            free = min(free, max(near, 0.0))
+    return free
 
 
 @borrowing

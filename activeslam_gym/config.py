@@ -19,6 +19,10 @@ INVERSE_DEPTH = "inverse_depth"
 INITIALISATIONS = (DEPTH_PARTICLES, INVERSE_DEPTH)
 UNKNOWN = "unknown"
 KNOWN = "known"
+UNIFORM, SURFACES, CLUSTERS = "uniform", "surfaces", "clusters"
+"""Where landmarks are."""
+CENTRE, CORNER, ANYWHERE = "centre", "corner", "anywhere"
+"""Where a run starts."""
 
 
 class Bound(NamedTuple):
@@ -50,7 +54,7 @@ def _at_most(largest: int) -> Bound:
     return Bound(f"at most {largest}", lambda value: value <= largest)
 
 
-def _one_of(*words: str) -> Bound:
+def _among(*words: str) -> Bound:
     return Bound(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
 
 
@@ -72,6 +76,33 @@ _NOT_NEGATIVE = _number("zero or a positive number", lambda x: x >= 0)
 _POSITIVE_OR_NONE = Bound("a positive number or None", lambda value: value is None or _POSITIVE.holds(value))
 _NOT_NEGATIVE_OR_NONE = Bound(
     "zero, a positive number or None", lambda value: value is None or _NOT_NEGATIVE.holds(value)
+)
+_COUNTS = Bound(
+    "two whole numbers from 0 to 100, in no decreasing order",
+    lambda value: (
+        isinstance(value, tuple)
+        and len(value) == 2
+        and all(map(_WHOLE.holds, value))
+        and 0 <= value[0] <= value[1] <= 100
+    ),
+)
+VARIABLE = (
+    "room_size",
+    "pixel_std",
+    "missed_detection_probability",
+    "acceleration_std",
+    "angular_acceleration_std",
+    "fiducial_distance",
+    "box_width",
+    "box_height",
+)
+"""Fields that a scenario may draw anew at each reset; the sizes of arrays depend on none of them."""
+_VARIED = Bound(
+    f"triples (field, least, greatest), of the fields {', '.join(VARIABLE)}",
+    lambda value: (
+        isinstance(value, tuple)
+        and all(isinstance(one, tuple) and len(one) == 3 and one[0] in VARIABLE for one in value)
+    ),
 )
 _INCREASING = Bound("in increasing order", lambda pair: pair[0] < pair[1])
 _SENSIBLE = Bound("of a size from 1e-12 to 1e12", lambda value: _sensible(value))
@@ -98,10 +129,15 @@ PointCount = Annotated[int, _WHOLE, _NOT_NEGATIVE, _at_most(1000)]
 PositivePointCount = Annotated[int, _WHOLE, _POSITIVE, _at_most(1000)]
 ParticleCount = Annotated[int, _WHOLE, _number("at least 2", lambda x: x >= 2), _at_most(10000)]
 Boxes = Annotated[tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...], _BOXES, _SENSIBLE]
+CountRange = Annotated[tuple[int, int], _COUNTS]
+Varied = Annotated[tuple[tuple[str, Any, Any], ...], _VARIED]
+Angle = Annotated[float, _POSITIVE, Bound("at most pi / 2", lambda value: value <= math.pi / 2)]
+Layout = Annotated[str, _among(UNIFORM, SURFACES, CLUSTERS)]
+Start = Annotated[str, _among(CENTRE, CORNER, ANYWHERE)]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
-Initialisation = Annotated[str, _one_of(*INITIALISATIONS)]
-Association = Annotated[str, _one_of(UNKNOWN, KNOWN)]
+Initialisation = Annotated[str, _among(*INITIALISATIONS)]
+Association = Annotated[str, _among(UNKNOWN, KNOWN)]
 
 
 @dataclass(frozen=True)
@@ -115,11 +151,24 @@ class Scenario:
     name: String = "paper"
     """What the scenario is called in tables."""
 
+    duration: PositiveFloat = 35.0
+    """Time of an episode, where the environment is not told another [s]."""
+
     # The room -------------------------------------------------------------------------------------------------------
     room_size: PositiveXYZ = (6.0, 2.0, 6.0)
     """Extent along X, Y (height) and Z [m]."""
     landmark_count: PositivePointCount = 27
-    """Unknown point landmarks, uniform in the room."""
+    """Unknown point landmarks."""
+    landmark_layout: Layout = UNIFORM
+    """``uniform`` in the room; on ``surfaces`` of walls and boxes, by area, seen from the front; in ``clusters``."""
+    cluster_count: PositivePointCount = 4
+    """How many clusters there are."""
+    cluster_std: PositiveFloat = 0.3
+    """Standard deviation of a cluster, each axis [m]."""
+    facing_angle: Angle = math.radians(75.0)
+    """Greatest angle from its surface's normal at which a landmark on a surface is seen [rad]."""
+    start: Start = CENTRE
+    """Where a run starts: ``centre``, facing +Z; a random ``corner``, along one of its walls; ``anywhere`` free."""
     fiducial_count: PointCount = 6
     """Points of known position, in view of the first pose."""
     fiducial_distance: PositiveRange = (1.2, 2.0)
@@ -129,9 +178,21 @@ class Scenario:
     wall_margin: NonNegativeFloat = 0.1
     """The physical wall: the camera's centre comes no closer [m]."""
     boxes: Boxes = ()
-    """What hides the points behind it, lowest and highest corner of each [m]. Nothing is kept from being inside."""
+    """What hides the points behind it and stops the camera, lowest and highest corner of each [m]."""
+    box_count: CountRange = (0, 0)
+    """Fewest and most boxes that a reset draws beside them; they stand on the floor."""
+    box_width: PositiveRange = (0.5, 1.2)
+    """Smallest and greatest side of a drawn box along X and Z [m]."""
+    box_height: PositiveRange = (0.8, 1.8)
+    """Lowest and highest drawn box [m]; none is higher than the room."""
+    inner_walls: CountRange = (0, 0)
+    """Fewest and most walls that a reset draws across the room's longer side, each with a door."""
+    door_width: PositiveFloat = 1.1
+    """[m]"""
     boxes_known: Switch = False
     """Whether the belief knows the boxes, so that filter, scores and observation reckon with what they hide."""
+    varied: Varied = ()
+    """Fields that each reset draws anew, uniformly between two values: (field, least, greatest)."""
 
     # The camera -----------------------------------------------------------------------------------------------------
     frame_time: PositiveFloat = 0.05
@@ -154,6 +215,8 @@ class Scenario:
     """The true camera's [1/px^2]; None: ``distortion``."""
     minimum_depth: PositiveFloat = 0.1
     """Points nearer than this along the optical axis are not seen [m]."""
+    maximum_distance: PositiveFloatOrNone = None
+    """Points farther than this are not seen [m]; None: seen at any distance."""
     pixel_std: PositiveFloat = 2.0
     """Standard deviation of the image noise, each axis [px]."""
     missed_detection_probability: Probability = 0.0
@@ -214,6 +277,10 @@ class Scenario:
     """A feature is mapped when the standard deviation of its depth over its depth is under this."""
     maximum_misses: PositiveInt = 10
     """A feature predicted well inside the image and not matched in so many consecutive frames is deleted."""
+    miss_spacing: NonNegativeFloat = 0.0
+    """Misses from places nearer to each other than this count once: what hides a feature hides it from there [m]."""
+    contact_std: NonNegativeFloat = 0.0
+    """What a contact, which is sensed, adds to the deviation of the velocity, each axis; 0: it is not sensed [m/s]."""
     particle_count: ParticleCount = 100
     """Depth particles of a ray."""
     particle_depth: PositiveRange = (0.3, 9.0)
@@ -254,6 +321,9 @@ class Scenario:
         """What binds several fields to each other."""
         self._demand("goal_margin", 2 * self.goal_margin < min(self.room_size), "less than half of the smallest side")
         self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
+        for name, least, greatest in self.varied:
+            dataclasses.replace(self, varied=(), **{name: least})
+            dataclasses.replace(self, varied=(), **{name: greatest})
         frame, fastest = self.frame_time, 2.0 * (math.sqrt(2.0) - 1.0) / self.frame_time
         self._demand(
             "controller_frequency",
@@ -280,6 +350,21 @@ class Scenario:
         )
 
     @property
+    def box_capacity(self) -> int:
+        """The most boxes that a room can have; a wall with a door is two."""
+        return len(self.boxes) + self.box_count[1] + 2 * self.inner_walls[1]
+
+    @property
+    def has_boxes(self) -> bool:
+        """Whether a room may have boxes."""
+        return self.box_capacity > 0
+
+    @property
+    def on_surfaces(self) -> bool:
+        """Whether landmarks are on surfaces, seen from their front alone."""
+        return self.landmark_layout == SURFACES
+
+    @property
     def landmark_prior_variance(self) -> tuple[float, float, float]:
         """Variance of a uniform landmark along X, Y, Z [m^2]."""
         x, y, z = self.room_size
@@ -298,6 +383,45 @@ def _plain(value: Any) -> Any:
         return tuple(map(_plain, value))
     return value.item() if getattr(value, "shape", None) == () else value
 
+
+_HIDING: dict[str, Any] = {
+    "landmark_layout": SURFACES,
+    "start": ANYWHERE,
+    "fiducial_distance": (1.2, 2.2),
+    "negative_information": True,
+    "detection_probability": 0.9,
+    "miss_spacing": 0.3,
+    "contact_std": 0.15,
+}
+"""What places with boxes have in common."""
+_PLACES = (
+    Scenario(name="office", room_size=(7.0, 2.4, 7.0), landmark_count=40, box_count=(4, 7), **_HIDING),
+    Scenario(
+        name="rooms", room_size=(9.0, 2.4, 5.0), landmark_count=40, inner_walls=(1, 2), box_count=(0, 2),
+        duration=90.0, **_HIDING,
+    ),
+    Scenario(
+        name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
+        start=ANYWHERE, maximum_distance=4.0, negative_information=True,
+    ),
+    Scenario(name="corner", room_size=(8.0, 2.0, 8.0), start=CORNER, maximum_distance=4.0, negative_information=True),
+    Scenario(name="sprint", start=CORNER, duration=10.0),
+    Scenario(
+        name="noisy", room_size=(7.0, 2.4, 7.0), landmark_count=40, box_count=(4, 7), pixel_std=4.0,
+        acceleration_std=1.0, angular_acceleration_std=1.0, **_HIDING,
+    ),
+    Scenario(
+        name="mixed", room_size=(7.0, 2.4, 7.0), landmark_count=40, box_count=(0, 8), inner_walls=(0, 1),
+        varied=(
+            ("room_size", (4.0, 2.0, 4.0), (9.0, 3.0, 9.0)),
+            ("pixel_std", 1.0, 4.0),
+            ("acceleration_std", 0.3, 0.8),
+            ("angular_acceleration_std", 0.3, 0.8),
+        ),
+        **_HIDING,
+    ),
+)  # fmt: skip
+"""Places in which looking around blindly fails."""
 
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
@@ -322,6 +446,7 @@ SCENARIOS: dict[str, Scenario] = {
             motion_criterion="mutual_information_position_map",
             amortised_decision=True,
         ),
+        *_PLACES,
         Scenario(
             name="pixels",
             landmark_count=36,  # with the spare places, a map of 49: "fewer than 50"
@@ -331,6 +456,36 @@ SCENARIOS: dict[str, Scenario] = {
     )
 }
 """The named scenarios, by name."""
+
+ASKED: dict[str, str] = {
+    "paper": "the paper's simulation: how good is an action for what is known, and for what is not?",
+    "paper-literal": "the same by the letter: a vague first pose, and depth particles",
+    "clutter": "false detections, and missed ones",
+    "hall": "many landmarks in a large hall",
+    "hand-held": "the paper's live system: a hand moves the camera, and the gaze swings by itself",
+    "office": "furniture: look behind it, and do not run into it",
+    "rooms": "two or three rooms: find the doors, and close the loop, in 90 s",
+    "clusters": "a few groups of landmarks, far apart, in much emptiness, of which only the near is seen",
+    "corner": "start in a corner with the fiducials aside: which way is the room?",
+    "sprint": "the same in 10 s: no time to look everywhere",
+    "noisy": "the office with twice the image noise and a rough hand",
+    "mixed": "generalise: size, furniture, walls, image noise and roughness are drawn at each reset",
+    "pixels": "images of a textured room in the place of points",
+}
+"""What each of them asks of a policy."""
+
+TRAINING_SEED = 2**32
+"""Training draws its seeds from here up; those of benchmarks and of validation are below."""
+_SEEDS = ("paper", *(scenario.name for scenario in _PLACES))
+
+
+def benchmark_seed(name: str, validation: bool = False) -> int:
+    """The first seed of a scenario's frozen benchmark rooms, or of those for validation; each range has 500 000.
+
+    Of a scenario with no range of its own they are those of ``paper``.
+    """
+    place = _SEEDS.index(name) if name in _SEEDS else 0
+    return 1_000_000 * (1 + 10 * place) + 500_000 * validation
 
 
 def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:

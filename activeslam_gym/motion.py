@@ -51,6 +51,17 @@ class Gaze(IntEnum):
 
 MOTION_COUNT = len(Motion)
 GAZE_COUNT = len(Gaze)
+GAZE_SHARE = (-1.0, 1.0, 0.0)
+"""Share of the turn rate of each gaze, positive to the left."""
+MOTION_AXIS, MOTION_SIGN = (2, 2, 0, 0, 1, 1), (1.0, -1.0, -1.0, 1.0, 1.0, -1.0)
+"""Along which camera axis each translation goes, and whither: z forward; x is to the left, so RIGHT is -x; y up."""
+
+
+COMMANDS = np.zeros((MOTION_COUNT, GAZE_COUNT, 4))
+"""Of each motion and gaze the command: a displacement in steps, in camera axes, and a share of the turn rate."""
+for _motion, (_axis, _sign) in enumerate(zip(MOTION_AXIS, MOTION_SIGN, strict=True)):
+    COMMANDS[_motion, :, _axis] = _sign
+COMMANDS[:, :, 3] = GAZE_SHARE
 
 
 MOTION = record(
@@ -68,6 +79,7 @@ MOTION = record(
     half=("f8", 3),
     goal_margin="f8",
     wall_margin="f8",
+    bodies="b1",  # whether there are boxes, which stop the camera
     scripted_gaze_amplitude="f8",
     scripted_gaze_period="f8",
 )
@@ -85,6 +97,7 @@ def motion_of(scenario: Scenario, motion_period: float) -> Record:
         filter_angular_acceleration_std=angular,
         period=motion_period,
         half=0.5 * np.array(scenario.room_size),
+        bodies=scenario.has_boxes,
     )
 
 
@@ -166,10 +179,34 @@ def open_loop(motion: Record, turn: float, frames: int) -> tuple[np.ndarray, np.
 def displacement(motion: Record, index: int) -> np.ndarray:
     """The commanded translation (3,) [m] in camera axes of the motion with that index (FORWARD … STAY)."""
     out = np.zeros(3)
-    if index < MOTION_COUNT - 1:  # z forward; x is to the left, so RIGHT is -x; y up
-        axis = (2, 2, 0, 0, 1, 1)[index]
-        out[axis] = motion.step_length * (1.0, -1.0, -1.0, 1.0, 1.0, -1.0)[index]
+    if index < MOTION_COUNT - 1:
+        out[MOTION_AXIS[index]] = motion.step_length * MOTION_SIGN[index]
     return out
+
+
+@compiled
+def motion_shares(command: np.ndarray, out: np.ndarray) -> None:
+    """Write into ``out`` (7,) what share of each motion is in ``command`` (>= 3,), of which 1 is a step [camera axes].
+
+    Of one of the seven motions it is the one-hot vector; STAY is what is left to a full step.
+    """
+    length = 0.0
+    for index in range(MOTION_COUNT - 1):
+        out[index] = max(command[MOTION_AXIS[index]] * MOTION_SIGN[index], 0.0)
+        length += out[index] * out[index]
+    out[MOTION_COUNT - 1] = 1.0 - math.sqrt(length)
+
+
+def nearest_motion(command: np.ndarray) -> Motion:
+    """The motion that is most of a ``command`` (>= 3,)."""
+    shares = np.empty(MOTION_COUNT)
+    motion_shares(command, shares)
+    return Motion(int(shares.argmax()))
+
+
+def nearest_gaze(share: float) -> Gaze:
+    """The gaze that is nearest to a ``share`` of the turn rate."""
+    return Gaze(int(np.abs(np.subtract(GAZE_SHARE, share)).argmin()))
 
 
 @compiled
@@ -182,7 +219,13 @@ def clipped_goal(motion: Record, goal: np.ndarray) -> np.ndarray:
 @compiled
 def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
     """The clipped goal (3,) of a motion that begins at the camera's estimate ``camera`` (>= 7)."""
-    R_WC, d = rotation_matrix(camera[QUATERNION]), displacement(motion, index)
+    return goal_by(motion, camera, displacement(motion, index))
+
+
+@compiled
+def goal_by(motion: Record, camera: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """The clipped goal (3,) of the translation ``d`` (3,) [m], in camera axes, from the estimate ``camera`` (>= 7)."""
+    R_WC = rotation_matrix(camera[QUATERNION])
     goal = np.empty(3)
     for i in range(3):
         goal[i] = camera[i] + R_WC[i, 0] * d[0] + R_WC[i, 1] * d[1] + R_WC[i, 2] * d[2]
@@ -192,10 +235,16 @@ def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
 @compiled
 def turn_of(motion: Record, gaze: int, time: float) -> float:
     """Reference of the turn rate about the vertical [rad/s]: RIGHT is negative, LEFT positive (Y is up)."""
+    return turn_by(motion, GAZE_SHARE[gaze], time)
+
+
+@compiled
+def turn_by(motion: Record, share: float, time: float) -> float:
+    """The same of a ``share`` in [-1, 1] of the turn rate, positive to the LEFT."""
     if motion.scripted_gaze_amplitude > 0.0:
         pulse = 2.0 * math.pi / motion.scripted_gaze_period
         return motion.scripted_gaze_amplitude * pulse * math.cos(pulse * time)
-    return (-motion.turn_rate, motion.turn_rate, 0.0)[gaze]
+    return motion.turn_rate * share
 
 
 @compiled

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activeslam_gym import Gaze, Motion, core_of
+from activeslam_gym.motion import COMMANDS
 
 TIE = 1e-9
 """Scores closer than this to the best are equal to it, in the score's unit."""
@@ -47,6 +48,7 @@ class Policy(ABC):
         self.batched = hasattr(self.env, "num_envs")
         self.num_envs: int = getattr(self.env, "num_envs", 1)
         self.discrete = isinstance(space, gym.spaces.Discrete)
+        self.continuous = isinstance(space, gym.spaces.Box)
         self.motion: Actions = np.full(self.num_envs, Motion.STAY, dtype=np.int64)
 
     @abstractmethod
@@ -70,7 +72,8 @@ class Policy(ABC):
         """Return the action for the environment's present belief, and `state` untouched.
 
         `observation` gives the shape alone: (D,) -> (2,), (B, D) -> (B, 2); with the discrete action space a scalar
-        or (B,), index 3 motion + gaze. `episode_start` and `deterministic` are there for the callers that pass them.
+        or (B,), index 3 motion + gaze, and with the continuous one the points (4,) or (B, 4) of it that they are.
+        `episode_start` and `deterministic` are there for the callers that pass them.
         Raises ValueError when the leading axis is not the number of environments.
         """
         shape = np.shape(observation)
@@ -83,6 +86,8 @@ class Policy(ABC):
         actions = self.decide()
         if self.discrete:
             actions = actions[:, 0] * len(Gaze) + actions[:, 1]
+        if self.continuous:
+            actions = COMMANDS[actions[:, 0], actions[:, 1]].astype(np.float32)
         return (actions if len(shape) > 1 else actions[0]), state
 
     def motion_starts(self) -> NDArray[np.bool_]:

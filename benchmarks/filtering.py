@@ -13,12 +13,15 @@ from .setups import SEEN, fill_with_points, map_scenario, points_around
 
 
 @compiled
-def advance_frames(runs: Run, motion: int, gaze: int, frames: int) -> None:
-    """Begin a motion of the first of ``runs``, and go on for so many frames, as a step does, without their worth."""
+def advance_frames(runs: Run, command: np.ndarray, frames: int) -> None:
+    """Begin a motion of the first of ``runs``, and go on for so many frames, as a step does, without their worth.
+
+    ``command`` (4,) as in `motion.COMMANDS`.
+    """
     run = run_at(runs, 0)
-    begin_motion(run, motion)
+    begin_motion(run, command)
     for _ in range(frames):
-        advance(run, gaze)
+        advance(run, command[3])
 
 
 @compiled

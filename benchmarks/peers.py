@@ -8,7 +8,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.kernels import row
-from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.motion import CAMERA_DIM, COMMANDS
 
 from .filtering import PointFilter, advance_frames
 from .report import Bar, Section
@@ -58,7 +58,7 @@ def whole_frame(landmarks: int, frames: int, count: int) -> Timing:
     """One of the ``frames`` of a step FORWARD, turning LEFT, in a map of points, each time from the same state."""
     runs = mapped_runs(landmarks)
     run, saved = row(runs, 0), copied(runs)
-    step = partial(advance_frames, runs, int(Motion.FORWARD), int(Gaze.LEFT), frames)
+    step = partial(advance_frames, runs, COMMANDS[Motion.FORWARD, Gaze.LEFT], frames)
     timing = restored(step, lambda: restore(runs, saved), count)
     matched = int((run.candidate["match"][: run.episode.detections] > 0).sum())
     if matched != SEEN or run.belief.state.count != landmarks:

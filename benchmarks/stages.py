@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.envs.episode import evaluate, observe
+from activeslam_gym.envs.episode import STEP, evaluate, observe
 from activeslam_gym.envs.simulation import Run, advance, known_boxes
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import update_expectation
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import cholesky_in_place
+from activeslam_gym.motion import COMMANDS, Gaze, Motion
 from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import as_points
 from activeslam_gym.slam.initialisation import follow_tracks
@@ -38,10 +39,10 @@ class Stages:
         self.env, _ = swept(0)
         inner: Any = self.env.unwrapped
         self.runs = inner._runs
-        self.play_with = self.runs, np.array([2]), np.array([1]), 0, 1
+        self.play_with = self.runs, np.array([STEP]), COMMANDS[Motion.RIGHT, Gaze.LEFT][None], 0, 1
         self.run, self.saved = row(self.runs, 0), copied(self.runs)
         self.whole: dict[str, tuple[Callable, tuple]] = {
-            "the frame (`advance`)": (advance, (self.run, 1)),
+            "the frame (`advance`)": (advance, (self.run, 1.0)),
             "its worth (`evaluate`, `observe`)": (value_of_frames, (self.run,)),
         }
         self.frame, self.worth = self._frame_kernels(), self._worth_kernels()

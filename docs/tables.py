@@ -11,15 +11,15 @@ from activeslam_gym.envs.reward import REWARDS
 
 
 def scenarios() -> str:
-    """The named scenarios, and what is not as in the first of them."""
+    """The named scenarios, what they ask of a policy, and what is not as in the first of them."""
     first, *others = config.SCENARIOS.values()
-    rows = [(f"`{first.name}`", "")]
+    rows = [(f"`{first.name}`", config.ASKED[first.name], "")]
     for scenario in others:
         fields = [field.name for field in dataclasses.fields(scenario) if field.name != "name"]
         changed = [name for name in fields if getattr(scenario, name) != getattr(first, name)]
         told = [f"`{name}` {_shown(getattr(scenario, name))}" for name in changed]
-        rows.append((f"`{scenario.name}`", "; ".join(told)))
-    return _table(("Scenario", f"Where it differs from `{first.name}`"), rows)
+        rows.append((f"`{scenario.name}`", config.ASKED[scenario.name], "; ".join(told)))
+    return _table(("Scenario", "What it asks of a policy", f"Where it differs from `{first.name}`"), rows)
 
 
 def fields() -> str:

@@ -60,6 +60,7 @@ CHANGES = {
     "true_position": lambda was: was + 0.5,
     "entropy": lambda was: np.linspace(0, -500, len(was)),
     "room_size": lambda was: np.array([10.0, 3.0, 8.0]),
+    "boxes": lambda was: np.array([[[0.0, -1.0, 1.0], [1.0, 0.5, 2.0]]]),
     **dict.fromkeys(EMPTY, lambda was: was[:0]),
 }
 

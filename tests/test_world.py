@@ -14,7 +14,7 @@ from activeslam_gym.motion import motion_of, transition
 from activeslam_gym.slam.filter import candidates_of
 from activeslam_gym.world import simulator
 from activeslam_gym.world.noise import normals, uniforms
-from activeslam_gym.world.room import draw_room, draw_start
+from activeslam_gym.world.room import draw_room, draw_start, varied
 
 from .support import CAMERA, PAPER, pixel_of, replaced, rotation_between
 
@@ -25,9 +25,8 @@ CALM = replaced(MOTION, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 def world(scenario: Scenario = PAPER, seed: int = 0) -> simulator.World:
     out, rng = row(simulator.empty_worlds(scenario, 1), 0), np.random.default_rng(seed)
-    out.state.camera[:], out.state.noise_key[:] = draw_start(scenario, rng), KEY
-    out.fiducials[:], out.landmarks[:] = draw_room(scenario, out.state.camera, rng)
-    out.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
+    simulator.put_room(out, draw_room(varied(scenario, rng), rng))
+    out.state.noise_key[:] = KEY
     return out
 
 
@@ -61,7 +60,8 @@ def test_points_lie_in_the_room_and_landmarks_are_uniform(name: str) -> None:
     scenario = SCENARIOS[name]
     points = points_of(world(scenario))
     assert points.shape == (scenario.fiducial_count + scenario.landmark_count, 3)
-    assert (np.abs(points) <= 0.5 * np.array(scenario.room_size)).all()
+    sizes = [greatest for name, _, greatest in scenario.varied if name == "room_size"]
+    assert (np.abs(points) <= 0.5 * np.array((sizes or [scenario.room_size])[0])).all()
     if scenario == PAPER:
         points = np.concatenate([world(seed=seed).landmarks for seed in range(50)])
         np.testing.assert_allclose(points.std(axis=0), np.sqrt(PAPER.landmark_prior_variance), rtol=0.05)

@@ -8,6 +8,7 @@ from gymnasium import spaces
 from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT
 
 _PAIR = f"two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}"
+_POINT = "four numbers in -1 … 1, a displacement along the camera's x, y and z and a turn"
 _INDEX = f"one whole number in 0 … {MOTION_COUNT * GAZE_COUNT - 1}"
 
 
@@ -19,6 +20,11 @@ def action_space() -> spaces.MultiDiscrete:
 def discrete_action_space() -> spaces.Discrete:
     """Of `ActiveSLAMDiscrete-v0`: the index 3 motion + gaze."""
     return spaces.Discrete(MOTION_COUNT * GAZE_COUNT)
+
+
+def continuous_action_space() -> spaces.Box:
+    """Of `ActiveSLAMContinuous-v0`: a displacement in steps, camera axes, and a share of the turn rate."""
+    return spaces.Box(-1.0, 1.0, (4,), np.float32)
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
@@ -77,6 +83,47 @@ def split_indices(actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.divmod(
         _whole_numbers(actions, (len(playing),), np.array(MOTION_COUNT * GAZE_COUNT), playing, _INDEX), GAZE_COUNT
     )
+
+
+def command_of(action: Any) -> np.ndarray:
+    """The command (4,) of a continuous action; a displacement longer than a step is shortened to it.
+
+    Raises:
+        ValueError: it is not four numbers in [-1, 1]; the message says what is allowed.
+    """
+    try:
+        array = np.asarray(action)
+    except ValueError:
+        array = np.asarray(None)
+    if array.shape != (4,) or array.dtype.kind not in "iuf" or not (np.abs(array) <= 1.0).all():
+        raise ValueError(f"action must be {_POINT}, got {action!r}")
+    return _within_a_step(array[None].astype(float))[0]
+
+
+def commands_of(actions: Any, playing: np.ndarray) -> np.ndarray:
+    """The commands (B, 4) of a batch of continuous actions (B, 4), zero where not ``playing`` (B,); see `command_of`.
+
+    Raises:
+        ValueError: of another shape or out of range; the message names the first and what is allowed.
+    """
+    shape = (len(playing), 4)
+    try:
+        array = np.asarray(actions)
+    except ValueError:  # rows of different lengths
+        array = np.asarray(None)
+    if array.shape != shape or array.dtype.kind not in "iuf":
+        raise ValueError(f"actions must be numbers of shape {shape}, for each environment {_POINT}, got {actions!r}")
+    good = (np.abs(array) <= 1.0).all(axis=1) | ~playing
+    if not good.all():
+        i = int(np.argmin(good))
+        raise ValueError(f"actions[{i}] must be {_POINT}, got {array[i]!r}")
+    return _within_a_step(np.where(playing[:, None], array, 0.0))
+
+
+def _within_a_step(commands: np.ndarray) -> np.ndarray:
+    """``commands`` (B, 4) with displacements of length 1 at most."""
+    length = np.sqrt((commands[:, :3] ** 2).sum(axis=1, keepdims=True))
+    return np.concatenate((commands[:, :3] / np.maximum(length, 1.0), commands[:, 3:]), axis=1)
 
 
 def _whole_numbers(

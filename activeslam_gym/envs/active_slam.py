@@ -11,16 +11,18 @@ from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import (
     action_space,
     checked_options,
+    command_of,
+    continuous_action_space,
     discrete_action_space,
     motion_and_gaze,
     split_index,
 )
-from activeslam_gym.envs.episode import BEGIN, info_of
+from activeslam_gym.envs.episode import BEGIN, STEP, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
 from activeslam_gym.envs.simulation import empty_runs, resolve
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
-from activeslam_gym.motion import Gaze
+from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
 from activeslam_gym.threads import Workers
 
 
@@ -54,12 +56,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
     the estimated pose, and held until the period is over; its goal is clipped to lie 0.4 m inside the walls. In
-    between, the motion of an action is ignored. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index =
-    3 motion + gaze.
+    between, the motion of an action is ignored. Where there are boxes the goal ends 0.3 m before the camera would touch
+    one on its way, which is sensed. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index = 3 motion + gaze;
+    `ActiveSLAMContinuous-v0` takes `Box(4)`, a displacement and a turn, see `ActiveSLAMContinuousEnv`.
 
     ## Observation space
 
-    A flat float32 `Box` in [-1, 1], of what the belief holds and nothing of the truth. First the global features:
+    A flat float32 `Box` in [-1, 1], of what the belief holds. First the global features:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
@@ -77,6 +80,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `features` | 1 | features in the filter over its slots | N + 13 |
     | `gain` | 1 | entropy removed since the reset, over the belief's dimensions 12 + 3 N | 10 bit per dimension |
 
+    Where a scenario has boxes, range finders follow, which read the truth:
+
+    | Feature | Size | What it is | Is 1 at |
+    |---|---|---|---|
+    | `clearance` | 7 | how far the camera can go by each motion before it touches something; STAY: the least | 3 m |
+
     Then K + N + 13 tokens of equal width: the fiducials, then the filter's feature slots. A feature keeps its slot for
     life; expected landmarks that no feature has retired take free slots; a token that stands for nothing is zero.
 
@@ -93,7 +102,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
 
     Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; the
-    size, 32 + 11 (K + N + 13), depends on the scenario alone.
+    size, 32 + 11 (K + N + 13), and 7 more where there are boxes, depends on the scenario alone.
 
     ## Reward
 
@@ -107,8 +116,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     A room drawn from the seed: landmarks uniform in it, and the same number of *expected* landmarks, uniform too and
     independent of the true ones. The estimate is at the room's centre, at rest, facing K fiducials 1.2 to 2 m ahead;
-    the true pose is drawn from the prior. The noise of frame k is the same whatever was done before it, so that two
-    policies with the same seed are compared in pairs. `options` are ignored.
+    the true pose is drawn from the prior. Other scenarios start in a corner or anywhere, put landmarks on surfaces or
+    in clusters, and draw boxes and walls, see `Scenario`; the estimate is always the mean of the prior. The noise of
+    frame k is the same whatever was done before it, so that two policies with the same seed are compared in pairs.
+    `options` are ignored.
 
     ## End
 
@@ -126,7 +137,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `scenario` | `"paper"` | a name in `SCENARIOS`, a dict of the fields of `Scenario`, or a `Scenario` |
     | `gaze_period` | `None` | time of a step [s], a whole number of frames; `None`: one frame (50 ms in `paper`) |
     | `motion_period` | `1.0` | time of a translation [s], a whole number of gaze periods |
-    | `duration` | `35.0` | time of an episode [s], a whole number of gaze periods |
+    | `duration` | `None` | time of an episode [s], a whole number of gaze periods; `None`: the scenario's (35 s) |
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |
     | `lost_position_error` | `0.5` | true position error beyond which the run is lost [m] |
     | `end_when_lost` | `True` | whether a lost run is terminated |
@@ -162,7 +173,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `recoveries` | frames that matches of two or more as a constellation kept from being so |
     | `wrong_matches` | matches with another point than the one that the feature was born of |
     | `false_births` | features that were born of clutter |
-    | `wall_contacts` | frames and axes in which the camera touched a wall |
+    | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and boxes that it touched |
 
     ## Version history
 
@@ -179,7 +190,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         scenario: str | Mapping[str, Any] | Scenario = "paper",
         gaze_period: float | None = None,
         motion_period: float = 1.0,
-        duration: float = 35.0,
+        duration: float | None = None,
         reward: str = "entropy",
         lost_position_error: float = 0.5,
         end_when_lost: bool = True,
@@ -193,7 +204,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": setting.render_rate}
         self.observation_space = observation_space(setting.layout)
         self.action_space = self._make_action_space()
-        self._motion_and_gaze = np.zeros((2, 1), np.int64)
+        self._phase, self._command = np.zeros(1, np.int64), np.zeros((1, 4))
         self._steps = int(setting.task.steps)
         self._gaze = Gaze.STAY
         self._running = False
@@ -203,8 +214,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     def _make_action_space(self) -> spaces.Space[Any]:
         return action_space()
 
-    def _read_action(self, action: Any) -> tuple[int, int]:
-        return motion_and_gaze(action)
+    def _read_action(self, action: Any) -> np.ndarray:
+        """The command (4,) that an action is."""
+        return COMMANDS[motion_and_gaze(action)]
 
     # Gymnasium ------------------------------------------------------------------------------------------------------
 
@@ -220,7 +232,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=None if seed is None else whole_number("seed", seed, 0))
         key = int(self.np_random.integers(2**63))
         self._reset_run(0, key)
-        self._play_one(BEGIN, Gaze.STAY)
+        self._play_one(BEGIN, COMMANDS[Motion.STAY, Gaze.STAY])
         self._running = True
         self._gaze = Gaze.STAY
         self._history = History()
@@ -236,20 +248,19 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise gymnasium.error.ResetNeeded("the run has ended or has not begun: call reset() before step()")
-        motion, gaze = self._read_action(action)
-        self._play_one(motion, gaze)
-        self._gaze = Gaze(gaze)
+        self._play_one(STEP, self._read_action(action))
         episode, observation = self._runs.episode, self._runs.observation[0].copy()
         terminated = bool(self.setting.task.end_when_lost and episode["lost"][0])
         truncated = bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
         if self.render_mode is not None:
+            self._gaze = nearest_gaze(self._command[0, 3])
             self._show()
         return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs)
 
-    def _play_one(self, motion: int, gaze: int) -> None:
-        self._motion_and_gaze[:, 0] = motion, gaze
-        self._play(*self._motion_and_gaze)
+    def _play_one(self, phase: int, command: np.ndarray) -> None:
+        self._phase[0], self._command[0] = phase, command
+        self._play(self._phase, self._command)
 
     def render(self) -> np.ndarray | None:
         """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode; nothing in ``human`` mode.
@@ -302,5 +313,23 @@ class ActiveSLAMDiscreteEnv(ActiveSLAMEnv):
     def _make_action_space(self) -> spaces.Space[Any]:
         return discrete_action_space()
 
-    def _read_action(self, action: Any) -> tuple[int, int]:
-        return split_index(action)
+    def _read_action(self, action: Any) -> np.ndarray:
+        return COMMANDS[split_index(action)]
+
+
+class ActiveSLAMContinuousEnv(ActiveSLAMEnv):
+    """``ActiveSLAMContinuous-v0``: the same with any translation of up to a step, and any turn rate up to the greatest.
+
+    An action is four numbers of `Box(-1, 1, (4,))`: a displacement in camera axes (x left, y up, z forward), of which
+    1 is the scenario's `step_length` (one that is longer is shortened to it), and a share of the `turn_rate` about the
+    vertical, positive to the left. The 21 actions of `ActiveSLAM-v0` are points of it, `motion.COMMANDS`, and give the
+    same run to the bit. The observation's `motion` holds what share of each of the seven motions is under way.
+
+    Everything else is as in `ActiveSLAMEnv`.
+    """
+
+    def _make_action_space(self) -> spaces.Space[Any]:
+        return continuous_action_space()
+
+    def _read_action(self, action: Any) -> np.ndarray:
+        return command_of(action)

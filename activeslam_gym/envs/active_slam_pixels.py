@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
-from activeslam_gym.config import INVERSE_DEPTH, Scenario, scenario_from
+from activeslam_gym.config import CENTRE, INVERSE_DEPTH, UNIFORM, Scenario, scenario_from
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.envs.episode import BEGIN, REST
 from activeslam_gym.envs.public import Reads
-from activeslam_gym.envs.sensed import HOLD, account, begin, finish, move
+from activeslam_gym.envs.sensed import account, begin, finish, move
 from activeslam_gym.envs.simulation import Run, Setting
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.geometry import rotation_matrix
@@ -36,6 +36,12 @@ _DEMANDED: dict[str, Any] = {
     "fiducial_count": TARGET_CORNERS,
     "initialisation": INVERSE_DEPTH,
     "boxes": (),
+    "box_count": (0, 0),
+    "inner_walls": (0, 0),
+    "landmark_layout": UNIFORM,
+    "start": CENTRE,
+    "varied": (),
+    "maximum_distance": None,
     "clutter_rate": 0.0,
     "missed_detection_probability": 0.0,
     "labelled_first_match": False,
@@ -95,19 +101,19 @@ class _Sighted(Reads):
         seed = np.random.SeedSequence(key).spawn(5)[-1]  # the first four are the world's
         self._eyes[i] = Eye(self.setting, row(self._runs, i), seed)
 
-    def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
-        self._workers.call(self._play_rows, motions, gazes)
+    def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
+        self._workers.call(self._play_rows, phases, commands)
 
-    def _play_rows(self, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
+    def _play_rows(self, phases: np.ndarray, commands: np.ndarray, start: int, stop: int) -> None:
         """`episode.play`, with images for detections."""
         runs = self._runs
         for i in range(start, stop):
-            motion, gaze, eye = int(motions[i]), int(gazes[i]), self._eyes[i]
-            if motion == BEGIN:
+            eye = self._eyes[i]
+            if phases[i] == BEGIN:
                 begin(runs, i)
-            elif motion != REST:
+            elif phases[i] != REST:
                 for frame in range(int(self.setting.task.frames_per_step)):
-                    u = move(runs, i, motion if frame == 0 else HOLD, gaze)
+                    u = move(runs, i, commands[i], frame == 0)
                     eye.look(row(runs, i), u)
                     account(runs, i, eye.births, eye.spare)
                 finish(runs, i)
@@ -130,8 +136,9 @@ class ActiveSLAMPixelsEnv(_Sighted, ActiveSLAMEnv):
     What differs:
 
     - ``scenario`` is ``"pixels"`` by default. Its ``fiducial_count`` must be 4, its ``initialisation``
-      ``inverse_depth``, and it must have no ``boxes``, no clutter, no missed detections and no labelled first match:
-      the image has its own.
+      ``inverse_depth``, and it must have no ``boxes`` (drawn ones and inner walls neither), no clutter, no missed
+      detections and no labelled first match: the image has its own. Layout of the landmarks, start and greatest
+      distance stay as in ``paper``, and nothing is varied.
     - ``landmark_count``, N, bounds the map (N + 13 features) instead of telling how many points the room has.
     - Truth of a landmark is the scene point of its feature's birth pixel, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.

@@ -14,17 +14,19 @@ from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import (
     action_space,
     checked_options,
+    commands_of,
+    continuous_action_space,
     discrete_action_space,
     motions_and_gazes,
     split_indices,
 )
-from activeslam_gym.envs.episode import BEGIN, REST, infos_of
+from activeslam_gym.envs.episode import BEGIN, REST, STEP, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
 from activeslam_gym.envs.simulation import empty_runs, resolve
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
-from activeslam_gym.motion import Gaze
+from activeslam_gym.motion import COMMANDS, nearest_gaze
 from activeslam_gym.threads import Workers
 
 
@@ -54,7 +56,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     _make_action_space: Callable[[], spaces.Space[Any]] = staticmethod(action_space)
-    _read_actions: Callable[..., tuple[np.ndarray, np.ndarray]] = staticmethod(motions_and_gazes)
 
     def __init__(
         self,
@@ -62,7 +63,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         scenario: str | Mapping[str, Any] | Scenario = "paper",
         gaze_period: float | None = None,
         motion_period: float = 1.0,
-        duration: float = 35.0,
+        duration: float | None = None,
         reward: str = "entropy",
         lost_position_error: float = 0.5,
         end_when_lost: bool = True,
@@ -88,8 +89,12 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._steps = min(int(setting.task.steps), whole_number("max_episode_steps", limit))
         self._seeded: list[tuple[np.random.Generator, int] | None] = [None] * self.num_envs
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
-        self._motions, self._gazes = np.zeros(self.num_envs, np.int64), np.zeros(self.num_envs, np.int64)
+        self._phases, self._commands = np.zeros(self.num_envs, np.int64), np.zeros((self.num_envs, 4))
         self._histories = [History() for _ in range(self.num_envs)]
+
+    def _read_actions(self, actions: Any, playing: np.ndarray) -> np.ndarray:
+        """The commands (B, 4) that actions are; those of environments that are not ``playing`` (B,) are ignored."""
+        return COMMANDS[motions_and_gazes(actions, playing)]
 
     # Gymnasium ------------------------------------------------------------------------------------------------------
 
@@ -113,7 +118,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One gaze period of every environment.
 
-        ``actions``: (B, 2) of motions and gazes, in the discrete variant (B,).
+        ``actions``: (B, 2) of motions and gazes, in the discrete variant (B,), in the continuous one (B, 4).
 
         Raises:
             ValueError: an action is outside the action space.
@@ -121,11 +126,11 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """
         self._demand_reset()
         beginning = self._over  # of these NEXT_STEP ignores the action, in the other modes there are none
-        motions, gazes = self._read_actions(actions, ~beginning)
+        commands = self._read_actions(actions, ~beginning)
         self._reset_runs(beginning)
-        self._motions[:] = np.where(beginning, BEGIN, motions)
-        self._gazes[:] = np.where(beginning, Gaze.STAY, gazes)
-        self._play(self._motions, self._gazes)
+        self._phases[:] = np.where(beginning, BEGIN, STEP)
+        self._commands[:] = np.where(beginning[:, None], 0.0, commands)
+        self._play(self._phases, self._commands)
         self._record(np.ones(self.num_envs, bool))
         episode = self._runs.episode
         rewards = episode["reward"].copy()
@@ -172,7 +177,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """
         if not self._begun[i]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
-        gaze = Gaze(int(self._gazes[i]))
+        gaze = nearest_gaze(self._commands[i, 3])
         return snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i])
 
     # Beginnings and ends --------------------------------------------------------------------------------------------
@@ -188,9 +193,9 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
     def _begin(self, chosen: np.ndarray) -> None:
         """Begin the runs that are ``chosen`` (B,), and leave the others alone."""
         self._reset_runs(chosen)
-        self._motions[:] = np.where(chosen, BEGIN, REST)
-        self._gazes[chosen] = Gaze.STAY
-        self._play(self._motions, self._gazes)
+        self._phases[:] = np.where(chosen, BEGIN, REST)
+        self._commands[chosen] = 0.0
+        self._play(self._phases, self._commands)
         self._begun |= chosen
         self._over = self._over & ~chosen
         self._record(chosen)
@@ -233,7 +238,18 @@ class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMDiscrete-v0`` a batch at a time: one integer for an action, index = 3 motion + gaze."""
 
     _make_action_space = staticmethod(discrete_action_space)
-    _read_actions = staticmethod(split_indices)
+
+    def _read_actions(self, actions: Any, playing: np.ndarray) -> np.ndarray:
+        return COMMANDS[split_indices(actions, playing)]
+
+
+class ActiveSLAMContinuousVectorEnv(ActiveSLAMVectorEnv):
+    """``ActiveSLAMContinuous-v0`` a batch at a time: actions (B, 4), see `ActiveSLAMContinuousEnv`."""
+
+    _make_action_space = staticmethod(continuous_action_space)
+
+    def _read_actions(self, actions: Any, playing: np.ndarray) -> np.ndarray:
+        return commands_of(actions, playing)
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

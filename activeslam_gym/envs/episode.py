@@ -5,21 +5,29 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.envs.observation import GLOBAL_SIZE, TOKEN_SIZE, clip_into, observe_globals, observe_tokens
+from activeslam_gym.envs.observation import (
+    FARTHEST_CLEARANCE,
+    GLOBAL_SIZE,
+    TOKEN_SIZE,
+    clip_into,
+    observe_globals,
+    observe_tokens,
+)
 from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, log2_density, owners_of
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, potential_of_number
 from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, run_at
+from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting, waiting_count
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
-from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, Motion
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
 from activeslam_gym.slam.belief import as_points, depth_ratio
+from activeslam_gym.world.simulator import find_clearance
 
-BEGIN, REST = -1, -2
-"""In place of a motion: evaluate a run that has just been reset; leave it alone."""
-_STAY = int(Motion.STAY)
+STEP, BEGIN, REST = 0, -1, -2
+"""What a run does: a step; evaluate itself, as it has just been reset; nothing."""
 _ENTROPY = list(REWARDS).index("entropy")
 _FORFEIT = len(REWARDS)
 """Entry of `terms` behind those of the rewards."""
@@ -30,30 +38,30 @@ UNSOUND_LOG_SCORE = -10_000.0
 
 
 @compiled
-def play(runs: Run, motions: np.ndarray, gazes: np.ndarray, start: int, stop: int) -> None:
+def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: int) -> None:
     """One step of the runs ``start`` … ``stop - 1``: the one entry of every environment, single or batched.
 
-    ``motions`` (B,) are indices of motions, BEGIN or REST; ``gazes`` (B,) indices of gazes.
+    ``phases`` (B,) are STEP, BEGIN or REST; ``commands`` (B, 4) as in `motion.COMMANDS`; those of a BEGIN are zero.
     """
     for i in range(start, stop):
-        if motions[i] == REST:
+        if phases[i] == REST:
             continue
         run = run_at(runs, i)
-        if motions[i] == BEGIN:
-            begin_motion(run, _STAY)
+        if phases[i] == BEGIN:
+            begin_motion(run, commands[i])
         else:
-            open_step(run, motions[i])
+            open_step(run, commands[i])
             for _ in range(run.models.task.frames_per_step):
-                advance(run, gazes[i])
-        conclude(run, motions[i] == BEGIN)
+                advance(run, commands[i, 3])
+        conclude(run, phases[i] == BEGIN)
 
 
 @compiled(inline="always")
-def open_step(run: Run, motion: int) -> None:
+def open_step(run: Run, command: np.ndarray) -> None:
     """Before the frames of a gaze period; the motion is read where its own period begins."""
     episode, events = run.episode, run.episode.events
     if episode.steps % run.models.task.steps_per_motion == 0:
-        begin_motion(run, motion)
+        begin_motion(run, command)
     events.births, events.conversions, events.deletions, events.starvations, events.recoveries = 0, 0, 0, 0, 0
     events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
     episode.steps += 1
@@ -203,22 +211,28 @@ def landmark_distances(run: Run, points: np.ndarray, owners: np.ndarray, mapped:
 
 @compiled(inline="always")
 def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
-    """Write the observation; it reads the belief and the task's rhythm only."""
+    """Write the observation; it reads the belief, the task's rhythm and, where there are boxes, the range finders."""
     models, belief, episode, task = run.models, run.belief, run.episode, run.models.task
     N = run.expected.shape[0]
-    flat = np.empty(run.observation.shape[0])
+    flat, first_token = np.empty(run.observation.shape[0]), GLOBAL_SIZE
     observe_globals(
         models.motion,
         belief,
         episode.steps / task.steps,
         (episode.steps % task.steps_per_motion) / task.steps_per_motion,
-        episode.control.motion,
+        episode.control.command,
         count_true(_mapped(run)),
         N - waiting_count(run.expected),
         N,
         episode.gain,
         flat[:GLOBAL_SIZE],
     )
+    if models.motion.bodies:
+        R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
+        find_clearance(models.motion, run.world, R_WC, FARTHEST_CLEARANCE, episode.clearance)
+        for index in range(MOTION_COUNT):
+            flat[first_token + index] = episode.clearance[index] / FARTHEST_CLEARANCE
+        first_token += MOTION_COUNT
     observe_tokens(
         models.camera,
         belief,
@@ -228,7 +242,7 @@ def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
         models.landmark_var,
         run.world.fiducials,
         known_boxes(run),
-        flat[GLOBAL_SIZE:].reshape((-1, TOKEN_SIZE)),
+        flat[first_token:].reshape((-1, TOKEN_SIZE)),
     )
     clip_into(flat, run.observation)
 

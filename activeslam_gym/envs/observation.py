@@ -17,7 +17,15 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import log2_det_3
-from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, MOTION_COUNT, POSITION, QUATERNION, VELOCITY
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_DIM,
+    MOTION_COUNT,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+    motion_shares,
+)
 from activeslam_gym.slam.belief import Belief, feature_capacity
 
 GLOBAL_FEATURES = {
@@ -36,6 +44,11 @@ GLOBAL_FEATURES = {
     "gain": 1,
 }
 """Name and length of each global feature, in order; `ActiveSLAMEnv` says what each is, and its scale."""
+
+SENSED_FEATURES = {"clearance": MOTION_COUNT}
+"""The same of what follows them where there are boxes: how far the camera can go by each motion."""
+FARTHEST_CLEARANCE = 3.0
+"""As far as the range finders reach [m]."""
 
 TOKEN_FEATURES = {
     "direction": 3,
@@ -86,13 +99,15 @@ class ObservationLayout:
 def layout_of(scenario: Scenario) -> ObservationLayout:
     """The observation's layout, which depends on the scenario alone."""
     count = scenario.fiducial_count + feature_capacity(scenario)
+    lengths = GLOBAL_FEATURES | (SENSED_FEATURES if scenario.has_boxes else {})
+    first = sum(lengths.values())
     return ObservationLayout(
-        global_slices=_slices(GLOBAL_FEATURES),
-        tokens=slice(GLOBAL_SIZE, GLOBAL_SIZE + count * TOKEN_SIZE),
+        global_slices=_slices(lengths),
+        tokens=slice(first, first + count * TOKEN_SIZE),
         token_shape=(count, TOKEN_SIZE),
         token_slices=_slices(TOKEN_FEATURES),
         fiducial_count=scenario.fiducial_count,
-        size=GLOBAL_SIZE + count * TOKEN_SIZE,
+        size=first + count * TOKEN_SIZE,
     )
 
 
@@ -111,14 +126,17 @@ def observe_globals(
     belief: Belief,
     time: float,
     phase: float,
-    motion_index: int,
+    command: np.ndarray,
     mapped: int,
     counting: int,
     landmarks: int,
     gain: float,
     out: np.ndarray,
 ) -> None:
-    """Write the global features into ``out`` (G,), unclipped. ``time`` and ``phase`` in [0, 1], ``gain`` [bit]."""
+    """Write the global features into ``out`` (G,), unclipped. ``time`` and ``phase`` in [0, 1], ``gain`` [bit].
+
+    ``command`` (>= 3,) is the translation under way, see `motion.COMMANDS`.
+    """
     x, P = belief.state.camera, belief.covariance
     p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     R_WC = rotation_matrix(x[QUATERNION])
@@ -127,8 +145,7 @@ def observe_globals(
         out[_GLOBAL.forward + i], out[_GLOBAL.up + i] = R_WC[i, 2], R_WC[i, 1]
         out[_GLOBAL.velocity + i], out[_GLOBAL.angular_velocity + i] = v[i], w[i]
     out[_GLOBAL.time], out[_GLOBAL.phase] = time, phase
-    for i in range(MOTION_COUNT):
-        out[_GLOBAL.motion + i] = 1.0 if i == motion_index else 0.0
+    motion_shares(command, out[_GLOBAL.motion : _GLOBAL.motion + MOTION_COUNT])
     for block in range(4):
         variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
         out[_GLOBAL.uncertainty + block] = _log_deviation(math.sqrt(max(variance, 0.0)))

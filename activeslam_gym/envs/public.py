@@ -133,7 +133,8 @@ def truth_of(runs: Run) -> Truth:
     """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
     world = runs.world
     parts = _parts_of(world.state["camera"])
-    return Truth(**parts, landmarks=_frozen(world.landmarks), fiducials=_frozen(world.fiducials))
+    points = {name: _frozen(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}
+    return Truth(**parts, **points)
 
 
 def labels_of(run: Run) -> Labels:
@@ -170,8 +171,12 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
 @compiled
 def prospect(run: Run) -> Prospect:
     """What the run's belief lets a policy plan with."""
-    fiducials = run.world.fiducials  # which are known
-    return prospect_of(run.belief, run.expected, run.models.landmark_var, fiducials, known_boxes(run))
+    fiducials, motion, free = run.world.fiducials, run.models.motion, np.ones(MOTION_COUNT)  # fiducials are known
+    if motion.bodies:
+        gap = motion.goal_margin - motion.wall_margin
+        for index in range(MOTION_COUNT):
+            free[index] = min(max((run.episode.clearance[index] - gap) / motion.step_length, 0.0), 1.0)
+    return prospect_of(run.belief, run.expected, run.models.landmark_var, fiducials, known_boxes(run), free)
 
 
 @compiled
@@ -219,9 +224,9 @@ class Reads:
         """Begin run ``i`` anew from ``key``."""
         reset_run(self.setting, self._runs, i, key)
 
-    def _play(self, motions: np.ndarray, gazes: np.ndarray) -> None:
-        """One step of every run: ``motions`` (B,) and ``gazes`` (B,) as `episode.play` takes them."""
-        self._workers.call(play, self._runs, motions, gazes)
+    def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
+        """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.play` takes them."""
+        self._workers.call(play, self._runs, phases, commands)
 
     # For policies ---------------------------------------------------------------------------------------------------
 

@@ -38,6 +38,8 @@ class Truth:
     """(L, 3) [m]."""
     fiducials: np.ndarray
     """(K, 3) [m]."""
+    boxes: np.ndarray
+    """(B, 2, 3) lowest and highest corners [m]; those that a room has less than others are zero."""
 
 
 @dataclass(frozen=True)

@@ -10,32 +10,32 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import QUATERNION, Motion
+from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.belief import position_of
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
-HOLD = -3
-"""In place of a motion: the step has begun."""
 WRONG_PX = 4.0
 """A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
-_STAY = int(Motion.STAY)
 
 
 @compiled
 def begin(runs: Run, i: int) -> None:
     """Evaluate run ``i``, which has just been reset."""
     run = run_at(runs, i)
-    begin_motion(run, _STAY)
+    begin_motion(run, np.zeros(3))
     conclude(run, True)
 
 
 @compiled
-def move(runs: Run, i: int, motion: int, gaze: int) -> np.ndarray:
-    """One frame of true motion of run ``i``; (6,) what the filter knows of the accelerations."""
+def move(runs: Run, i: int, command: np.ndarray, opens: bool) -> np.ndarray:
+    """One frame of true motion of run ``i`` under ``command`` (4,); (6,) what the filter knows of the accelerations.
+
+    ``opens``: it is the first of a step.
+    """
     run = run_at(runs, i)
-    if motion != HOLD:
-        open_step(run, motion)
-    return drive(run, gaze)
+    if opens:
+        open_step(run, command)
+    return drive(run, command[3])
 
 
 @compiled

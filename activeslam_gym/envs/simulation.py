@@ -18,13 +18,15 @@ from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, upda
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
+    D_VELOCITY,
     MOTION,
+    MOTION_COUNT,
     POSITION,
     QUATERNION,
     accelerations,
-    goal_of,
+    goal_by,
     motion_of,
-    turn_of,
+    turn_by,
 )
 from activeslam_gym.slam.association import ANYTHING, CANDIDATE
 from activeslam_gym.slam.belief import (
@@ -36,15 +38,18 @@ from activeslam_gym.slam.belief import (
     start_of,
 )
 from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
-from activeslam_gym.world.room import draw_room, draw_start, uniform_points
+from activeslam_gym.world.room import draw_room, expected_points, varied
 from activeslam_gym.world.simulator import (
     SENSOR,
     World,
+    boxes_of,
     detect,
     detection_capacity,
     empty_worlds,
     move,
+    put_room,
     sensor_of,
+    stop_short,
     world_at,
 )
 
@@ -69,6 +74,7 @@ MODELS = record(
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
     boxes_known="b1",  # whether the belief knows what hides things
+    contact_var="f8",  # what a sensed contact adds to the velocity's, each axis [m^2/s^2]
     negative_information="b1",  # whether what was looked at and not found is expected elsewhere
 )
 """The constants of a run."""
@@ -76,7 +82,7 @@ MODELS = record(
 CONTROL = record(
     goal=("f8", 3),  # of the motion under way [m]
     start=("f8", 3),  # where the reference towards the goal began [m]
-    motion="i8",
+    command=("f8", 3),  # the translation under way: camera axes, of which 1 is a step
     frames="i8",  # since it began
 )
 """The motion under way."""
@@ -109,6 +115,7 @@ EPISODE = record(
     lost_now="b1",
     detections="i8",  # in the last frame
     views="i8",  # viewpoints so far
+    clearance=("f8", (MOTION_COUNT,)),  # how far the camera can go by each motion, where there are boxes [m]
     redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn anew
 )
 """What one run has been worth so far."""
@@ -186,7 +193,7 @@ def resolve(
     scenario: str | Mapping[str, Any] | Scenario,
     gaze_period: float | None,
     motion_period: float,
-    duration: float,
+    duration: float | None,
     reward: str,
     lost_position_error: float,
     end_when_lost: bool = True,
@@ -202,6 +209,7 @@ def resolve(
     frames_per_step = 1 if gaze_period is None else whole_multiple("gaze_period", gaze_period, "the frame", frame)
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time)
+    duration = resolved.duration if duration is None else duration
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
@@ -248,6 +256,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         task=task,
         landmark_var=scenario.landmark_prior_variance,
         boxes_known=scenario.boxes_known,
+        contact_var=scenario.contact_std**2,
         negative_information=scenario.negative_information,
     )
 
@@ -279,23 +288,26 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
 
     Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
     """
-    scenario = setting.scenario
     room, expected, noise, sight, redraws = np.random.SeedSequence(key).spawn(5)
     rng = np.random.default_rng(room)
+    scenario = varied(setting.scenario, rng)
     runs.models[i] = setting.models
     run = row(runs, i)
-    world = run.world
-    world.state.camera[:] = draw_start(scenario, rng)
-    world.fiducials[:], world.landmarks[:] = draw_room(scenario, world.state.camera, rng)
-    world.boxes[:] = np.reshape(scenario.boxes, (-1, 2, 3))
-    world.state.noise_key[:] = noise.generate_state(1, np.uint64)
+    if scenario is not setting.scenario:
+        runs.models[i] = models_of(scenario, setting.task, setting.motion_period)
+        run.candidate["R"] = scenario.pixel_std**2 * np.eye(2)
+    drawn = draw_room(scenario, rng)
+    put_room(run.world, drawn)
+    run.world.state.noise_key[:] = noise.generate_state(1, np.uint64)
     run.expected[:] = np.zeros(1, EXPECTED)
-    run.expected["point"] = uniform_points(scenario, scenario.landmark_count, np.random.default_rng(expected))
+    run.expected["point"] = expected_points(scenario, drawn, np.random.default_rng(expected))
     run.expected["serial"] = WAITING
     run.owner["serial"] = 0
     runs.episode[i] = np.zeros(1, EPISODE)[0]
     run.episode.redraw_key[:] = redraws.generate_state(1, np.uint64)
-    reset_belief(run.belief, *start_of(scenario))
+    mean, covariance = start_of(scenario)
+    mean[: len(drawn.place)] = drawn.place
+    reset_belief(run.belief, mean, covariance)
     if scenario.labelled_first_match:
         face_fiducials(run, np.random.default_rng(sight))
 
@@ -326,28 +338,45 @@ def face_fiducials(run: Run, rng: np.random.Generator) -> None:
 
 
 @compiled(inline="always")
-def begin_motion(run: Run, motion: int) -> None:
-    """Read a motion: its goal from the present estimate, clipped into the room."""
-    control, camera = run.episode.control, run.belief.state.camera
+def begin_motion(run: Run, command: np.ndarray) -> None:
+    """Read a motion, ``command`` (>= 3,): its goal from the present estimate, clipped into the room.
+
+    Where there are boxes it stops short of what is sensed to be in the way.
+    """
+    control, motion, camera = run.episode.control, run.models.motion, run.belief.state.camera
+    d = np.empty(3)
+    for i in range(3):
+        control.command[i] = command[i]
+        d[i] = motion.step_length * command[i]
+    if motion.bodies:
+        stop_short(motion, run.world, d)
     copy_into(control.start, camera[POSITION])
-    copy_into(control.goal, goal_of(run.models.motion, camera, motion))
-    control.motion, control.frames = motion, 0
+    copy_into(control.goal, goal_by(motion, camera, d))
+    control.frames = 0
 
 
 @compiled
 def known_boxes(run: Run) -> np.ndarray:
     """What the belief knows to hide things: all of the world's boxes, or none."""
-    return run.world.boxes if run.models.boxes_known else run.world.boxes[:0]
+    boxes = boxes_of(run.world)
+    return boxes if run.models.boxes_known else boxes[:0]
 
 
 @compiled(inline="always")
-def drive(run: Run, gaze: int) -> np.ndarray:
-    """One frame of control and true motion; (6,) what the filter knows of the accelerations."""
+def drive(run: Run, gaze: float) -> np.ndarray:
+    """One frame of control and true motion; (6,) what the filter knows of the accelerations.
+
+    ``gaze`` is a share of the turn rate. A contact that is sensed makes the velocity uncertain.
+    """
     motion, frame, control = run.models.motion, run.belief.state.frame, run.episode.control
-    turn = turn_of(motion, gaze, frame * motion.dt)
+    turn = turn_by(motion, gaze, frame * motion.dt)
     seconds = control.frames * motion.dt
     u = accelerations(motion, run.belief.state.camera, control.start, control.goal, seconds, turn)
-    run.episode.events.wall_contacts += move(motion, run.world, u, frame)
+    contacts = move(motion, run.world, u, frame)
+    run.episode.events.wall_contacts += contacts
+    if contacts > 0:
+        for i in range(D_VELOCITY.start, D_VELOCITY.stop):
+            run.belief.covariance[i, i] += run.models.contact_var
     control.frames += 1
     if not motion.command_known:
         u[:] = 0.0
@@ -355,7 +384,7 @@ def drive(run: Run, gaze: int) -> np.ndarray:
 
 
 @compiled(inline="always")
-def advance(run: Run, gaze: int) -> None:
+def advance(run: Run, gaze: float) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation."""
     models, world, belief, events = run.models, run.world, run.belief, run.episode.events
     motion, frame, K = models.motion, belief.state.frame, world.fiducials.shape[0]

@@ -8,8 +8,9 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.envs.public import public_belief, truth_of
 from activeslam_gym.envs.simulation import Run, Setting, known_boxes
 from activeslam_gym.information.expectation import WAITING
-from activeslam_gym.motion import POSITION, Gaze, Motion
+from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
 from activeslam_gym.slam.sight import sight_of_belief
+from activeslam_gym.world.simulator import boxes_of
 
 
 @dataclass(frozen=True)
@@ -23,6 +24,8 @@ class Snapshot:
     gaze: Gaze
     room_size: np.ndarray
     """(3,) [m]."""
+    boxes: np.ndarray
+    """(B, 2, 3) lowest and highest corner of each [m]."""
     true_position: np.ndarray
     true_quaternion: np.ndarray
     true_landmarks: np.ndarray
@@ -89,9 +92,10 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Sna
         scenario=scenario,
         time=int(episode.steps) * setting.gaze_period,
         duration=setting.duration,
-        motion=Motion(int(episode.control.motion)),
+        motion=nearest_motion(episode.control.command),
         gaze=gaze,
-        room_size=np.array(scenario.room_size),
+        room_size=2.0 * run.models.motion.half,
+        boxes=boxes_of(run.world).copy(),
         true_position=truth.position,
         true_quaternion=truth.quaternion,
         true_landmarks=truth.landmarks,

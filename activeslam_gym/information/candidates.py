@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from activeslam_gym.camera import distance_between, free_way
 from activeslam_gym.geometry import rotate_left
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
@@ -59,11 +60,18 @@ class Prospect(NamedTuple):
     """(B, 2, 3) what is known to hide things [m]."""
     waiting: int
     """How many of the points, the last ones, are expected landmarks."""
+    free: np.ndarray = np.ones(MOTION_COUNT)
+    """(7,) share of each motion's step that is free of boxes, as it is sensed where the camera stands."""
 
 
 @compiled
 def prospect_of(
-    belief: Belief, expected: np.ndarray, landmark_var: np.ndarray, fiducials: np.ndarray, boxes: np.ndarray
+    belief: Belief,
+    expected: np.ndarray,
+    landmark_var: np.ndarray,
+    fiducials: np.ndarray,
+    boxes: np.ndarray,
+    free: np.ndarray,
 ) -> Prospect:
     """The public belief without rays, and the waiting ones of ``expected`` (N,) with their variance (3,)."""
     n, waiting, rays = belief.state.count, waiting_count(expected), 0
@@ -82,7 +90,7 @@ def prospect_of(
             for i in range(3):
                 P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]
             n += 1
-    return Prospect(belief.state.camera.copy(), points, P, fiducials, boxes, waiting)
+    return Prospect(belief.state.camera.copy(), points, P, fiducials, boxes, waiting, free)
 
 
 @compiled
@@ -177,11 +185,32 @@ def score_plans(
                 copy_block(prospect.covariance if step == 0 else measured[step - 1], after[step])
                 propagate_by(motion, after[step], turn, action.frames)
             copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn, action.frames))
+            if motion.bodies and action.motion != REMAIN:
+                sensed = prospect.free[action.motion] if step == 0 else 1.0
+                _stop_short(motion, prospect.boxes, sensed, poses[step], poses[step + 1])
             sight = sight_after(camera, prospect, after[step], poses[step + 1])
             gained[step + 1] = gained[step] + criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
             if step < L - 1:
                 copy_block(updated(after[step], sight), measured[step])
         out[a] = gained[L]
+
+
+@compiled
+def _stop_short(motion: Record, boxes: np.ndarray, share: float, before: np.ndarray, after: np.ndarray) -> None:
+    """Move the place of ``after`` back towards that of ``before`` (>= 3): to the ``share`` of the way that is free.
+
+    And short of the known ``boxes``.
+    """
+    gap, length = motion.goal_margin - motion.wall_margin, distance_between(before, after)
+    if length == 0.0:
+        return
+    way = np.empty(3)
+    for i in range(3):
+        way[i] = (after[i] - before[i]) * (1.0 + gap / length)
+    known = (free_way(boxes, motion.wall_margin, before, way) * (length + gap) - gap) / length
+    share = min(share, max(known, 0.0))
+    for i in range(3):
+        after[i] = before[i] + share * (after[i] - before[i])
 
 
 # The plans of an environment's scores --------------------------------------------------------------------------------

@@ -88,6 +88,20 @@ def room_planes(size: np.ndarray) -> np.ndarray:
     return np.array(signs) * size / 2
 
 
+def box_faces(boxes: np.ndarray) -> np.ndarray:
+    """The top and the two sides of ``boxes`` (B, 2, 3) that the viewer sees, (3 B, 4, 3), far boxes first."""
+    order = np.argsort(boxes.mean(axis=1) @ TOWARDS_VIEWER)
+    signs = np.array(
+        [
+            [(-1, 1, -1), (1, 1, -1), (1, 1, 1), (-1, 1, 1)],
+            [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1)],
+            [(-1, -1, -1), (-1, -1, 1), (-1, 1, 1), (-1, 1, -1)],
+        ]
+    )
+    middle, half = boxes[order].mean(axis=1), np.diff(boxes[order], axis=1)[:, 0] / 2
+    return (middle[:, None, None] + signs * half[:, None, None]).reshape(-1, 4, 3)
+
+
 def room_edges(size: np.ndarray) -> np.ndarray:
     """The edges (9, 2, 3) of those planes; the three that would cross the foreground are left out."""
     edges = {

@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from activeslam_gym.rendering import geometry, scene
 from activeslam_gym.rendering.geometry import screen_from_world
 from activeslam_gym.rendering.scene import (
+    BOX_ALPHA,
     CAMERA,
     ELLIPSOID_SIGMAS,
     EXPECTED,
@@ -48,6 +49,7 @@ class MapPanel:
         self._axes = axes
         self._room_size = np.zeros(3)
         self._room_artists: list[Any] = []
+        self._boxes = _added(axes, PolyCollection([], linewidths=0.6, edgecolors=_faded([MUTED], 0.7), zorder=2.5))
         self._plumbs = _added(axes, LineCollection([], colors=EXPECTED, linewidths=0.5, zorder=2))
         self._shadow = _line(axes, color=EXPECTED, linewidth=1.0, zorder=2)
         self._expected = _markers(axes, ".", color=EXPECTED, markersize=5.0, zorder=3)
@@ -63,6 +65,8 @@ class MapPanel:
         """Moves the artists; builds the room again where its size has changed."""
         if not np.array_equal(self._room_size, snapshot.room_size):
             self._build_room(np.array(snapshot.room_size, dtype=float))
+        self._boxes.set_verts(list(screen_from_world(geometry.box_faces(snapshot.boxes))))
+        self._boxes.set_facecolor(_faded([GRID, MUTED, EXPECTED] * len(snapshot.boxes), BOX_ALPHA))
         for artist, points in (
             (self._expected, snapshot.expected_landmarks),
             (self._fiducials, snapshot.fiducials),

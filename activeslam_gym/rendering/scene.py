@@ -17,6 +17,9 @@ TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F
 ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0
 """Standard deviations drawn: of a landmark in the map, of a prediction in the image."""
 
+BOX_ALPHA = 0.35
+"""How much of what is behind it a drawn box covers."""
+
 CAMERA_DIMENSION = 12
 """Rows of the camera in the snapshot's covariance; three of each landmark follow."""
 

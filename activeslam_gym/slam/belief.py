@@ -62,6 +62,7 @@ FEATURE = record(
     born="i8",  # frame of birth
     seen="i8",  # frame of the last match, or of the birth
     misses="i8",  # consecutive frames in which it should have been matched and was not
+    missed_at=("f8", 3),  # where the camera was at the last of them that counted [m]
     mapped="b1",  # whether the deviation of its depth over its depth is under the scenario's ratio
     depth="f8",  # of a RAY: mean of its particles [m]
     depth_var="f8",  # and their variance [m^2]

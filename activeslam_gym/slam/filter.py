@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.camera import camera_of
+from activeslam_gym.camera import camera_of, distance_between
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, compiled, filled, record, row
-from activeslam_gym.motion import CAMERA_DIM, motion_of
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import CAMERA_DIM, POSITION, motion_of
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
 from activeslam_gym.slam.association import (
     ANYTHING,
@@ -127,7 +128,7 @@ def use_candidates(
     counts.rejected_matches += rejected
     counts.starvations += M >= 2 and 2 * rejected > M
     counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
-    _count_misses(belief, fiducials.shape[0], sight, of_thing, waits)
+    _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
     _update_by(camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
@@ -154,7 +155,7 @@ def use_identified(
     of_thing = associate_identified(appearance, pixel_var, sight, candidates, least)
     for i in range(candidates.shape[0]):
         counts.rejected_matches += candidates[i].match == REJECTED
-    _count_misses(belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
+    _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
     _update_by(camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
 
@@ -175,8 +176,14 @@ def match_by_id(sight: Sight, candidates: np.ndarray) -> np.ndarray:
 
 
 @compiled(inline="always")
-def _count_misses(belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray) -> None:
-    """A match clears a feature's misses; being predicted well inside the image without a candidate near adds one."""
+def _count_misses(
+    spacing: float, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
+) -> None:
+    """A match clears a feature's misses; being predicted well inside the image without a candidate near adds one.
+
+    Misses from places less than ``spacing`` [m] apart count once: what hides a feature hides it from all of them.
+    """
+    camera = belief.state.camera
     for a in range(of_thing.shape[0]):
         thing = sight.thing[a]
         if thing.row < K:
@@ -185,7 +192,9 @@ def _count_misses(belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, wa
         if of_thing[a] >= 0:
             feature.misses, feature.seen = 0, belief.state.frame
         elif thing.visibility == INSIDE and not waits[a]:
-            feature.misses += 1
+            if feature.misses == 0 or spacing == 0.0 or distance_between(feature.missed_at, camera) > spacing:
+                feature.misses += 1
+                copy_into(feature.missed_at, camera[POSITION])
 
 
 @compiled(inline="always")

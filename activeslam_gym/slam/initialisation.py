@@ -45,6 +45,7 @@ INITIALISATION = record(
     ray_capacity="i8",
     ray_age_frames="i8",  # a RAY that is older is deleted
     maximum_misses="i8",
+    miss_spacing="f8",  # misses from places nearer to each other count once [m]
 )
 """Constants of births, conversions and deletions; see the fields of `Scenario`."""
 
@@ -63,6 +64,7 @@ def initialisation_of(scenario: Scenario) -> Record:
         ray_capacity=scenario.ray_capacity,
         ray_age_frames=round(scenario.ray_age / scenario.frame_time),
         maximum_misses=scenario.maximum_misses,
+        miss_spacing=scenario.miss_spacing,
     )
 
 

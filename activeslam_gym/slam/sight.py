@@ -12,6 +12,8 @@ from activeslam_gym.camera import (
     Vector,
     View,
     camera_from_world,
+    distance_between,
+    in_reach,
     inside_image,
     pixel_from_camera_point,
     pixel_jacobian,
@@ -42,6 +44,8 @@ SEARCH_STDS = 4.3
 the birth gate, so that no known feature is born again just outside."""
 INSIDE_STDS = 3.0
 """Its absence is telling when its predicted pixel is so many standard deviations inside."""
+TELLING_SHARE = 0.85
+"""And nearer than this share of the greatest distance at which anything is seen."""
 
 NEAR, INSIDE = 1, 2
 """A row is within reach of the image; well inside it, so that a miss is telling."""
@@ -221,7 +225,7 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
     for row in range(K + belief.state.count):
         thing = things[v]
         if row < K:
-            found = place_point(view, fiducials[row], camera.width, thing)
+            found = _place_known(view, fiducials[row], thing)
             thing.id, thing.column, thing.width = fiducial_id(row), 0, 0
         else:
             feature = belief.feature[row - K]
@@ -236,6 +240,8 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
                 for j in range(2):
                     S[i, j] += thing.extra[i, j]
             thing.row, thing.visibility = row, visibility_of(camera, thing.z_hat, S)
+            if thing.visibility == INSIDE and row >= K and _may_be_too_far(view, belief, row - K):
+                thing.visibility = NEAR
             v += thing.visibility > 0
     return sight_with(things[:v], P, belief.state.dim, camera.pixel_std**2)
 
@@ -271,12 +277,33 @@ def place_point(view: View, y: np.ndarray, margin: float, thing: Record) -> bool
 def _place_feature(view: View, kind: int, mean: np.ndarray, thing: Record) -> bool:
     """The same of a feature's ``mean`` (6,), as far as an image's width outside of the image; never of a RAY."""
     if kind == POINT:
-        return place_point(view, mean, view.camera.width, thing)
+        return _place_known(view, mean, thing)
     if kind == RAY:
         return False
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
     y = mean[ANCHOR] + bearing(mean[AZIMUTH], mean[ELEVATION])[0] / mean[RHO]
-    return visible(view, y, view.camera.width, z) and inverse_depth_measurement(view, mean, z, H_x, H_y)
+    return in_reach(view, y, view.camera.width, z) and inverse_depth_measurement(view, mean, z, H_x, H_y)
+
+
+@compiled
+def _place_known(view: View, y: np.ndarray, thing: Record) -> bool:
+    """The same of a world point ``y`` (>= 3,) at any distance."""
+    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+    return in_reach(view, y, view.camera.width, z) and point_measurement(view, y, z, H_x, H_y)
+
+
+@compiled
+def _may_be_too_far(view: View, belief: Belief, k: int) -> bool:
+    """Whether feature ``k`` may be beyond the camera's greatest distance, so that its absence tells nothing.
+
+    That is where it stands as a point, or, while its depth is vague, always.
+    """
+    if view.camera.maximum_distance == math.inf:
+        return False
+    feature = belief.feature[k]
+    return feature.kind != POINT or distance_between(view.pose, feature.mean) > TELLING_SHARE * (
+        view.camera.maximum_distance
+    )
 
 
 @compiled

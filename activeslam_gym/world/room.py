@@ -1,14 +1,86 @@
-"""Draw a room: where the points are, and where the camera really starts."""
+"""Draw a room: where things are, and where the camera really starts."""
+
+import dataclasses
+import math
+from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import camera_of, ray_from_pixel
-from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import quaternion_exp, rotation_matrix
+from activeslam_gym.camera import View, camera_of, ray_from_pixel, visible
+from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, Scenario
+from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
+from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
 
 _FIDUCIAL_IMAGE_SHARE = 0.8
 """Fiducials project into the central part of the first image, of this relative width and height."""
+_CORNER_DISTANCE = 1.0
+"""Of a start in a corner from its two walls [m]."""
+_START_MARGIN = 0.45
+"""Between a start and whatever stops the camera [m]."""
+_TRIES = 1000
+
+
+class Room(NamedTuple):
+    """What a reset draws. K fiducials, L landmarks, B boxes."""
+
+    place: np.ndarray
+    """(7,) the expected first pose: position [m] and quaternion."""
+    camera: np.ndarray
+    """(13,) the true first camera."""
+    fiducials: np.ndarray
+    """(K, 3) [m]."""
+    landmarks: np.ndarray
+    """(L, 3) [m]."""
+    normals: np.ndarray
+    """(L, 3) of the surfaces that the landmarks are on, or (0, 3)."""
+    boxes: np.ndarray
+    """(B, 2, 3) lowest and highest corners [m]."""
+
+
+def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:
+    """The scenario with its `varied` fields drawn, number by number; itself where there are none."""
+    if not scenario.varied:
+        return scenario
+    drawn = {name: _between(least, greatest, rng) for name, least, greatest in scenario.varied}
+    return dataclasses.replace(scenario, varied=(), **drawn)
+
+
+def _between(least: float | tuple, greatest: float | tuple, rng: np.random.Generator) -> float | tuple:
+    drawn = rng.uniform(least, greatest)
+    return tuple(drawn.tolist()) if np.ndim(drawn) else float(drawn)
+
+
+def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
+    """A room of the scenario.
+
+    Landmarks are uniform in the room; fiducials are uniform in the image of the first camera and in depth. In other
+    layouts, and where there are boxes, rooms are drawn until the start is free, the fiducials are in view and
+    everything can be reached.
+
+    Raises:
+        RuntimeError: no such room was found; the scenario's boxes leave too little space.
+    """
+    if not scenario.has_boxes and not scenario.on_surfaces:
+        place = _draw_place(scenario, np.empty((0, 2, 3)), rng)
+        camera = draw_start(scenario, rng, place)
+        landmarks = _landmarks(scenario, np.empty((0, 2, 3)), rng)
+        return Room(place, camera, _floating(scenario, camera, rng), landmarks, np.empty((0, 3)), np.empty((0, 2, 3)))
+    for _ in range(_TRIES):
+        boxes = draw_boxes(scenario, rng)
+        place = _draw_place(scenario, boxes, rng)
+        camera = draw_start(scenario, rng, place)
+        fiducials = _in_view(scenario, boxes, camera, rng)
+        if fiducials is not None and reachable(scenario, boxes, place, scenario.wall_margin + 0.05):
+            if scenario.on_surfaces:
+                landmarks, normals = surface_points(scenario, boxes, scenario.landmark_count, rng)
+            else:
+                landmarks, normals = _landmarks(scenario, boxes, rng), np.empty((0, 3))
+            return Room(place, camera, fiducials, landmarks, normals, boxes)
+    raise RuntimeError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: too many boxes, or too large")
+
+
+# Points -------------------------------------------------------------------------------------------------------------
 
 
 def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -16,23 +88,81 @@ def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> 
     return (rng.random((count, 3)) - 0.5) * np.array(scenario.room_size)
 
 
-def draw_start(scenario: Scenario, rng: np.random.Generator) -> np.ndarray:
-    """The true first camera (13,), drawn from the scenario's prior about the room's centre, facing +Z."""
+def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) -> np.ndarray:
+    """(L, 3) where landmarks are expected [m]: anywhere, or, by who knows the boxes, on the surfaces that there are."""
+    if scenario.boxes_known and scenario.on_surfaces:
+        return surface_points(scenario, room.boxes, scenario.landmark_count, rng)[0]
+    return uniform_points(scenario, scenario.landmark_count, rng)
+
+
+def _landmarks(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(L, 3) landmarks that are on no surface, and in no box."""
+    count = scenario.landmark_count
+    if scenario.landmark_layout == CLUSTERS:
+        half = 0.5 * np.array(scenario.room_size)
+        centres = uniform_points(scenario, scenario.cluster_count, rng) * 0.9
+    points = np.empty((0, 3))
+    while len(points) < count:
+        if scenario.landmark_layout == CLUSTERS:
+            drawn = centres[rng.integers(len(centres), size=count)]
+            drawn = np.clip(drawn + scenario.cluster_std * rng.standard_normal((count, 3)), -half, half)
+        else:
+            drawn = uniform_points(scenario, count, rng)
+        points = np.concatenate((points, drawn[~inside_any(drawn, boxes)]))
+    return points[:count]
+
+
+# The start ----------------------------------------------------------------------------------------------------------
+
+
+def _draw_place(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(7,) the pose at which the belief expects the camera first."""
+    half, place = 0.5 * np.array(scenario.room_size), np.zeros(7)
+    place[3] = 1.0
+    if scenario.start == CORNER:
+        sides = rng.choice((-1.0, 1.0), size=2)
+        place[[0, 2]] = sides * (half[[0, 2]] - _CORNER_DISTANCE)
+        along = int(rng.integers(2))  # the wall that it looks along leads away from the corner
+        _turn(place, math.atan2(-sides[0] * along, -sides[1] * (1 - along)))
+    elif scenario.start == ANYWHERE:
+        for _ in range(_TRIES):
+            place[[0, 2]] = rng.uniform(-1.0, 1.0, 2) * (half[[0, 2]] - _START_MARGIN)
+            heading = rng.uniform(-math.pi, math.pi)
+            way = np.array([[math.sin(heading), 0.0, math.cos(heading)]])
+            ahead = first_hits(boxes, half, place[:3], way)[0]
+            least = scenario.fiducial_distance
+            near = least[0] <= ahead <= least[1] if scenario.on_surfaces else ahead >= least[1]
+            if near and not inside_any(place[None, :3], boxes, _START_MARGIN)[0]:
+                break
+        _turn(place, heading)
+    return place
+
+
+def _turn(place: np.ndarray, heading: float) -> None:
+    """Make the pose (7,) face the ``heading`` [rad], of which 0 is +Z and a quarter turn +X."""
+    place[3:7] = math.cos(0.5 * heading), 0.0, math.sin(0.5 * heading), 0.0
+
+
+def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray | None = None) -> np.ndarray:
+    """The true first camera (13,), drawn by the prior about ``place`` (7,), None: the centre, facing +Z."""
     camera = np.empty(CAMERA_SIZE)
     camera[POSITION] = np.array(scenario.position_std) * rng.standard_normal(3)
-    camera[QUATERNION] = quaternion_exp(scenario.orientation_std * rng.standard_normal(3))
+    turned = scenario.orientation_std * rng.standard_normal(3)
+    camera[QUATERNION] = quaternion_exp(turned)
     camera[VELOCITY] = scenario.velocity_std * rng.standard_normal(3)
     camera[ANGULAR_VELOCITY] = scenario.angular_velocity_std * rng.standard_normal(3)
+    if place is not None:
+        camera[POSITION] += place[:3]
+        if place[3] != 1.0:
+            camera[QUATERNION] = rotate_left(turned, place[3:])
     return camera
 
 
-def draw_room(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """The fiducials (K, 3) and the landmarks (L, 3) of a room [m].
+# Fiducials ----------------------------------------------------------------------------------------------------------
 
-    Landmarks are uniform in the room; fiducials are uniform in the image of the first camera ``start`` (13,) and in
-    depth.
-    """
-    landmarks = uniform_points(scenario, scenario.landmark_count, rng)
+
+def _floating(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(K, 3) fiducials that are uniform in the image of the first camera ``start`` (13,) and in depth [m]."""
     camera = camera_of(scenario)
     size = np.array([camera.width, camera.height])
     share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random((scenario.fiducial_count, 2)) - 0.5)
@@ -43,4 +173,32 @@ def draw_room(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -
         np.clip(start[POSITION] + depth * (R_WC @ ray_from_pixel(camera, pixel)), -half, half)
         for pixel, depth in zip(share * size, depths, strict=True)
     ]
-    return np.reshape(fiducials, (-1, 3)), landmarks
+    return np.reshape(fiducials, (-1, 3))
+
+
+def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
+    """(K, 3) fiducials that the first camera ``start`` (13,) sees, or None where it does not see enough.
+
+    Where landmarks are on surfaces, so are they; elsewhere they float before the boxes.
+    """
+    camera, R_WC, half = camera_of(scenario), rotation_matrix(start[QUATERNION]), 0.5 * np.array(scenario.room_size)
+    found, z, view = [], np.empty(2), View(camera, start, R_WC, boxes)
+    if inside_any(start[None, :3], boxes, _START_MARGIN)[0]:
+        return None
+    for _ in range(20 * scenario.fiducial_count):
+        if len(found) == scenario.fiducial_count:
+            break
+        if scenario.on_surfaces:
+            share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random(2) - 0.5)
+            way = R_WC @ ray_from_pixel(camera, share * np.array([camera.width, camera.height]))
+            depth = first_hits(boxes, half, start[POSITION], way[None])[0]
+            if not scenario.fiducial_distance[0] <= depth <= 1.5 * scenario.fiducial_distance[1]:
+                continue
+            point = start[POSITION] + depth * way
+        else:
+            point = _floating(dataclasses.replace(scenario, fiducial_count=1), start, rng)[0]
+            if inside_any(point[None], boxes)[0]:
+                continue
+        if visible(view, point, 0.0, z):
+            found.append(point)
+    return np.array(found) if len(found) == scenario.fiducial_count else None

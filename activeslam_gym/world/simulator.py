@@ -5,23 +5,38 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, visible
+from activeslam_gym.camera import View, distance_between, free_way, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import CAMERA_SIZE, POSITION, QUATERNION, VELOCITY, transition
+from activeslam_gym.motion import (
+    CAMERA_SIZE,
+    MOTION_AXIS,
+    MOTION_SIGN,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+    transition,
+)
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
+from activeslam_gym.world.room import Room
 
 CLUTTER_LABEL = -1
 
 TRUTH = record(
     camera=("f8", CAMERA_SIZE),  # position, quaternion, velocity, angular velocity
     noise_key=("u8", (1,)),  # the stream of all noise of the run
+    boxes="i8",  # how many boxes the room has
 )
 """What is true of one run, beside where things are."""
 
-SENSOR = record(missed_detection_probability="f8", clutter_rate="f8", clutter_capacity="i8")
+SENSOR = record(
+    missed_detection_probability="f8",
+    clutter_rate="f8",
+    clutter_capacity="i8",
+    facing_cosine="f8",  # of the greatest angle from its normal at which a landmark on a surface is seen
+)
 """How points become detections, beside the camera's own numbers."""
 
 
@@ -34,15 +49,24 @@ class World(NamedTuple):
     """(K, 3) [m]."""
     landmarks: np.ndarray
     """(L, 3) [m]."""
+    normals: np.ndarray
+    """(L, 3) unit normals of the surfaces that the landmarks are on; (0, 3) where they are seen from all sides."""
     boxes: np.ndarray
-    """(B, 2, 3) lowest and highest corner of what hides things [m]."""
+    """(B, 2, 3) lowest and highest corner of what hides things and stops the camera [m]; see `boxes_of`."""
 
 
 @inlined
 def world_at(worlds, i):  # type: ignore[no-untyped-def]
     """World ``i`` of a batch, whose arrays have a leading axis: views."""
     fiducials, landmarks, boxes = worlds.fiducials[i], worlds.landmarks[i], worlds.boxes[i]
-    return World(worlds.state[i], borrowed(fiducials), borrowed(landmarks), borrowed(boxes))
+    normals = worlds.normals[i]
+    return World(worlds.state[i], borrowed(fiducials), borrowed(landmarks), borrowed(normals), borrowed(boxes))
+
+
+@compiled
+def boxes_of(world: World) -> np.ndarray:
+    """(B, 2, 3) the boxes that there are, of all that there is room for."""
+    return world.boxes[: world.state.boxes]
 
 
 def empty_worlds(scenario: Scenario, count: int) -> World:
@@ -51,15 +75,25 @@ def empty_worlds(scenario: Scenario, count: int) -> World:
         state=np.zeros(count, TRUTH),
         fiducials=np.zeros((count, scenario.fiducial_count, 3)),
         landmarks=np.zeros((count, scenario.landmark_count, 3)),
-        boxes=np.zeros((count, len(scenario.boxes), 2, 3)),
+        normals=np.zeros((count, scenario.landmark_count if scenario.on_surfaces else 0, 3)),
+        boxes=np.zeros((count, scenario.box_capacity, 2, 3)),
     )
+
+
+def put_room(world: World, room: Room) -> None:
+    """Make a ``room`` that was drawn the truth of a run."""
+    world.state.camera[:] = room.camera
+    world.fiducials[:], world.landmarks[:], world.normals[:] = room.fiducials, room.landmarks, room.normals
+    world.state.boxes = len(room.boxes)
+    world.boxes[:] = 0.0
+    world.boxes[: len(room.boxes)] = room.boxes
 
 
 def sensor_of(scenario: Scenario) -> Record:
     """The SENSOR record of a scenario. Room for five standard deviations of clutter over its mean."""
     rate = scenario.clutter_rate
     capacity = math.ceil(rate + 5.0 * math.sqrt(rate)) if rate > 0 else 0
-    return filled(SENSOR, scenario, clutter_capacity=capacity)
+    return filled(SENSOR, scenario, clutter_capacity=capacity, facing_cosine=math.cos(scenario.facing_angle))
 
 
 def detection_capacity(scenario: Scenario) -> int:
@@ -69,7 +103,7 @@ def detection_capacity(scenario: Scenario) -> int:
 
 @compiled
 def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
-    """Advance the true camera by one frame under ``u`` (6,) and the disturbance; returns the walls touched.
+    """Advance the true camera by one frame under ``u`` (6,) and the disturbance; returns the walls and boxes touched.
 
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
@@ -80,7 +114,7 @@ def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
         disturbed[3 + i] = u[3 + i] + motion.angular_acceleration_std * noise[3 + i]
     x = transition(world.state.camera, disturbed, motion.dt)
     p, v = x[POSITION], x[VELOCITY]
-    contacts = 0
+    contacts = _leave_boxes(motion, boxes_of(world), p, v)
     for i in range(3):
         reach = motion.half[i] - motion.wall_margin
         if abs(p[i]) > reach:
@@ -90,6 +124,77 @@ def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
             contacts += 1
     copy_into(world.state.camera, x)
     return contacts
+
+
+@compiled
+def _leave_boxes(motion: Record, boxes: np.ndarray, p: np.ndarray, v: np.ndarray) -> int:
+    """Move ``p`` (3,) out of every box grown by the wall's margin, through the nearest side that faces into the room.
+
+    Zeroes the velocity ``v`` (3,) into that side; returns how many boxes were touched.
+    """
+    contacts = 0
+    for b in range(boxes.shape[0]):
+        axis, side, least = -1, 0.0, math.inf
+        for i in range(3):
+            low, high = boxes[b, 0, i] - motion.wall_margin, boxes[b, 1, i] + motion.wall_margin
+            if p[i] <= low or p[i] >= high:
+                least = -math.inf
+                continue
+            reach = motion.half[i] - motion.wall_margin
+            if p[i] - low < least and low >= -reach:
+                axis, side, least = i, low, p[i] - low
+            if high - p[i] < least and high <= reach:
+                axis, side, least = i, high, high - p[i]
+        if least > -math.inf and axis >= 0:
+            if (side - p[axis]) * v[axis] < 0.0:
+                v[axis] = 0.0
+            p[axis] = side
+            contacts += 1
+    return contacts
+
+
+@compiled
+def find_clearance(motion: Record, world: World, R_WC: np.ndarray, farthest: float, out: np.ndarray) -> None:
+    """Write into ``out`` (7,) how far the true camera can go in each motion's direction [m], ``farthest`` at most.
+
+    What range finders on a body of the wall's margin would say; STAY: the least of the others. ``R_WC`` is the true
+    rotation.
+    """
+    way = np.empty(3)
+    out[-1] = farthest
+    for index in range(out.shape[0] - 1):
+        for i in range(3):
+            way[i] = MOTION_SIGN[index] * R_WC[i, MOTION_AXIS[index]]
+        out[index] = clearance(motion, world, way, farthest)
+        out[-1] = min(out[-1], out[index])
+
+
+@compiled
+def clearance(motion: Record, world: World, direction: np.ndarray, farthest: float) -> float:
+    """How far the true camera can go in a ``direction`` (3,), a unit vector of the world [m], ``farthest`` at most."""
+    p, way, free = world.state.camera[POSITION], np.empty(3), farthest
+    for i in range(3):
+        way[i] = farthest * direction[i]
+        reach = motion.half[i] - motion.wall_margin
+        if abs(direction[i]) > 1e-12:
+            free = min(free, max((math.copysign(reach, direction[i]) - p[i]) / direction[i], 0.0))
+    return min(free, farthest * free_way(boxes_of(world), motion.wall_margin, p, way))
+
+
+@compiled
+def stop_short(motion: Record, world: World, d: np.ndarray) -> None:
+    """Shorten the translation ``d`` (3,) [m], in camera axes, to end as far from what is in its way as goals do."""
+    R_WC, gap = rotation_matrix(world.state.camera[QUATERNION]), motion.goal_margin - motion.wall_margin
+    length, way = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), np.zeros(3)
+    if length == 0.0:
+        return
+    for i in range(3):
+        for j in range(3):
+            way[i] += R_WC[i, j] * d[j] / length
+    free = clearance(motion, world, way, length + gap)
+    share = min(max((free - gap) / length, 0.0), 1.0)
+    for i in range(3):
+        d[i] *= share
 
 
 @compiled
@@ -108,13 +213,15 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
     K = world.fiducials.shape[0]
     points = K + world.landmarks.shape[0]
     pose = world.state.camera
-    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), world.boxes)
+    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes_of(world))
     luck = uniforms(world.state.noise_key, _draws(world) * frame + 8, 4 * points + 4 * sensor.clutter_capacity + 1)
     order, z = np.empty(labels.shape[0]), np.empty(2)
     n = 0
     for i in range(points):
         y = world.fiducials[i] if i < K else world.landmarks[i - K]
         if not visible(view, y, 0.0, z) or luck[2 * points + i] < sensor.missed_detection_probability:
+            continue
+        if i >= K and world.normals.shape[0] > 0 and not faces(world.normals[i - K], y, pose, sensor.facing_cosine):
             continue
         noise_u, noise_v = normal_pair(luck[2 * i], luck[2 * i + 1])
         candidates[n].pixel[0] = z[0] + camera.pixel_std * noise_u
@@ -129,6 +236,13 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
         n += 1
     _shuffle(candidates, labels, order[:n])
     return n
+
+
+@compiled
+def faces(normal: np.ndarray, y: np.ndarray, p: np.ndarray, cosine: float) -> bool:
+    """Whether the surface at ``y`` (3,) with that ``normal`` (3,) shows its front to ``p`` (>= 3,), not too aslant."""
+    along = normal[0] * (p[0] - y[0]) + normal[1] * (p[1] - y[1]) + normal[2] * (p[2] - y[2])
+    return along > cosine * distance_between(p, y)
 
 
 @compiled

@@ -6,6 +6,7 @@ to be; the network is built anew for the environment at hand.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +69,8 @@ class LearnedPolicy:
         self._env = core_of(env)
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
-        self._logits = _network(observation_layout(env), weights, card)
+        layout, self._columns = _known_part(observation_layout(env), weights)
+        self._logits = _network(layout, weights, card)
         space = getattr(self._env, "single_action_space", self._env.action_space)
         self._is_discrete = isinstance(space, spaces.Discrete)
 
@@ -88,13 +90,29 @@ class LearnedPolicy:
     def _decide(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
         with torch.inference_mode(), _one_thread():
-            logits = self._logits(torch.as_tensor(observations))
+            logits = self._logits(torch.as_tensor(observations[:, self._columns]))
             if deterministic or len(logits) == 1:  # values are no probabilities
                 chosen = [part.argmax(dim=1) for part in logits]
             else:
                 chosen = [torch.multinomial(part.softmax(dim=1), 1)[:, 0] for part in logits]
             parts = [part.numpy() for part in chosen]
         return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
+
+
+def _known_part(layout: ObservationLayout, weights: Mapping[str, np.ndarray]) -> tuple[ObservationLayout, np.ndarray]:
+    """The part of an observation that weights know, and its columns.
+
+    Where there are boxes, range finders stand behind the other global features; weights of a room without them read on
+    without.
+    """
+    known = weights.get("features_extractor.globals.0.weight", np.empty((0, layout.tokens.start))).shape[1]
+    more = layout.tokens.start - known
+    sensed = layout.global_slices.get("clearance")
+    if sensed is None or sensed.stop - sensed.start != more:
+        return layout, np.arange(layout.size)
+    tokens = slice(known, layout.tokens.stop - more)
+    columns = np.r_[0:known, layout.tokens.start : layout.size]
+    return replace(layout, tokens=tokens, size=layout.size - more), columns
 
 
 @contextmanager

@@ -1,0 +1,129 @@
+"""Boxes and inner walls, drawn; and what is free, hit or reached among them."""
+
+import numpy as np
+
+from activeslam_gym.config import Scenario
+
+WALL_THICKNESS = 0.1
+"""Of an inner wall [m]."""
+PASSAGE = 0.8
+"""Between two boxes, or a box and a wall, there is so much [m], or nothing."""
+_CELL = 0.1
+"""Side of the cells in which ways are searched [m]."""
+_TRIES = 60
+_REACHED_SHARE = 0.97
+
+
+def draw_boxes(scenario: Scenario, rng: np.random.Generator) -> np.ndarray:
+    """(B, 2, 3) the boxes of a room [m]: the scenario's own, inner walls, and what stands on the floor."""
+    boxes = [np.array(box) for box in scenario.boxes]
+    boxes += _inner_walls(scenario, rng)
+    for _ in range(rng.integers(scenario.box_count[0], scenario.box_count[1] + 1)):
+        for _ in range(_TRIES):
+            box = _draw_box(scenario, rng)
+            if _stands_well(box, boxes, scenario):
+                boxes.append(box)
+                break
+    return np.reshape(boxes, (-1, 2, 3))
+
+
+def _inner_walls(scenario: Scenario, rng: np.random.Generator) -> list[np.ndarray]:
+    """Walls from floor to ceiling across the longer side, in about equal distances, each in two parts beside a door."""
+    size, count = np.array(scenario.room_size), rng.integers(scenario.inner_walls[0], scenario.inner_walls[1] + 1)
+    along = 0 if size[0] > size[2] else 2 if size[2] > size[0] else 2 * int(rng.integers(2))
+    across, parts = 2 - along, []
+    for k in range(count):
+        middle = size[along] * ((k + 1) / (count + 1) - 0.5 + rng.uniform(-0.08, 0.08))
+        free = 0.5 * size[across] - 0.4 - 0.5 * scenario.door_width
+        door = rng.uniform(-free, free)
+        for side in (-1.0, 1.0):
+            part = np.stack((-0.5 * size, 0.5 * size))
+            part[:, along] = middle - 0.5 * WALL_THICKNESS, middle + 0.5 * WALL_THICKNESS
+            part[0 if side > 0 else 1, across] = door + side * 0.5 * scenario.door_width
+            parts.append(part)
+    return parts
+
+
+def _draw_box(scenario: Scenario, rng: np.random.Generator) -> np.ndarray:
+    """(2, 3) a box on the floor: somewhere, or (one of two) against a wall."""
+    half = 0.5 * np.array(scenario.room_size)
+    size = np.array([rng.uniform(*bounds) for bounds in (scenario.box_width, scenario.box_height, scenario.box_width)])
+    size = np.minimum(size, 2.0 * half)
+    low = rng.uniform(-half, half - size)
+    if rng.random() < 0.5:
+        axis, side = 2 * int(rng.integers(2)), int(rng.integers(2))
+        low[axis] = (-half[axis], half[axis] - size[axis])[side]
+    low[1] = -half[1]
+    return np.stack((low, low + size))
+
+
+def _stands_well(box: np.ndarray, boxes: list[np.ndarray], scenario: Scenario) -> bool:
+    """Whether a passage is left between a ``box`` and each of the ``boxes``, and each wall that it does not touch."""
+    half, plan = 0.5 * np.array(scenario.room_size), [0, 2]
+    gaps = np.concatenate((box[0] + half, half - box[1]))[[0, 2, 3, 5]]
+    if not ((gaps == 0.0) | (gaps >= PASSAGE)).all():
+        return False
+    return all(np.maximum(other[0] - box[1], box[0] - other[1])[plan].max() >= PASSAGE for other in boxes)
+
+
+# What is free -------------------------------------------------------------------------------------------------------
+
+
+def inside_any(points: np.ndarray, boxes: np.ndarray, margin: float = 0.0) -> np.ndarray:
+    """(n,) bool: which of ``points`` (n, 3) are in one of the ``boxes`` (B, 2, 3) grown by ``margin`` [m]."""
+    p = points[:, None]
+    inside = ((p > boxes[:, 0] - margin) & (p < boxes[:, 1] + margin)).all(axis=2)
+    return np.logical_or.reduce(inside, axis=1)
+
+
+def first_hits(boxes: np.ndarray, half: np.ndarray, p: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """(n,) how far along each of ``ways`` (n, 3) from ``p`` (3,) the first box or wall of the room is, in ways."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out = (np.where(ways > 0.0, half, -half) - p) / ways
+        walls = np.where(ways == 0.0, np.inf, out).min(axis=1)
+        ends = (boxes[None] - p) / ways[:, None, None]  # (n, B, 2, 3)
+    if not len(boxes):
+        return walls
+    near, far = ends.min(axis=2).max(axis=2), ends.max(axis=2).min(axis=2)
+    return np.minimum(walls, np.where((near < far) & (near > 0.0), near, np.inf).min(axis=1))
+
+
+def reachable(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: float) -> bool:
+    """Whether a camera at ``place`` (>= 3,) can go nearly everywhere that is free at its height, in plan."""
+    from scipy.ndimage import label
+
+    half, y = 0.5 * np.array(scenario.room_size), place[1]
+    x, z = (np.arange(-h + margin, h - margin, _CELL) + 0.5 * _CELL for h in (half[0], half[2]))
+    cells = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+    free = ~inside_any(cells, boxes, margin)
+    parts, _ = label(free.reshape(len(x), len(z)))
+    own = parts[np.abs(x - place[0]).argmin(), np.abs(z - place[2]).argmin()]
+    return bool(own and (parts == own).sum() >= _REACHED_SHARE * free.sum())
+
+
+# Points on surfaces -------------------------------------------------------------------------------------------------
+
+
+def surface_points(
+    scenario: Scenario, boxes: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """``count`` points (count, 3) [m], uniform on what shows of the walls and of the boxes, and their unit normals.
+
+    Floor and ceiling have none, nor has the top of a box.
+    """
+    half = 0.5 * np.array(scenario.room_size)
+    room = np.stack((-half, half))
+    faces = [(room, axis, side, -1.0) for axis in (0, 2) for side in (0, 1)]
+    faces += [(box, axis, side, 1.0) for box in boxes for axis in (0, 2) for side in (0, 1)]
+    areas = np.array([(box[1, 1] - box[0, 1]) * (box[1, 2 - axis] - box[0, 2 - axis]) for box, axis, _, _ in faces])
+    points, normals = np.empty((0, 3)), np.empty((0, 3))
+    while len(points) < count:
+        chosen = [faces[k] for k in rng.choice(len(faces), count, p=areas / areas.sum())]
+        drawn, outward = np.array([box[0] + rng.random(3) * (box[1] - box[0]) for box, _, _, _ in chosen]), []
+        for point, (box, axis, side, sign) in zip(drawn, chosen, strict=True):
+            point[axis] = box[side, axis]
+            outward.append(np.eye(3)[axis] * sign * (1.0 if side else -1.0))
+        before = drawn + 0.02 * np.array(outward)
+        shows = ~inside_any(before, boxes) & (np.abs(before) < half).all(axis=1)
+        points, normals = np.concatenate((points, drawn[shows])), np.concatenate((normals, np.array(outward)[shows]))
+    return points[:count], normals[:count]

@@ -1,0 +1,260 @@
+"""Places in which looking around blindly fails: how they are drawn, what hides and stops, and what is told of it."""
+
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import activeslam_gym
+from activeslam_gym import SCENARIOS, Motion, Scenario
+from activeslam_gym.camera import View, camera_of, free_way, hidden, visible
+from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, SURFACES, benchmark_seed
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import row
+from activeslam_gym.motion import motion_of
+from activeslam_gym.world import simulator
+from activeslam_gym.world.furniture import first_hits, inside_any, reachable
+from activeslam_gym.world.room import Room, draw_room, varied
+
+PLACES = ("office", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
+BOX = np.array([[[1.0, -1.0, -0.5], [2.0, 1.0, 0.5]]])
+
+
+def drawn(name: str, seed: int) -> tuple[Scenario, Room]:
+    rng = np.random.default_rng(seed)
+    scenario = varied(SCENARIOS[name], rng)
+    return scenario, draw_room(scenario, rng)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_rooms_are_sound(name: str, rooms: int = 25) -> None:
+    """Nothing in a box, the fiducials in view, and everything within reach. (A thousand: `pytest -m slow`.)"""
+    for seed in range(rooms):
+        scenario, room = drawn(name, seed)
+        half, camera = 0.5 * np.array(scenario.room_size), camera_of(scenario)
+        points = np.concatenate((room.fiducials, room.landmarks))
+        assert points.shape == (scenario.fiducial_count + scenario.landmark_count, 3)
+        assert (np.abs(points) <= half + 1e-9).all() and (np.abs(room.camera[:3]) < half - scenario.wall_margin).all()
+        assert not inside_any(points, room.boxes, -1e-6).any()
+        assert not inside_any(room.camera[None, :3], room.boxes, scenario.wall_margin).any()
+        view, z = View(camera, room.camera, rotation_matrix(room.camera[3:7]), room.boxes), np.empty(2)
+        assert all(visible(view, y, 0.0, z) for y in room.fiducials)
+        assert reachable(scenario, room.boxes, room.place, scenario.wall_margin)
+        assert (
+            len(room.boxes) <= scenario.box_capacity and len(room.normals) == len(room.landmarks) * scenario.on_surfaces
+        )
+        for normal, y in zip(room.normals, room.landmarks):
+            assert not hidden(room.boxes, y + 0.05 * normal, y) and (np.abs(y + 0.01 * normal) < half).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLACES)
+def test_a_thousand_rooms_are_sound(name: str) -> None:
+    test_rooms_are_sound(name, 1000)
+
+
+def test_every_room_has_its_own_seeds() -> None:
+    firsts = [benchmark_seed(name, validation) for name in ("paper", *PLACES) for validation in (False, True)]
+    assert len(set(firsts)) == len(firsts) and min(np.diff(sorted(firsts))) >= 500_000
+    assert benchmark_seed("paper") == benchmark_seed("hall") == 1_000_000 and max(firsts) + 500_000 < 2**32
+
+
+def test_the_paper_draws_nothing_that_it_did_not_draw_before() -> None:
+    rng, again = np.random.default_rng(7), np.random.default_rng(7)
+    assert varied(SCENARIOS["paper"], rng) is SCENARIOS["paper"]
+    room = draw_room(SCENARIOS["paper"], rng)
+    again.standard_normal(12)  # the start
+    np.testing.assert_array_equal(room.landmarks, (again.random((27, 3)) - 0.5) * (6.0, 2.0, 6.0))
+    again.random((6, 2)), again.random(6)  # the fiducials: image, depth
+    assert rng.random() == again.random()
+
+
+def test_landmarks_are_on_surfaces_by_area_and_in_clusters_they_are_near_each_other() -> None:
+    scenario = Scenario(
+        room_size=(6.0, 2.0, 6.0),
+        landmark_count=600,
+        landmark_layout=SURFACES,
+        boxes=(((-0.5, -1.0, 1.5), (0.5, 1.0, 2.5)),),
+    )
+    room = draw_room(scenario, np.random.default_rng(0))
+    on_wall = (np.abs(np.abs(room.landmarks[:, [0, 2]]) - 3.0) < 1e-9).any(axis=1)
+    assert on_wall.mean() == pytest.approx(48.0 / 56.0, abs=0.05) and not on_wall.all()
+    clusters = Scenario(landmark_count=200, landmark_layout=CLUSTERS, cluster_count=3, cluster_std=0.05)
+    points = draw_room(clusters, np.random.default_rng(1)).landmarks
+    near = np.linalg.norm(points[:, None] - points[None], axis=2) < 0.6
+    assert len(np.unique(near, axis=0)) <= 3 and near.sum(axis=1).min() > 20
+
+
+def test_starts_are_where_they_should_be() -> None:
+    corners, headings = set(), set()
+    for seed in range(60):
+        room = draw_room(Scenario(start=CORNER), np.random.default_rng(seed))
+        forward = rotation_matrix(room.place[3:])[:, 2]
+        assert np.abs(room.place[[0, 2]]) == pytest.approx([2.0, 2.0]) and forward[1] == pytest.approx(0.0)
+        assert (room.place[:3] @ forward) == pytest.approx(-2.0), "it looks along a wall, away from the corner"
+        corners.add(tuple(np.sign(room.place[[0, 2]])))
+        headings.add(tuple(np.round(forward)))
+    assert len(corners) == len(headings) == 4
+    places = np.array([draw_room(Scenario(start=ANYWHERE), np.random.default_rng(s)).place for s in range(40)])
+    assert (places[:, [0, 2]].std(axis=0) > 0.8).all() and np.ptp(places[:, 3]) > 0.5
+
+
+def test_varied_fields_are_drawn_within_their_bounds_and_reach_the_run() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
+    core, sizes, noises = env.unwrapped, [], []
+    for seed in range(6):
+        env.reset(seed=seed)
+        models = core._runs.models[0]
+        sizes.append(2.0 * models.motion.half)
+        noises.append(float(models.camera.pixel_std))
+        np.testing.assert_allclose(models.landmark_var, sizes[-1] ** 2 / 12.0)
+        np.testing.assert_allclose(core._runs.candidate["R"][0, 0], noises[-1] ** 2 * np.eye(2))
+        assert np.abs(core.truth.landmarks).max(axis=0) == pytest.approx(sizes[-1] / 2, abs=0.6)
+    assert len(set(noises)) == 6 and 1.0 <= min(noises) < max(noises) <= 4.0
+    assert (np.array(sizes) >= (4.0, 2.0, 4.0)).all() and (np.array(sizes) <= (9.0, 3.0, 9.0)).all()
+    again = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
+    again.reset(seed=5)
+    np.testing.assert_array_equal(again.unwrapped.truth.landmarks, core.truth.landmarks)
+    with pytest.raises(ValueError, match=r"varied must be triples \(field, least, greatest\), of the fields room_size"):
+        Scenario(varied=(("landmark_count", 3, 5),))
+    with pytest.raises(ValueError, match="pixel_std must be a positive number"):
+        Scenario(varied=(("pixel_std", -1.0, 5.0),))
+
+
+def test_a_room_that_is_too_full_is_refused_in_words() -> None:
+    full = Scenario(name="full", boxes=(((-2.9, -1.0, -2.9), (2.9, 1.0, 2.9)),))
+    with pytest.raises(RuntimeError, match="'full': no room was found"):
+        draw_room(full, np.random.default_rng(0))
+
+
+# What hides and what stops ------------------------------------------------------------------------------------------
+
+
+def world_with(boxes: np.ndarray, camera: np.ndarray, scenario: Scenario) -> simulator.World:
+    scenario = replace(scenario, boxes=tuple(tuple(map(tuple, box)) for box in boxes.tolist()))
+    world = row(simulator.empty_worlds(scenario, 1), 0)
+    none = np.zeros((0, 3))
+    room = Room(camera[:7], camera, np.zeros((6, 3)), np.zeros((27, 3)), none, boxes)
+    simulator.put_room(world, room)
+    return world
+
+
+def camera_at(*position: float) -> np.ndarray:
+    return np.array([*position, 1.0, 0.0, 0.0, 0.0, *[0.0] * 6])
+
+
+def test_a_box_stops_the_camera_and_only_into_it() -> None:
+    calm = Scenario(boxes=(tuple(map(tuple, BOX[0].tolist())),), acceleration_std=0.0, angular_acceleration_std=0.0)
+    motion = motion_of(calm, 1.0)
+    world = world_with(BOX, camera_at(0.89, 0.0, 0.0), calm)
+    world.state.camera[7:10] = 0.4, 0.1, 0.0
+    assert simulator.move(motion, world, np.zeros(6), 0) == 1
+    np.testing.assert_allclose(world.state.camera[:3], [0.9, 0.005, 0.0])
+    np.testing.assert_allclose(world.state.camera[7:10], [0.0, 0.1, 0.0])
+    assert simulator.move(motion, world, np.zeros(6), 1) == 0
+    world.state.camera[7] = -0.4
+    assert simulator.move(motion, world, np.zeros(6), 2) == 0 and world.state.camera[7] == -0.4
+
+
+def test_no_way_leads_into_a_box() -> None:
+    """Cameras that are pushed about at random never end up inside, and never leave the room."""
+    scenario, room = drawn("office", 3)
+    wild = replace(scenario, acceleration_std=30.0, angular_acceleration_std=1.0)
+    motion, world = motion_of(wild, 1.0), row(simulator.empty_worlds(scenario, 1), 0)
+    simulator.put_room(world, room)
+    touched = 0
+    for frame in range(1500):
+        touched += simulator.move(motion, world, np.zeros(6), frame)
+        world.state.camera[7:10] *= 0.7
+        p = world.state.camera[None, :3]
+        assert not inside_any(p, room.boxes, scenario.wall_margin - 1e-9).any()
+        assert (np.abs(p) <= motion.half - scenario.wall_margin + 1e-12).all()
+    assert touched > 20
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_free_way_ends_where_a_walk_along_it_enters_a_box(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes, margin = np.sort(rng.uniform(-2.0, 2.0, (3, 2, 3)), axis=1), 0.1
+    for _ in range(60):
+        p, way = rng.uniform(-3.0, 3.0, 3), rng.uniform(-3.0, 3.0, 3)
+        if inside_any(p[None], boxes, margin)[0]:
+            continue
+        walk = p + np.linspace(0.0, 1.0, 20001)[:, None] * way
+        entered = np.flatnonzero(inside_any(walk, boxes, margin))
+        expected = entered[0] / 20000 if len(entered) else 1.0
+        assert free_way(boxes, margin, p, way) == pytest.approx(expected, abs=2e-4)
+    assert free_way(BOX, 0.1, np.array([0.95, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])) == 0.0
+    assert free_way(BOX, 0.1, np.array([0.95, 0.0, 0.0]), np.array([-1.0, 0.2, 0.0])) == 1.0
+
+
+def test_rays_hit_the_first_box_or_wall() -> None:
+    hits = first_hits(BOX, np.array([3.0, 1.0, 3.0]), np.zeros(3), np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 0.5, 0]]))
+    np.testing.assert_allclose(hits, [1.0, 3.0, 2.0])
+
+
+def test_a_surface_is_seen_from_its_front_alone_and_not_too_aslant() -> None:
+    y, normal = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, -1.0])
+    for degrees, seen in ((0.0, True), (60.0, True), (74.0, True), (76.0, False), (120.0, False)):
+        angle = np.radians(degrees)
+        p = y - 2.0 * np.array([np.sin(angle), 0.0, np.cos(angle)])
+        assert simulator.faces(normal, y, p, np.cos(np.radians(75.0))) == seen
+
+
+def started(**fields):
+    scenario = {"boxes": (((-1.0, -1.0, 1.0), (1.0, 1.0, 1.5)),), **fields}
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, motion_period=1.0)
+    env.reset(seed=2)
+    return env
+
+
+def test_what_is_too_far_is_not_detected_and_its_absence_tells_nothing() -> None:
+    near, far = (gym.make("ActiveSLAM-v0", scenario={"maximum_distance": d}, gaze_period=0.25) for d in (2.0, None))
+    for env in (near, far):
+        env.reset(seed=4)
+        env.step((Motion.STAY, 2))
+    seen, all_seen = near.unwrapped.labels.detected, far.unwrapped.labels.detected
+    points = np.concatenate((near.unwrapped.truth.fiducials, near.unwrapped.truth.landmarks))
+    distance = np.linalg.norm(points - near.unwrapped.truth.position, axis=1)
+    assert set(seen) == {k for k in all_seen if distance[k] <= 2.0} and len(seen) < len(all_seen)
+
+
+def test_clearance_is_observed_where_there_are_boxes_and_nowhere_else() -> None:
+    env = started(start="centre")
+    layout, core = activeslam_gym.observation_layout(env), env.unwrapped
+    observation = core._runs.observation[0]
+    told = 3.0 * observation[layout.global_slices["clearance"]]
+    x, y, z = core.truth.position
+    assert told[Motion.FORWARD] == pytest.approx(1.0 - 0.1 - z, abs=0.02)
+    assert told[Motion.UP] == pytest.approx(0.9 - y, abs=0.03) and told[Motion.STAY] == min(told[:-1])
+    assert told[Motion.LEFT] == pytest.approx(2.9 - x, abs=0.1)
+    plain = activeslam_gym.observation_layout(gym.make("ActiveSLAM-v0"))
+    assert "clearance" not in plain.global_slices and layout.size == plain.size + 7
+    assert layout.tokens.start == 39 and layout.tokens.stop == layout.size
+
+
+def test_a_goal_ends_short_of_a_box_and_the_planner_knows_it() -> None:
+    """Whether the belief knows the boxes or not: the range finder does."""
+    for known in (False, True):
+        env = started(boxes_known=known, acceleration_std=0.01, angular_acceleration_std=0.01)
+        core = env.unwrapped
+        for _ in range(16):
+            _, _, _, _, info = env.step((Motion.FORWARD, 2))
+        assert info["events"]["wall_contacts"] == 0
+        assert core.truth.position[2] == pytest.approx(0.6, abs=0.12), "0.4 m before the box"
+        scores = core.motion_scores()
+        assert scores[Motion.FORWARD] == pytest.approx(scores[Motion.STAY], abs=2.0)
+
+
+def test_a_sensed_contact_makes_the_velocity_uncertain() -> None:
+    deviations = {}
+    for std in (0.0, 0.15):
+        env = gym.make("ActiveSLAM-v0", scenario={"contact_std": std, "acceleration_std": 0.5}, gaze_period=0.05)
+        env.reset(seed=0)
+        run = env.unwrapped._run
+        run.world.state.camera[0], run.world.state.camera[7] = 2.9, 0.5
+        _, _, _, _, info = env.step((Motion.STAY, 2))
+        assert info["events"]["wall_contacts"] == 1
+        deviations[std] = float(np.sqrt(run.belief.covariance[6, 6]))
+    assert deviations[0.15] > 2.0 * deviations[0.0]

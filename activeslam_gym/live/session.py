@@ -10,7 +10,6 @@ from activeslam_gym.live.source import Source, habit_of, tell
 from activeslam_gym.live.state import LOST, OVER, TRACKING, UNSURE, WAITING, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd
-from activeslam_gym.vision.track import Track
 
 _FEW = 4
 """Fewer matches than that tell little of the pose."""
@@ -52,10 +51,10 @@ class Session:
         """Id of the feature that the user has marked, or 0."""
         self._frame, self._time, self._zero = 0, 0.0, 0.0
         self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
-        self._log: FrameLog | None = None
+        self.log: FrameLog | None = None
+        """Of the last image but the first."""
         self._good = 0.0
         self._known: set[int] = set()
-        self._past: list[tuple[float, np.ndarray, np.ndarray, FrameLog | None]] = []
 
     def restart(self) -> None:
         """Begin anew, with the source."""
@@ -82,7 +81,6 @@ class Session:
                 return self._state(WAITING, began, str(error))
         else:
             self._track()
-        self._past.append((self._time, *self._pose(), self._log))
         self._frame += 1
         return self._state(self._standing(), began)
 
@@ -96,9 +94,9 @@ class Session:
 
     def _track(self) -> None:
         assert self.front_end and self.knowledge and self.adviser
-        self._log = self.front_end.step(self._image, self._time)
+        self.log = self.front_end.step(self._image, self._time)
         self.knowledge.update()
-        if self._log.matched >= _FEW:
+        if self.log.matched >= _FEW:
             self._good = self._time
         if self._advises and self.adviser.consider():
             tell(self.source, self.adviser.command)
@@ -108,18 +106,12 @@ class Session:
         vague = np.diag(self.front_end.filter.belief.covariance)[:3].max() > _VAGUE**2
         if self._time - self._good > _PATIENCE or vague:
             return LOST
-        return TRACKING if self._log is None or self._log.matched >= 2 * _FEW else UNSURE
+        return TRACKING if self.log is None or self.log.matched >= 2 * _FEW else UNSURE
 
     # What is known ----------------------------------------------------------------------------------------------------
 
-    def _pose(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean (13,) of the camera, and covariance (6, 6) of its pose."""
-        assert self.front_end
-        belief = self.front_end.filter.belief
-        return belief.state.camera.copy(), belief.covariance[:6, :6].copy()
-
     def _state(self, standing: str, began: float, why: str = "") -> State:
-        log, person, adviser = self._log, self.source.person, self.adviser
+        log, person, adviser = self.log, self.source.person, self.adviser
         matched, searched = (log.matched, log.searched) if log else (0, 0)
         shared = {
             "frame": self._frame,
@@ -161,14 +153,6 @@ class Session:
             "outcomes": searched.outcome,
             "log2_dets": self.knowledge.log2_dets(P),
         }
-
-    def so_far(self) -> Track | None:
-        """What was tracked until now, as `track` writes it; None before the target was seen."""
-        if self.front_end is None or not self._past:
-            return None
-        times, cameras, covariances, logs = zip(*self._past)
-        kept = [log for log in logs if log is not None]
-        return Track(np.array(times), np.array(cameras), np.array(covariances), kept, self.front_end.filter, None)
 
 
 def _nothing() -> dict[str, np.ndarray]:

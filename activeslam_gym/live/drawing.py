@@ -130,6 +130,59 @@ def bars(heading: str, values: np.ndarray, best: int | None, digits: int, unit: 
     return f'{title(heading, unit)}<div style="{grid}">{"".join(rows)}</div>'
 
 
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 320, 190, 44, 18
+"""Of the curves [px], with room for the numbers beside and under them."""
+_CURVES = {"camera": VERMILLION, "map": SKY, "total": BLUE}
+_POINTS = 240
+"""Of a curve, at most."""
+
+
+def curves(rows: np.ndarray) -> str:
+    """Entropies over time (k, 5), see `History.curves`, as SVG; a dot on the total where a landmark is new."""
+    names = "".join(f'<span style="color:{colour}">━</span> {name} &nbsp;' for name, colour in _CURVES.items())
+    above = title("Entropy, log₂ |P|", "the lower, the more is known")
+    below = f'<div style="font-size:12px">{names}<span style="color:{ORANGE}">●</span> new landmark</div>'
+    rows = rows[np.isfinite(rows).all(1)]
+    if len(rows) < 2:
+        return above + below
+    x, y = _scale(rows[:, 0], _LEFT, _WIDTH - 6), _scale(rows[:, 1:4], _HEIGHT - _BOTTOM, 8)
+    parts = [_tick(x(value), None, f"{value:g} s") for value in _ticks(rows[:, 0])]
+    parts += [_tick(None, y(value), f"{value:g}") for value in _ticks(rows[:, 1:4])]
+    few = rows[:: -(-len(rows) // _POINTS)]
+    for k, colour in enumerate(_CURVES.values(), 1):
+        line = " ".join(f"{x(row[0]):.1f},{y(row[k]):.1f}" for row in few)
+        parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.8"/>')
+    for row in rows[rows[:, 4] > 0.0]:
+        parts.append(f'<circle cx="{x(row[0]):.1f}" cy="{y(row[3]):.1f}" r="2.6" fill="{ORANGE}"/>')
+    return f'{above}<svg id="curves" width="100%" viewBox="0 0 {_WIDTH} {_HEIGHT}">{"".join(parts)}</svg>{below}'
+
+
+def _scale(values: np.ndarray, low: float, high: float) -> Any:
+    """From values to pixels, so that all lie between ``low`` and ``high``."""
+    least, most = float(values.min()), float(values.max())
+    return lambda value: low + (high - low) * (value - least) / max(most - least, 1e-9)
+
+
+def _ticks(values: np.ndarray) -> list[float]:
+    """A few round numbers within the values."""
+    least, most = float(values.min()), float(values.max())
+    rough = max(most - least, 1e-9) / 4.0
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
+    first = math.ceil(least / step)
+    return [k * step for k in range(first, math.floor(most / step) + 1)]
+
+
+def _tick(x: float | None, y: float | None, text: str) -> str:
+    """A grid line with its number: upright at ``x``, or level at ``y``."""
+    line, size = 'stroke="#8884" stroke-width="1"', 'font-size="10" fill="currentColor"'
+    if x is not None:
+        ends = f'x1="{x:.1f}" y1="4" x2="{x:.1f}" y2="{_HEIGHT - _BOTTOM}"'
+        return f'<line {ends} {line}/><text x="{x:.1f}" y="{_HEIGHT - 5}" text-anchor="middle" {size}>{text}</text>'
+    ends = f'x1="{_LEFT}" y1="{y:.1f}" x2="{_WIDTH}" y2="{y:.1f}"'
+    return f'<line {ends} {line}/><text x="{_LEFT - 4}" y="{y + 3.5:.1f}" text-anchor="end" {size}>{text}</text>'
+
+
 def counts(state: State) -> str:
     """Numbers of the moment."""
     found = int((state.outcomes == MATCHED).sum())

@@ -8,6 +8,10 @@ _MOST = 1200
 """Moments kept; when there are more, every second one of the old is dropped."""
 
 
+_FIRST = 3
+"""Images in which a start that was only guessed is corrected: that is no motion."""
+
+
 class History:
     """Entropies over time with the moments of new landmarks, and the way that the camera went."""
 
@@ -27,7 +31,8 @@ class History:
         new = state.landmarks > self._landmarks
         self._landmarks = state.landmarks
         self._rows.append((state.time, *state.log2_dets, float(new)))
-        self._way.append(state.camera[:3])
+        if state.frame > _FIRST:
+            self._way.append(state.camera[:3])
         if len(self._rows) > _MOST:
             self._thin()
 
@@ -35,13 +40,12 @@ class History:
         """Keep every second moment, and of each pair whether there was a new landmark."""
         pairs = [self._rows[k : k + 2] for k in range(0, len(self._rows), 2)]
         self._rows = [(*pair[-1][:4], max(row[4] for row in pair)) for pair in pairs]
-        self._way = [self._way[min(k + 1, len(self._way) - 1)] for k in range(0, len(self._way), 2)]
+        self._way = [*self._way[::2], self._way[-1]]
 
     @property
-    def curves(self) -> tuple[np.ndarray, ...]:
-        """Times [s], log2 |P| of camera, map and total, and the total where a landmark was new (NaN elsewhere)."""
-        rows = np.array(self._rows or [(0.0, np.nan, np.nan, np.nan, 0.0)])
-        return rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], np.where(rows[:, 4] > 0.0, rows[:, 3], np.nan)
+    def curves(self) -> np.ndarray:
+        """(k, 5) time [s], log2 |P| of camera, map and total, and whether a landmark was new: 1 or 0."""
+        return np.array(self._rows).reshape(-1, 5)
 
     @property
     def way(self) -> np.ndarray:

@@ -169,8 +169,6 @@ class Link:
 def _serve(link: Connection, about: About, host: str, port: int) -> None:
     """The page's process: says where it serves, and shows the newest state until the tracker is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the tracker's business
-    if hasattr(os, "nice"):
-        os.nice(5)
     try:
         from activeslam_gym.live.page import Page
 

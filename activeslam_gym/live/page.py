@@ -25,7 +25,7 @@ SIGMAS = 2.0
 """Of the ellipsoids in the map."""
 _ROOM_FOR = 64
 """Ellipsoids: more than there are features."""
-_LONGEST = 1.5
+_LONGEST = 0.6
 """An ellipsoid is drawn no longer than that to each side [m]: a new feature's depth is anything."""
 _NOWHERE = (0.0, -1e3, 0.0)
 _OFTEN, _SELDOM = 1.0 / 16.0, 0.5
@@ -74,7 +74,6 @@ class Page:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(400)
         self._add_guide(gui)
-        self._add_buttons(gui)
         self._add_knowledge(gui)
         self._add_map(self._server.scene)
 
@@ -90,7 +89,7 @@ class Page:
         self._standing = gui.add_html("")
         width, height = self._about.image_size
         self._view = gui.add_image(np.zeros((drawing.SCALE * height, drawing.SCALE * width, 3), np.uint8))
-        gui.add_html(drawing.legend())
+        self._set(gui.add_html(""), drawing.legend())
         self._why = gui.add_html("")
 
     def _add_buttons(self, gui: Any) -> None:
@@ -102,7 +101,7 @@ class Page:
         restart = gui.add_button("Restart", icon=icons.REFRESH)
         restart.on_click(lambda _: self._wish(RESTART, True))
         if self._about.person:
-            follow = gui.add_checkbox("The simulated person follows the advice", True)
+            follow = gui.add_checkbox("Follow the advice", True)
             follow.on_update(lambda event: self._wish(FOLLOW, follow.value) if event.client is not None else None)
             self._follow = follow
         if not self._about.replay:
@@ -117,23 +116,14 @@ class Page:
         panel = gui.add_panel()
         with panel.add_tab("What is known"):
             self._counts = gui.add_html("")
-            gui.add_html(drawing.title("Entropy, log₂ |P|", "less is better; ● a landmark is new"))
-            self._curves = gui.add_uplot(
-                self._history.curves,
-                (
-                    {"label": "s"},
-                    {"label": "camera", "stroke": VERMILLION, "width": 2},
-                    {"label": "map", "stroke": SKY, "width": 2},
-                    {"label": "total", "stroke": BLUE, "width": 2},
-                    {"label": "new", "stroke": ORANGE, "width": 0, "points": {"show": True, "size": 7, "fill": ORANGE}},
-                ),
-                scales={"x": {"time": False}},
-                axes=({"size": 28}, {"size": 52}),
-                height=230,
-            )
+            self._curves = gui.add_html("")
             self._commands = gui.add_html("")
         panel.dock_left()
         panel.set_width(330)
+        controls = gui.add_panel()
+        with controls.add_tab("Controls"):
+            self._add_buttons(gui)
+        controls.dock_below(panel)
 
     def _add_map(self, scene: Any) -> None:
         scene.set_up_direction("+y")
@@ -248,7 +238,7 @@ class Page:
         self._set(self._counts, drawing.counts(state))
         self._set(self._marked, drawing.mark(state))
         self._set(self._commands, drawing.bars("Advice so far", state.told, best, 0, "times"))
-        self._curves.data = self._history.curves
+        self._set(self._curves, drawing.curves(self._history.curves))
         way = self._history.way
         if len(way) > 1:
             self._way.points, self._way.visible = np.stack((way[:-1], way[1:]), axis=1).astype(np.float32), True
@@ -257,8 +247,9 @@ class Page:
 
     def _set(self, element: Any, content: str) -> None:
         """New content, unless it is what stands there."""
-        if element.content != content:
-            element.content = content
+        padded = f'<div style="padding:0 12px">{content}</div>'
+        if element.content != padded:
+            element.content = padded
 
     # Buttons ----------------------------------------------------------------------------------------------------------
 
@@ -333,7 +324,7 @@ def _axes(covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     squares, axes = np.linalg.eigh(covariances)
     axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a reflection
-    sizes = np.clip(SIGMAS * np.sqrt(np.maximum(squares, 0.0)), 0.008, _LONGEST)
+    sizes = np.clip(SIGMAS * np.sqrt(np.maximum(squares, 0.0)), 0.015, _LONGEST)
     return sizes, Rotation.from_matrix(axes).as_quat(scalar_first=True)
 
 

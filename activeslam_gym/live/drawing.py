@@ -205,9 +205,11 @@ def counts(state: State) -> str:
 
 
 def legend() -> str:
-    """What the colours of the ellipses mean."""
-    dots = "".join(f'<span style="color:{colour}">◯</span> {word} &nbsp; ' for colour, word in OUTCOMES.values())
-    return f'<div style="font-size:12px;opacity:.85;padding:0 2px">Searched here: {dots}</div>'
+    """What the colours in the view and in the map mean."""
+    rings = "".join(f'<span style="color:{colour}">◯</span> {word} &nbsp;' for colour, word in OUTCOMES.values())
+    balls = {BLUE: "well placed", SKY: "vague", ORANGE: "target", VERMILLION: "camera and its way"}
+    dots = "".join(f'<span style="color:{colour}">●</span> {word} &nbsp;' for colour, word in balls.items())
+    return f'<div style="font-size:12px;line-height:1.5">In the view: {rings}<br>In the map: {dots}</div>'
 
 
 def mark(state: State) -> str:

@@ -169,10 +169,16 @@ class Link:
 def _serve(link: Connection, about: About, host: str, port: int) -> None:
     """The page's process: says where it serves, and shows the newest state until the tracker is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the tracker's business
+    one_at_a_time = threading.Lock()
+
+    def wish(name: str, value: Any) -> None:
+        with one_at_a_time:
+            link.send((name, value))
+
     try:
         from activeslam_gym.live.page import Page
 
-        page = Page(about, host, port, lambda name, value: link.send((name, value)))
+        page = Page(about, host, port, wish)
     except (ImportError, OSError) as error:
         link.send(error)
         return

@@ -38,6 +38,12 @@ _WAYS = {Motion.FORWARD: (0, 0, 1), Motion.BACKWARDS: (0, 0, -1), Motion.RIGHT: 
 """Of the motions, in the filter's camera axes."""
 
 
+_ON_A_PHONE = """<style>@media (max-width: 576px) {
+.mantine-Paper-root[style*="60%"], .mantine-Paper-root[style*="60%"] div[style*="20em"] { width: 100% !important; }
+}</style>"""
+"""The sheet of words takes the whole width, of which viser's own leaves a third."""
+
+
 def viser() -> Any:
     """The module `viser`.
 
@@ -76,6 +82,9 @@ class Page:
         self._add_guide(gui)
         self._add_knowledge(gui)
         self._add_map(self._server.scene)
+        self._eye: np.ndarray | None = None
+        self._aim: np.ndarray | None = None
+        self._server.on_client_connect(self._place_viewer)
 
     def close(self) -> None:
         """Serve no more."""
@@ -85,6 +94,7 @@ class Page:
 
     def _add_guide(self, gui: Any) -> None:
         """Command, view and reasons."""
+        gui.add_html(_ON_A_PHONE)
         self._command = gui.add_html(f'<div style="font-size:20px">{escape(self._about.name)} …</div>')
         self._standing = gui.add_html("")
         width, height = self._about.image_size
@@ -219,12 +229,19 @@ class Page:
         if len(state.fiducials):
             scene.add_point_cloud("/target", state.fiducials.astype(np.float32), rgb(ORANGE), point_size=0.035,
                                   point_shape="circle")  # fmt: skip
-        eye = p + R_WC @ np.array((0.9, 0.9, -2.2))
-        self._server.initial_camera.position = eye
-        self._server.initial_camera.look_at = p + R_WC @ np.array((0.0, -0.1, 0.9))
+        self._eye, self._aim = p + R_WC @ np.array((0.8, 1.2, -2.8)), p + R_WC @ np.array((0.0, -0.1, 0.9))
+        self._server.initial_camera.position, self._server.initial_camera.look_at = self._eye, self._aim
         for client in self._server.get_clients().values():
-            client.camera.position = eye
-            client.camera.look_at = p + R_WC @ np.array((0.0, -0.1, 0.9))
+            self._place_viewer(client)
+
+    def _place_viewer(self, client: Any) -> None:
+        """Behind the start; on a phone farther away, and so that the map is above the sheet of words."""
+        if self._eye is not None and self._aim is not None:
+            upright = client.camera.aspect < 1.0
+            back, down = (1.5, 1.4) if upright else (1.0, 0.0)
+            aim = self._aim - (0.0, down, 0.0)
+            client.camera.position = self._aim + back * (self._eye - self._aim)
+            client.camera.look_at = aim
 
     def _show_reasons(self, state: State) -> None:
         """What changes slowly: the command, bars, curves, the way."""
@@ -324,7 +341,7 @@ def _axes(covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     squares, axes = np.linalg.eigh(covariances)
     axes[..., 0] *= np.sign(np.linalg.det(axes))[:, None]  # a rotation, not a reflection
-    sizes = np.clip(SIGMAS * np.sqrt(np.maximum(squares, 0.0)), 0.015, _LONGEST)
+    sizes = np.clip(SIGMAS * np.sqrt(np.maximum(squares, 0.0)), 0.02, _LONGEST)
     return sizes, Rotation.from_matrix(axes).as_quat(scalar_first=True)
 
 

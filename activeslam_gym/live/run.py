@@ -1,9 +1,11 @@
 """`python -m activeslam_gym live`: a session or a recording in real time, on a page, until it is told to end."""
 
+import sys
 import time
 from argparse import Namespace
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -73,9 +75,9 @@ class Live:
 
     def restart(self) -> None:
         """Begin anew; what was recorded is finished."""
+        self.close()
         self.session.restart()
         if self._folder is not None:
-            self.close()
             self._runs += 1
             self._recording = Recording(self._folder / str(self._runs), self.about)
 
@@ -125,8 +127,7 @@ class Replay:
         if state is None:
             if self._last is None:
                 raise ValueError(f"{self._folder} holds no state")
-            self._last.standing, self._last.words = OVER, "The recording is over. Restart to see it again."
-            return self._last
+            return replace(self._last, standing=OVER, words="The recording is over. Restart to see it again.")
         self._last = state
         return state
 
@@ -199,9 +200,12 @@ def _welcome(address: str, host: str) -> str:
 def _run(show: Live | Replay, link: Link, seconds: float | None) -> str | None:
     """Step after step; what ended it early, or None."""
     clock, end = Clock(1.0 / show.about.rate, show.paced), time.monotonic() + (seconds or float("inf"))
-    paused = over = False
+    paused = over = alone = False
     try:
         while time.monotonic() < end:
+            if not link.alive and not alone:
+                alone = True
+                print("The page has broken down; tracking goes on. Ctrl-C ends.", file=sys.stderr, flush=True)
             one = False
             for name, value in link.wishes():
                 if name == PAUSE:

@@ -106,7 +106,8 @@ class Session:
         vague = np.diag(self.front_end.filter.belief.covariance)[:3].max() > _VAGUE**2
         if self._time - self._good > _PATIENCE or vague:
             return LOST
-        return TRACKING if self.log is None or self.log.matched >= 2 * _FEW else UNSURE
+        log = self.log
+        return TRACKING if log is None or log.matched >= max(_FEW, log.searched / 2) else UNSURE
 
     # What is known ----------------------------------------------------------------------------------------------------
 

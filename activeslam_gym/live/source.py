@@ -1,5 +1,6 @@
 """Where images come from: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -33,8 +34,8 @@ ROOM = replace(
     scripted_gaze_amplitude=0.0,  # the gaze is the user's, and nobody knows it
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
-DESK: dict[str, Any] = {"room_size": (3.0, 2.0, 3.0)}
-"""What is expected about the target of a real sequence [m], beside `track.HAND_HELD`."""
+_DESK = (3.0, 2.0, 3.0)
+"""Where landmarks are expected about the target of a real sequence [m]."""
 
 
 class Source(Protocol):
@@ -115,7 +116,11 @@ class Sequence:
         self.name = images
         self.paced = self.patient = images.startswith(CAMERA)
         self._calibration, self.target, self._rate = read_calibration(calibration), read_target(target), rate
-        self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **DESK)
+        if not 0.0 < rate < math.inf:
+            raise ValueError(f"--rate must be a positive number of images a second, got {rate!r}")
+        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}  # of no use here
+        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}
+        self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **self._fields)
         self._images: Iterator[Frame] | None = None
         self.restart()
 
@@ -131,7 +136,7 @@ class Sequence:
         return frame
 
     def start(self, image: np.ndarray) -> FrontEnd:
-        return start(image, self._calibration, self.target, self._rate, scenario_fields=DESK)
+        return start(image, self._calibration, self.target, self._rate, scenario_fields=self._fields)
 
 
 def habit_of(source: Source) -> bool | None:

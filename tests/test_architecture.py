@@ -36,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "envs": MATHEMATICS | {"threads", "metrics", "world", "slam", "information", "rendering", "vision"},
     "vision": MATHEMATICS | {"files", "slam", "world.noise"},  # beside envs; of the world the counted noise alone
     "play": {"motion", "rendering"},
-    "live": MATHEMATICS | {"files", "slam", "information", "vision", "envs.active_slam_pixels"},  # of envs, settings
+    "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision", "envs.active_slam_pixels"},
     "__main__": {"play", "vision", "live"},
     "__init__": {"config", "motion", "envs"},
 }
@@ -56,7 +56,7 @@ NEVER: dict[str, set[str]] = {
 }
 """Exceptions from ``FLOORS``: a policy reads observations and beliefs, never the truth."""
 
-PUBLIC = {"config", "files", "geometry", "information", "metrics", "motion", "rendering", "envs.snapshot"}
+PUBLIC = {"config", "files", "geometry", "information", "metrics", "motion", "rendering", "envs.snapshot", "live.trial"}
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
 BEHIND: dict[str, set[str]] = {"agents.sb3_vec_env": {"envs.episode"}}

@@ -35,13 +35,16 @@ class Knowledge:
         filter = self._filter
         return prospect_of(filter.belief, self._expected, self._prior, filter.fiducials, filter.boxes)
 
+    def counting(self) -> np.ndarray:
+        """Positions, in the filter's order, of the features that count: each has retired an expected landmark."""
+        return np.flatnonzero(find_counting(self._expected, self._filter.belief))
+
     def log2_dets(self, covariance: np.ndarray) -> np.ndarray:
         """(3,) log2 |P| of camera (12), map (3 N) and total (12 + 3 N), of the joint ``covariance`` (12 + 3 n)^2.
 
         The paper's figure 5 (a). It mixes metres, radians and their rates. NaN where it is not positive definite.
         """
-        counting = np.flatnonzero(find_counting(self._expected, self._filter.belief))
-        rows = (CAMERA_DIM + 3 * counting[:, None] + np.arange(3)).ravel()
+        rows = (CAMERA_DIM + 3 * self.counting()[:, None] + np.arange(3)).ravel()
         rest = waiting_count(self._expected) * math.log2(np.prod(self._prior))
         both = np.concatenate((np.arange(CAMERA_DIM), rows))
         parts = (np.arange(CAMERA_DIM), 0.0), (rows, rest), (both, rest)

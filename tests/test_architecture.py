@@ -56,7 +56,7 @@ NEVER: dict[str, set[str]] = {
 }
 """Exceptions from ``FLOORS``: a policy reads observations and beliefs, never the truth."""
 
-PUBLIC = {"config", "files", "geometry", "information", "metrics", "motion", "rendering", "envs.snapshot", "live.trial"}
+PUBLIC = {"config", "files", "geometry", "information", "metrics", "motion", "rendering", "envs.snapshot", "live"}
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
 BEHIND: dict[str, set[str]] = {"agents.sb3_vec_env": {"envs.episode"}}

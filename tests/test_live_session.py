@@ -255,6 +255,21 @@ def test_a_recording_that_was_cut_off_is_shown_again(recorded: Any) -> None:
     assert show.about == replace(read_about(folder), replay=True)
 
 
+def test_a_recording_becomes_an_animation(recorded: Any, tmp_path: Path, capsys: Any) -> None:
+    pytest.importorskip("tyro", reason="the extra `compare` is not installed")
+    image = pytest.importorskip("PIL.Image", reason="the extra `plot` is not installed")
+    from agents.__main__ import main
+
+    clip = tmp_path / "clip.gif"
+    line = ["watch", "--recording", str(recorded[0]), "--every", "0.25", "--width", "200", "--save", str(clip)]
+    assert main(line) == 0
+    with image.open(clip) as animation:
+        assert animation.n_frames == 6 and animation.size == (200, 176)
+    assert main(["watch", "--recording", str(tmp_path), "--save", str(clip)]) == 2
+    assert main(["watch", "--recording", str(recorded[0])]) == 2
+    assert "holds no live recording" in capsys.readouterr().err
+
+
 def test_a_recording_has_a_trajectory_and_a_log(recorded: Any) -> None:
     folder, states = recorded
     poses = np.loadtxt(folder / "trajectory.tum")

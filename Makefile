@@ -8,7 +8,7 @@ RUN     := $(VENV)/bin/python
 PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
 POLICIES := ppo ppo-entropy random stay sweep orbit best-constant mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2
-CLIENTS := sb3 torchrl rllib cleanrl rerun
+CLIENTS := sb3 torchrl rllib cleanrl rerun live
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -97,12 +97,14 @@ PACKAGES_torchrl := --editable . $(TORCH) 'torchrl>=0.14'
 PACKAGES_rllib   := --editable . $(TORCH) 'ray[rllib]==2.60.0'
 PACKAGES_cleanrl := --editable . $(TORCH) 'gym==0.23.1' 'numpy<2' 'setuptools<81' tensorboard
 PACKAGES_rerun   := --editable '.[rerun]'
+PACKAGES_live    := --editable '.[live]' playwright # drives the system's own chromium; it downloads none
 
 TESTS_sb3     := tests/test_clients.py -k sb3
 TESTS_torchrl := tests/test_clients.py -k torchrl
 TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_recording.py
+TESTS_live    := tests/test_live_page.py tests/test_live_browser.py
 
 .venvs/%/.made: pyproject.toml
 	@echo "Installing what $* needs into .venvs/$* (once)"

@@ -1,8 +1,9 @@
-"""`python -m activeslam_gym play`, `track`, `ablate` and `calibrate`: the environment's own command line."""
+"""`python -m activeslam_gym play`, `live`, `track`, `ablate` and `calibrate`: the environment's own command line."""
 
 import argparse
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import gymnasium
 
@@ -14,7 +15,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(
         prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment."
     )
-    commands = top.add_subparsers(dest="command", required=True, metavar="play | track | ablate | calibrate")
+    commands = top.add_subparsers(dest="command", required=True, metavar="play | live | track | ablate | calibrate")
     flying = commands.add_parser(
         "play",
         help="fly the camera by hand",
@@ -26,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
     flying.add_argument("--scenario", default="paper", help="the scenario's name (default: %(default)s)")
     flying.add_argument("--gaze-period", type=float, default=0.25, help="time of a step [s] (default: %(default)s)")
     flying.add_argument("--speed", type=float, default=1.0, help="1 is true time (default: %(default)s)")
+    _add_live(commands)
     tracking = commands.add_parser(
         "track",
         help="track a real camera through images",
@@ -56,6 +58,36 @@ def parser() -> argparse.ArgumentParser:
     fitting.add_argument("--rows", type=int, required=True, help="rows of them")
     fitting.add_argument("--out", required=True, help="the JSON file to write")
     return top
+
+
+def _add_live(commands: Any) -> None:
+    """The page that tells where to move."""
+    showing = commands.add_parser(
+        "live",
+        help="a page that tells you, once a second, where to move the camera",
+        description="Serve a page that shows the map, the camera's view, and once a second the motion that would teach "
+        "the most. Without hardware, a simulated person in a rendered room follows it. Needs the extra `live`.",
+    )
+    showing.add_argument(
+        "--source",
+        default="rendered",
+        help="rendered, a folder, a pattern in quotes, a video, or camera:0 (default: %(default)s)",
+    )
+    showing.add_argument("--calibration", help="JSON file with the lens; of a source that is not rendered")
+    showing.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
+    showing.add_argument("--rate", type=float, default=30.0, help="its images a second (default: %(default)s)")
+    showing.add_argument("--seed", type=int, default=0, help="the rendered room (default: %(default)s)")
+    showing.add_argument(
+        "--follow",
+        default="always",
+        choices=("always", "never"),
+        help="whether the simulated person follows the advice, or moves at random (default: %(default)s)",
+    )
+    showing.add_argument("--host", default="127.0.0.1", help="where the page is served (default: %(default)s)")
+    showing.add_argument("--port", type=int, default=8080, help="0: any free one (default: %(default)s)")
+    showing.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
+    showing.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
+    showing.add_argument("--replay", metavar="DIR", help="show a recording again")
 
 
 def _add_sequence(command: argparse.ArgumentParser) -> None:
@@ -91,6 +123,15 @@ def _play(args: argparse.Namespace) -> int:
     return 0
 
 
+def _live(args: argparse.Namespace) -> int:
+    from activeslam_gym.live.run import live
+
+    trouble = live(args)
+    if args.record is not None:
+        print(f"Recorded in {args.record}")
+    return 0 if trouble is None else _said(args, f"ended early: {trouble}", 1)
+
+
 def _track(args: argparse.Namespace) -> int:
     from activeslam_gym.vision.track import summary, track
 
@@ -121,7 +162,7 @@ def _calibrate(args: argparse.Namespace) -> int:
     return 0
 
 
-_COMMANDS = {"play": _play, "track": _track, "ablate": _ablate, "calibrate": _calibrate}
+_COMMANDS = {"play": _play, "live": _live, "track": _track, "ablate": _ablate, "calibrate": _calibrate}
 
 
 def _said(args: argparse.Namespace, message: object, status: int) -> int:

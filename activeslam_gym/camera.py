@@ -104,7 +104,7 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     return in_reach(view, y, margin, z) and not too_far(view, y)
 
 
-@compiled
+@borrowing
 def in_reach(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     """`visible`, at any distance: what a filter asks, which knows the distance of ``y`` badly."""
     p_C = camera_point(view.R_WC, view.pose, y)

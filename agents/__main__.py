@@ -9,6 +9,7 @@ COMMANDS = {
     "compare": "agents.compare.command",
     "consistency": "agents.honesty.command",
     "generalise": "agents.compare.generalise",
+    "live": "agents.advising",
     "study": "agents.study.command",
     "train": "agents.train",
     "watch": "agents.watching.command",

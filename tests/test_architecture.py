@@ -36,7 +36,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "envs": MATHEMATICS | {"threads", "metrics", "world", "slam", "information", "rendering", "vision"},
     "vision": MATHEMATICS | {"files", "slam", "world.noise"},  # beside envs; of the world the counted noise alone
     "play": {"motion", "rendering"},
-    "__main__": {"play", "vision"},
+    "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision", "envs.active_slam_pixels"},
+    "__main__": {"play", "vision", "live"},
     "__init__": {"config", "motion", "envs"},
 }
 """What each module or subpackage of ``activeslam_gym`` may import of ours."""
@@ -65,13 +66,14 @@ PUBLIC = {
     "rendering",
     "envs.snapshot",
     "envs.imagination",
+    "live",
 }
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
 BEHIND: dict[str, set[str]] = {"agents.sb3_vec_env": {"envs.episode"}}
 """Exceptions from ``PUBLIC``: the batch for SB3, which takes `infos` apart."""
 
-SLOW_TO_IMPORT = {"torch", "matplotlib", "stable_baselines3", "scipy.stats", "cv2"}
+SLOW_TO_IMPORT = {"torch", "matplotlib", "stable_baselines3", "scipy.stats", "cv2", "viser"}
 """Imported inside the functions that use them, in ``activeslam_gym`` and ``baselines``."""
 
 RENDERING = "activeslam_gym.rendering"
@@ -225,6 +227,8 @@ VIOLATIONS = {
     "activeslam_gym.vision.opencv": "import cv2",
     "activeslam_gym.vision.sources": "def read(): import cv2",
     "activeslam_gym.vision.room.scene": "from activeslam_gym.world.room import Room",
+    "activeslam_gym.live.session": """from activeslam_gym.world.room import Room; import viser;
+        from activeslam_gym.envs.simulation import Run; import cv2""",
     "activeslam_gym.vision.frontend": "from activeslam_gym.envs.public import Reads",
     "baselines.greedy": """from agents.learn.encoder import Encoder; from activeslam_gym import world;
         import torch.nn as nn""",
@@ -260,6 +264,7 @@ ALLOWED = {
     "activeslam_gym.vision.opencv": "def opencv(): import cv2",
     "activeslam_gym.vision.room.sensor": "from activeslam_gym.world.noise import normals",
     "activeslam_gym.vision.frontend": "from activeslam_gym.slam.filter import Filter",
+    "activeslam_gym.live.page": "def serve(): import viser; from activeslam_gym.vision.opencv import opencv",
 }
 
 

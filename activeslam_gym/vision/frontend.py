@@ -109,6 +109,23 @@ class FrameLog(NamedTuple):
     """Of computation."""
 
 
+MISSED, MATCHED, DOUBTED = 0, 1, 2
+"""What became of a search: nothing like it was found; the filter believed it; the filter did not."""
+
+
+class Searched(NamedTuple):
+    """Where m things were searched in the last image, and what became of it."""
+
+    id: np.ndarray
+    """(m,)"""
+    pixel: np.ndarray
+    """(m, 2) as predicted [px]."""
+    covariance: np.ndarray
+    """(m, 2, 2) of that [px^2]."""
+    outcome: np.ndarray
+    """(m,) MISSED, MATCHED or DOUBTED."""
+
+
 class Looked(NamedTuple):
     """What a search gave, by ids."""
 
@@ -149,6 +166,7 @@ class FrontEnd:
         self._frame = 0
         self._time = 0.0
         self._found: list[np.ndarray] = []
+        self._searched: list[Searched] = []
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -178,13 +196,19 @@ class FrontEnd:
         """(M,) CANDIDATE: what was found in the last image, and what became of it; births at the end."""
         return np.concatenate(self._found)
 
+    @property
+    def searched(self) -> Searched:
+        """Where the last image was searched, and what became of it; nothing before the second image."""
+        none = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
+        return Searched(*map(np.concatenate, zip(none, *self._searched)))
+
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
         began = time.process_time()
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         self._frame += 1
-        self._found = [np.zeros(0, CANDIDATE)]
+        self._found, self._searched = [np.zeros(0, CANDIDATE)], []
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt)
         looked = self._look(grey)
@@ -249,6 +273,9 @@ class FrontEnd:
         matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
         candidates["match"] = matched
         self._found.append(candidates)
+        believed = np.isin(ids, matched[matched != REJECTED])
+        outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
+        self._searched.append(Searched(ids[tried].copy(), z_hat[tried], S[tried], outcome[tried]))
         return Looked(
             sight,
             ids[tried].tolist(),

@@ -183,9 +183,13 @@ def write_trajectory(path: Path, done: Track) -> None:
     """The camera's poses, one a line, in TUM's format; see the module."""
     with written_whole(path) as unfinished, unfinished.open("w") as file:
         for time, camera in zip(done.times, done.cameras):
-            w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
-            numbers = (*camera[:3], x, y, z, w)
-            file.write(f"{time:.6f} " + " ".join(f"{number:.7f}" for number in numbers) + "\n")
+            file.write(pose_line(time, camera))
+
+
+def pose_line(time: float, camera: np.ndarray) -> str:
+    """A line of a trajectory in TUM's format: the pose of ``camera`` (>= 7,) at ``time`` [s]; see the module."""
+    w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
+    return f"{time:.6f} " + " ".join(f"{number:.7f}" for number in (*camera[:3], x, y, z, w)) + "\n"
 
 
 def write_map(path: Path, filter: Filter) -> None:
@@ -204,5 +208,9 @@ def write_log(path: Path, logs: list[FrameLog]) -> None:
     with written_whole(path) as unfinished, unfinished.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(FrameLog._fields)
-        for log in logs:
-            writer.writerow((f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"))
+        writer.writerows(map(log_row, logs))
+
+
+def log_row(log: FrameLog) -> tuple[str | int, ...]:
+    """A row of frames.csv."""
+    return f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"

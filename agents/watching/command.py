@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from activeslam_gym.live.recording import read_about
 from agents.episode import Episode, outcome
 from agents.evaluate import Look
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
 from agents.tools.files import writable_file, writable_folder
 from agents.watching.film import SUFFIXES, Film, side_by_side, write_animation
+from agents.watching.replay import animate, log_rerun
 
 LONGEST = 60.0
 """Of a picture of the animation [s]."""
@@ -41,6 +43,8 @@ class Args:
     """Pixels of a policy's picture in the animation; it is two thirds as high."""
     rerun: Path | None = None
     """A recording for the Rerun viewer (.rrd); of several policies, one each, with its name."""
+    recording: Path | None = None
+    """Show a recording of `python -m activeslam_gym live` instead of a policy, with --save or --rerun."""
     tum: Path | None = None
     """A folder for the true and the estimated trajectories in TUM's format."""
 
@@ -53,7 +57,12 @@ class Args:
             raise ValueError(f"speed: {self.speed!r} shows a picture for more than {LONGEST:g} s; allowed: faster")
         if self.save is not None and self.save.suffix not in SUFFIXES:
             raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
-        check(self.policy, [self.environment])
+        if self.recording is not None:
+            if self.save is None and self.rerun is None:
+                raise ValueError("recording: give --save or --rerun too; `live --replay` shows it on a page")
+            read_about(self.recording)
+        else:
+            check(self.policy, [self.environment])
         for name in ("save", "rerun"):
             if path := getattr(self, name):
                 writable_file(name, path)
@@ -75,9 +84,19 @@ class Args:
 def main(args: Args) -> int:
     """Run the command; the exit status. Raises as `watch` does, and ValueError for a bad argument."""
     args.check()
-    for path in watch(args):
+    for path in watch(args) if args.recording is None else watch_recording(args.recording, args):
         print(f"Written to {path}")
     return 0
+
+
+def watch_recording(folder: Path, args: Args) -> Iterator[Path]:
+    """Yield the files of a live recording once they are written. Raises OSError or ValueError where it is damaged."""
+    if args.save:
+        animate(folder, args.save, args.every, args.speed, args.width)
+        yield args.save
+    if args.rerun:
+        log_rerun(folder, args.rerun)
+        yield args.rerun
 
 
 def watch(args: Args) -> Iterator[Path]:

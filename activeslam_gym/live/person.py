@@ -1,0 +1,106 @@
+"""A simulated person with a camera in the hand, who is told where to move, and looks about as people do."""
+
+import math
+
+import numpy as np
+
+from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_error
+from activeslam_gym.kernels import Record
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_SIZE,
+    MOTION_COUNT,
+    POSITION,
+    QUATERNION,
+    VELOCITY,
+    Motion,
+    goal_of,
+    minimum_jerk,
+    transition,
+)
+
+FOLLOW, NEVER, STILL = "always", "never", "still"
+"""What a person does: what is advised; whatever comes to mind; nothing, but for looking about."""
+HABITS = (FOLLOW, NEVER, STILL)
+_REACTION = 0.2
+"""Time from hearing a command to moving [s]."""
+_STIFFNESS = 6.0
+"""Natural frequency with which a hand goes where it is meant to [rad/s]; critically damped."""
+_LOOK, _LOOK_PERIOD = math.radians(30.0), 20.0
+"""The gaze wanders so far to either side [rad], in so much time [s]."""
+_SETTLING = 3.0
+"""At first a person looks at the target, and begins to look about in this time [s]."""
+_DISTANCE = 0.4
+"""A person keeps so far from boxes [m]."""
+
+
+class Person:
+    """Moves the true camera.
+
+    The hand is drawn along a smooth path of a second to where the person wants it, and held level, with a tremor:
+    accelerations of ``acceleration_std`` and ``angular_acceleration_std``, each frame anew. The goal of a command is in
+    axes of the true camera, clipped into the room and kept away from ``boxes`` (B, 2, 3) [m].
+    """
+
+    def __init__(self, motion: Record, start: np.ndarray, boxes: np.ndarray, habit: str, rng: np.random.Generator):
+        self.state = np.array(start, float)
+        """(13,) the true camera."""
+        self.habit = habit
+        self._motion, self._boxes, self._rng = motion, boxes, rng
+        self._from = self._to = self.state[POSITION].copy()
+        self._begun = -math.inf
+        self._time = 0.0
+        self._heard: list[tuple[float, Motion]] = []
+
+    def hear(self, command: Motion) -> None:
+        """A new command."""
+        random = Motion(int(self._rng.integers(MOTION_COUNT)))  # drawn always: the tremor does not depend on the habit
+        chosen = {FOLLOW: command, NEVER: random, STILL: Motion.STAY}[self.habit]
+        self._heard.append((self._time + _REACTION, chosen))
+
+    def move(self) -> np.ndarray:
+        """One frame: the true camera (13,) after it."""
+        motion, x = self._motion, self.state
+        dt = float(motion.dt)
+        if self._heard and self._time >= self._heard[0][0] - 1e-9:
+            self._set_out(self._heard.pop(0)[1])
+        noise = self._rng.standard_normal(6)
+        u = np.empty(6)
+        u[:3] = self._pull(x, dt) + motion.acceleration_std * noise[:3]
+        u[3:] = self._turn(x) + motion.angular_acceleration_std * noise[3:]
+        self.state = transition(x, u, dt)
+        self._time += dt
+        return self.state
+
+    def _set_out(self, command: Motion) -> None:
+        self._begun, self._from = self._time, self._to
+        here = np.concatenate((self._to, self.state[3:CAMERA_SIZE]))
+        goal = goal_of(self._motion, here, int(command))
+        free = [share for share in (1.0, 0.75, 0.5, 0.25) if self._is_free(self._to + share * (goal - self._to))]
+        self._to = self._to + (free[0] if free else 0.0) * (goal - self._to)
+
+    def _is_free(self, place: np.ndarray) -> bool:
+        gaps = np.maximum(np.maximum(self._boxes[:, 0] - place, place - self._boxes[:, 1]), 0.0)
+        return bool((np.linalg.norm(gaps, axis=1) > _DISTANCE).all())
+
+    def _pull(self, x: np.ndarray, dt: float) -> np.ndarray:
+        """Acceleration (3,) along a minimum-jerk path of a second."""
+        elapsed, period = self._time - self._begun, float(self._motion.period)
+        share, before, after = (minimum_jerk(min((elapsed + shift) / period, 1.0)) for shift in (0.0, -dt, dt))
+        way = self._to - self._from
+        place, speed = self._from + share * way, (share - before) / dt * way
+        push = (after - 2.0 * share + before) / dt**2 * way
+        return _STIFFNESS**2 * (place - x[POSITION]) + 2.0 * _STIFFNESS * (speed - x[VELOCITY]) + push
+
+    def _turn(self, x: np.ndarray) -> np.ndarray:
+        """Angular acceleration (3,) towards a level camera that looks where the person looks."""
+        pulse, ease = 2.0 * math.pi / _LOOK_PERIOD, minimum_jerk(self._time / _SETTLING)
+        yaw = ease * _LOOK * math.sin(pulse * self._time)
+        wanted = quaternion_product(quaternion_exp(np.array((0.0, yaw, 0.0))), _LEVEL)
+        rate = np.array((0.0, ease * _LOOK * pulse * math.cos(pulse * self._time), 0.0))
+        error = rotation_error(wanted, x[QUATERNION])
+        return _STIFFNESS**2 * error + 2.0 * _STIFFNESS * (rate - x[ANGULAR_VELOCITY])
+
+
+_LEVEL = np.array((1.0, 0.0, 0.0, 0.0))
+"""q_WC of a camera that looks straight at the target."""

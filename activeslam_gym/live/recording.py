@@ -1,0 +1,125 @@
+"""A live run on disk: written as it happens, so that whatever ends it loses nothing, and shown again.
+
+A folder with ``images/`` (PNG, by number), ``live.json`` (what it is of), ``states.jsonl`` (a state a line),
+``frames.csv`` and ``trajectory.tum`` as `track` writes them, growing, and ``map.csv``, written at the end and when
+asked.
+"""
+
+import csv
+import json
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from activeslam_gym.files import written_whole
+from activeslam_gym.live.link import About
+from activeslam_gym.live.state import OVER, WAITING, State, plain, state_of
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.frontend import FrameLog
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.track import log_row, pose_line, write_map
+
+ABOUT, STATES = "live.json", "states.jsonl"
+_FAST = 1
+"""PNG's compression: 0 … 9."""
+
+
+class Recording:
+    """Writes a run into ``folder``, which is made.
+
+    Raises:
+        OSError: it cannot be written to, or holds a recording already.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+
+    def __init__(self, folder: str | Path, about: About) -> None:
+        self.folder = Path(folder)
+        self._cv2 = opencv()
+        if (self.folder / STATES).exists():
+            raise OSError(f"{folder} holds a live recording already; choose another folder")
+        (self.folder / "images").mkdir(parents=True, exist_ok=True)
+        with written_whole(self.folder / ABOUT) as unfinished:
+            unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")
+        self._states = (self.folder / STATES).open("w")
+        self._poses = (self.folder / "trajectory.tum").open("w")
+        self._frames = (self.folder / "frames.csv").open("w", newline="")
+        self._rows = csv.writer(self._frames)
+        self._rows.writerow(FrameLog._fields)
+        self.count = 0
+        """Images kept."""
+
+    def add(self, state: State, log: FrameLog | None) -> None:
+        """Keep a state, its image, and the ``log`` of the image where it was searched.
+
+        Raises:
+            OSError: the disk is full, or gone.
+        """
+        if state.standing == OVER:
+            return
+        path = self.folder / "images" / f"{self.count:06d}.png"
+        if not self._cv2.imwrite(str(path), state.image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
+            raise OSError(f"{path} cannot be written")
+        self._states.write(json.dumps(plain(state)) + "\n")
+        if state.standing != WAITING:
+            self._poses.write(pose_line(state.time, state.camera))
+        if log is not None:
+            self._rows.writerow(log_row(log))
+        self.count += 1
+        for file in (self._states, self._poses, self._frames):
+            file.flush()
+
+    def save(self, filter: Filter | None) -> None:
+        """Write the map as it is."""
+        if filter is not None:
+            write_map(self.folder / "map.csv", filter)
+
+    def close(self, filter: Filter | None) -> None:
+        """Write the map and finish."""
+        self.save(filter)
+        for file in (self._states, self._poses, self._frames):
+            file.close()
+
+
+def read_about(folder: str | Path) -> About:
+    """What a recording is of.
+
+    Raises:
+        OSError: there is none.
+        ValueError: it is damaged.
+    """
+    path = Path(folder) / ABOUT
+    if not path.is_file():
+        raise FileNotFoundError(f"{folder} holds no live recording ({ABOUT} is missing)")
+    try:
+        values = json.loads(path.read_text())
+        sizes = {name: tuple(values[name]) for name in ("image_size", "room_size")}
+        return About(**{**values, **sizes, "replay": True, "recorded": False})
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(f"{path} is damaged ({error})") from None
+
+
+def read_states(folder: str | Path) -> Iterator[State]:
+    """The states of a recording, one by one. A last line that was cut off is left out.
+
+    Raises:
+        OSError: there is no recording.
+        ValueError: a line or an image is damaged.
+    """
+    cv2, home = opencv(), Path(folder)
+    with (home / STATES).open() as lines:
+        for k, line in enumerate(lines):
+            if not line.endswith("\n"):
+                return
+            path = home / "images" / f"{k:06d}.png"
+            image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            if image is None:
+                raise ValueError(f"{path} cannot be read as a picture")
+            yield state_of(_object(line, home / STATES, k), image)
+
+
+def _object(line: str, path: Path, k: int) -> dict[str, Any]:
+    try:
+        return json.loads(line)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"line {k + 1} of {path} is damaged ({error})") from None

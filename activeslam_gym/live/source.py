@@ -1,0 +1,150 @@
+"""Where images come from: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import SCENARIOS, Scenario
+from activeslam_gym.envs.active_slam_pixels import SIGHTED
+from activeslam_gym.live.advice import PERIOD
+from activeslam_gym.live.person import FOLLOW, Person
+from activeslam_gym.motion import CAMERA_SIZE, Motion, motion_of
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.calibration import read_calibration
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
+from activeslam_gym.vision.sources import CAMERA, Frame, open_images
+from activeslam_gym.vision.target import read_target
+from activeslam_gym.vision.track import HAND_HELD, start
+
+RENDERED = "rendered"
+"""What the source is called that needs no hardware."""
+
+ROOM = replace(
+    SCENARIOS["hand-held"],
+    name="live",
+    landmark_count=36,  # with the spare places, a map of 49: "fewer than 50"
+    fiducial_count=4,  # the corners of the target
+    pixel_std=SCENARIOS["pixels"].pixel_std,
+    scripted_gaze_amplitude=0.0,  # the gaze is the user's, and nobody knows it
+)
+"""The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
+_DESK = (3.0, 2.0, 3.0)
+"""Where landmarks are expected about the target of a real sequence [m]."""
+
+
+class Source(Protocol):
+    """Gives images, and the front end that begins with one of them."""
+
+    name: str
+    scenario: Scenario
+    paced: bool
+    """Whether images come at their own times."""
+    patient: bool
+    """Whether it is waited for an image that shows the target."""
+    person: Person | None
+    """Who holds the camera, where that is simulated."""
+
+    def restart(self) -> None:
+        """Begin anew.
+
+        Raises:
+            ValueError: there is nothing there.
+        """
+
+    def next(self) -> Frame | None:
+        """The next image, or None when there are no more.
+
+        Raises:
+            ValueError: it cannot be read.
+        """
+
+    def start(self, image: np.ndarray) -> FrontEnd:
+        """A front end that has seen ``image``, the first.
+
+        Raises:
+            ValueError: it does not show the target.
+        """
+
+
+class RenderedRoom:
+    """The room of ``seed``, seen by a simulated `Person` of that ``habit``."""
+
+    paced = patient = False
+
+    def __init__(self, seed: int, habit: str = FOLLOW, scenario: Scenario = ROOM) -> None:
+        self.name = f"rendered room {seed}"
+        self.scenario, self._seed, self._habit = scenario, seed, habit
+        self.restart()
+
+    def restart(self) -> None:
+        room, first, hand = np.random.SeedSequence(self._seed).spawn(3)
+        scenario, rng = self.scenario, np.random.default_rng(first)
+        self.camera = RoomCamera(scenario, camera_of(scenario), room)
+        state = np.zeros(CAMERA_SIZE)
+        state[3] = 1.0
+        state[:3] = np.array(scenario.position_std) * rng.standard_normal(3)
+        motion, habit = motion_of(scenario, PERIOD), self._habit if self.person is None else self.person.habit
+        self.person = Person(motion, state, self.camera.scene.boxes, habit, np.random.default_rng(hand))
+        self._frame = -1
+
+    person: Person | None = None
+
+    def next(self) -> Frame:
+        assert self.person is not None
+        self._frame += 1
+        state = self.person.move() if self._frame else self.person.state
+        return self._frame * self.scenario.frame_time, self.camera.photograph(state, self._frame)
+
+    def start(self, image: np.ndarray) -> FrontEnd:
+        front_end = FrontEnd(Filter(self.scenario, fiducials=self.camera.fiducials), SIGHTED)
+        introduce_target(front_end, self.scenario, self.camera.fiducials)
+        return front_end
+
+
+class Sequence:
+    """A recorded sequence at its own ``rate``, or a live camera: what `open_images` reads, before a known target."""
+
+    person = None
+
+    def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
+        self.name = images
+        self.paced = self.patient = images.startswith(CAMERA)
+        self._calibration, self.target, self._rate = read_calibration(calibration), read_target(target), rate
+        if not 0.0 < rate < math.inf:
+            raise ValueError(f"--rate must be a positive number of images a second, got {rate!r}")
+        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}  # of no use here
+        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}
+        self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **self._fields)
+        self._images: Iterator[Frame] | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        if self._images is None or not self.paced:
+            self._images = open_images(self.name, self._rate)
+
+    def next(self) -> Frame | None:
+        assert self._images is not None
+        frame = next(self._images, None)
+        if frame is not None:
+            self._calibration.check_image(frame[1])
+        return frame
+
+    def start(self, image: np.ndarray) -> FrontEnd:
+        return start(image, self._calibration, self.target, self._rate, scenario_fields=self._fields)
+
+
+def habit_of(source: Source) -> bool | None:
+    """Whether a simulated person follows; None where there is none."""
+    return None if source.person is None else source.person.habit == FOLLOW
+
+
+def tell(source: Source, command: Motion) -> None:
+    """Tell the simulated person, if there is one; a real one reads the page."""
+    if source.person is not None:
+        source.person.hear(command)

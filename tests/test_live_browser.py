@@ -1,0 +1,160 @@
+"""A real browser opens the live page, sees a map that grows, and presses every control (`make client-live`).
+
+It is the system's own chromium, headless, with GL in software: what is judged is the picture's pixels.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from .test_live_page import until
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+pytest.importorskip("viser", reason="the extra `live` is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")
+
+ROOT = Path(__file__).resolve().parents[1]
+SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
+    --disable-quic
+    --no-first-run --disable-background-networking --disable-component-update --disable-sync""".split()
+PATIENCE = 240.0
+"""Software GL on a busy machine is slow [s]."""
+VIEW = "img:not([src^='data:image/svg'])"
+"""The camera's view: the only picture but for icons."""
+DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+
+
+class Served(NamedTuple):
+    """A page that is being served."""
+
+    address: str
+    folder: Path
+
+    def states(self, run: str = ".") -> list[str]:
+        path = self.folder / run / "states.jsonl"
+        return path.read_text().splitlines() if path.exists() else []
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    folder = tmp_path_factory.mktemp("browser") / "run"
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--seconds", "3000", "--record", str(folder)]
+    process = subprocess.Popen(line, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        yield Served(said.split()[1], folder)
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=BROWSER, args=SWITCHES)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def visit(browser: Any, served: Served) -> Iterator[Callable[..., Any]]:
+    """Opens the page in a window of some size, once something stands on it."""
+    opened = []
+
+    def open_(size: dict[str, int], **how: Any) -> Any:
+        opened.append(browser.new_page(viewport=size, **how))
+        opened[-1].set_default_timeout(1e3 * PATIENCE)
+        opened[-1].goto(served.address)
+        opened[-1].wait_for_selector("#command")
+        return opened[-1]
+
+    yield open_
+    for page in opened:
+        page.close()
+
+
+def map_pixels(page: Any) -> np.ndarray:
+    """(h, w, 3) of the part of the window that shows the map alone."""
+    size = page.viewport_size
+    clip = {"x": 360, "y": 160, "width": size["width"] - 800, "height": size["height"] - 200}
+    shot = np.frombuffer(page.screenshot(clip=clip), np.uint8)
+    return cv2.cvtColor(cv2.imdecode(shot, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(int)
+
+
+def changed(before: np.ndarray, after: np.ndarray) -> float:
+    """Share of the pixels that are another colour."""
+    return float((np.abs(before - after).sum(axis=2) > 60).mean())
+
+
+def bluish(picture: np.ndarray) -> int:
+    """Pixels of features: bluer than red, by much."""
+    return int((picture[..., 2] - picture[..., 0] > 40).sum())
+
+
+def press(page: Any, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).first.click()
+
+
+def test_the_map_grows_and_the_view_is_live(visit: Any, served: Served) -> None:
+    page = visit(DESK)
+    first, view = map_pixels(page), page.locator(VIEW).get_attribute("src")
+    until(lambda: page.locator("#curves circle").count() >= 6, PATIENCE)
+    until(lambda: changed(first, map_pixels(page)) > 0.002, PATIENCE)
+    now = map_pixels(page)
+    assert bluish(now) > 150, "features are drawn in blue"
+    assert len(np.unique(now.reshape(-1, 3), axis=0)) > 100, "it is no blank canvas"
+    assert page.locator(VIEW).get_attribute("src") != view
+    assert page.get_by_text("Share").count() == 0
+    assert "bits over holding still" in page.content() or "No motion promises more" in page.content()
+
+
+def test_every_control_does_what_it_says(visit: Any, served: Served) -> None:
+    page = visit(DESK)
+    until(lambda: len(served.states()) > 40, PATIENCE)
+    press(page, "Pause")
+    until(lambda: page.locator("#standing").inner_text() == "Paused.", PATIENCE)
+    count = until(lambda: _settled(served), PATIENCE)
+    press(page, "Single step")
+    until(lambda: len(served.states()) == count + 1, PATIENCE)
+    press(page, "Mark what is in the middle")
+    press(page, "Single step")
+    until(lambda: "m away" in page.locator("#marked").inner_text(), PATIENCE)
+    with page.expect_download() as download:
+        press(page, "Save")
+    rows = Path(download.value.path()).read_text().splitlines()
+    assert rows[0] == "id,x,y,z,std_x,std_y,std_z" and len(rows) > 8
+    until(lambda: (served.folder / "map.csv").exists(), PATIENCE)
+    page.get_by_role("checkbox").first.click()
+    press(page, "Go on")
+    until(lambda: '"follows": false' in served.states()[-1], PATIENCE)
+    press(page, "Restart")
+    until(lambda: len(served.states("2")) > 3, PATIENCE)
+
+
+def _settled(served: Served) -> int:
+    """How many states there are, when there come no more; 0 while they do."""
+    before = len(served.states())
+    time.sleep(1.5)
+    return before if len(served.states()) == before else 0
+
+
+def test_on_a_phone_the_command_is_seen_and_nothing_is_cut_off(visit: Any) -> None:
+    page = visit(PHONE, has_touch=True, is_mobile=True)
+    box = page.locator("#command").bounding_box()
+    assert 0 <= box["x"] and box["x"] + box["width"] <= 390 and 0 <= box["y"] <= 600
+    assert box["width"] > 300, "the sheet takes the whole width"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    image = page.locator(VIEW).bounding_box()
+    assert image["x"] >= 0 and image["x"] + image["width"] <= 390

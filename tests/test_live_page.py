@@ -1,0 +1,320 @@
+"""The page's process: what it refuses, what it survives, and that tracking never waits for it."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
+
+from websockets.sync.client import connect  # noqa: E402
+
+from activeslam_gym.__main__ import main  # noqa: E402
+from activeslam_gym.live import drawing  # noqa: E402
+from activeslam_gym.live.link import MARK, PAUSE, SAVE, About, Link, check_address  # noqa: E402
+from activeslam_gym.live.page import Page  # noqa: E402
+from activeslam_gym.live.state import TRACKING, State  # noqa: E402
+from activeslam_gym.motion import Motion  # noqa: E402
+
+ROOT = Path(__file__).resolve().parents[1]
+ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True, True, False)
+
+
+def a_state(frame: int = 1, n: int = 12) -> State:
+    rng = np.random.default_rng(frame)
+    eye = np.zeros(13)
+    eye[3] = 1.0
+    return State(
+        frame=frame, time=frame / 15, image=rng.integers(0, 255, (240, 320)).astype(np.uint8), standing=TRACKING,
+        words="Tracking.", camera=eye, camera_covariance=1e-4 * np.eye(3), ids=np.arange(1, n + 1),
+        points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)), mapped=np.arange(n) % 2 == 0,
+        fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1), pixels=rng.uniform(20, 220, (n, 2)),
+        ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3, command=int(Motion.UP),
+        scores=np.arange(7.0), told=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)), landmarks=n, births=0,
+        milliseconds=8.0, follows=True,
+    )  # fmt: skip
+
+
+def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """Wait until it holds; what it gave."""
+    end = time.monotonic() + seconds
+    while not (value := holds()) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert value, "it did not happen in time"
+    return value
+
+
+@pytest.fixture
+def page() -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
+    wishes: list[tuple[str, Any]] = []
+    made = Page(ABOUT, "127.0.0.1", 0, lambda name, value: wishes.append((name, value)))
+    yield made, wishes
+    made.close()
+
+
+@pytest.fixture
+def link() -> Iterator[Link]:
+    made = Link(ABOUT, "127.0.0.1", 0)
+    yield made
+    made.close()
+
+
+def visitor(address: str, **how: Any) -> Any:
+    """A client that connects as viser's own does."""
+    url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
+    return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None, **how)
+
+
+def hears(client: Any) -> bool:
+    return bool(client.recv(timeout=30.0))
+
+
+# What it refuses ------------------------------------------------------------------------------------------------------
+
+
+def test_a_public_tunnel_is_refused(page: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    import msgspec
+
+    def tunnel(*_: Any) -> None:
+        raise AssertionError("a tunnel was opened")
+
+    monkeypatch.setattr("viser._viser.ViserTunnel", tunnel)
+    served, _ = page
+    assert served._server.request_share_url() is None
+    with visitor(served.address) as client:
+        client.send(msgspec.msgpack.encode({"type": "ShareUrlRequest"}))
+        assert hears(client)
+    assert served._server._share_tunnel is None
+
+
+def test_a_port_in_use_and_hosts_that_are_none_are_told() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(OSError, match=f"port {port} is in use; choose another"):
+            check_address("127.0.0.1", port)
+    with pytest.raises(OSError, match="is no address of this machine"):
+        check_address("192.0.2.1", 0)
+    with pytest.raises(OSError, match="host no.such.host.invalid is unknown"):
+        check_address("no.such.host.invalid", 0)
+
+
+MISTAKES = {
+    "--port 70000": "--port must be in 0 to 65535, got 70000",
+    "--port -1": "--port must be in 0 to 65535, got -1",
+    "--port x": "invalid int value: 'x'",
+    "--host 192.0.2.1 --port 0": "is no address of this machine",
+    "--seconds 0": "--seconds must be a positive number, got 0.0",
+    "--seconds nan": "--seconds must be a positive number, got nan",
+    "--seed -1": "--seed must be 0 or more, got -1",
+    "--follow sometimes": "invalid choice: 'sometimes'",
+    "--source shots": "--source shots needs --calibration and --target",
+    "--source shots --calibration lens.json": "--source shots needs --target",
+    "--source shots --calibration lens.json --target t.json": "No such file or directory",
+    "--replay nowhere": "nowhere holds no live recording",
+    "--replay a --record b": "give one of them",
+    "--record /dev/null/x": "Not a directory",
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES)
+def test_a_mistake_is_told_in_a_line(line: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    try:
+        status: Any = main(["live", *line.split()])
+    except SystemExit as exit_:
+        status = exit_.code
+    told = capsys.readouterr().err.splitlines()
+    assert status == 2 and MISTAKES[line] in told[-1], told
+    assert sum("live: " in one for one in told) == 1 and not any("Traceback" in one for one in told)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_viser_the_extra_is_named(tmp_path: Path) -> None:
+    (tmp_path / "viser.py").write_text("raise ModuleNotFoundError(\"No module named 'viser'\")")
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    done = subprocess.run(
+        [sys.executable, "-m", "activeslam_gym", "live", "--port", "0"], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1].endswith("viser is needed to serve the page: install the extra `live`")
+    assert "Traceback" not in done.stderr
+
+
+# What it survives -----------------------------------------------------------------------------------------------------
+
+
+def test_a_hundred_visitors_come_and_go(link: Link) -> None:
+    for k in range(100):
+        with visitor(link.address) as client:
+            if k % 10 == 0:
+                link.show(a_state(k))
+                assert hears(client)
+    assert link.alive
+    with visitor(link.address) as one, visitor(link.address) as other:
+        assert hears(one) and hears(other)
+
+
+def test_nonsense_on_its_port_is_shrugged_off(link: Link) -> None:
+    host, port = link.address.removeprefix("http://").replace("localhost", "127.0.0.1").split(":")
+    for rubbish in (
+        b"\x00" * 4096,
+        b"GET / HTTP/1.1\r\n\r\n",
+        b"\xff\xfe\r\n\r\n",
+        b"POST /../../etc/passwd HTTP/9\r\n\r\n",
+    ):
+        with socket.create_connection((host, int(port))) as stranger:
+            stranger.sendall(rubbish)
+            stranger.settimeout(5.0)
+            try:
+                stranger.recv(1024)
+            except OSError:
+                pass
+    for rubbish in (b"", b"\xc1\xc1", b"\x81\xa4type\xa5Nobod", "words"):
+        with visitor(link.address) as client:
+            client.send(rubbish)
+    link.show(a_state())
+    with visitor(link.address) as client:
+        assert hears(client)
+    assert link.alive and link.wishes() == []
+
+
+def test_tracking_does_not_wait_for_a_page_that_hangs(link: Link) -> None:
+    pid = link._process.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        began, worst = time.process_time(), 0.0
+        for k in range(300):
+            before = time.perf_counter()
+            link.show(a_state(k, 40))
+            worst = max(worst, time.perf_counter() - before)
+        assert len(link._latest) <= 3
+        assert link._latest[-1].frame == 299
+        assert time.process_time() - began < 30.0
+        link.wishes()
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    until(lambda: not link._latest)
+    with visitor(link.address) as client:
+        assert hears(client)
+
+
+def test_a_slow_visitor_holds_up_nobody(link: Link) -> None:
+    with visitor(link.address) as slow, visitor(link.address) as quick:
+        slow.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        for k in range(25):  # some megabytes, of which the slow one reads none
+            link.show(a_state(k, 40))
+            assert hears(quick)
+    assert link.alive
+
+
+def test_a_page_that_is_killed_does_not_end_tracking(link: Link) -> None:
+    link._process.kill()
+    until(lambda: not link.alive)
+    for k in range(5):
+        link.show(a_state(k))
+    assert link.wishes() == []
+
+
+# What it shows --------------------------------------------------------------------------------------------------------
+
+
+def test_states_of_all_kinds_are_shown(page: Any) -> None:
+    served, _ = page
+    plain = a_state(1)
+    broken = np.full(3, np.nan)
+    kinds = [
+        plain,
+        replace(plain, frame=2, points=np.full((12, 3), np.nan)),
+        replace(plain, frame=3, camera=np.full(13, np.nan)),
+        replace(plain, frame=4, scores=np.full(7, np.nan), log2_dets=broken, command=int(Motion.STAY)),
+        replace(a_state(5, 0), told=np.zeros(7, int)),
+        a_state(6, 100),
+        replace(plain, frame=7, marked=3),
+        replace(plain, frame=8, ellipses=np.tile(np.diag((1e12, -1.0)), (12, 1, 1))),
+    ]
+    for state in kinds:
+        served.show(state)
+    assert served._server.scene is not None
+
+
+def test_the_view_shows_what_became_of_each_search() -> None:
+    state = a_state(1, 3)
+    state.image[:] = 90
+    state.pixels = np.array([(60.0, 60.0), (160.0, 120.0), (260.0, 180.0)])
+    picture = drawing.view(state)
+    assert picture.shape == (480, 640, 3)
+    for pixel, outcome in zip(state.pixels, state.outcomes):
+        colour = drawing.rgb(drawing.OUTCOMES[int(outcome)][0])
+        x, y = (2 * pixel).astype(int)
+        near = picture[y - 30 : y + 30, x - 30 : x + 30].reshape(-1, 3).astype(int)
+        assert (np.abs(near - colour).sum(axis=1) < 30).sum() > 20
+
+
+def test_the_command_is_told_in_words_with_its_gain() -> None:
+    told = drawing.command(replace(a_state(), command=int(Motion.LEFT)))
+    assert "Move left" in told and "-3.0" in told.replace("+-", "-") and "rotate(270" in told
+    assert "Hold still" in drawing.command(replace(a_state(), scores=np.full(7, np.nan)))
+    assert "&lt;" in drawing.standing(replace(a_state(), words="<b>"), False)
+
+
+def test_curves_have_a_dot_for_each_new_landmark() -> None:
+    rows = np.array([(k / 15, -100.0 - k, -200.0 - k, -300.0 - k, float(k in (3, 50))) for k in range(90)])
+    drawn = drawing.curves(rows)
+    assert drawn.count("<circle") == 2 and drawn.count("<polyline") == 3
+    assert "<svg" not in drawing.curves(rows[:1])
+    assert "<svg" not in drawing.curves(np.full((5, 5), np.nan))
+
+
+def test_buttons_wish_and_a_click_marks_the_nearest(page: Any) -> None:
+    served, wishes = page
+    state = a_state(1, 3)
+    state.points = np.array([(0.0, 0.0, 2.0), (1.0, 0.0, 2.0), (0.0, 1.0, 2.0)])
+    served.show(state)
+    served._toggle()
+    served._toggle()
+    served._mark_middle()
+
+    class Click:
+        ray_origin, ray_direction = (0.0, 0.0, 0.0), (0.44, 0.0, 0.9)
+
+    served._mark_clicked(Click())
+    served.show(replace(state, frame=2, marked=2))
+    served._mark_clicked(Click())
+    middle = drawing.middle_feature(state)
+    assert wishes == [(PAUSE, True), (PAUSE, False), (MARK, middle), (MARK, 2), (MARK, 0)]
+    assert SAVE not in dict(wishes)
+
+
+# The command ----------------------------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_ends_it_and_loses_nothing(tmp_path: Path) -> None:
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--record", str(tmp_path / "run")]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        assert "http://localhost:" in said and "Only this machine can open it" in said
+        frames = tmp_path / "run" / "states.jsonl"
+        until(lambda: frames.exists() and len(frames.read_text().splitlines()) > 20, 240.0)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the page's process too
+        rest = process.stdout.read()
+        assert process.wait(60) == 0
+    assert f"Recorded in {tmp_path / 'run'}" in rest
+    count = len(frames.read_text().splitlines())
+    assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count
+    assert (tmp_path / "run" / "map.csv").stat().st_size > 100
+    assert main(["live", "--replay", str(tmp_path / "run"), "--port", "0", "--seconds", "1"]) == 0

@@ -21,6 +21,18 @@ def discrete_action_space() -> spaces.Discrete:
     return spaces.Discrete(MOTION_COUNT * GAZE_COUNT)
 
 
+def action_masks(motions_under_way: np.ndarray, phases: np.ndarray, discrete: bool) -> np.ndarray:
+    """Which choices can make a difference, bool (B, 7 + 3), motions first, or (B, 21) of the discrete action.
+
+    Where ``phases`` (B,) is 0 a motion is about to be read and all may be chosen; elsewhere the motion of an action is
+    ignored, and of the seven the one under way, of ``motions_under_way`` (B,), is left.
+    """
+    motions = (phases == 0)[:, None] | (np.arange(MOTION_COUNT) == motions_under_way[:, None])
+    if discrete:
+        return np.repeat(motions, GAZE_COUNT, axis=1)
+    return np.hstack((motions, np.ones((len(motions), GAZE_COUNT), bool)))
+
+
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
     """The ``options`` of a reset; an empty dict for None.
 

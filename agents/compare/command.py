@@ -122,7 +122,7 @@ def _compare(args: Args) -> Summary | None:
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
     if args.figures and not drawn:
-        summary.notes.append("No figures: matplotlib is not installed (pip install matplotlib).")
+        summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", tables.markdown(summary))
     for page in args.report:

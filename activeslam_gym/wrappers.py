@@ -19,8 +19,8 @@ Parts = dict[str, np.ndarray]
 class TokenObservation(gymnasium.ObservationWrapper[Parts, Any, np.ndarray], gymnasium.utils.RecordConstructorArgs):
     """The observation as a `Dict`, for networks that treat landmarks as a set.
 
-    ``global`` (32,) float32, ``tokens`` (T, 11) float32 and ``present`` (T,) int8, 1 where a token stands for a thing: a
-    mask for attention and pooling. Names and scales of the features are those of `ActiveSLAMEnv`.
+    ``global`` (32,) float32, ``tokens`` (T, 11) float32, and ``present`` (T,) int8: 1 where a token stands for a thing,
+    which is a mask for attention and pooling. Names and scales of the features are those of `ActiveSLAMEnv`.
 
     Raises:
         ValueError: ``env`` is no ActiveSLAM environment.
@@ -88,7 +88,7 @@ def token_space(layout: ObservationLayout) -> spaces.Dict:
 
 
 def in_parts(observation: np.ndarray, layout: ObservationLayout) -> Parts:
-    """Flat observations (..., D) as copies of their parts: ``global`` (..., 32), ``tokens`` (..., T, 11), ``present``."""
+    """Copies of the parts of flat observations (..., D), as `TokenObservation` names them."""
     tokens = observation[..., layout.tokens].reshape(*observation.shape[:-1], *layout.token_shape)
     kinds = tokens[..., [layout.token_slices[name].start for name in _KINDS]]
     return {

@@ -7,6 +7,7 @@ from importlib import import_module
 COMMANDS = {
     "compare": "agents.compare.command",
     "consistency": "agents.honesty.command",
+    "export": "agents.export",
     "generalise": "agents.compare.generalise",
     "study": "agents.study.command",
     "train": "agents.train",

@@ -12,7 +12,6 @@ from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.motion import POSITION, Gaze, Motion
 from activeslam_gym.slam.sight import sight_of_belief
 
-
 SIZES = (64, 8192)
 """The least and the most pixels of a picture's side."""
 

@@ -302,7 +302,7 @@ def _legend_above(axes: Axes, samples: dict[str, Line2D]) -> None:
 
 
 def map_legend(small: bool = False) -> dict[str, list]:
-    """Handles and labels, column by column: the belief, the truth, the prior, the camera; if small, what is not plain."""
+    """Handles and labels, column by column: the belief, the truth, the prior, the camera; if small, the least."""
     entries = {
         "mapped landmark, 2σ": _key("o", MAPPED, 5.5),
         "being initialised, 2σ": _key("o", INITIALISED, 5.5, fill=False),
@@ -314,8 +314,8 @@ def map_legend(small: bool = False) -> dict[str, list]:
         "true camera": _key("", TRUTH, 1, line=(0, (4, 2))),
     }
     if small:
-        shown = {"mapped": "mapped landmark, 2σ", "true": "true landmark", "known": "fiducial", "camera": "estimated camera"}
-        entries = {short: entries[long] for short, long in shown.items()}
+        least = ("mapped landmark, 2σ", "true landmark", "fiducial", "estimated camera")
+        entries = dict(zip(("mapped", "true", "known", "camera"), (entries[label] for label in least)))
     return {"handles": list(entries.values()), "labels": list(entries)}
 
 

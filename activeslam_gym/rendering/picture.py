@@ -67,8 +67,8 @@ class Picture:
                 EntropyPanel(figure.add_axes((0.682, 0.135 if small else 0.115, 0.295, 0.255)), small),
             )
             spacing = 1.0 if small else 1.8
-            figure.legend(**map_legend(small), loc="center", bbox_to_anchor=(0.325, 0.062), frameon=False,
-                          fontsize=7.5, ncols=4, columnspacing=spacing, handletextpad=0.5, labelspacing=0.55)  # fmt: skip
+            figure.legend(**map_legend(small), loc="center", bbox_to_anchor=(0.325, 0.062), frameon=False, fontsize=7.5,
+                          ncols=4, columnspacing=spacing, handletextpad=0.5, labelspacing=0.55)  # fmt: skip
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves every artist to the snapshot; the caller draws the canvas."""

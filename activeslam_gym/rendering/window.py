@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from activeslam_gym.rendering.picture import REFERENCE_SIZE, SMALL_BELOW, Picture, figure_shape, our_style, the_matplotlib
+from activeslam_gym.rendering.picture import (
+    REFERENCE_SIZE,
+    SMALL_BELOW,
+    Picture,
+    figure_shape,
+    our_style,
+    the_matplotlib,
+)
 
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot

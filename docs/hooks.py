@@ -35,6 +35,8 @@ FONT = "assets/STIXTwoMath-Regular.ttf"
 _TABLE = re.compile(r"<!-- table: (\w+) -->")
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+_BARS, _RIGID = "<mo>&#x02016;</mo>", '<mo stretchy="false">'
+"""The bars of a norm, which else grow with the letter between them."""
 _log = logging.getLogger("mkdocs.hooks")
 
 
@@ -51,10 +53,9 @@ def on_config(config: Any) -> Any:
 
 def _written(entry: Any) -> Any:
     """A page, or the pages of a group that there are; the name of a folder of `SHOWN` stands for its pages."""
-    if entry in SHOWN:
-        return [{source.name: page} for source, page in shown_files().items() if page.startswith(f"{entry}/")]
     if isinstance(entry, str):
-        return entry
+        pages = [{title_of(source): page} for source, page in shown_files().items() if page.startswith(f"{entry}/")]
+        return pages if entry in SHOWN else entry
     return [
         {title: _written(page)}
         for one in entry
@@ -88,6 +89,13 @@ def on_files(files: Any, config: Any) -> Any:
     else:
         _log.info("ziamath is not installed: formulas have the reader's own fonts")
     return files
+
+
+def title_of(source: Path) -> str:
+    """What the menu calls a file that is shown: a notebook by its title."""
+    if source.suffix != ".ipynb":
+        return source.name
+    return next(_cells(json.loads(source.read_text(encoding="utf-8")))).partition("\n")[0].removeprefix("# ")
 
 
 def page_of(source: Path) -> str:
@@ -153,4 +161,5 @@ def site_links(markdown: str, folder: Path, at: str = ".") -> str:
 def _mathml(formula: re.Match[str]) -> str:
     tag, bracket, source = formula.groups()
     plain = source.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
-    return f"<{tag}>{convert(plain, display='block' if bracket == '[' else 'inline')}</{tag}>"
+    written = convert(plain, display="block" if bracket == "[" else "inline")
+    return f"<{tag}>{written.replace(_BARS, _BARS.replace('<mo>', _RIGID))}</{tag}>"

@@ -12,7 +12,7 @@ from agents.learn.algorithms import HELD_OUT_SEEDS, save_learner
 
 
 class Progress(BaseCallback):
-    """A bar that tells what is being done, and the last mean return of training."""
+    """A bar that tells what is being done, and the median return of the last episodes of training."""
 
     def __init__(self, total_steps: int) -> None:
         super().__init__()
@@ -44,7 +44,7 @@ class Progress(BaseCallback):
     def _on_rollout_end(self) -> None:
         returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
         if returns:
-            self.bar.set_postfix_str(f"return while exploring {np.mean(returns):.0f}", refresh=False)
+            self.bar.set_postfix_str(f"median return while exploring {np.median(returns):.0f}", refresh=False)
         self.doing("learning")
 
     def _on_training_end(self) -> None:

@@ -8,6 +8,7 @@ if (location.protocol === "file:") {
       document.body.appendChild(frame);
       this.inner = frame.contentWindow;
       this.early = [];
+      const home = new URL(url, document.baseURI);
       const inner = this.inner;
       inner.postMessage = undefined;
       const told = (data) => {
@@ -18,7 +19,7 @@ if (location.protocol === "file:") {
       const load = (source) =>
         new Promise((done, failed) => {
           const script = inner.document.createElement("script");
-          script.src = new URL(source, url);
+          script.src = new URL(source, home);
           script.onload = done;
           script.onerror = failed;
           inner.document.body.appendChild(script);
@@ -28,7 +29,7 @@ if (location.protocol === "file:") {
       inner.document.close();
       inner.postMessage = told;
       inner.importScripts = (...sources) => sources.reduce((before, one) => before.then(() => load(one)), Promise.resolve());
-      load(url).then(() => {
+      load(home).then(() => {
         const early = this.early;
         this.early = null;
         early.forEach((data) => this.postMessage(data));

@@ -34,8 +34,11 @@ def export(policy: str, out: Path) -> dict:
     from agents.learn.algorithms import learner_of
     from agents.learn.weights import read
 
-    path = Path(policy)
-    weights, card = read(path.stem, path.parent) if path.suffix == ".npz" else read(policy, pretrained.FOLDER)
+    path = Path(policy) if policy.endswith(".npz") else pretrained.FOLDER / f"{policy}.npz"
+    if not (path.is_file() and path.with_suffix(".json").is_file()):
+        shipped = ", ".join(pretrained.names())
+        raise ValueError(f"policy: {policy!r} has no weights with a card; allowed: {shipped}, a file (policy.npz)")
+    weights, card = read(path.stem, path.parent)
     learner = learner_of(weights, card)
     out.parent.mkdir(parents=True, exist_ok=True)
     with written_whole(out) as unfinished:

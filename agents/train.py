@@ -101,6 +101,7 @@ def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
     except KeyboardInterrupt:
         finished = False
     finally:
+        progress.close()
         learner.seconds = keeper.seconds()  # goes into the checkpoint
         algorithms.save_learner(learner, checkpoint)
         if not (args.out / WEIGHTS).exists():

@@ -17,6 +17,7 @@ class Progress(BaseCallback):
     def __init__(self, total_steps: int) -> None:
         super().__init__()
         self.total_steps = total_steps
+        self.bar: Any = None
 
     def doing(self, what: str) -> None:
         """Tell what takes time now."""
@@ -25,6 +26,11 @@ class Progress(BaseCallback):
     def say(self, line: str) -> None:
         """Leave a line above the bar."""
         self.bar.write(line)
+
+    def close(self) -> None:
+        """Take the bar away, if there is one."""
+        if self.bar is not None:
+            self.bar.close()
 
     def _on_training_start(self) -> None:
         from tqdm import tqdm
@@ -46,9 +52,6 @@ class Progress(BaseCallback):
         if returns:
             self.bar.set_postfix_str(f"median return while exploring {np.median(returns):.0f}", refresh=False)
         self.doing("learning")
-
-    def _on_training_end(self) -> None:
-        self.bar.close()
 
 
 class HeldOutRooms(EvalCallback):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 COCKPIT_SIZE = (1190, 560)
 """Pixels of the window to fly in, the picture and the actions' scores beside it; with its bars it fits 1366 x 768."""
-_SCORES = 0.417
+SCORES_WIDTH = 0.417
 """Width of the scores, relative to the picture's."""
 
 
@@ -90,7 +90,7 @@ class Cockpit:
         with our_style():
             from activeslam_gym.rendering.panels import ScorePanel
 
-            left, right = figure.subfigures(1, 2, width_ratios=(1.0, _SCORES))
+            left, right = figure.subfigures(1, 2, width_ratios=(1.0, SCORES_WIDTH))
             self._picture = Picture(left)
             self._scores = ScorePanel(right, actions)
         self._pressed: list[str] = []

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.stress`: every scenario and random legal ones, random actions, many frames: does anything break?
+"""`python -m benchmarks.stress`: every scenario and random legal ones, random actions, many frames: does it break?
 
 What would be a failure: an exception, a number that is not finite in an observation, a reward or `info`, or a process
 that grows. A failure names the scenario's fields and the seed, so that it can be run again.

@@ -87,7 +87,7 @@ class Args(Rooms):
 
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    print(f"{len(args.names)} policies, {args.episodes} rooms each. The first run compiles, which takes a while.")
+    print(f"{len(args.names)} policies, {args.episodes} rooms each.")
     summary = compare(args)
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")

@@ -65,7 +65,7 @@ def main(args: Args) -> int:
     args.prepare()
     plan = args.plan()
     check((), [one.environment() for one in plan])
-    print(f"{args.episodes} rooms, {len(plan)} conditions. The first run compiles, which takes a while.")
+    print(f"{args.episodes} rooms, {len(plan)} conditions.")
     try:
         with alone_in(args.out):
             study = run(args)

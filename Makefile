@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency results figures bench clients docs test lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency results figures bench clients clips docs stress test lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -33,9 +33,18 @@ figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more):
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md README.md
 
-docs: $(VENV)/.docs ## the manual, in results/site; a warning is an error
+docs: $(VENV)/.docs ## the manual, in results/site, to be opened as a file; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict
-	@echo "Open results/site/index.html"
+	@echo "Open file://$(CURDIR)/results/site/index.html in a browser,"
+	@echo "or serve it: $(RUN) -m http.server --directory results/site 8000, and open http://localhost:8000"
+
+clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images/clips
+	@mkdir -p docs/images/clips
+	for policy in $(POLICIES); do $(RUN) -m agents watch --policy $$policy --seed 1000111 --width 480 --every 1 \
+		--save docs/images/clips/$$policy.gif || exit 1; done
+
+stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random ones (minutes): does it break?
+	$(RUN) -m benchmarks.stress
 
 test: lint ## lint, then every test but the slow ones, and the notebooks
 	NOTEBOOK_STEPS=18000 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --nbmake --nbmake-timeout=300 tests notebooks

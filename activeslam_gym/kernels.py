@@ -11,6 +11,7 @@ import hashlib
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -196,6 +197,7 @@ class _Cache(FunctionCache):
         except OSError as error:
             problem = f"a kernel could not be kept in {self._cache_path}: {error}"
             _say_once("cache", f"{problem}; they will be compiled again at the next start")
+        _compilation_ended()
 
 
 class _NoCache(NullCache):
@@ -204,6 +206,10 @@ class _NoCache(NullCache):
     def load_overload(self, sig: Any, target_context: Any) -> None:
         """Every kernel has to be compiled."""
         _announce(kept=False)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Nothing is kept."""
+        _compilation_ended()
 
 
 def _keep(kernel: Any) -> None:
@@ -224,21 +230,36 @@ def _forget_old_folders(present: Path) -> None:
 
 # What is said -------------------------------------------------------------------------------------------------------
 
+_PAUSE = 1.0
+"""Seconds without compilation after which the next kernels are a batch of their own, and are announced."""
 _said: set[str] = set()
+_compiled_at = -_PAUSE
+"""When the last compilation began or ended."""
 
 
 def _announce(kept: bool) -> None:
-    """Say why the first step takes long."""
+    """Say why a call takes long: once for all kernels that are compiled one after another."""
     then = (
         "which is kept for the next time"
         if kept
         else "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
     )
-    _say_once("compiling", f"compiling its kernels (about half a minute), {then} ...")
+    if time.monotonic() - _compiled_at > _PAUSE:
+        _say(f"compiling kernels (up to a minute), {then} ...")
+    _compilation_ended()
+
+
+def _compilation_ended() -> None:
+    global _compiled_at
+    _compiled_at = time.monotonic()
 
 
 def _say_once(topic: str, message: str) -> None:
     """Say something on a topic, once a process."""
     if topic not in _said:
         _said.add(topic)
-        print(f"{_PACKAGE.name}: {message}", file=sys.stderr, flush=True)
+        _say(message)
+
+
+def _say(message: str) -> None:
+    print(f"{_PACKAGE.name}: {message}", file=sys.stderr, flush=True)

@@ -8,6 +8,7 @@ COMMANDS = {
     "bounds": "agents.bounds.command",
     "compare": "agents.compare.command",
     "consistency": "agents.honesty.command",
+    "export": "agents.export",
     "generalise": "agents.compare.generalise",
     "live": "agents.advising",
     "study": "agents.study.command",

@@ -11,6 +11,7 @@ import numpy as np
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
+from activeslam_gym.rendering.scene import FIDUCIAL
 from agents.episode import Episode, gaze_counts, motion_counts
 from agents.summary import grouped
 
@@ -31,7 +32,7 @@ WHISKERS = (1.0, 99.0)
 
 ERRORS = ("X error, m", "Y error, m", "Z error, m", "qx error", "qy error", "qz error")
 PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
-ESTIMATE, TRUTH, BOUND = "tab:blue", "black", "tab:red"
+ESTIMATE, TRUTH, BOUND, LOST = "tab:blue", "black", "tab:red", "tab:red"
 
 
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
@@ -53,7 +54,9 @@ def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
             axes.plot(times, np.nanmean(values, axis=0), "--", color=colour, linewidth=0.8)
             axes.plot(first.times, getattr(first, field), color=colour, linewidth=1.2, label=part)
         axes.plot(first.landmark_times, first.landmark_log2_det, "k+", markersize=5, label="new landmark")
-        axes.set(title=f"{name} ({len(runs)} rooms)", xlabel="time, s", ylabel="log₂|P|")
+        lost = sum(run.lost for run in runs)
+        axes.set(xlabel="time, s", ylabel="log₂|P|")
+        _title(axes, f"{name} ({len(runs)} rooms, {lost} lost)", first)
     panels[0].legend(fontsize=7)
     figure.suptitle(f"Entropy: room {_first_seed(by_policy)} (line), mean (dashed) and {BAND[0]:g}–{BAND[1]:g} % band")
     return figure
@@ -81,7 +84,7 @@ def maps(by_policy: dict[str, list[Episode]]) -> Figure:
     figure, panels = _panels(len(by_policy), (4.2, 4.4), sharex=True, sharey=True)
     for axes, (name, runs) in zip(panels, by_policy.items()):
         _map(axes, runs[0])
-        axes.set_title(f"{name}: {runs[0].landmarks_mapped[-1]} mapped")
+        _title(axes, f"{name}: {runs[0].landmarks_mapped[-1]} mapped", runs[0])
     legend_below(figure, panels[:1])
     figure.suptitle(f"Map and trajectories, room {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
     return figure
@@ -125,18 +128,25 @@ def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
     return 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_offset
 
 
+def _title(axes: Axes, title: str, drawn: Episode) -> None:
+    """A panel's title, which tells when the run that it draws was lost."""
+    axes.set_title(f"{title}\nthis run was lost" if drawn.lost else title, color=LOST if drawn.lost else TRUTH)
+
+
 def _map(axes: Axes, run: Episode) -> None:
-    """X to the right and Z upwards: the room, truth in black, the estimate in blue."""
+    """X to the right and Z upwards: the room, truth in black, the estimate in blue; not mapped is hollow."""
     plane = np.array([0, 2])
     half = run.room_size[plane] / 2.0
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
     mapped = run.estimated_landmarks[:, plane]
     axes.plot(*corners.T, color="grey", linewidth=0.8)
-    axes.plot(*run.true_landmarks[:, plane].T, "k.", markersize=4, label="landmark")
-    axes.plot(*run.fiducials[:, plane].T, "s", color="tab:orange", ms=4, label="fiducial")
-    axes.plot(*mapped.T, "+", color=ESTIMATE, label="mapped")
+    unmapped = run.true_landmarks[np.isnan(run.landmark_errors)][:, plane]
+    axes.plot(*unmapped.T, "o", mfc="none", mec=TRUTH, mew=0.8, ms=4.5, label="landmark, not mapped")
+    axes.plot(*run.fiducials[:, plane].T, "s", color=FIDUCIAL, ms=4, label="fiducial")
     for outline in ellipses(mapped, run.landmark_covariance[:, plane[:, None], plane], SIGMAS):
-        axes.plot(*outline.T, color=ESTIMATE, linewidth=0.6)
+        axes.fill(*outline.T, facecolor="#1F77B440", edgecolor=ESTIMATE, linewidth=0.9)
+    axes.plot(*mapped.T, ".", color=ESTIMATE, ms=5, label="mapped")
+    axes.plot(*run.true_landmarks[~np.isnan(run.landmark_errors)][:, plane].T, "kx", ms=3.5, mew=0.8, label="its truth")
     axes.plot(*run.true_position[:, plane].T, color=TRUTH, lw=1.0, label="true path")
     axes.plot(*run.estimated_position[:, plane].T, color=ESTIMATE, lw=0.8, label="estimated")
     (right, top), (left, bottom) = 1.1 * half, -1.1 * half
@@ -166,7 +176,9 @@ def grid_of_panels(rows: int, columns: int, size: tuple[float, float], **shared:
     """A figure with rows × columns panels; without pyplot, so that no window system is asked for."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(columns * size[0], rows * size[1] + 0.5), layout="constrained")
+    figure = Figure(figsize=(columns * size[0], rows * size[1] + 0.7), layout="constrained")
+    engine: Any = figure.get_layout_engine()
+    engine.set(w_pad=0.06, h_pad=0.09)  # inches between a title and what is above it
     return figure, figure.subplots(rows, columns, squeeze=False, **shared)
 
 

@@ -72,7 +72,8 @@ class Recording:
         try:
             import rerun
         except ImportError as error:
-            raise ImportError("rerun-sdk is needed to record: pip install 'activeslam-gym[rerun]'") from error
+            hint = "pip install rerun-sdk, or in a clone: pip install -e '.[rerun]'"
+            raise ImportError(f"rerun-sdk is needed to record: {hint}") from error
         self.path = Path(path)
         self._rr: Any = rerun
         self._stream = rerun.RecordingStream("activeslam_gym", send_properties=True)

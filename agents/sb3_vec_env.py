@@ -109,6 +109,8 @@ class ActiveSLAMVecEnv(VecEnv):
 
     def _of(self, name: str, i: int) -> Any:
         """An attribute of environment ``i``, as a single environment has it."""
+        if name == "action_masks":
+            return lambda: self.env.action_masks()[i]
         for owner, known_as in ((self.env.run(int(i)), name), (self.env, f"single_{name}")):
             value = getattr(owner, known_as, _MISSING)
             if value is not _MISSING:

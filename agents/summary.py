@@ -11,6 +11,8 @@ from agents.bounds.share import BASE, PLANNER, shares
 from agents.episode import Episode, honesty, outcome
 from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
 
+MOST_LOST = 0.25
+"""A policy that is lost in a greater share of the rooms has no headline."""
 FEW_ROOMS = 20
 """With fewer rooms the intervals are a hint: the summary says so."""
 
@@ -202,11 +204,24 @@ def _notes(
 def _headline(
     by_policy: dict[str, list[Episode]], policies: dict[str, dict[str, Estimate]], target_landmarks: int
 ) -> str:
-    """Who learned most by the log score, and its lead in the same rooms."""
-    first, *others = by_log_score(policies)
+    """Who learned most by the log score, and its lead in the same rooms; nobody who is lost too often, or lost bits."""
+    barred = {name: reason for name, figures in policies.items() if (reason := _barred(figures))}
+    out = "; ".join(f"{name} {reason}" for name, reason in barred.items())
+    left_out = f" Not in the running: {out}." if out else ""
+    running = [name for name in by_log_score(policies) if name not in barred]
+    if not running:
+        return f"No policy has won anything.{left_out}"
+    first, *others = running
     gain = policies[first]["log_score_gain"].text()
     headline = f"Highest mean log score gain (overconfidence cannot win it): {first}, {gain} bits"
     if not others:
-        return f"{headline}."
+        return f"{headline}.{left_out}"
     lead = _paired(by_policy[first], by_policy[others[0]], target_landmarks)["log_score_gain"]
-    return f"{headline}; its lead over {others[0]} in the same rooms: {lead.text()} bits."
+    return f"{headline}; its lead over {others[0]} in the same rooms: {lead.text()} bits.{left_out}"
+
+
+def _barred(figures: dict[str, Estimate]) -> str:
+    """Why a policy cannot have the headline, or nothing."""
+    if figures["lost"].value > MOST_LOST:
+        return f"is lost in {100 * figures['lost'].value:.0f} % of the rooms"
+    return "has a mean log score gain of 0 or less" if figures["log_score_gain"].value <= 0 else ""

@@ -10,7 +10,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from agents.learn.card import card_of, read_card, results
+from agents import tables
+from agents.learn.card import REFERENCES, card_of, read_card, results, unseen
 from agents.learn.recipe import Recipe
 from agents.tools.arguments import within
 from agents.tools.files import alone_in, reading, writable_folder, write_json
@@ -30,11 +31,11 @@ class Args(Recipe):
 
     out: Path = Path("results/train")
     """Folder of the results; training goes on from the checkpoint that it holds."""
-    period: int = 100_000
+    period: int = 10_000
     """Decisions between checkpoints, and between visits to the held-out rooms."""
     held_out_rooms: int = 64
     """Rooms that choose the best weights."""
-    unseen_rooms: int = 100
+    unseen_rooms: int = 32
     """Rooms for the results on the card, of neither training nor choice; none: 0."""
 
     def check(self) -> None:
@@ -87,10 +88,11 @@ def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
         learner = algorithms.make_learner(args, env, logs)
     write_json(args.out / ARGUMENTS, args.recipe())
     keeper = Keeper(args, learner)
+    progress = Progress(args.total_steps)
     callbacks = [
         Checkpoints(checkpoint, args.period),
-        HeldOutRooms(rooms, args.period, keeper.best(), keeper.keep),
-        Progress(args.total_steps),
+        HeldOutRooms(rooms, args.period, keeper.best(), keeper.keep, progress),
+        progress,
     ]
     try:
         if (left := args.total_steps - learner.num_timesteps) > 0:
@@ -99,6 +101,7 @@ def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
     except KeyboardInterrupt:
         finished = False
     finally:
+        progress.close()
         learner.seconds = keeper.seconds()  # goes into the checkpoint
         algorithms.save_learner(learner, checkpoint)
         if not (args.out / WEIGHTS).exists():
@@ -135,11 +138,15 @@ class Keeper:
         save(self.path, self.learner.policy, card | {"held_out_mean_return": held_out_mean_return})
 
     def add_results(self) -> None:
-        """Complete the card: the whole training's length and time, and what the weights reach in unseen rooms."""
+        """Complete the card: the training's length and time, and what the weights reach in unseen rooms; print that."""
         card = read_card(self.path)
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
-        card["results"] = results(self.path, self.args.unseen_rooms)
+        rooms = self.args.unseen_rooms
+        print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
+        summary = unseen(self.path, rooms, self.args.duration)
+        card["results"] = results(self.path, summary)
         write_json(self.path.with_suffix(".json"), card)
+        print(f"\n{tables.text(summary)}\n")
 
 
 def _see_that_it_is_the_same(args: Args) -> None:

@@ -21,7 +21,7 @@ def run(quick: bool) -> Section:
     size = _bytes(empty_runs(Scenario(), 1))
     section.rows.append({"what": "arrays of one environment", "value": size / 1024, "unit": "KiB"})
     frames = 50_000 if quick else 1_000_000
-    if _resident() is None:
+    if resident() is None:
         section.notes.append("Growth is skipped: this system has no /proc/self/status.")
         return section
     growth, episodes = _growth(frames)
@@ -38,7 +38,7 @@ def _bytes(tree: Any) -> int:
     return sum(_bytes(x) if isinstance(x, tuple) else x.nbytes for x in tree)
 
 
-def _resident() -> float | None:
+def resident() -> float | None:
     """Resident set of this process [MiB]."""
     status = Path("/proc/self/status")
     found = re.search(r"VmRSS:\s+(\d+) kB", status.read_text(encoding="utf-8")) if status.exists() else None
@@ -55,9 +55,9 @@ def _growth(frames: int) -> tuple[float, int]:
     for step in range(steps):
         if step == steps // 10:
             gc.collect()
-            begin = _resident() or 0.0
+            begin = resident() or 0.0
         _, _, terminated, truncated, _ = env.step(env.action_space.sample())
         episodes += int((terminated | truncated).sum())
     gc.collect()
     env.close()
-    return (_resident() or 0.0) - begin, episodes
+    return (resident() or 0.0) - begin, episodes

@@ -1,13 +1,17 @@
-"""What MkDocs does beside its plugins: pages from the repository's root, their links, tables of code, and formulas.
+"""What MkDocs does beside its plugins: pages of files outside docs/, their links, tables of code, and formulas.
 
 Markdown files are written for the repository, where a link is relative to the file and may lead to any other file. On
-the site a link to a page stays a link, and of one to another file the text is left.
+the site a link to a page stays a link, notebooks, examples and cards are pages too, and of a link to another file the
+text is left.
 """
 
+import json
 import logging
 import os
 import re
 import sys
+from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +24,19 @@ FROM_THE_ROOT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTIN
 """Pages that stand in the repository's root, by their name on the site."""
 README_PAGE = "index.md"
 """Where a link to the README leads."""
+SHOWN = {"notebooks": "notebooks/*.ipynb", "examples": "examples/**/*.*", "cards": "agents/pretrained/*.json"}
+"""Folder on the site, and the files that are shown there, each as a page."""
+KINDS = {".py": "python", ".yml": "yaml", ".json": "json"}
+WIDE = {"results.md", "HONESTY.md", "STUDY.md", "BENCHMARKS.md", "leaderboard.md"}
+"""Pages of wide tables: they have no table of contents beside them."""
+FONT = "assets/STIXTwoMath-Regular.ttf"
+"""A font for formulas, for readers whose system has none; it comes with the package ziamath (SIL Open Font License)."""
 
 _TABLE = re.compile(r"<!-- table: (\w+) -->")
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
+_BARS, _RIGID = "<mo>&#x02016;</mo>", '<mo stretchy="false">'
+"""The bars of a norm, which else grow with the letter between them."""
 _log = logging.getLogger("mkdocs.hooks")
 
 
@@ -33,28 +46,81 @@ def on_startup(**_: Any) -> None:
 
 
 def on_config(config: Any) -> Any:
-    """Leave entries of the menu out whose page is not written."""
-    entries = [(title, page) for entry in config.nav for title, page in entry.items()]
-    for title, page in entries:
-        if not source_of(page).is_file():
-            _log.info("There is no %s: '%s' is left out", source_of(page).relative_to(ROOT), title)
-    config.nav = [{title: page} for title, page in entries if source_of(page).is_file()]
+    """Fill the menu's groups of shown files, and leave entries out whose page is not written."""
+    config.nav = [{title: _written(entry)} for group in config.nav for title, entry in group.items()]
     return config
 
 
+def _written(entry: Any) -> Any:
+    """A page, or the pages of a group that there are; the name of a folder of `SHOWN` stands for its pages."""
+    if isinstance(entry, str):
+        pages = [{title_of(source): page} for source, page in shown_files().items() if page.startswith(f"{entry}/")]
+        return pages if entry in SHOWN else entry
+    return [
+        {title: _written(page)}
+        for one in entry
+        for title, page in one.items()
+        if not isinstance(page, str) or page in SHOWN or source_of(page).is_file()
+    ]
+
+
+def shown_files() -> dict[Path, str]:
+    """Files of the repository that the site shows as pages, and the page of each."""
+    return {
+        source: f"{folder}/{source.relative_to(ROOT).with_suffix('').as_posix().split('/', 1)[1].replace('/', '-')}.md"
+        if folder != "cards"
+        else f"cards/{source.stem}.md"
+        for folder, pattern in SHOWN.items()
+        for source in sorted(ROOT.glob(pattern))
+        if source.suffix in KINDS or source.suffix == ".ipynb"
+    }
+
+
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages of the repository's root."""
+    """Add the pages of the repository's root, those of files that are shown, and the font of formulas."""
     for page in FROM_THE_ROOT:
         if source_of(page).is_file():
             files.append(File.generated(config, page, content=source_of(page).read_text(encoding="utf-8")))
+    for source, page in shown_files().items():
+        files.append(File.generated(config, page, content=page_of(source)))
+    if spec := find_spec("ziamath"):
+        font = Path(str(spec.origin)).parent / "fonts" / Path(FONT).name
+        files.append(File.generated(config, FONT, content=font.read_bytes()))
+    else:
+        _log.info("ziamath is not installed: formulas have the reader's own fonts")
     return files
+
+
+def title_of(source: Path) -> str:
+    """What the menu calls a file that is shown: a notebook by its title."""
+    if source.suffix != ".ipynb":
+        return source.name
+    return next(_cells(json.loads(source.read_text(encoding="utf-8")))).partition("\n")[0].removeprefix("# ")
+
+
+def page_of(source: Path) -> str:
+    """A notebook, an example or a card as Markdown."""
+    text, name = source.read_text(encoding="utf-8"), source.relative_to(ROOT).as_posix()
+    if source.suffix == ".ipynb":
+        told = f"*This is `{name}`; to run it, see [how to open the notebooks](../start.md#the-notebooks).*"
+        return "\n\n".join([*_cells(json.loads(text)), told])
+    code = "".join(line for line in text.splitlines(keepends=True) if "--8<-- [" not in line)
+    return f"# {name}\n\n```{KINDS[source.suffix]}\n{code}```\n"
+
+
+def _cells(notebook: dict[str, Any]) -> Iterator[str]:
+    for cell in notebook["cells"]:
+        text = "".join(cell["source"])
+        yield text if cell["cell_type"] == "markdown" else f"```python\n{text}\n```"
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Make the links those of the site, and the tables that come from the code."""
     from docs.tables import TABLES
 
-    links = site_links(markdown, source_of(page.file.src_uri).parent)
+    if page.file.src_uri in WIDE:
+        page.meta["hide"] = ["toc"]
+    links = site_links(markdown, source_of(page.file.src_uri).parent, os.path.dirname(page.file.src_uri) or ".")
     return _TABLE.sub(lambda table: TABLES[table[1]](), links)
 
 
@@ -65,11 +131,14 @@ def on_page_content(html: str, **_: Any) -> str:
 
 def source_of(page: str) -> Path:
     """The file of the repository that a page of the site is made of."""
+    shown = {shown_as: source for source, shown_as in shown_files().items()}
+    if page in shown:
+        return shown[page]
     return ROOT / FROM_THE_ROOT[page] if page in FROM_THE_ROOT else DOCS / page
 
 
-def site_links(markdown: str, folder: Path) -> str:
-    """``markdown`` with the relative links of a file in ``folder`` as the site has them."""
+def site_links(markdown: str, folder: Path, at: str = ".") -> str:
+    """``markdown`` of a file in ``folder`` with its relative links as a page in the site's folder ``at`` has them."""
 
     def on_the_site(link: re.Match[str]) -> str:
         target = link["target"]
@@ -77,10 +146,11 @@ def site_links(markdown: str, folder: Path) -> str:
         if "://" in target or not path.exists():
             return link[0]
         pages = {ROOT / source: page for page, source in FROM_THE_ROOT.items()} | {ROOT / "README.md": README_PAGE}
+        pages |= shown_files()
         if path in pages:
-            target = pages[path]
+            target = os.path.relpath(DOCS / pages[path], DOCS / at).replace(os.sep, "/")
         elif path.is_relative_to(DOCS):
-            target = Path(os.path.relpath(path, DOCS)).as_posix()
+            target = os.path.relpath(path, DOCS / at).replace(os.sep, "/")
         elif not link["image"]:
             return link["text"]
         return f"{link['image']}[{link['text']}]({target}{link['anchor'] or ''})"
@@ -91,4 +161,5 @@ def site_links(markdown: str, folder: Path) -> str:
 def _mathml(formula: re.Match[str]) -> str:
     tag, bracket, source = formula.groups()
     plain = source.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
-    return f"<{tag}>{convert(plain, display='block' if bracket == '[' else 'inline')}</{tag}>"
+    written = convert(plain, display="block" if bracket == "[" else "inline")
+    return f"<{tag}>{written.replace(_BARS, _BARS.replace('<mo>', _RIGID))}</{tag}>"

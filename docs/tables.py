@@ -4,6 +4,7 @@ import ast
 import dataclasses
 import inspect
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from activeslam_gym import config
@@ -39,7 +40,29 @@ def rewards() -> str:
     return _table(("Reward", "Its potential"), rows)
 
 
-TABLES = {"scenarios": scenarios, "fields": fields, "rewards": rewards}
+def leaderboard() -> str:
+    """Every policy with its clip and, where the README's table has it, its score; the highest mean log score first."""
+    from agents import pretrained
+
+    root = Path(__file__).resolve().parents[1]
+    readme = (root / "README.md").read_text(encoding="utf-8")
+    table = readme.partition("<!-- generated: headline -->")[2].partition("<!-- end: headline -->")[0]
+    found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines() if "|" in line]
+    scored = {row[0]: row for row in found[2:]}
+    title = dict(zip(("log score gain, bits (mean)", "log score gain, bits (median)", "lost, %"), (1, 2, 6)))
+    if any(found[0][column] != name for name, column in title.items()):
+        raise ValueError(f"the README's headline has the columns {found[0]}")
+    clips = sorted(path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif"))
+    rows = []
+    for name in [*scored, *(name for name in clips if name not in scored)]:
+        kind = f"learned: [its card](cards/{name}.md)" if name in pretrained.names() else "computed"
+        clip = f"![{name} in room 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
+        numbers = [scored[name][column] for column in title.values()] if name in scored else ["not yet"] * 3
+        rows.append((f"`{name}`<br>{kind}", *numbers, clip))
+    return _table(("policy", "log score gain, bits: mean", "median", "lost, %", "in one room, 4 times as fast"), rows)
+
+
+TABLES = {"scenarios": scenarios, "fields": fields, "rewards": rewards, "leaderboard": leaderboard}
 
 
 def _field_docstrings(cls: type) -> dict[str, str]:

@@ -28,6 +28,7 @@ CLIENTS = {
     "sb3-a2c": Client("sb3_a2c.py", ("stable_baselines3",), {"steps": 640}),
     "sb3-dqn": Client("sb3_dqn.py", ("stable_baselines3",), {"steps": 1200}),
     "sb3-recurrent-ppo": Client("sb3_recurrent_ppo.py", ("sb3_contrib",), {"steps": 2240}),
+    "sb3-maskable-ppo": Client("sb3_maskable_ppo.py", ("sb3_contrib",), {"steps": 8960}),
     "sb3-zoo": Client("rl_zoo3/train.py", ("rl_zoo3",), {"steps": 560, "num_envs": 4}),
     "torchrl-ppo": Client("torchrl_ppo.py", ("torchrl",), {"steps": 560, "num_envs": 2}),
     "rllib-ppo": Client("rllib_ppo.py", ("ray.rllib",), {"iterations": 1}),

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.files import written_whole
-from agents import policies, tables
+from agents import figures, policies, tables
 from agents.__main__ import main
 from agents.compare import Args, compare
 from agents.episode import SAMPLED, Episode, honesty, outcome
@@ -128,6 +128,27 @@ def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
     summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
     assert summary.best_baseline == "sweep" and set(summary.paired["sweep"]) == {"own:mine", "stay"}
     assert "own:mine" in summary.notes[0] and any("mi-fisher was not run" in note for note in summary.notes)
+
+
+def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
+    """A useless agent, lost in nearly all rooms, was once crowned over the greedy one."""
+    lost = [episode("own:lost", seed, 90.0, lost=seed > 0) for seed in range(4)]
+    wrong, sound = (
+        [episode(name, seed, bits) for seed in range(4)] for name, bits in (("stay", -5.0), ("sweep", 10.0))
+    )
+    headline = summarise([*lost, *wrong, *sound]).notes[0]
+    assert "can" in headline and ": sweep, 20.0" in headline
+    assert "own:lost is lost in 75 % of the rooms; stay has a mean log score gain of 0 or less" in headline
+    assert summarise([*lost, *wrong]).notes[0].startswith("No policy has won anything. Not in the running: own:lost")
+
+
+def test_pictures_tell_what_is_lost() -> None:
+    pytest.importorskip("matplotlib")
+    runs = {"mine": [episode("mine", 0, lost=True), episode("mine", 1)], "stay": [episode("stay", 0)]}
+    titles = [axes.get_title() for axes in figures.maps(runs).axes]
+    assert titles == ["mine: 1 mapped\nthis run was lost", "stay: 1 mapped"]
+    titles = [axes.get_title() for axes in figures.entropies(runs).axes]
+    assert titles == ["mine (2 rooms, 1 lost)\nthis run was lost", "stay (1 rooms, 0 lost)"]
 
 
 def test_tables_are_aligned_and_complete_and_few_rooms_are_marked() -> None:

@@ -235,6 +235,22 @@ print(linalg.product(np.eye(2), np.eye(2)).sum())
     assert "could not be kept" in complaint and "compiled again at the next start" in complaint
 
 
+@compiles
+@pytest.mark.parametrize("batches", [1, 2])
+def test_each_batch_of_kernels_is_announced(copy: Path, batches: int) -> None:
+    """One line for kernels that are compiled one after another, and another for those that are asked for later."""
+    code = f"""
+import time
+from activeslam_gym import geometry, linalg
+{SMALL_KERNEL}
+time.sleep({1.2 * (batches - 1)})
+linalg.product(np.eye(2), np.eye(2))
+"""
+    done = run(code, copy)
+    assert done.returncode == 0, done.stderr
+    assert [("compiling" in line) for line in done.stderr.splitlines()] == [True] * batches
+
+
 def test_importing_changes_nothing_in_the_process(copy: Path) -> None:
     code = """
 import gc, multiprocessing, sys, threading

@@ -10,6 +10,7 @@ import pytest
 
 from activeslam_gym import Gaze, Motion, play
 from activeslam_gym.__main__ import main
+from activeslam_gym.rendering.window import SCORES_WIDTH
 
 
 def after(*keys: str) -> play.Pilot:
@@ -147,7 +148,7 @@ def test_the_window_shows_the_scores_and_hears_the_keys(screen: Any) -> None:
     width, height = rendering.COCKPIT_SIZE
     assert pictures[0].shape == (height, width, 4)
     changed = np.argwhere((pictures[0] != pictures[1]).any(axis=2))
-    assert len(changed) and changed[:, 1].min() > rendering.REFERENCE_SIZE[0]  # the scores alone, not the picture
+    assert len(changed) and changed[:, 1].min() > width / (1 + SCORES_WIDTH)  # the scores alone, not the picture
 
     press(screen, "left", "up")
     assert cockpit.keys(0.01) == ["left", "up"]

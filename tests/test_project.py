@@ -39,11 +39,38 @@ def test_import_is_light(module: str, too_slow: list[str], tmp_path: Path) -> No
     assert json.loads(run_elsewhere(code, tmp_path)) == []
 
 
-def test_opencv_comes_with_its_extra_alone() -> None:
+def pulled(extra: str) -> set[str]:
+    """Names of all packages that an extra installs, through the extras that it names."""
+    names: set[str] = set()
+    for one in PYPROJECT["project"]["optional-dependencies"][extra]:
+        name, of_ours = re.match(r"([\w.-]+)(?:\[([\w,]+)\])?", one).groups()
+        if name == PYPROJECT["project"]["name"]:
+            names |= {package for other in of_ours.split(",") for package in pulled(other)}
+        else:
+            names.add(name)
+    return names
+
+
+@pytest.mark.parametrize("extra", ["agents", "compare", "plot", "bench", "notebooks"])
+def test_neither_the_learners_nor_the_demo_pull_opencv_or_a_viewer(extra: str) -> None:
+    heavy = ("opencv", "viser", "rerun", "moviepy")
+    assert not [name for name in pulled(extra) if name.startswith(heavy)]
+    assert any(name.startswith("opencv") for name in pulled("vision"))  # what is looked for is found
+    assert "torch" in pulled("agents") and "torch" not in pulled("compare")
+
+
+def test_the_hints_install_what_there_is() -> None:
+    """An index has no package of ours: a hint names a clone, and an extra that there is."""
     extras = PYPROJECT["project"]["optional-dependencies"]
-    assert [name for name, packages in extras.items() if any("opencv" in one for one in packages)] == ["vision"]
-    pulls = [name for name, packages in extras.items() if any(re.search(r"\[.*\bvision\b", one) for one in packages)]
-    assert pulls == ["all"], "neither the learners nor the demo may pull it"
+    for folder in ("activeslam_gym", "baselines", "agents", "benchmarks"):
+        for path in (ROOT / folder).rglob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            assert not re.search(r"pip install .?activeslam-gym", text), path
+            assert set(re.findall(r"'\.\[(\w+)\]'", text)) <= set(extras), path
+
+
+def test_the_project_has_addresses() -> None:
+    assert all(url.startswith("https://") for url in PYPROJECT["project"]["urls"].values())
 
 
 def test_what_is_installed_and_its_version(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import pickle
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 import activeslam_gym
+import agents
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
@@ -21,15 +23,17 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO  # noqa: E402
 
 from agents import policies  # noqa: E402
+from agents.__main__ import main  # noqa: E402
 from agents.learn.algorithms import save_learner  # noqa: E402
 from agents.learn.card import read_card  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.weights import load, save  # noqa: E402
+from agents.pretrained import FOLDER  # noqa: E402
 from agents.tools.files import alone_in  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
-SMALL |= {"duration": 5.0}
+SMALL |= {"duration": 5.0, "decision_period": 0.25}
 LEFT = {"policy.npz", "policy.json", CHECKPOINT}
 
 
@@ -38,6 +42,30 @@ def acts(env: gym.Env, policy: Any) -> np.ndarray:
     action, _ = policy.predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
     return action
+
+
+def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsys: Any) -> None:
+    small = SMALL | {"unseen_rooms": 1, "duration": 1.0, "decision_period": 0.5}
+    assert main(["train", *(f"--{k.replace('_', '-')}={v}" for k, v in small.items()), f"--out={tmp_path}"]
+                + ["--total-steps=4"]) == 0  # fmt: skip
+    out, bar = capsys.readouterr()
+    assert re.search(r"4 decisions: held-out rooms mean return -?\d+, lost in \d+ %; kept", out)
+    assert "Now 1 unseen rooms for the kept weights, and for orbit, mi-constant, mi-fisher:" in out
+    assert all(name in out for name in ("What was learned", "policy.npz", "lost, %", "mean log score gain"))
+    assert all(doing in bar for doing in ("flying", "learning", "2 held-out rooms"))
+
+
+def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) -> None:
+    assert main(["export", "--policy", "ppo", "--out", str(tmp_path / "deep" / "ppo.zip")]) == 0
+    assert "gaze_period=0.25" in capsys.readouterr().out
+    learner, env = PPO.load(tmp_path / "deep" / "ppo.zip"), gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    policy, observation = agents.load("ppo", env), env.reset(seed=5)[0]
+    for _ in range(8):
+        action, _ = policy.predict(observation)
+        np.testing.assert_array_equal(action, learner.predict(observation, deterministic=True)[0])
+        observation = env.step(action)[0]
+    learner.set_env(env)
+    assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +77,13 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) -> None:
+def test_training_leaves_weights_card_and_checkpoint_and_goes_on(
+    trained: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert {path.name for path in trained.iterdir()} >= LEFT
     card = json.loads((trained / "policy.json").read_text())
     assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40
+    assert set(card["results"]["references"]) == {"orbit", "mi-constant", "mi-fisher"}
     assert card["held_out_mean_return"] is not None  # the end of a short training is judged too
     train(Args(out=trained, total_steps=80, **SMALL))
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80

@@ -141,7 +141,7 @@ def test_a_scenario_that_has_no_image_is_refused(field: str, value: object) -> N
 
 def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(ModuleNotFoundError, match="install the extra `vision`"):
+    with pytest.raises(ModuleNotFoundError, match=r"pip install -e '\.\[vision\]'"):
         gym.make(NAME)
 
 

@@ -242,4 +242,4 @@ def test_without_opencv_the_extra_is_named(sequence, tmp_path, capsys, monkeypat
     monkeypatch.setitem(sys.modules, "cv2", None)
     files = [f"--{name}={sequence / name}.json" for name in ("calibration", "target")]
     assert main(["track", "--images", str(sequence / "images"), "--out", str(tmp_path / "out"), *files]) == 1
-    assert capsys.readouterr().err.endswith("track: OpenCV is needed: install the extra `vision`\n")
+    assert capsys.readouterr().err.endswith("pip install -e '.[vision]'\n")

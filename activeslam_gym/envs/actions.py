@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT
+from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, nearest_motion
 
 _PAIR = f"two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}"
 _POINT = "four numbers in -1 … 1, a displacement along the camera's x, y and z and a turn"
@@ -25,6 +25,24 @@ def discrete_action_space() -> spaces.Discrete:
 def continuous_action_space() -> spaces.Box:
     """Of `ActiveSLAMContinuous-v0`: a displacement in steps, camera axes, and a share of the turn rate."""
     return spaces.Box(-1.0, 1.0, (4,), np.float32)
+
+
+def action_masks(space: spaces.Space[Any], commands: np.ndarray, phases: np.ndarray) -> np.ndarray:
+    """Which choices can make a difference, bool (B, 7 + 3), motions first, or (B, 21) in a discrete ``space``.
+
+    Where ``phases`` (B,) is 0 a motion is about to be read and all may be chosen; elsewhere the motion of an action is
+    ignored, and of the seven the one under way, of the ``commands`` (B, 4), is left.
+
+    Raises:
+        AttributeError: the actions are continuous.
+    """
+    if isinstance(space, spaces.Box):
+        raise AttributeError("continuous actions have no masks")
+    under_way = np.array([nearest_motion(command) for command in commands])
+    motions = (phases == 0)[:, None] | (np.arange(MOTION_COUNT) == under_way[:, None])
+    if isinstance(space, spaces.Discrete):
+        return np.repeat(motions, GAZE_COUNT, axis=1)
+    return np.hstack((motions, np.ones((len(motions), GAZE_COUNT), bool)))
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:

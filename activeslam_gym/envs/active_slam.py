@@ -9,6 +9,7 @@ from gymnasium import spaces
 
 from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import (
+    action_masks,
     action_space,
     checked_options,
     command_of,
@@ -21,7 +22,7 @@ from activeslam_gym.envs.episode import BEGIN, STEP, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
 from activeslam_gym.envs.simulation import empty_runs, resolve
-from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
+from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
 from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
 from activeslam_gym.threads import Workers
 
@@ -141,7 +142,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |
     | `lost_position_error` | `0.5` | true position error beyond which the run is lost [m] |
     | `end_when_lost` | `True` | whether a lost run is terminated |
-    | `render_mode` | `None` | `"rgb_array"` or `"human"` |
+    | `render_mode` | `None` | `"rgb_array"` or `"human"`, which warns and goes on where there is no screen |
+    | `render_size` | `(960, 640)` | width and height of the picture [px] |
 
     ## Information
 
@@ -195,12 +197,14 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         lost_position_error: float = 0.5,
         end_when_lost: bool = True,
         render_mode: str | None = None,
+        render_size: tuple[int, int] = (960, 640),
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])):
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
         setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
         self.render_mode = render_mode
+        self.render_size = checked_size(render_size)
         self.metadata = {**self.metadata, "render_fps": setting.render_rate}
         self.observation_space = observation_space(setting.layout)
         self.action_space = self._make_action_space()
@@ -262,6 +266,17 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self._phase[0], self._command[0] = phase, command
         self._play(self._phase, self._command)
 
+    def action_masks(self) -> np.ndarray:
+        """(10,) bool, motions and then gazes (discrete: (21,)): false for a motion that the next step would ignore.
+
+        Sb3-contrib's `MaskablePPO` reads it.
+
+        Raises:
+            AttributeError: the actions are continuous.
+        """
+        phases = np.array([self.motion_phase])
+        return action_masks(self.action_space, self._runs.episode["control"]["command"], phases)[0]
+
     def render(self) -> np.ndarray | None:
         """The present moment as an (H, W, 3) uint8 image in ``rgb_array`` mode; nothing in ``human`` mode.
 
@@ -275,7 +290,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
             return None
         from activeslam_gym import rendering
 
-        return rendering.draw(self.snapshot())
+        return rendering.draw(self.snapshot(), self.render_size)
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -290,7 +305,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode == "human":
             from activeslam_gym import rendering
 
-            self._window = self._window or rendering.Window()
+            self._window = self._window or rendering.Window(self.render_size)
             self._window.show(self.snapshot())
 
     def snapshot(self) -> Snapshot:

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from activeslam_gym.config import Scenario, whole_number
 from activeslam_gym.envs.actions import (
+    action_masks,
     action_space,
     checked_options,
     commands_of,
@@ -24,7 +25,7 @@ from activeslam_gym.envs.episode import BEGIN, REST, STEP, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
 from activeslam_gym.envs.simulation import empty_runs, resolve
-from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
+from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import COMMANDS, nearest_gaze
 from activeslam_gym.threads import Workers
@@ -71,6 +72,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         num_threads: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
+        render_size: tuple[int, int] = (960, 640),
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode == "rgb_array")):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
@@ -79,6 +81,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         workers = Workers(self.num_envs, num_threads)
         super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
         self.render_mode = render_mode
+        self.render_size = checked_size(render_size)
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "render_fps": setting.render_rate, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(setting.layout)
@@ -141,6 +144,10 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         infos.update(infos_of(self._runs, np.ones(self.num_envs, bool)))
         return self._runs.observation.copy(), rewards, terminated, truncated, infos
 
+    def action_masks(self) -> np.ndarray:
+        """(B, 10) bool, or (B, 21) of the discrete variant; see `ActiveSLAMEnv.action_masks`."""
+        return action_masks(self.single_action_space, self._runs.episode["control"]["command"], self.motion_phase)
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The present moment of each environment, (H, W, 3) uint8 images, in ``rgb_array`` mode.
 
@@ -152,7 +159,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
             return None
         from activeslam_gym import rendering
 
-        return tuple(rendering.draw(self.snapshot(i)) for i in range(self.num_envs))
+        return tuple(rendering.draw(self.snapshot(i), self.render_size) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""

@@ -44,19 +44,28 @@ if TYPE_CHECKING:
 class MapPanel:
     """The room, the belief's landmarks with their ellipsoids, the truth, both trajectories and both cameras."""
 
-    def __init__(self, axes: Axes):
+    def __init__(self, axes: Axes, small: bool = False):
         axes.set_axis_off()
+        size = 0.7 if small else 1.0
         self._axes = axes
         self._room_size = np.zeros(3)
         self._room_artists: list[Any] = []
         self._boxes = _added(axes, PolyCollection([], linewidths=0.6, edgecolors=_faded([MUTED], 0.7), zorder=2.5))
         self._plumbs = _added(axes, LineCollection([], colors=EXPECTED, linewidths=0.5, zorder=2))
         self._shadow = _line(axes, color=EXPECTED, linewidth=1.0, zorder=2)
-        self._expected = _markers(axes, ".", color=EXPECTED, markersize=5.0, zorder=3)
+        self._expected = _markers(axes, ".", color=EXPECTED, markersize=5.0 * size, zorder=3)
         self._outlines = _added(axes, PolyCollection([], linewidths=0.9, zorder=4))
         self._circles = _added(axes, LineCollection([], linewidths=0.45, zorder=4))
-        self._fiducials = _markers(axes, "s", color=FIDUCIAL, markeredgecolor=TRUTH, markeredgewidth=0.6, zorder=5)
-        self._true_landmarks = _markers(axes, "x", color=TRUTH, markersize=4.0, markeredgewidth=0.9, zorder=6)
+        self._fiducials = _markers(
+            axes, "s", color=FIDUCIAL, markersize=5.5 * size, markeredgecolor=TRUTH, markeredgewidth=0.6, zorder=5
+        )
+        self._true_landmarks = _markers(axes, "x", color=TRUTH, markersize=5.5 * size, markeredgewidth=0.9, zorder=5)
+        self._mapped = _markers(
+            axes, "o", color=MAPPED, markersize=4.5 * size, markeredgecolor="white", markeredgewidth=0.5, zorder=6
+        )
+        self._initialised = _markers(
+            axes, "o", markersize=4.5 * size, markerfacecolor="white", markeredgecolor=INITIALISED, zorder=6
+        )
         self._true_path = _line(axes, color=TRUTH, linewidth=0.9, linestyle=(0, (4, 2)), zorder=7)
         self._path = _line(axes, color=CAMERA, linewidth=1.5, zorder=7)
         self._frustums = _added(axes, PolyCollection([], linewidths=[0.7] * 5 + [1.2] * 5, joinstyle="round", zorder=8))
@@ -71,6 +80,8 @@ class MapPanel:
             (self._expected, snapshot.expected_landmarks),
             (self._fiducials, snapshot.fiducials),
             (self._true_landmarks, snapshot.true_landmarks),
+            (self._mapped, snapshot.landmarks[snapshot.mapped]),
+            (self._initialised, snapshot.landmarks[~snapshot.mapped]),
             (self._true_path, snapshot.true_trajectory),
             (self._path, snapshot.estimated_trajectory),
             (self._shadow, self._on_floor(snapshot.estimated_trajectory)),
@@ -143,19 +154,21 @@ class MapPanel:
 class ImagePanel:
     """What the camera sees (u to the right, v down), what was predicted, and the command."""
 
-    def __init__(self, axes: Axes):
+    def __init__(self, axes: Axes, small: bool = False):
+        size = 7.5 if small else 9.5
         axes.set(xticks=[], yticks=[], facecolor=WALL, aspect="equal", anchor="S")
-        axes.set_title("Camera image", loc="left", size=9.5, pad=6)
+        axes.set_title("Camera image", loc="left", size=size, pad=4 if small else 6)
         self._axes = axes
         self._photo = axes.imshow(np.zeros((1, 1)), cmap="gray", vmin=0, vmax=255, visible=False, zorder=0)
         self._gates = _added(
             axes, PolyCollection([], facecolors=_faded([MAPPED], 0.10), edgecolors=MAPPED, linewidths=0.9)
         )
-        self._detections = _markers(axes, "o", color=TRUTH, markersize=3.2, zorder=4)
-        self._gaze = _markers(axes, "<", color=CAMERA, markersize=9, zorder=5, clip_on=False)
-        self._command = axes.text(0.5, -0.055, "", transform=axes.transAxes, size=9.5, weight="bold", color=CAMERA,
+        self._detections = _markers(axes, "o", color=TRUTH, markersize=2.0 if small else 3.2, zorder=4)
+        self._gaze = _markers(axes, "<", color=CAMERA, markersize=size, zorder=5, clip_on=False)
+        self._command = axes.text(0.5, -0.055, "", transform=axes.transAxes, size=size, weight="bold", color=CAMERA,
                                   ha="center", va="top")  # fmt: skip
-        _legend_above(axes, {"detected": _key("o", TRUTH, 3.2), "predicted, 3σ": _key("o", MAPPED, 7, fill=False)})
+        if not small:
+            _legend_above(axes, {"detected": _key("o", TRUTH, 3.2), "predicted, 3σ": _key("o", MAPPED, 7, fill=False)})
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves the artists to the snapshot."""
@@ -175,12 +188,13 @@ class ImagePanel:
 class EntropyPanel:
     """The entropy so far in bits, and when landmarks became mapped."""
 
-    def __init__(self, axes: Axes):
+    def __init__(self, axes: Axes, small: bool = False):
         axes.spines[["top", "right"]].set_visible(False)
-        self._title = axes.set_title("Entropy", loc="left", size=9.5, pad=6)
-        axes.set_ylabel("bits", size=8, labelpad=1)
-        axes.set_xlabel("time (s)", size=8, labelpad=2)
-        axes.xaxis.set_major_locator(MaxNLocator(7))
+        self._title = axes.set_title("Entropy", loc="left", size=7.5 if small else 9.5, pad=4 if small else 6)
+        if not small:
+            axes.set_ylabel("bits", size=8, labelpad=1)
+        axes.set_xlabel("time (s)", size=7 if small else 8, labelpad=1 if small else 2)
+        axes.xaxis.set_major_locator(MaxNLocator(4 if small else 7))
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.tick_params(labelcolor=TEXT)
         self._axes = axes
@@ -192,7 +206,8 @@ class EntropyPanel:
         self._nothing = axes.text(
             0.5, 0.5, "no history kept", transform=axes.transAxes, color=MUTED, ha="center", va="center"
         )
-        _legend_above(axes, {"landmark mapped": _key("|", INITIALISED, 8)})
+        if not small:
+            _legend_above(axes, {"landmark mapped": _key("|", INITIALISED, 8)})
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves the curve; the axis of time spans the whole episode, so that frames compare."""
@@ -290,18 +305,21 @@ def _legend_above(axes: Axes, samples: dict[str, Line2D]) -> None:
                 fontsize=7, ncols=len(samples), columnspacing=1.0, handletextpad=0.1, borderpad=0.2)  # fmt: skip
 
 
-def map_legend() -> dict[str, list]:
-    """Handles and labels, column by column: the belief, the truth, the prior, the camera."""
+def map_legend(small: bool = False) -> dict[str, list]:
+    """Handles and labels, column by column: the belief, the truth, the prior, the camera; if small, the least."""
     entries = {
-        "mapped landmark, 2σ": _key("o", MAPPED, 8, fill=False),
-        "being initialised, 2σ": _key("o", INITIALISED, 8, fill=False),
-        "true landmark": _key("x", TRUTH, 4.5),
+        "mapped landmark, 2σ": _key("o", MAPPED, 5.5),
+        "being initialised, 2σ": _key("o", INITIALISED, 5.5, fill=False),
+        "true landmark": _key("x", TRUTH, 5.5),
         "expected landmark": _key(".", EXPECTED, 6),
         "fiducial": _key("s", FIDUCIAL, 5.5, edge=TRUTH),
         "floor shadow": _key("", EXPECTED, 1, line="-"),
         "estimated camera": _key("", CAMERA, 1, line="-"),
         "true camera": _key("", TRUTH, 1, line=(0, (4, 2))),
     }
+    if small:
+        least = ("mapped landmark, 2σ", "true landmark", "fiducial", "estimated camera")
+        entries = dict(zip(("mapped", "true", "known", "camera"), (entries[label] for label in least)))
     return {"handles": list(entries.values()), "labels": list(entries)}
 
 

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 REFERENCE_SIZE = (960, 640)
 """Pixels at which the lettering has its nominal size; other sizes scale it."""
+SMALL_SIZE = (480, 320)
+"""The same for a small picture, which has fewer words, and larger ones."""
+SMALL_BELOW = 720
+"""A picture of fewer pixels in width is small."""
 
 _TICKS = {"color": MUTED, "labelsize": 7.0, "major.width": 0.7, "major.size": 3.0}
 _STYLE = {
@@ -48,30 +52,34 @@ def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE) -> np.ndarr
 class Picture:
     """Three panels on one figure, whose artists are kept from frame to frame."""
 
-    def __init__(self, figure: Figure | SubFigure):
+    def __init__(self, figure: Figure | SubFigure, small: bool = False):
         self.figure = figure
+        self.small = small
         with our_style():
             from activeslam_gym.rendering.panels import EntropyPanel, ImagePanel, MapPanel, map_legend
 
             figure.set_facecolor("white")
-            self._title = figure.text(0.022, 0.952, "", size=11.5, weight="bold", va="center")
-            self._summary = figure.text(0.977, 0.952, "", size=9.5, va="center", ha="right")
+            self._title = figure.text(0.022, 0.952, "", size=8.5 if small else 11.5, weight="bold", va="center")
+            self._summary = figure.text(0.977, 0.952, "", size=7.5 if small else 9.5, va="center", ha="right")
             self._panels = (
-                MapPanel(figure.add_axes((0.012, 0.115, 0.625, 0.79))),
-                ImagePanel(figure.add_axes((0.682, 0.530, 0.295, 0.332))),
-                EntropyPanel(figure.add_axes((0.682, 0.115, 0.295, 0.275))),
+                MapPanel(figure.add_axes((0.012, 0.115, 0.625, 0.79)), small),
+                ImagePanel(figure.add_axes((0.682, 0.530, 0.295, 0.332)), small),
+                EntropyPanel(figure.add_axes((0.682, 0.135 if small else 0.115, 0.295, 0.255)), small),
             )
-            figure.legend(**map_legend(), loc="center", bbox_to_anchor=(0.325, 0.062), frameon=False, fontsize=7.5,
-                          ncols=4, columnspacing=1.8, handletextpad=0.6, labelspacing=0.55)  # fmt: skip
+            spacing = 1.0 if small else 1.8
+            figure.legend(**map_legend(small), loc="center", bbox_to_anchor=(0.325, 0.062), frameon=False, fontsize=7.5,
+                          ncols=4, columnspacing=spacing, handletextpad=0.5, labelspacing=0.55)  # fmt: skip
 
     def update(self, snapshot: Snapshot) -> None:
         """Moves every artist to the snapshot; the caller draws the canvas."""
         error_cm = 100 * np.linalg.norm(snapshot.position - snapshot.true_position)
-        self._title.set_text(f"Active SLAM   t = {snapshot.time:.1f} s")
-        self._summary.set_text(
-            f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)} landmarks mapped"
-            f"   ·   position error {error_cm:.1f} cm"
-        )
+        mapped = f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)}"
+        if self.small:
+            self._title.set_text(f"t = {snapshot.time:.1f} s")
+            self._summary.set_text(f"{mapped} mapped, camera {error_cm:.1f} cm off")
+        else:
+            self._title.set_text(f"Active SLAM   t = {snapshot.time:.1f} s")
+            self._summary.set_text(f"{mapped} landmarks mapped   ·   position error {error_cm:.1f} cm")
         for panel in self._panels:
             panel.update(snapshot)
 
@@ -83,7 +91,7 @@ def the_matplotlib() -> ModuleType:
         import matplotlib.style
     except ImportError as error:
         raise gymnasium.error.DependencyNotInstalled(
-            'matplotlib is needed to render: pip install "activeslam-gym[plot]"'
+            "matplotlib is needed to render: pip install matplotlib, or in a clone: pip install -e '.[plot]'"
         ) from error
     return matplotlib
 
@@ -95,7 +103,8 @@ def our_style() -> Any:
 
 def figure_shape(width: int, height: int) -> dict[str, Any]:
     """matplotlib's figsize (inches) and dpi for a size in pixels."""
-    dpi = 100 * min(width / REFERENCE_SIZE[0], height / REFERENCE_SIZE[1])
+    reference = SMALL_SIZE if width < SMALL_BELOW else REFERENCE_SIZE
+    dpi = 100 * min(width / reference[0], height / reference[1])
     # A thousandth of a pixel more, since the canvas truncates.
     return {"figsize": ((width + 1e-3) / dpi, (height + 1e-3) / dpi), "dpi": dpi}
 
@@ -109,4 +118,4 @@ def _offscreen_picture(width: int, height: int) -> Picture:
 
     figure = Figure(**figure_shape(width, height))
     FigureCanvasAgg(figure)
-    return Picture(figure)
+    return Picture(figure, small=width < SMALL_BELOW)

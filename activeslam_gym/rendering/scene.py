@@ -9,9 +9,10 @@ import numpy as np
 if TYPE_CHECKING:
     from activeslam_gym.envs.snapshot import Snapshot
 
-# Okabe and Ito's colours, safe for colour-blind readers: blue is believed, black is true, vermillion is the camera.
+# Okabe and Ito's colours, safe for colour-blind readers: blue is believed, black is true, green is known, vermillion is
+# the camera.
 MAPPED, INITIALISED, EXPECTED = "#0072B2", "#7CC4F0", "#B0B4B8"
-TRUTH, FIDUCIAL, CAMERA = "#1A1A1A", "#E69F00", "#D55E00"
+TRUTH, FIDUCIAL, CAMERA = "#1A1A1A", "#009E73", "#D55E00"
 TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F9FAFB"
 
 ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -9,36 +10,61 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from activeslam_gym.rendering.picture import REFERENCE_SIZE, Picture, figure_shape, our_style, the_matplotlib
+from activeslam_gym.rendering.picture import (
+    REFERENCE_SIZE,
+    SMALL_BELOW,
+    Picture,
+    figure_shape,
+    our_style,
+    the_matplotlib,
+)
 
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
 
-COCKPIT_SIZE = (1360, 640)
-"""Pixels of the window to fly in: the picture, and the actions' scores beside it."""
+COCKPIT_SIZE = (1190, 560)
+"""Pixels of the window to fly in, the picture and the actions' scores beside it; with its bars it fits 1366 x 768."""
+SCORES_WIDTH = 0.417
+"""Width of the scores, relative to the picture's."""
+
+
+class NoScreen(gymnasium.error.Error):
+    """No window can be opened."""
+
+
+class NoScreenWarning(UserWarning):
+    """What was to be shown in a window goes on without one."""
 
 
 class Window:
-    """A window on the screen. A user who closes it is not shown another: the run goes on without."""
+    """A window on the screen. Where there is none, or a user has closed it, the run goes on without."""
 
     def __init__(self, size: tuple[int, int] = REFERENCE_SIZE):
         self.size = size
         self._figure: Any = None
+        self._no_screen = False
 
     def show(self, snapshot: Snapshot) -> None:
-        """Draws the snapshot now; the first call opens the window.
+        """Draws the snapshot now; the first call opens the window, or gives a `NoScreenWarning`.
 
-        Raises gymnasium.error.Error where there is no screen, DependencyNotInstalled where matplotlib is missing.
+        Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
         """
-        if self._figure is None:
-            figure = _figure_on_screen(
-                self.size, "render_mode='human' needs a screen and none was found; use render_mode='rgb_array' instead"
-            )
-            self._picture, self._figure = Picture(figure), figure
-        if _is_open(self._figure):
+        if self._figure is None and not self._no_screen:
+            self._open()
+        if self._figure is not None and _is_open(self._figure):
             self._picture.update(snapshot)
             self._figure.canvas.draw()
             self._figure.canvas.flush_events()
+
+    def _open(self) -> None:
+        try:
+            figure = _figure_on_screen(self.size, "render_mode='human' needs a screen and none was found")
+        except NoScreen as error:
+            self._no_screen = True
+            told = f"{error}: nothing is shown; render_mode='rgb_array' draws without one"
+            warnings.warn(told, NoScreenWarning, stacklevel=2)
+        else:
+            self._picture, self._figure = Picture(figure, small=self.size[0] < SMALL_BELOW), figure
 
     def close(self) -> None:
         """Closes the window; harmless where none is open."""
@@ -55,7 +81,7 @@ class Cockpit:
         size: Of the window in pixels.
 
     Raises:
-        gymnasium.error.Error: there is no screen.
+        NoScreen: there is none.
         gymnasium.error.DependencyNotInstalled: matplotlib is missing.
     """
 
@@ -64,8 +90,7 @@ class Cockpit:
         with our_style():
             from activeslam_gym.rendering.panels import ScorePanel
 
-            ratios = (REFERENCE_SIZE[0], COCKPIT_SIZE[0] - REFERENCE_SIZE[0])
-            left, right = figure.subfigures(1, 2, width_ratios=ratios)
+            left, right = figure.subfigures(1, 2, width_ratios=(1.0, SCORES_WIDTH))
             self._picture = Picture(left)
             self._scores = ScorePanel(right, actions)
         self._pressed: list[str] = []
@@ -121,10 +146,10 @@ def _figure_on_screen(size: tuple[int, int], hint: str) -> Any:
     try:
         figure = pyplot.figure(**figure_shape(*size))
     except Exception as error:  # each GUI toolkit has its own way to say that there is no screen
-        raise gymnasium.error.Error(hint) from error
+        raise NoScreen(hint) from error
     if type(figure.canvas.manager) is FigureManagerBase:  # a backend without windows, such as Agg
         pyplot.close(figure)
-        raise gymnasium.error.Error(hint)
+        raise NoScreen(hint)
     figure.canvas.manager.set_window_title("Active SLAM")
     figure.show()
     return figure

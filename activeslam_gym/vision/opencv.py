@@ -12,5 +12,7 @@ def opencv() -> Any:
     try:
         import cv2
     except ModuleNotFoundError:
-        raise ModuleNotFoundError("OpenCV is needed: install the extra `vision`") from None
+        raise ModuleNotFoundError(
+            "OpenCV is needed: pip install opencv-python-headless, or in a clone: pip install -e '.[vision]'"
+        ) from None
     return cv2

@@ -87,7 +87,7 @@ class Args(Rooms):
 
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    print(f"{len(args.names)} policies, {args.episodes} rooms each. The first run compiles, which takes a while.")
+    print(f"{len(args.names)} policies, {args.episodes} rooms each.")
     summary = compare(args)
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")
@@ -122,7 +122,7 @@ def _compare(args: Args) -> Summary | None:
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
     if args.figures and not drawn:
-        summary.notes.append("No figures: matplotlib is not installed (pip install matplotlib).")
+        summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", tables.markdown(summary))
     for page in args.report:

@@ -71,7 +71,7 @@ class Args(Rooms):
 def main(args: Args) -> int:
     """Make the report and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     total = args.episodes * len(args.policies) * len(args.initialisations)
-    print(f"{total} episodes. The first run compiles, which takes a while.")
+    print(f"{total} episodes.")
     calibrations, complete = report(args)
     if not calibrations:
         print("Interrupted before the first episode was over: nothing to show.")

@@ -1,11 +1,15 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
 import json
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
 from zipfile import ZipFile
 
+import numpy as np
+import torch
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file
@@ -44,22 +48,45 @@ def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
     return ScaledReward(VecMonitor(env), recipe.reward_scale, recipe.reward_clip)
 
 
-def make_learner(recipe: Recipe, env: VecEnv, logs: Path) -> Any:
-    """A new learner. PPO's rollout is one episode of every environment, learned from in 5 minibatches, 4 times."""
+def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
+    """A new learner. PPO's rollout is one episode of every environment."""
     steps, entropy = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}
-    rollout = {"n_steps": steps, "batch_size": max(2, steps * recipe.num_envs // 5), "n_epochs": 4, "gae_lambda": 0.95}
-    own: dict[str, dict[str, Any]] = {"ppo": rollout | entropy, "a2c": entropy, "dqn": {"buffer_size": REPLAY_STEPS}}
+    rollout = {"n_steps": steps, "batch_size": max(2, steps * recipe.num_envs // 5), "gae_lambda": 0.95}
+    own: dict[str, dict[str, Any]] = {
+        "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs},
+        "a2c": entropy,
+        "dqn": {"buffer_size": REPLAY_STEPS},
+    }
     return CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, _LAST_RATE),
         gamma=recipe.gamma,
         policy_kwargs=policy_arguments(observation_layout(env.unwrapped), recipe.width),
-        tensorboard_log=str(logs),
+        tensorboard_log=str(logs) if logs else None,
         seed=recipe.seed,
         device="cpu",
         **own[recipe.algorithm],
     )
+
+
+def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> Any:
+    """A learner of SB3 that has these weights, for a single environment of the recipe that the card tells.
+
+    Raises ValueError where they do not fit each other.
+    """
+    recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe) if field.name in card})
+    env = make_batch(recipe, 1, TRAINING_SEEDS)
+    try:
+        learner = make_learner(recipe, env, None)
+        learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
+    except RuntimeError as error:
+        raise ValueError(f"the weights do not fit their card: {error}") from error
+    finally:
+        env.close()
+    learner.learning_rate = recipe.learning_rate  # a number, where a function would be pickled
+    learner._setup_lr_schedule()
+    return learner
 
 
 def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> Any:

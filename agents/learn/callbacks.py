@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
@@ -10,18 +11,65 @@ from stable_baselines3.common.vec_env import VecEnv
 from agents.learn.algorithms import HELD_OUT_SEEDS, save_learner
 
 
+class Progress(BaseCallback):
+    """A bar that tells what is being done, and the median return of the last episodes of training."""
+
+    def __init__(self, total_steps: int) -> None:
+        super().__init__()
+        self.total_steps = total_steps
+        self.bar: Any = None
+
+    def doing(self, what: str) -> None:
+        """Tell what takes time now."""
+        self.bar.set_description_str(what)
+
+    def say(self, line: str) -> None:
+        """Leave a line above the bar."""
+        self.bar.write(line)
+
+    def close(self) -> None:
+        """Take the bar away, if there is one."""
+        if self.bar is not None:
+            self.bar.close()
+
+    def _on_training_start(self) -> None:
+        from tqdm import tqdm
+
+        rollout = getattr(self.model, "n_steps", 1) * self.training_env.num_envs
+        left = -(-(self.total_steps - self.num_timesteps) // rollout) * rollout
+        total = self.num_timesteps + left
+        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
+
+    def _on_rollout_start(self) -> None:
+        self.doing("flying")
+
+    def _on_step(self) -> bool:
+        self.bar.update(self.training_env.num_envs)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
+        if returns:
+            self.bar.set_postfix_str(f"median return while exploring {np.median(returns):.0f}", refresh=False)
+        self.doing("learning")
+
+
 class HeldOutRooms(EvalCallback):
     """The deterministic policy in the same held-out rooms, an episode in each, every `period` decisions and at the end.
 
     `save_best` is called with the mean return, in the reward's own unit, where it is the best so far.
     """
 
-    def __init__(self, rooms: VecEnv, period: int, best: float, save_best: Callable[[float], None]) -> None:
+    def __init__(
+        self, rooms: VecEnv, period: int, best: float, save_best: Callable[[float], None], progress: Progress
+    ) -> None:
         super().__init__(rooms, n_eval_episodes=rooms.num_envs, eval_freq=1, verbose=0)
         self.period = period
         self.best_mean_reward = best
         self.save_best = save_best
+        self.progress = progress
         self.visited = 0
+        self.lost: list[bool] = []
 
     def _on_step(self) -> bool:
         return self.num_timesteps % self.period >= self.training_env.num_envs or self._visit()
@@ -32,40 +80,22 @@ class HeldOutRooms(EvalCallback):
 
     def _visit(self) -> bool:
         self.visited = self.num_timesteps
+        self.progress.doing(f"{self.eval_env.num_envs} held-out rooms")
         self.eval_env.seed(HELD_OUT_SEEDS)
+        self.lost = []
         before = self.best_mean_reward
         going_on = super()._on_step()
-        if self.best_mean_reward > before:
+        if better := self.best_mean_reward > before:
             self.save_best(self.best_mean_reward)
+        told = f"mean return {self.last_mean_reward:.0f}, lost in {100 * np.mean(self.lost):.0f} %"
+        self.progress.say(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
+        self.progress.doing("flying")
         return going_on
 
-
-class Progress(BaseCallback):
-    """A bar with the last mean return of training."""
-
-    def __init__(self, total_steps: int) -> None:
-        super().__init__()
-        self.total_steps = total_steps
-
-    def _on_training_start(self) -> None:
-        from tqdm import tqdm
-
-        rollout = getattr(self.model, "n_steps", 1) * self.training_env.num_envs
-        left = -(-(self.total_steps - self.num_timesteps) // rollout) * rollout
-        total = self.num_timesteps + left
-        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
-
-    def _on_step(self) -> bool:
-        self.bar.update(self.training_env.num_envs)
-        return True
-
-    def _on_rollout_end(self) -> None:
-        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
-        if returns:
-            self.bar.set_postfix_str(f"mean return {np.mean(returns):.0f}")
-
-    def _on_training_end(self) -> None:
-        self.bar.close()
+    def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+        """Called at every step of the visit: was the run that ended here lost?"""
+        if locals_["done"]:
+            self.lost.append(bool(locals_["info"]["lost"]))
 
 
 class Checkpoints(BaseCallback):

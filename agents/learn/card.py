@@ -5,17 +5,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from agents.episode import outcome
 from agents.learn.recipe import ALGORITHMS
-from agents.summary import STATISTICS
+from agents.summary import Summary, summarise
 from agents.task import Task
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 from agents.tools.parallel import run_all
-from agents.tools.statistics import estimate
 
 UNSEEN_SEEDS = 4_000_000
 """The rooms of the card's results: none of training, of the choice of weights, or of the study."""
+REFERENCES = ("orbit", "mi-constant", "mi-fisher")
+"""A constant action and two greedy strategies: what a learned policy is worth training for."""
 COLUMNS = ("bits", "log_score_gain", "landmarks_mapped", "landmark_rmse", "position_error", "lost", "decision_us")
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
@@ -53,9 +53,16 @@ def read_card(weights: Path) -> dict[str, Any]:
         return card
 
 
-def results(weights: Path, rooms: int) -> dict[str, Any]:
-    """What the weights reach in `rooms` unseen rooms of the default scenario: figures with 95 % intervals."""
-    tasks = [Task(str(weights), UNSEEN_SEEDS + j, settings="{}") for j in range(rooms)]
-    rows = [outcome(episode, target_landmarks=14) for _, episode in run_all(Task.run, tasks, jobs=1)]
-    figures = {name: asdict(estimate([row[name] for row in rows], STATISTICS[name])) for name in COLUMNS}
-    return {"first_seed": UNSEEN_SEEDS, "rooms": rooms, **figures}
+def unseen(weights: Path, rooms: int, duration: float) -> Summary:
+    """What the weights reach in `rooms` unseen rooms of the default scenario, beside `REFERENCES` in the same rooms."""
+    settings = json.dumps({"duration": duration})
+    names, seeds = (str(weights), *REFERENCES), range(UNSEEN_SEEDS, UNSEEN_SEEDS + rooms)
+    tasks = [Task(name, seed, settings) for name in names for seed in seeds]
+    return summarise([episode for _, episode in run_all(Task.run, tasks, jobs=1)])
+
+
+def results(weights: Path, summary: Summary) -> dict[str, Any]:
+    """The figures of the weights and of the references for a card, with 95 % intervals."""
+    figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
+    own = figures.pop(str(weights))
+    return {"first_seed": UNSEEN_SEEDS, "rooms": own["bits"]["rooms"], **own, "references": figures}

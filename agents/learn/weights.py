@@ -162,8 +162,12 @@ def _action_logits(network: ActorCriticPolicy) -> Logits:
     return logits
 
 
-def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
-    """See `agents.load`."""
+def read(name: str, folder: Path = pretrained.FOLDER) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Weights and card of ``NAME.npz`` in a folder.
+
+    Raises:
+        ValueError: there are none of that name, or they are damaged.
+    """
     known = pretrained.names(folder)
     if name not in known:
         raise ValueError(
@@ -173,4 +177,9 @@ def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> Learn
     with reading(path), np.load(path, allow_pickle=False) as file:
         weights = {key: file[key] for key in file.files}
         require_finite(weights)
-    return LearnedPolicy(env, weights, read_card(path))
+    return weights, read_card(path)
+
+
+def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
+    """See `agents.load`."""
+    return LearnedPolicy(env, *read(name, folder))

@@ -65,7 +65,7 @@ def main(args: Args) -> int:
     args.prepare()
     plan = args.plan()
     check((), [one.environment() for one in plan])
-    print(f"{args.episodes} rooms, {len(plan)} conditions. The first run compiles, which takes a while.")
+    print(f"{args.episodes} rooms, {len(plan)} conditions.")
     try:
         with alone_in(args.out):
             study = run(args)
@@ -89,13 +89,17 @@ def run(args: Args) -> Study:
     room = median_room(rows)
     by_key = {(one.choice, one.policy): one for one in plan}
     strategies = {name: play(Run(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
-    live = {choice: play(Run(by_key[choice, LIVE], _median_seed([rows[choice, LIVE]])))[0] for choice in LIVE_CHOICES}
+    live = {choice: play(Run(by_key[choice, LIVE], median_alive([rows[choice, LIVE]])))[0] for choice in LIVE_CHOICES}
     return Study(rows, findings_of(rows), drawing.Drawn(strategies, live), _settings(args, room))
 
 
 def median_room(rows: Rows) -> int:
     """Seed of the room with the median log score of the three strategies together, where none was lost (if any)."""
-    together = [rows[DEFAULT, name] for name in STRATEGIES]
+    return median_alive([rows[DEFAULT, name] for name in STRATEGIES])
+
+
+def median_alive(together: Sequence[Sequence[Row]]) -> int:
+    """Seed of the room with the median log score of one or several strategies, where none was lost (if any)."""
     alive = [runs for runs in zip(*together, strict=True) if not any(run["lost"] for run in runs)]
     return _median_seed(list(zip(*alive)) or together)
 

@@ -150,6 +150,8 @@ def _commands(axes: Axes, episode: Episode) -> None:
     read = np.flatnonzero(episode.motion_read)
     times, motions = episode.times[read], episode.actions[read, 0]
     shown = times < FIRST_MINUTE
+    if episode.lost:
+        axes.set_title("lost: its commands until then", fontsize=9, color=figures.LOST)
     axes.step(times[shown], motions[shown], where="post", color="tab:blue", linewidth=1.0)
     axes.set_yticks(range(len(Motion)), [motion.name for motion in Motion], fontsize=7)
     axes.set(xlabel="time, s", xlim=(0.0, FIRST_MINUTE), ylim=(-0.5, len(Motion) - 0.5))

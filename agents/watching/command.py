@@ -1,12 +1,16 @@
 """`python -m agents watch`: an episode of one policy, or of several side by side in the same room."""
 
+import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+import gymnasium as gym
+
 from activeslam_gym.live.recording import read_about
+from activeslam_gym.rendering import NoScreenWarning
 from agents.episode import Episode, outcome
 from agents.evaluate import Look
 from agents.task import check, file_name, make_environment, run_policy
@@ -118,6 +122,7 @@ def watch(args: Args) -> Iterator[Path]:
                 path = args.rerun.with_stem(f"{args.rerun.stem}-{title}") if len(titles) > 1 else args.rerun
                 scenario = cast(Any, env.unwrapped).scenario
                 looks.append(stack.enter_context(Recording(path, scenario, name)).log)
+            stack.enter_context(_window_demanded())
             episode = run_policy(name, env, args.seed, looks=looks)
         print(summary_line(episode))
         if args.rerun:
@@ -129,6 +134,18 @@ def watch(args: Args) -> Iterator[Path]:
         pictures = side_by_side(films, list(titles.values()))
         write_animation(args.save, pictures, args.every / args.speed)
         yield args.save
+
+
+@contextmanager
+def _window_demanded() -> Iterator[None]:
+    """Raise gymnasium.error.Error where a window is to be shown and there is no screen."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", NoScreenWarning)
+        try:
+            yield
+        except NoScreenWarning as warning:
+            told = "no screen was found to watch on; --save clip.gif, --rerun or --tum write files instead"
+            raise gym.error.Error(told) from warning
 
 
 def labels(names: Sequence[str]) -> dict[str, str]:

@@ -64,5 +64,5 @@ def _strip(name: str, width: int) -> Picture:
     from PIL import Image, ImageDraw, ImageFont
 
     strip = Image.new("RGB", (width, STRIP_PX), "white")
-    ImageDraw.Draw(strip).text((0.022 * width, 6), name, fill=TEXT, font=ImageFont.load_default(16))
+    ImageDraw.Draw(strip).text((0.022 * width, 4), name, fill=TEXT, font=ImageFont.load_default(18))
     return np.asarray(strip)

@@ -1,0 +1,98 @@
+"""Wrappers for clients that want the observation in parts, or the number of steps of an episode in the spec."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import VectorEnv, VectorObservationWrapper
+from gymnasium.vector.utils import batch_space
+
+from activeslam_gym.envs.observation import ObservationLayout
+
+_KINDS = ("fiducial", "expected", "initialising", "mapped")
+"""Features of a token of which one is 1, unless the token stands for nothing."""
+
+Parts = dict[str, np.ndarray]
+
+
+class TokenObservation(gymnasium.ObservationWrapper[Parts, Any, np.ndarray], gymnasium.utils.RecordConstructorArgs):
+    """The observation as a `Dict`, for networks that treat landmarks as a set.
+
+    ``global`` (32,) float32, ``tokens`` (T, 11) float32, and ``present`` (T,) int8: 1 where a token stands for a thing,
+    which is a mask for attention and pooling. Names and scales of the features are those of `ActiveSLAMEnv`.
+
+    Raises:
+        ValueError: ``env`` is no ActiveSLAM environment.
+    """
+
+    def __init__(self, env: gymnasium.Env[np.ndarray, Any]) -> None:
+        from activeslam_gym import observation_layout
+
+        gymnasium.utils.RecordConstructorArgs.__init__(self)
+        self._layout = observation_layout(env)
+        super().__init__(env)
+        self.observation_space = token_space(self._layout)
+
+    def observation(self, observation: np.ndarray) -> Parts:
+        """(D,) in its parts."""
+        return in_parts(observation, self._layout)
+
+
+class TokenVectorObservation(VectorObservationWrapper):
+    """`TokenObservation` of a batch, whose parts have a leading axis; in mode NEXT_STEP or DISABLED.
+
+    Raises:
+        ValueError: ``env`` is no ActiveSLAM batch, or resets in the step that ends an episode.
+    """
+
+    def __init__(self, env: VectorEnv) -> None:
+        from activeslam_gym import observation_layout
+
+        self._layout = observation_layout(env)
+        super().__init__(env)
+        self.single_observation_space = token_space(self._layout)
+        self.observation_space = batch_space(self.single_observation_space, env.num_envs)
+
+    def observations(self, observations: np.ndarray) -> Parts:
+        """(B, D) in their parts."""
+        return in_parts(observations, self._layout)
+
+
+class StepLimit(gymnasium.wrappers.TimeLimit):
+    """Tells in `spec.max_episode_steps` how many steps an episode has, and changes nothing else.
+
+    The id is registered without that number, since it follows from ``duration`` and ``gaze_period``. Wrappers that ask
+    for it, such as `gymnasium.wrappers.TimeAwareObservation`, take the environment so.
+
+    Raises:
+        ValueError: ``env`` is no ActiveSLAM environment.
+    """
+
+    def __init__(self, env: gymnasium.Env) -> None:
+        from activeslam_gym import core_of
+
+        super().__init__(env, int(core_of(env).setting.task.steps))
+
+
+def token_space(layout: ObservationLayout) -> spaces.Dict:
+    """The space of an observation in its parts."""
+    count = layout.token_shape[0]
+    return spaces.Dict(
+        {
+            "global": spaces.Box(-1.0, 1.0, (layout.tokens.start,), np.float32),
+            "tokens": spaces.Box(-1.0, 1.0, layout.token_shape, np.float32),
+            "present": spaces.MultiBinary(count),
+        }
+    )
+
+
+def in_parts(observation: np.ndarray, layout: ObservationLayout) -> Parts:
+    """Copies of the parts of flat observations (..., D), as `TokenObservation` names them."""
+    tokens = observation[..., layout.tokens].reshape(*observation.shape[:-1], *layout.token_shape)
+    kinds = tokens[..., [layout.token_slices[name].start for name in _KINDS]]
+    return {
+        "global": observation[..., : layout.tokens.start].copy(),
+        "tokens": tokens.copy(),
+        "present": (kinds.max(axis=-1) > 0).astype(np.int8),
+    }

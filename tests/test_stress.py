@@ -1,0 +1,34 @@
+"""The stress command, small; its whole million of frames is `python -m benchmarks.stress`."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from activeslam_gym import SCENARIOS, ActiveSLAMVectorEnv, Scenario
+from benchmarks import stress
+
+
+def test_random_scenarios_are_legal_and_differ() -> None:
+    rng = np.random.default_rng(0)
+    drawn = [stress.random_scenario(rng) for _ in range(20)]
+    assert len(set(drawn)) == 20 and Scenario(name="random") not in drawn
+
+
+def test_the_command_flies_every_scenario(capsys: Any) -> None:
+    assert stress.main(["--frames", "160", "--scenarios", "2"]) == 0
+    assert f"{len(SCENARIOS) + 2} scenarios" in capsys.readouterr().out
+
+
+def test_what_is_not_finite_is_found(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    step = ActiveSLAMVectorEnv.step
+
+    def broken(self: ActiveSLAMVectorEnv, actions: Any) -> Any:
+        observation, reward, *rest, infos = step(self, actions)
+        infos["reward_terms"]["entropy"][0] = np.nan
+        return observation, reward, *rest, infos
+
+    monkeypatch.setattr(ActiveSLAMVectorEnv, "step", broken)
+    assert stress.main(["--frames", "20", "--scenarios", "0", "--seed", "7"]) == 1
+    out = capsys.readouterr().out
+    assert "FAILED, seed 7: ArithmeticError: not finite: entropy" in out and f"{len(SCENARIOS)} failures" in out

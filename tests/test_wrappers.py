@@ -1,0 +1,144 @@
+"""Masks, wrappers and the render size: what clients ask of an environment beyond its observation."""
+
+import warnings
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.wrappers import TimeAwareObservation
+
+from activeslam_gym import Gaze, Motion, observation_layout
+from activeslam_gym.wrappers import StepLimit, TokenObservation, TokenVectorObservation
+
+NAMES = ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0")
+
+
+def indices(mask: np.ndarray) -> list[int]:
+    return np.flatnonzero(mask).tolist()
+
+
+def test_a_mask_leaves_all_motions_where_one_is_read_and_the_one_under_way_elsewhere() -> None:
+    pair, single = (gym.make(name, gaze_period=0.25).unwrapped for name in NAMES)
+    for env, action in ((pair, (Motion.UP, Gaze.LEFT)), (single, 3 * Motion.UP + Gaze.LEFT)):
+        env.reset(seed=0)
+        assert env.action_masks().all()
+        env.step(action)
+        for _ in range(2):
+            env.step(action)
+    assert indices(pair.action_masks()) == [Motion.UP, 7, 8, 9]
+    assert indices(single.action_masks()) == [3 * Motion.UP + gaze for gaze in Gaze]
+    pair.step((Motion.UP, Gaze.LEFT))
+    assert pair.motion_phase == 0 and pair.action_masks().all()
+
+
+def test_a_motion_that_is_masked_makes_no_difference() -> None:
+    """The law behind the mask: between periods any motion leads to the same observation."""
+    observations = []
+    for other in (Motion.DOWN, Motion.UP):
+        env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+        env.reset(seed=3)
+        env.step((Motion.UP, Gaze.LEFT))
+        observations.append([env.step((other, Gaze.LEFT))[0] for _ in range(3)])
+    np.testing.assert_array_equal(*observations)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_batch_has_the_masks_of_its_environments(name: str) -> None:
+    envs = gym.make_vec(name, num_envs=3, gaze_period=0.25)
+    envs.reset(seed=0)
+    one = gym.make(name, gaze_period=0.25)
+    one.reset(seed=0)
+    for step in range(5):
+        masks = envs.unwrapped.action_masks()
+        assert masks.shape == (3, 10 if name == NAMES[0] else 21)
+        np.testing.assert_array_equal(masks[0], one.unwrapped.action_masks())
+        action = np.array([step, 1]) if name == NAMES[0] else np.array(4 * step)
+        envs.step(np.stack([action] * 3))
+        one.step(action)
+
+
+def test_stable_baselines_asks_each_environment_for_its_mask() -> None:
+    pytest.importorskip("stable_baselines3")
+    from agents.sb3_vec_env import ActiveSLAMVecEnv
+
+    env = ActiveSLAMVecEnv(2, gaze_period=0.25)
+    env.reset()
+    env.step(np.array([[Motion.LEFT, 0], [Motion.DOWN, 0]]))
+    masks = np.stack(env.env_method("action_masks"))
+    assert [indices(mask) for mask in masks] == [[Motion.LEFT, 7, 8, 9], [Motion.DOWN, 7, 8, 9]]
+    assert indices(env.env_method("action_masks", indices=[1])[0]) == [Motion.DOWN, 7, 8, 9]
+
+
+def test_the_observation_in_parts_is_the_flat_one() -> None:
+    flat = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    layout, observation = observation_layout(flat), flat.reset(seed=0)[0]
+    parts = TokenObservation(gym.make("ActiveSLAM-v0", gaze_period=0.25))
+    given = parts.reset(seed=0)[0]
+    assert parts.observation_space.contains(given)
+    np.testing.assert_array_equal(np.concatenate((given["global"], given["tokens"].ravel())), observation)
+    tokens = observation[layout.tokens].reshape(layout.token_shape)
+    np.testing.assert_array_equal(given["present"], np.abs(tokens).any(axis=1))
+    assert 0 < given["present"].sum() < len(tokens)
+    assert parts.observation_space.contains(parts.step(parts.action_space.sample())[0])
+    assert gym.make(parts.spec.to_json() and parts.spec).observation_space == parts.observation_space
+
+
+def test_a_batch_in_parts_has_a_leading_axis() -> None:
+    envs = TokenVectorObservation(gym.make_vec("ActiveSLAM-v0", num_envs=2, gaze_period=0.25))
+    observations = envs.reset(seed=0)[0]
+    assert envs.observation_space.contains(observations)
+    single = TokenObservation(gym.make("ActiveSLAM-v0", gaze_period=0.25)).reset(seed=1)[0]
+    for name, part in single.items():
+        np.testing.assert_array_equal(observations[name][1], part)
+    assert envs.observation_space.contains(envs.step(envs.action_space.sample())[0])
+
+
+def test_a_wrapper_of_ours_wants_an_environment_of_ours() -> None:
+    other = gym.make("CartPole-v1")
+    for wrapper in (TokenObservation, StepLimit):
+        with pytest.raises(ValueError, match="env must be an ActiveSLAM environment"):
+            wrapper(other)
+
+
+def test_the_spec_has_no_number_of_steps_and_the_wrapper_that_mends_it() -> None:
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=2.0)
+    assert env.spec.max_episode_steps is None
+    with pytest.raises(ValueError, match="max_episode_steps"):
+        TimeAwareObservation(env)
+    limited = StepLimit(env)
+    assert limited.spec.max_episode_steps == 8
+    aware = TimeAwareObservation(limited)
+    observation, _ = aware.reset(seed=0)
+    assert aware.observation_space.contains(observation)
+    ends = [aware.step((Motion.STAY, Gaze.STAY))[2:4] for _ in range(8)]
+    assert ends == [(False, False)] * 7 + [(False, True)]
+
+
+@pytest.mark.usefixtures("no_screen")
+@pytest.mark.parametrize("name", NAMES)
+def test_gymnasiums_own_checker_passes_without_a_screen(name: str) -> None:
+    """`human` is among the render modes: it warns, and goes on without a window."""
+    env = gym.make(name, gaze_period=0.25, duration=1.0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(env.unwrapped)
+    assert any("needs a screen and none was found" in str(warning.message) for warning in caught)
+
+
+def test_a_picture_has_the_size_that_was_asked_for() -> None:
+    pytest.importorskip("matplotlib")
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array", render_size=(480, 300))
+    env.reset(seed=0)
+    assert env.render().shape == (300, 480, 3)
+    envs = gym.make_vec("ActiveSLAM-v0", num_envs=2, render_mode="rgb_array", render_size=(128, 96))
+    envs.reset(seed=0)
+    assert [picture.shape for picture in envs.render()] == [(96, 128, 3)] * 2
+
+
+@pytest.mark.parametrize("size", [None, 5, "ab", (640,), (640, 480, 3), (0, 480), (640, -1), (1e3, 480), (640, 10**9)])
+def test_a_size_that_is_none_is_named(size: Any) -> None:
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match="render_size must be"):
+            make("ActiveSLAM-v0", render_size=size)

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import View, visible
-from activeslam_gym.envs.episode import play
+from activeslam_gym.envs.episode import STEP, play
 from activeslam_gym.envs.referee import NOBODY
 from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, row
-from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.motion import COMMANDS, POSITION, QUATERNION
 from activeslam_gym.slam.belief import ANCHOR, POINT, RAY, Belief, positions_of
 from activeslam_gym.slam.manifold import shift_mean
 from activeslam_gym.threads import Workers
@@ -122,8 +122,9 @@ class Imagination:
         runs = row(self._batch, slice(0, count))
         _copy(self._rooms, runs, rooms)
         workers = self._workers if count == ROWS else Workers(count, self._threads)
-        for motions, gazes in np.ascontiguousarray(plans.transpose(1, 2, 0)):
-            workers.call(play, runs, motions, gazes)
+        phases = np.full(count, STEP)
+        for motions, gazes in plans.transpose(1, 2, 0):
+            workers.call(play, runs, phases, COMMANDS[motions, gazes])
         return runs.episode["evaluation"]
 
     def _own(self) -> Run:
@@ -145,7 +146,8 @@ class Imagination:
         world = room.world
         world.state.noise_key[:] = self._rng.integers(2**63)
         world.fiducials[:] = run.world.fiducials  # which are known
-        world.boxes[: len(known_boxes(run))] = known_boxes(run)
+        world.state.boxes = len(known_boxes(run))
+        world.boxes[: world.state.boxes] = known_boxes(run)
         world.state.camera[:], points = sampled(room.belief, run.models.motion.half, self._rng)
         own = _owned(room, points)
         unseen = self._rng.choice(PLACES, len(world.landmarks) - own, replace=False, p=self._chances)
@@ -239,7 +241,7 @@ def slowed(models: Record) -> tuple[Record, int]:
     A step is a whole motion period. Frames are as long as `LONGEST_FRAME` and whole numbers allow; a long one has 1/s
     of the variance of the image noise, and of the disturbance held over it, so that a second tells and disturbs as
     much. What is counted in frames is divided by s. The controller is as fast as such frames allow. Detections are
-    labelled, and the true camera is the known one.
+    labelled, the true camera is the known one, and landmarks are seen from all sides.
     """
     task, motion = models.task, models.motion
     frames = int(task.frames_per_step * task.steps_per_motion)
@@ -248,7 +250,7 @@ def slowed(models: Record) -> tuple[Record, int]:
     out = models.copy()
     dt, root = s * float(motion.dt), math.sqrt(s)
     out.camera.pixel_std /= root
-    out.true_camera = out.camera
+    out.true_camera, out.sensor.facing_cosine = out.camera, -1.0
     for name in ("acceleration_std", "angular_acceleration_std"):
         out.motion[name] /= root
         out.motion[f"filter_{name}"] /= root

@@ -104,7 +104,8 @@ def condition(h: Predicted | Hypotheses, others: np.ndarray, a: int, candidate: 
 def condition_on_all(h: Hypotheses, partner: np.ndarray, candidates: np.ndarray, pixel_var: float) -> None:
     """Condition the open things, all at once, on thing ``a`` being candidate ``partner[a]`` (v,) wherever that is >= 0.
 
-    By W = U^-T [S_mo, z - z_hat] with S_mm = U^T U: z_o += W_o^T w, S_oo -= W_o^T W_o. Nothing is done where S_mm has no factor.
+    By W = U^-T [S_mo, z - z_hat] with S_mm = U^T U: z_o += W_o^T w, S_oo -= W_o^T W_o. Nothing is done where S_mm has
+    no factor.
     """
     known, unknown = _rows_of(partner >= 0), _rows_of(h.open)
     n, count = known.shape[0], unknown.shape[0]

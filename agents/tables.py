@@ -43,9 +43,9 @@ def tables(summary: Summary) -> list[Table]:
         title = f"ANEES per degree of freedom over the runs alive at {time} s (1 is honest){star}"
         result.append(_table(title, at_time, HONESTY, with_median=True))
     if summary.shares:
-        rows = [[name, f"{share.text(100.0, 0)} %", str(share.rooms)] for name, share in summary.shares.items()]
+        rows = [[name, share.text(100.0, 0), str(share.rooms)] for name, share in summary.shares.items()]
         title = f"Share of the planner's lead over the best constant in the log score{star}"
-        result.append(Table(title, ["policy", "share (of means)", "rooms"], rows))
+        result.append(Table(title, ["policy", "share, % (of means)", "rooms"], rows))
     for against, differences in summary.paired.items():
         best = ", the baseline with the most bits," if against == summary.best_baseline else ""
         result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))

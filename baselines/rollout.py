@@ -86,14 +86,20 @@ class Search:
         self._rng = np.random.default_rng(seed)
 
     def next_action(self, first: bool) -> NDArray[np.int64]:
-        """(2,) the first action of the bettered plan, which is taken off it; ``first`` of an episode."""
+        """(2,) the first action of the bettered plan; ``first`` of an episode."""
         if first:
             self._rng = np.random.default_rng(self._seed)
-            self.plan = np.tile(np.array(self._base, np.int64), (self.imagination.periods, 1))
-        challengers = [self._changed() for _ in range(self._budget // RUNS_PER_PLAN - 1)]
-        self.plan = self._best(np.stack([self.plan, *challengers]))
-        action, self.plan = self.plan[0], self.plan[1:]
-        return action
+        self.plan = self._rest(self.plan[:0] if first else self.plan)
+        if self.imagination.possible:
+            challengers = [self._changed() for _ in range(self._budget // RUNS_PER_PLAN - 1)]
+            self.plan = self._best(np.stack([self.plan, *challengers]))
+        return self.plan[0]
+
+    def _rest(self, plan: Plan) -> Plan:
+        """What is left of a plan: its last actions, one for each period to come; the base's where it has too few."""
+        periods = self.imagination.periods
+        base = np.tile(np.array(self._base, np.int64), (periods, 1))
+        return np.concatenate((plan, base[len(plan) :]))[-periods:]
 
     def _changed(self) -> Plan:
         """The plan with one change."""

@@ -49,7 +49,7 @@ FILES = {
 FILES |= {"broken.py": "def (:", "broken.npz": "PK\3\4 not all", "broken.json": "{}", "half.npz": "", "half.json": "{"}
 
 PLAY = "compare consistency generalise"
-ROOMS = f"{PLAY} study"
+ROOMS = f"{PLAY} study bounds"
 FINITE, SECONDS = "must be positive and finite, got", "must be a positive number of seconds, got"
 TABLE: tuple[tuple[str, str, str, str], ...] = (
     # files and folders
@@ -68,7 +68,12 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("export", "--out", "TMP a.npz a", "out must end in .zip"),
     ("export", "--policy", "nobody absent.npz mi-fisher", "has no weights with a card; allowed: ppo"),
     ("export", "--policy", "TMP/broken.npz TMP/half.npz", "cannot be read"),
+    ("bounds", "--report", "TMP/absent.md TMP", "there is no page"),
     # policies
+    ("bounds", "--greedy", "nobody", "is unknown; allowed: random, stay, sweep"),
+    ("bounds", "--scenarios", "", "scenarios: none given; allowed: one name or more"),
+    ("bounds", "--scenarios", "nowhere", "scenario must be one of paper"),
+    ("bounds", "--duration", "nan inf 0 -1", SECONDS),
     (PLAY, "--policies", "nobody MI-FISHER ppo2", "is unknown; allowed: random, stay, sweep"),
     ("watch", "--policy", "nobody", "is unknown; allowed: random, stay, sweep"),
     (PLAY, "--policies", "", "policies: none given; allowed: one name or more"),

@@ -150,6 +150,36 @@ def test_long_frames_tell_and_disturb_as_much_in_a_second() -> None:
     assert own.task.frames_per_step == 10 and own.camera.pixel_std == 2.0  # untouched
 
 
+def test_a_belief_that_is_no_number_keeps_the_plan() -> None:
+    env, imagination = flown(0.0)
+    policy = Rollout(env, budget=8, base=ORBIT, threads=1)
+    assert imagination.possible
+    env._run.belief.covariance[3, 3] = np.nan
+    assert not imagination.possible
+    assert tuple(policy.predict(env._runs.observation[0])[0].tolist()) == ORBIT
+
+
+def test_a_question_asked_twice_takes_no_second_step_of_the_plan() -> None:
+    env, _ = flown(0.0)
+    policy = Rollout(env, budget=8, base=ORBIT, threads=1)
+    for _ in range(2):
+        policy.predict(env._runs.observation[0])
+        assert len(policy._searches[0].plan) == 8
+    env.step(ORBIT), env.step(ORBIT)
+    policy.predict(env._runs.observation[0])
+    assert len(policy._searches[0].plan) == 7
+
+
+def test_threads_change_nothing() -> None:
+    ends = []
+    for threads in (1, 2):
+        env, _ = flown(2.0)
+        imagination = Imagination(env, seed=1, threads=threads)
+        imagination.draw(3)
+        ends.append(imagination.play([0, 1, 2] * 12, np.tile(ORBIT, (36, imagination.periods, 1))).entropy)
+    assert (ends[0] == ends[1]).all() and (ends[0].reshape(12, 3) == ends[0][:3]).all()
+
+
 def test_plans_begin_with_a_motion_of_their_own() -> None:
     env, imagination = flown(1.0)
     env.step(ORBIT)

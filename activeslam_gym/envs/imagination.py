@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import View, visible
-from activeslam_gym.envs.episode import STEP, play
+from activeslam_gym.envs.episode import REST, STEP, play
 from activeslam_gym.envs.referee import NOBODY
 from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
 from activeslam_gym.geometry import rotation_matrix
@@ -26,7 +26,6 @@ from activeslam_gym.motion import COMMANDS, POSITION, QUATERNION
 from activeslam_gym.slam.belief import ANCHOR, POINT, RAY, Belief, positions_of
 from activeslam_gym.slam.manifold import shift_mean
 from activeslam_gym.threads import Workers
-from activeslam_gym.world.room import uniform_points
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 LONGEST_FRAME = 0.25
@@ -38,7 +37,9 @@ OVERLOOKED = 0.1
 WELL_INSIDE_PX = 20.0
 """A place is looked at so far inside the image [px]."""
 PLACES = 600
-"""Places in the room where a landmark may be."""
+"""Places in the room where a landmark may be; two for each landmark, where that is more."""
+LEAST_CHANCE = 1e-9
+"""Of a place, against all others."""
 ROWS = 32
 """Runs played at a time."""
 
@@ -56,18 +57,27 @@ class Outcome:
 class Imagination:
     """Imagined futures of environment ``i`` of ``env``; a single environment is its own 0th.
 
-    Call `look` at every step from the reset on; `draw` at the start of a motion period, then `play` plans in the rooms
+    Call `look` at every step from the reset on, `draw` at the start of a motion period, then `play` plans in the rooms
     that were drawn. ``seed``: of everything that is drawn, anew in each episode. ``threads`` share the runs (None: one
     for each core).
     """
 
     def __init__(self, env: Any, i: int = 0, seed: int = 0, threads: int | None = None) -> None:
-        self._env, self._i, self._seed, self._threads = env, i, seed, threads
+        self._env, self._i, self._seed = env, i, seed
         self._batch = empty_runs(env.scenario, ROWS)
         self._workers = Workers(ROWS, threads)
         self._rooms = empty_runs(env.scenario, 0)
+        self._rng = np.random.default_rng(seed)
+        self._places, self._chances = np.zeros((0, 3)), np.zeros(0)
         self._looked_at = -math.inf
-        self._begin()
+
+    @property
+    def possible(self) -> bool:
+        """Whether there is a belief to draw rooms from: one whose numbers are finite."""
+        belief = self._own().belief
+        dim, n = int(belief.state.dim), int(belief.state.count)
+        parts = belief.state.camera, belief.feature["mean"][:n], belief.covariance[:dim, :dim]
+        return all(np.isfinite(part).all() for part in parts)
 
     @property
     def periods(self) -> int:
@@ -79,8 +89,8 @@ class Imagination:
         """Take note of what is in view now: where a landmark would have been found, there is hardly one."""
         run = self._own()
         time = int(run.episode.steps) * self._env.gaze_period
-        if time == 0.0:
-            self._begin()
+        if time == 0.0 or not len(self._places):
+            self._begin(run)
         if time < self._looked_at + LOOK_PERIOD - 1e-9:
             return
         self._looked_at = time
@@ -88,7 +98,7 @@ class Imagination:
         view = View(run.models.camera, pose, rotation_matrix(pose[QUATERNION]), known_boxes(run))
         seen = np.array([visible(view, place, -WELL_INSIDE_PX, z) for place in self._places])
         self._chances[seen] *= OVERLOOKED
-        self._chances /= self._chances.sum()
+        self._chances = np.maximum(self._chances / self._chances.max(), LEAST_CHANCE)
 
     def draw(self, count: int) -> None:
         """Draw ``count`` rooms from the present belief.
@@ -99,6 +109,7 @@ class Imagination:
         run = self._own()
         if run.episode.steps % run.models.task.steps_per_motion:
             raise ValueError("plans are imagined from the start of a motion period; a motion is under way")
+        self.look()
         models, stride = slowed(run.models)
         self._rooms = empty_runs(self._env.scenario, count)
         self._rooms.models[:] = models
@@ -118,23 +129,24 @@ class Imagination:
 
     def _played(self, rooms: np.ndarray, plans: np.ndarray) -> np.ndarray:
         """(R,) EVALUATION at the end of at most ROWS runs."""
-        count = len(plans)
-        runs = row(self._batch, slice(0, count))
-        _copy(self._rooms, runs, rooms)
-        workers = self._workers if count == ROWS else Workers(count, self._threads)
-        phases = np.full(count, STEP)
-        for motions, gazes in plans.transpose(1, 2, 0):
-            workers.call(play, runs, phases, COMMANDS[motions, gazes])
-        return runs.episode["evaluation"]
+        at = np.arange(len(plans)) * ROWS // len(plans)  # spread over the threads
+        _copy(self._rooms, self._batch, rooms, at)
+        phases, commands = np.full(ROWS, REST), np.zeros((ROWS, 4))
+        phases[at] = STEP
+        for actions in plans.transpose(1, 0, 2):
+            commands[at] = COMMANDS[actions[:, 0], actions[:, 1]]
+            self._workers.call(play, self._batch, phases, commands)
+        return self._batch.episode["evaluation"][at]
 
     def _own(self) -> Run:
         return row(self._env._runs, self._i)
 
-    def _begin(self) -> None:
+    def _begin(self, run: Run) -> None:
         """Of a new episode: a landmark may be anywhere."""
         self._rng = np.random.default_rng(self._seed)
-        self._places = uniform_points(self._env.scenario, PLACES, self._rng)
-        self._chances = np.full(PLACES, 1.0 / PLACES)
+        count = max(PLACES, 2 * len(run.expected))
+        self._places = run.models.motion.half * self._rng.uniform(-1.0, 1.0, (count, 3))
+        self._chances = np.ones(count)
         self._looked_at = -math.inf
 
     def _furnish(self, run: Run, room: Run, stride: int) -> None:
@@ -150,8 +162,8 @@ class Imagination:
         world.boxes[: world.state.boxes] = known_boxes(run)
         world.state.camera[:], points = sampled(room.belief, run.models.motion.half, self._rng)
         own = _owned(room, points)
-        unseen = self._rng.choice(PLACES, len(world.landmarks) - own, replace=False, p=self._chances)
-        world.landmarks[own:] = self._places[unseen]
+        chances, unfound = self._chances / self._chances.sum(), len(world.landmarks) - own
+        world.landmarks[own:] = self._rng.choice(self._places, unfound, replace=False, p=chances)
         _count_slowly(room.belief, stride)
 
 
@@ -223,13 +235,13 @@ def _count_slowly(belief: Belief, stride: int) -> None:
     belief.track["hits"] //= stride
 
 
-def _copy(source: tuple, target: tuple, rows: Any = ...) -> None:
-    """Copy those ``rows`` of all arrays of nested tuples; all of them, or one for all of the ``target``."""
+def _copy(source: tuple, target: tuple, rows: Any = ..., at: Any = ...) -> None:
+    """Copy those ``rows`` of all arrays of nested tuples to the rows ``at`` of the ``target``; `...` is all."""
     for one, other in zip(source, target, strict=True):
         if isinstance(one, tuple):
-            _copy(one, other, rows)
+            _copy(one, other, rows, at)
         else:
-            other[...] = one[rows]
+            other[at] = one[rows]
 
 
 # The model of the world ---------------------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from agents.task import check, file_name
 from agents.tools.arguments import Rooms, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
-from agents.tools.statistics import Estimate, estimate
+from agents.tools.statistics import estimate
 
 CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
 PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
@@ -140,15 +139,15 @@ def write(args: Args, results: Mapping[str, Scores]) -> None:
 def bounds_table(found: Scores) -> str:
     """A row for each policy: its log score, its lead over the best constant, and its share of the planner's."""
     of_lead = shares(found, PLANNER, BASE)
-    header = ["policy", "log score, bits (median)", f"lead over {BASE} (mean)", "lead (median)", "share", "rooms"]
-    rows = [[name, *_figures(found[name], found[BASE]), of_lead[name].text(100.0, 0) + " %"] for name in found]
-    rows = [[*row[:4], row[5], row[4]] for row in rows]
+    header = ["policy", "log score, bits (median)", f"lead over {BASE} (mean)", "lead (median)", "share, %", "rooms"]
+    rows = [
+        [name, *_figures(own, found[BASE]), of_lead[name].text(100.0, 0), str(len(own))] for name, own in found.items()
+    ]
     return table(header, rows, "| --- |" + " ---: |" * (len(header) - 1))
 
 
 def _figures(own: Mapping[int, float], base: Mapping[int, float]) -> Sequence[str]:
-    """Median, paired lead by mean and by median, and how many rooms."""
+    """Median, and paired lead by mean and by median."""
     lead = np.array([own[seed] - base[seed] for seed in own])
-    median: Estimate = estimate(list(own.values()), "median")
-    leads: list[Any] = [estimate(lead, "mean"), estimate(lead, "median")]
-    return [median.text(digits=0), *(one.text() for one in leads), str(len(lead))]
+    leads = estimate(lead, "mean"), estimate(lead, "median")
+    return [estimate(list(own.values()), "median").text(digits=0), *(one.text() for one in leads)]

@@ -40,14 +40,14 @@ docs: $(VENV)/.docs ## the manual, in results/site, to be opened as a file; a wa
 
 clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images/clips
 	@mkdir -p docs/images/clips
-	for policy in $(POLICIES); do $(RUN) -m agents watch --policy $$policy --seed 1000111 --width 480 --every 1 \
+	for policy in $(POLICIES); do $(RUN) -m agents watch --policy $$policy --seed 1000111 --gaze-period 0.25 --width 480 --every 1 \
 		--save docs/images/clips/$$policy.gif || exit 1; done
 
 stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random ones (minutes): does it break?
 	$(RUN) -m benchmarks.stress
 
 test: lint ## lint, then every test but the slow ones, and the notebooks
-	NOTEBOOK_STEPS=18000 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --nbmake --nbmake-timeout=300 tests notebooks
+	NOTEBOOK_STEPS=2240 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks
 
 clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environment under .venvs (minutes; client-sb3: one)
 

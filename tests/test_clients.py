@@ -10,7 +10,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import pytest
+
+import activeslam_gym  # noqa: F401  (registers the environments)
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
@@ -69,6 +72,26 @@ def test_client_learns(client: tuple[Any, dict], capfd: pytest.CaptureFixture[st
     with capfd.disabled():
         print(f"\n{capfd.readouterr().out.splitlines()[-1]}")
     assert after > before + 50.0
+
+
+ZOO = sorted((EXAMPLES / "rl_zoo3").glob("*.yml"))
+OF_THE_ZOO = ("n_envs", "n_timesteps", "policy", "env_kwargs", "normalize", "policy_kwargs", "learning_rate")
+"""What rl_zoo3 reads by itself, or in a form of its own."""
+
+
+@pytest.mark.parametrize("path", ZOO, ids=lambda path: path.stem)
+def test_the_zoo_s_hyperparameters_are_those_of_the_algorithm(path: Path) -> None:
+    """Each file is read, and makes a learner for each environment that it names."""
+    yaml, sb3 = pytest.importorskip("yaml"), pytest.importorskip("stable_baselines3")
+    known = {"ppo": "PPO", "a2c": "A2C", "dqn": "DQN", "trpo": "TRPO", "qrdqn": "QRDQN", "ppo_lstm": "RecurrentPPO"}
+    learner = getattr(sb3, known[path.stem], None)
+    learner = learner or getattr(pytest.importorskip("sb3_contrib"), known[path.stem])
+    for name, told in yaml.safe_load(path.read_text(encoding="utf-8")).items():
+        env = gym.make(name, **told["env_kwargs"])
+        rest = {key: value for key, value in told.items() if key not in OF_THE_ZOO}
+        learner(told["policy"], env, **rest, device="cpu")
+        assert set(told["normalize"]) == {"norm_obs", "norm_reward", "clip_reward"}
+        assert re.fullmatch(r"(lin_)?[0-9.e+-]+", str(told["learning_rate"]))
 
 
 def test_every_learner_s_script_is_tested() -> None:

@@ -173,11 +173,31 @@ def test_the_readmes_policies_and_the_table_of_the_fisher_trace_are_the_codes() 
 def test_the_manual_builds_without_a_warning(tmp_path: Path) -> None:
     for needed in ("mkdocs", "mkdocstrings", "material", "latex2mathml"):
         pytest.importorskip(needed)
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    site = tmp_path / "site"
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    page = (tmp_path / "site" / "environment" / "index.html").read_text(encoding="utf-8")
+    page = (site / "environment.html").read_text(encoding="utf-8")
     assert all(f"<code>{name}</code>" in page for name in [*REWARDS, *SCENARIOS, *first_names("Observation space")])
-    formulas = (tmp_path / "site" / "mathematics" / "index.html").read_text(encoding="utf-8")
+    formulas = (site / "mathematics.html").read_text(encoding="utf-8")
     assert formulas.count("<math ") > 50
     assert "arithmatex" not in formulas and "--8&lt;--" not in formulas
+    opens_as_a_file(site)
+
+
+def opens_as_a_file(site: Path) -> None:
+    """Every link leads to a file, nothing comes from elsewhere, and what is shown of the repository is there."""
+    assert (site / "search" / "search_index.js").is_file() and (site / "assets" / "iframe-worker.js").is_file()
+    for page in site.rglob("*.html"):
+        if page.name == "404.html":  # which a server shows at any address
+            continue
+        text = page.read_text(encoding="utf-8")
+        targets = re.findall(r'<(?:a|link|img|script)\b[^>]*?\b(?:href|src)="?([^"\s>]+)', text)
+        loaded = re.findall(r'<(?:script|img)\b[^>]*?\bsrc="?(https?://[^"\s>]+)', text)
+        assert not loaded, f"{page.name} loads {loaded}"
+        local = {target.partition("#")[0] for target in targets if not re.match(r"[a-z]+:|#|\.?$", target)}
+        missing = [target for target in local if not (page.parent / target).is_file()]
+        assert not missing, f"{page.relative_to(site)}: {missing}"
+    assert {path.stem for path in NOTEBOOKS} == {path.stem for path in (site / "notebooks").glob("*.html")}
+    board = (site / "leaderboard.html").read_text(encoding="utf-8")
+    assert all(f"images/clips/{name}.gif" in board for name in [*baselines.names(), *pretrained.names()])

@@ -22,7 +22,7 @@ from agents.episode import Episode
 from agents.evaluate import run_episode
 from agents.study import runs, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
-from agents.study.command import median_room
+from agents.study.command import median_alive, median_room
 from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, conditions
 from agents.study.measures import measures
 from agents.study.observer import CLOSURE_GAP, Notes, Observer
@@ -108,6 +108,9 @@ def test_verdicts_of_several_choices_in_a_line_and_the_median_room() -> None:
     for name in STRATEGIES:
         rows[DEFAULT, name] = [{"seed": i, "lost": int(i == 2), "log_score_gain": s} for i, s in enumerate(scores)]
     assert median_room(rows) == 3  # of 10, 20, 40, 50: the upper of the two in the middle
+    live = [{"seed": i, "lost": int(i < 4), "log_score_gain": s} for i, s in enumerate(scores)]
+    assert median_alive([live]) == 4, "a live run that was lost at once was drawn: an empty panel"
+    assert median_alive([live[:4]]) == 2  # where all are lost
 
 
 def test_toy_information_is_the_drop_of_entropy() -> None:

@@ -13,7 +13,7 @@ from activeslam_gym.rendering.scene import TEXT
 
 SUFFIXES = (".gif", ".webp", ".png")
 """What Pillow writes as an animation."""
-COLOURS = 48
+COLOURS = 64
 """Of the palette; the pictures are flat."""
 STRIP_PX = 26
 """Height of the strip with a name."""
@@ -50,7 +50,7 @@ def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> 
     from PIL import Image
 
     images = [Image.fromarray(picture) for picture in pictures]
-    palette = images[-1].quantize(COLOURS)  # the fullest picture has every colour
+    palette = images[-1].quantize(COLOURS, Image.Quantize.FASTOCTREE)  # the fullest picture has every colour
     if path.suffix == ".gif":
         images = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     durations = [round(1000 * seconds)] * (len(images) - 1) + [2000]

@@ -1,4 +1,4 @@
-"""rl_zoo3's train on ppo.yml: python examples/rl_zoo3/train.py [steps [folder]].
+"""rl_zoo3's train on ppo.yml, a2c.yml, …: python examples/rl_zoo3/train.py [steps [folder [algorithm]]].
 
 All that it does is this command, and to read what was written of the evaluations:
 python -m rl_zoo3.train --algo ppo --env ActiveSLAM-v0 --gym-packages activeslam_gym --conf-file ppo.yml
@@ -11,16 +11,21 @@ from pathlib import Path
 
 import numpy as np
 
-HYPERPARAMETERS = Path(__file__).with_name("ppo.yml")
+HOME = Path(__file__).parent
+OF_INTEGERS = ("dqn", "qrdqn")
+"""Algorithms that know discrete actions alone."""
 
 
-def main(steps: int = 89_600, folder: str = "runs/rl_zoo3", num_envs: int = 64) -> tuple[float, float]:
+def main(
+    steps: int = 89_600, folder: str = "runs/rl_zoo3", algorithm: str = "ppo", num_envs: int = 64
+) -> tuple[float, float]:
     """Train for `steps` decisions; the mean return [bit] of the first and of the last of five evaluations."""
+    name = "ActiveSLAMDiscrete-v0" if algorithm in OF_INTEGERS else "ActiveSLAM-v0"
     options = {
-        "algo": "ppo",
-        "env": "ActiveSLAM-v0",
+        "algo": algorithm,
+        "env": name,
         "gym-packages": "activeslam_gym",
-        "conf-file": HYPERPARAMETERS,
+        "conf-file": HOME / f"{algorithm}.yml",
         "n-timesteps": steps,
         "eval-freq": max(steps // 5, num_envs),
         "eval-episodes": 16,
@@ -34,11 +39,12 @@ def main(steps: int = 89_600, folder: str = "runs/rl_zoo3", num_envs: int = 64) 
     arguments = [text for name, value in options.items() for text in (f"--{name}", str(value))]
     began = time.monotonic()
     subprocess.run([sys.executable, "-m", "rl_zoo3.train", *arguments], check=True, stdout=subprocess.DEVNULL)
-    newest = max(Path(folder).glob("ppo/ActiveSLAM-v0_*/evaluations.npz"), key=lambda path: path.stat().st_mtime)
+    newest = max(Path(folder).glob(f"{algorithm}/{name}_*/evaluations.npz"), key=lambda path: path.stat().st_mtime)
     returns = np.load(newest)["results"].mean(axis=1)
-    print(f"rl_zoo3 PPO: {returns[0]:.0f} -> {returns[-1]:.0f} bits, {steps} steps in {time.monotonic() - began:.0f} s")
+    seconds = time.monotonic() - began
+    print(f"rl_zoo3 {algorithm.upper()}: {returns[0]:.0f} -> {returns[-1]:.0f} bits, {steps} steps in {seconds:.0f} s")
     return float(returns[0]), float(returns[-1])
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:2]), *sys.argv[2:3])  # type: ignore[arg-type]
+    main(*map(int, sys.argv[1:2]), *sys.argv[2:4])  # type: ignore[arg-type]

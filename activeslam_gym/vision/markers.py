@@ -19,6 +19,8 @@ _CELL = 80
 """Pixels of a square or tag as it is printed."""
 _SAMPLES = 6
 """Rays a side of a pixel by which a board is drawn."""
+_WINDOW = 0.8
+"""Half side of the window of a corner's fit, in what is free around it: the board may lean away."""
 _MODULES = 10.0
 """Black and white fields along a tag, at most."""
 
@@ -108,7 +110,7 @@ def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.nda
     per_metre = float(np.linalg.norm(spread) / np.linalg.norm(np.std(points, axis=0)))
     gap = board.pitch - board.marker
     free = 0.5 * gap if board.kind == CHARUCO else min(gap, board.marker / _MODULES)
-    half = int(np.clip(free * per_metre, 2, 6))
+    half = int(np.clip(_WINDOW * free * per_metre, 2, 5))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.002)
     rough = pixels.astype(np.float32).reshape(-1, 1, 2).copy()
     found = cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2)

@@ -31,9 +31,8 @@ class Views(NamedTuple):
     poses: list[np.ndarray]
 
     def remember(self, pose: np.ndarray, apart: float = 0.25, turned: float = 0.35, most: int = 24) -> None:
-        """Keep the ``pose`` (7,) as the newest, in the place of the last newest if that was near the one before
-        [m, rad];
-        of more than ``most`` the oldest goes."""
+        """Keep the ``pose`` (7,) as the newest. The last newest goes if it was near the one before (``apart`` [m],
+        ``turned`` [rad]), and of more than ``most`` the oldest."""
         kept = self.poses
         if len(kept) > 1 and _near(kept[-1], kept[-2], apart, turned):
             kept.pop()

@@ -31,10 +31,11 @@ def parser() -> argparse.ArgumentParser:
     tracking = commands.add_parser(
         "track",
         help="track a real camera through images",
-        description="Track a calibrated camera through images that begin before a target of known size: its "
-        "trajectory, the map and a log of every image. Needs the extra `vision`.",
+        description="Track a calibrated camera through images that begin before a target of known size (a rectangle, a "
+        "ChArUco or an AprilTag board), or anywhere, without scale: its trajectory, the map and a log of every image. "
+        "Needs the extra `vision`.",
     )
-    _add_sequence(tracking)
+    _add_sequence(tracking, "; without one the scale is free", required=False)
     tracking.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
     tracking.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     ablating = commands.add_parser(
@@ -43,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         description="Track the same images five times: in full, without warped templates, without the sub-pixel fit, "
         "without appearance in the association, and without recovery.",
     )
-    _add_sequence(ablating)
+    _add_sequence(ablating, "", required=True)
     ablating.add_argument("--reference", help="a trajectory in TUM's format, to which the errors are told")
     ablating.add_argument("--every", type=int, default=1, help="use every so many-th image (default: %(default)s)")
     fitting = commands.add_parser(
@@ -90,11 +91,11 @@ def _add_live(commands: Any) -> None:
     showing.add_argument("--replay", metavar="DIR", help="show a recording again")
 
 
-def _add_sequence(command: argparse.ArgumentParser) -> None:
-    """The options of what is tracked."""
+def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool) -> None:
+    """The options of what is tracked; what is said of being ``without`` a target."""
     command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
     command.add_argument("--calibration", required=True, help="JSON file with the lens")
-    command.add_argument("--target", required=True, help="JSON file with the rectangle that the first image shows")
+    command.add_argument("--target", required=required, help=f"JSON file with what the first image shows{without}")
     command.add_argument("--rate", type=float, default=30.0, help="images a second (default: %(default)s)")
 
 

@@ -17,7 +17,7 @@ from agents.evaluate import Look, run_episode
 from agents.tools.machine import sources
 
 ENVIRONMENT = "ActiveSLAM-v0"
-IMAGES = {"pixels": "ActiveSLAMPixels-v0"}
+IMAGES = dict.fromkeys(("pixels", "hand-held-pixels"), "ActiveSLAMPixels-v0")
 """The scenarios whose sensor is a camera in a textured room."""
 
 

@@ -7,7 +7,7 @@ alone which candidates it believes.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +17,10 @@ from activeslam_gym.slam.association import CANDIDATE, REJECTED
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners
+from activeslam_gym.vision.relocalisation import Views, locate, replace_camera, whole_image
 from activeslam_gym.vision.search import FOUND, PEAKS, SEARCH, UNSEARCHED, Findings, search
 from activeslam_gym.vision.templates import TEMPLATE_HALF, empty_templates, store
+from activeslam_gym.vision.views import change_of_view
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,9 @@ class FrontEndSettings:
     """The same of a fiducial, whose template is drawn [px]."""
     lens_std: float = 1.0
     """What the lens model leaves at half the image's width from the centre, growing with the radius squared [px]."""
+    view_std: float = 0.0
+    """What a plane leaves unexplained where a feature is seen from another side or distance than at first: for each
+    radian, and each e-fold of the distance [px]."""
     warp: bool = True
     """Whether templates are warped to the present view."""
     subpixel: bool = True
@@ -85,7 +90,16 @@ class FrontEndSettings:
     room_below: int = 32
     """In a full map, features not seen for longest make room while fewer are in view."""
     recover: bool = True
-    """Whether ``least_share`` is demanded, and scouts go first where ellipses are large."""
+    """Whether ``least_share`` is demanded, scouts go first where ellipses are large, and a lost map is sought."""
+    lost_after: int = 3
+    """Images, one after the other, in which next to nothing that should be there is found, until the map is lost and is
+    sought in the whole image."""
+    patience: int = 20
+    """Such images until features are judged and born again, come what may."""
+    sought: int = 20
+    """Features that are sought, those with the best record."""
+    constellation: int = 7
+    """So many must be where one pose has them."""
 
 
 class FrameLog(NamedTuple):
@@ -105,6 +119,10 @@ class FrameLog(NamedTuple):
     deletions: int
     clear: bool
     """Whether so much of the searched was matched that features could be judged and born."""
+    relocalised: bool
+    """Whether the map was lost, and found again in this image."""
+    metric: bool
+    """Whether the scale is known: there are fiducials."""
     milliseconds: float
     """Of computation."""
 
@@ -167,6 +185,7 @@ class FrontEnd:
         self._time = 0.0
         self._found: list[np.ndarray] = []
         self._searched: list[Searched] = []
+        self._views, self._blind = Views([]), 0
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -211,9 +230,13 @@ class FrontEnd:
         self._found, self._searched = [np.zeros(0, CANDIDATE)], []
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt)
+        lost = self._blind >= self.settings.lost_after
+        placed = lost and self.settings.recover and self._relocalise(grey)
         looked = self._look(grey)
         searched, found, matched = len(looked.searched), len(looked.found), len(looked.matched)
+        self._notice(searched, matched)
         clear = bool(matched >= max(self.settings.clear * searched, self.settings.least_clear))
+        clear &= self._blind == 0 or self._blind > self.settings.patience
         sight = self.filter.sight()
         if clear:
             self._judge(looked)
@@ -230,8 +253,38 @@ class FrontEnd:
             births,
             deletions,
             clear,
+            bool(placed and self._blind == 0),
+            len(self.filter.fiducials) > 0,
             1e3 * (time.process_time() - began),
         )
+
+    def _notice(self, searched: int, matched: int) -> None:
+        """Whether the map is still in sight: a view to remember, or one more image without it."""
+        s = self.settings
+        if matched >= max(s.least_share * searched, 3):
+            self._blind = 0
+            self._views.remember(self.filter.belief.state.camera[:7])
+        elif self._blind > 0 or searched >= s.constellation:
+            self._blind += 1
+
+    def _relocalise(self, grey: np.ndarray) -> bool:
+        """Seek the map in all of the image, as it looked from one of the remembered views; True: the camera was put
+        where it is seen from."""
+        s, attempt = self.settings, self._blind - self.settings.lost_after
+        if not self._views.poses or (attempt > s.patience and attempt % 5):
+            return False
+        view = self._views.nth(attempt)
+        ids = np.array(sorted(self._place, key=lambda id: -self._matched[self._place[id]])[: s.sought], np.int64)
+        places, points = np.array([self._place[int(id)] for id in ids], np.int64), self._points(ids)
+        wide = _search_of(replace(s, scout_area=np.inf), scouting=True)
+        found = search(
+            self.camera, wide, self.templates, grey, view, places, points, *whole_image(self.camera, len(ids), s.gate)
+        )
+        row, peak = np.nonzero(np.arange(PEAKS) < found.peaks[:, None])
+        pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
+        if pose is not None:
+            replace_camera(self.filter.belief, pose)
+        return pose is not None
 
     def _look(self, grey: np.ndarray) -> Looked:
         """Search what may be in view, and let the filter judge.
@@ -265,11 +318,12 @@ class FrontEnd:
         at, ids, pose = set(wanted), sight.thing["id"], self.filter.belief.state.camera
         places = np.array([self._place[int(id)] if int(id) in at else -1 for id in ids], np.int64)
         z_hat, S = np.ascontiguousarray(sight.thing["z_hat"]), _own_covariances(sight)
-        findings = search(self.camera, model, self.templates, grey, pose, places, self._points(ids), z_hat, S)
+        points = self._points(ids)
+        findings = search(self.camera, model, self.templates, grey, pose, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         share = self.settings.scout_share if model.shrink else self.settings.least_share
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
-        candidates = self._candidates(ids, findings)
+        candidates = self._candidates(ids, findings, self._change_of_view(places, points))
         matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
         candidates["match"] = matched
         self._found.append(candidates)
@@ -293,14 +347,20 @@ class FrontEnd:
             out[a] = positions[at[int(id)]] if id > 0 else self.filter.fiducials[-1 - id]
         return out
 
-    def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
-        """The findings of the things ``ids`` (v,) as candidates (M,)."""
+    def _change_of_view(self, places: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(v,) how differently the things at ``places`` (v,), now at ``points`` (v, 3), are seen from when first."""
+        first, now = self.templates.camera[places, :3], self.filter.belief.state.camera[:3]
+        return np.where(places < 0, 0.0, change_of_view(first, now, points))
+
+    def _candidates(self, ids: np.ndarray, findings: Findings, change: np.ndarray) -> np.ndarray:
+        """The findings of the things ``ids`` (v,), seen so differently (v,), as candidates (M,)."""
         row, peak = np.nonzero(np.arange(PEAKS) < findings.peaks[:, None])
         out = np.zeros(row.shape[0], CANDIDATE)
         out["id"] = ids[row]
         out["pixel"] = findings.pixel[row, peak]
         s = self.settings
         out["R"] = findings.R[row, peak]
+        out["R"] += ((s.view_std * change[row]) ** 2)[:, None, None] * np.eye(2)
         out["R"][out["id"] < 0] += (s.fiducial_std**2 - s.floor_std**2) * np.eye(2)
         radius = np.hypot(out["pixel"][:, 0] - self.camera.u0, out["pixel"][:, 1] - self.camera.v0)
         lens = s.lens_std * (2.0 * radius / self.camera.width) ** 2

@@ -1,5 +1,7 @@
 """A target of known size: its corners are the fiducials, and its first sight is the start, with scale.
 
+It is a rectangle, whose corners somebody has to point at, or a board of markers, which finds itself (`markers`).
+
 The target's frame is the world: origin at its centre, X to the right and Y up as it is printed, Z towards the viewer.
 """
 
@@ -14,9 +16,11 @@ from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotate_l
 from activeslam_gym.kernels import Record
 from activeslam_gym.slam.sight import point_measurement
 from activeslam_gym.vision.calibration import check_names, read_object
+from activeslam_gym.vision.markers import APRILTAG, CHARUCO, Board, drawn_board, find_corners, markers_of
+from activeslam_gym.vision.views import bounding_box, plane_points, projected, supersampled
 
 CORNERS = ("top_left", "top_right", "bottom_left", "bottom_right")
-_FACING = np.array((0.0, 0.0, 1.0, 0.0))
+FACING = np.array((0.0, 0.0, 1.0, 0.0))
 """q_WC of a camera before the target that looks straight at it, upright: half a turn about Y."""
 _TILTS = ((0.0, 0.0), (0.6, 0.0), (-0.6, 0.0), (0.0, 0.6), (0.0, -0.6))
 """Turns of the target about its X and Y axis [rad] from which the fit starts: a plane's pose has two minima."""
@@ -32,6 +36,15 @@ _BLACK, _WHITE = 25.0, 225.0
 """Grey levels of a printed target."""
 _LEAST_CONTRAST = 25.0
 """Grey levels between the two sides of the target's edge."""
+RECTANGLE = "rectangle"
+_FIDUCIALS = 8
+"""Corners of a board that are searched in every image: those that are farthest from each other."""
+_FIELDS = {
+    RECTANGLE: {"kind", "width", "height", "corners_px"},
+    CHARUCO: {"kind", "columns", "rows", "square", "marker", "dictionary"},
+    APRILTAG: {"kind", "columns", "rows", "tag", "gap", "dictionary"},
+}
+"""What a target's file must say, by its kind."""
 
 
 class Rectangle(NamedTuple):
@@ -62,29 +75,36 @@ class Start(NamedTuple):
     """Root mean square of the corners' residuals [px]."""
 
 
-def read_target(path: str | Path) -> Rectangle:
-    """The target in a JSON file: kind ("rectangle"), width, height [m], corners_px by name.
+Target = Rectangle | Board
+
+
+def read_target(path: str | Path) -> Target:
+    """The target in a JSON file: see docs/vision.md for the fields of each kind.
 
     Raises:
         FileNotFoundError: there is no such file.
         ValueError: it is no JSON, or a field is missing or wrong; the message names it.
+        ModuleNotFoundError: it is a board, and OpenCV is not installed.
     """
     return target_from(read_object(path), str(path))
 
 
-def target_from(fields: dict[str, Any], where: str = "the target") -> Rectangle:
+def target_from(fields: dict[str, Any], where: str = "the target") -> Target:
     """The target that ``fields`` describe, checked.
 
     Raises:
         ValueError: a field is missing, unknown or wrong.
+        ModuleNotFoundError: it is a board, and OpenCV is not installed.
     """
-    check_names(fields, {"kind", "width", "height", "corners_px"}, where)
-    if fields["kind"] != "rectangle":
-        raise ValueError(f"{where}: kind must be rectangle, got {fields['kind']!r}")
-    for name in ("width", "height"):
-        value = fields[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-            raise ValueError(f"{where}: {name} must be a positive number of metres, got {value!r}")
+    kind = fields.get("kind", RECTANGLE)
+    if kind not in _FIELDS:
+        raise ValueError(f"{where}: kind must be {', '.join(_FIELDS)}, got {kind!r}")
+    check_names(fields, _FIELDS[kind], where)
+    return _rectangle_from(fields, where) if kind == RECTANGLE else _board_from(fields, where)
+
+
+def _rectangle_from(fields: dict[str, Any], where: str) -> Rectangle:
+    width, height = (_metres(fields, name, where) for name in ("width", "height"))
     corners = fields["corners_px"]
     if not isinstance(corners, dict):
         raise ValueError(f"{where}: corners_px must name {', '.join(CORNERS)}")
@@ -95,7 +115,80 @@ def target_from(fields: dict[str, Any], where: str = "the target") -> Rectangle:
         pixels = np.empty(0)
     if pixels.shape != (4, 2) or not np.isfinite(pixels).all():
         raise ValueError(f"{where}: each of corners_px must be two numbers [x, y]")
-    return Rectangle(float(fields["width"]), float(fields["height"]), pixels)
+    return Rectangle(width, height, pixels)
+
+
+def _board_from(fields: dict[str, Any], where: str) -> Board:
+    squares = fields["kind"] == CHARUCO
+    least = 3 if squares else 1
+    for name in ("columns", "rows"):
+        value = fields[name]
+        if isinstance(value, bool) or not isinstance(value, int) or value < least:
+            raise ValueError(f"{where}: {name} must be a whole number of {least} or more, got {value!r}")
+    columns, rows = fields["columns"], fields["rows"]
+    if squares:
+        pitch, marker = (_metres(fields, name, where) for name in ("square", "marker"))
+        if marker >= pitch:
+            raise ValueError(f"{where}: marker must be smaller than square, got {marker!r} and {pitch!r}")
+    else:
+        marker, gap = (_metres(fields, name, where) for name in ("tag", "gap"))
+        pitch = marker + gap
+        if columns * rows < 2:
+            raise ValueError(f"{where}: an AprilTag board must have two tags or more")
+    name = str(fields["dictionary"]).upper()
+    dictionary = f"DICT_{name}" if squares else f"DICT_APRILTAG_{name}"
+    try:
+        there = len(markers_of(dictionary).bytesList)
+    except AttributeError:
+        example = "4x4_50" if squares else "36h11"
+        raise ValueError(
+            f"{where}: dictionary must be one of OpenCV's, {example} for example, got {fields['dictionary']!r}"
+        ) from None
+    needed = columns * rows // 2 if squares else columns * rows
+    if needed > there:
+        raise ValueError(f"{where}: the board has {needed} markers, the dictionary {fields['dictionary']} only {there}")
+    return Board(fields["kind"], columns, rows, pitch, marker, dictionary)
+
+
+def _metres(fields: dict[str, Any], name: str, where: str) -> float:
+    value = fields[name]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
+        raise ValueError(f"{where}: {name} must be a positive number of metres, got {value!r}")
+    return float(value)
+
+
+# The first sight ------------------------------------------------------------------------------------------------------
+
+
+def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """The target's corners that the ``image`` (h, w) uint8 shows: (n, 3) [m] and their pixels (n, 2).
+
+    Raises:
+        ValueError: the target is not there.
+    """
+    if isinstance(target, Rectangle):
+        return target.fiducials, refine_corners(image, camera, target.corners_px)
+    numbers, pixels = find_corners(image, target)
+    return target.points[numbers], pixels
+
+
+def fiducials_among(points: np.ndarray) -> np.ndarray:
+    """Of the corners ``points`` (n, 3) those that are searched in each image: 8 at most, far from each other."""
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    while len(chosen) < min(_FIDUCIALS, len(points)):
+        apart = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
+        chosen.append(int(apart.argmax()))
+    return points[sorted(chosen)]
+
+
+def drawn(
+    image: np.ndarray, camera: Record, target: Target, pose: np.ndarray, fiducials: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The ``image`` (h, w) as float32 with the target drawn as it is seen from ``pose`` (>= 7,), and the pixels (K, 2)
+    of its ``fiducials`` (K, 3)."""
+    if isinstance(target, Rectangle):
+        return drawn_target(image, camera, target, pose)
+    return drawn_board(image, camera, target, pose), projected(camera, pose, fiducials)
 
 
 # Corners below the pixel ----------------------------------------------------------------------------------------------
@@ -194,10 +287,16 @@ def start_pose(camera: Record, points: np.ndarray, pixels: np.ndarray, corner_st
 
 
 def _guess(camera: Record, points: np.ndarray, pixels: np.ndarray, tilt: tuple[float, float]) -> np.ndarray:
-    """A pose (7,) at the distance that the target's size suggests, turned round it by ``tilt`` about its X and Y."""
+    """A pose (7,) at the distance that the target's size suggests, rolled as its corners are, and turned round the
+    target by ``tilt`` about its X and Y."""
     rays = np.array([ray_from_pixel(camera, pixel) for pixel in pixels])
     size = np.linalg.norm(points - points.mean(axis=0)) / np.linalg.norm(rays - rays.mean(axis=0))
-    q = quaternion_product(quaternion_exp(np.array((tilt[0], tilt[1], 0.0))), _FACING)
+    flat, seen = (
+        p - p.mean(axis=0) for p in (points[:, :2] * (-1.0, 1.0), rays[:, :2])
+    )  # from behind, as the eye has it
+    roll = math.atan2(float(np.sum(flat[:, 0] * seen[:, 1] - flat[:, 1] * seen[:, 0])), float(np.sum(flat * seen)))
+    upright = quaternion_product(FACING, quaternion_exp(np.array((0.0, 0.0, -roll))))
+    q = quaternion_product(quaternion_exp(np.array((tilt[0], tilt[1], 0.0))), upright)
     position = points.mean(axis=0) - rotation_matrix(q) @ (size * rays.mean(axis=0))
     return np.concatenate((position, q))
 
@@ -247,15 +346,11 @@ def drawn_target(
     A template cut from a picture has the picture's aliasing for ever: a corner a quarter of a pixel off stays off. One
     that is drawn, up to ``reach`` pixels beside the edges, is off by what is off in each new image alone.
     """
-    R_WC = rotation_matrix(pose[3:7])
-    corners = np.array([_projected(camera, pose, R_WC, point) for point in target.fiducials])
+    corners = projected(camera, pose, target.fiducials)
     out = image.astype(np.float32)
-    low = np.maximum(np.floor(corners.min(axis=0) - reach).astype(int), 0)
-    high = np.minimum(np.ceil(corners.max(axis=0) + reach).astype(int) + 1, image.shape[::-1])
-    steps = (np.arange(_SUPERSAMPLING) + 0.5) / _SUPERSAMPLING - 0.5
-    x, y = np.arange(low[0], high[0])[:, None] + steps, np.arange(low[1], high[1])[:, None] + steps
-    depth = _depth_inside(camera, target, pose, R_WC, x.ravel(), y.ravel())
-    blocks = depth.reshape(y.shape[0], _SUPERSAMPLING, x.shape[0], _SUPERSAMPLING)
+    low, high = bounding_box(corners, reach, image.shape)
+    depth = _depth_inside(camera, target, pose, *supersampled(low, high, _SUPERSAMPLING))
+    blocks = depth.reshape(high[1] - low[1], _SUPERSAMPLING, high[0] - low[0], _SUPERSAMPLING)
     inside, middle = (blocks > 0.0).mean(axis=(1, 3)), blocks.mean(axis=(1, 3))
     part = out[low[1] : high[1], low[0] : high[0]]
     dark, bright = np.median(part[(middle > 1.5) & (middle < 4.0)]), np.median(part[(middle < -1.5) & (middle > -4.0)])
@@ -267,26 +362,15 @@ def drawn_target(
 def printed_target(camera: Record, target: Rectangle, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The target as it is printed, seen straight from ``distance`` [m]: the image (h, w) float32, its corners (4, 2)
     [px], and the camera's pose (7,) in the target's frame."""
-    pose = np.concatenate(((0.0, 0.0, distance), _FACING))
+    pose = np.concatenate(((0.0, 0.0, distance), FACING))
     x, y = np.arange(camera.width), np.arange(camera.height)
-    inside = _depth_inside(camera, target, pose, rotation_matrix(_FACING), x, y) > 0.0
-    drawn, corners = drawn_target(np.where(inside, _BLACK, _WHITE), camera, target, pose)
-    return drawn, corners, pose
+    inside = _depth_inside(camera, target, pose, x, y) > 0.0
+    picture, corners = drawn_target(np.where(inside, _BLACK, _WHITE), camera, target, pose)
+    return picture, corners, pose
 
 
-def _projected(camera: Record, pose: np.ndarray, R_WC: np.ndarray, point: np.ndarray) -> np.ndarray:
-    z = np.empty(2)
-    pixel_from_camera_point(camera, R_WC.T @ (point - pose[:3]), z)
-    return z
-
-
-def _depth_inside(
-    camera: Record, target: Rectangle, pose: np.ndarray, R_WC: np.ndarray, x: np.ndarray, y: np.ndarray
-) -> np.ndarray:
+def _depth_inside(camera: Record, target: Rectangle, pose: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(len(y), len(x)) how far inside the rectangle each pixel looks, in pixels of its size there; negative outside."""
-    u_d, v_d = camera.u0 - x[None, :], camera.v0 - y[:, None]
-    bend = 1.0 / (camera.focal * np.sqrt(1.0 - camera.distortion * (u_d**2 + v_d**2)))
-    rays = np.stack((u_d * bend, v_d * bend, np.ones_like(bend)), axis=-1) @ R_WC.T
-    X = pose[:2] - pose[2] * rays[..., :2] / rays[..., 2:]
+    X = plane_points(camera, pose, x, y)
     metres = np.minimum(0.5 * target.width - np.abs(X[..., 0]), 0.5 * target.height - np.abs(X[..., 1]))
     return metres * camera.focal / pose[2]

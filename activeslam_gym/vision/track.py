@@ -3,6 +3,9 @@
 The trajectory is in TUM's format, ``t tx ty tz qx qy qz qw``: camera-to-world in the target's frame, with the camera's
 axes as image files have them, x right, y down, z forward. The filter's camera has x left, y up: R_file = R diag(-1, -1,
 1), a half turn about z.
+
+Without a target the first camera is the world's origin, X to its right, Y up, Z towards the viewer, and the scale is
+free: lengths are in a unit that only the prior of depth has chosen, and that may drift.
 """
 
 import csv
@@ -23,7 +26,7 @@ from activeslam_gym.vision.film import Film
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame, image_count, open_images
-from activeslam_gym.vision.target import Rectangle, drawn_target, read_target, refine_corners, start_pose
+from activeslam_gym.vision.target import FACING, Target, drawn, fiducials_among, read_target, seen_corners, start_pose
 
 HAND_HELD: dict[str, Any] = {
     "name": "track",
@@ -32,7 +35,7 @@ HAND_HELD: dict[str, Any] = {
     "filter_acceleration_std": 4.0,
     "filter_angular_acceleration_std": 6.0,
     "command_known": False,
-    "inverse_depth_mean": 1.5,  # a desk: 0.44 to 1.33 m at one deviation
+    "inverse_depth_mean": 1.5,  # a desk: 0.44 to 1.33 m at one deviation; without a target, the only scale
     "inverse_depth_std": 0.75,
 }
 """Fields of the scenario of a camera in the hand before a desk."""
@@ -40,8 +43,12 @@ _CORNER_STD = 0.35
 """Of the target's corners in the first image: aliasing and the lens [px]."""
 _SPEED_STD, _TURN_STD = 0.05, 0.05
 """Of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest."""
+_ORIGIN_STD = 1e-4
+"""Of the first pose where it is the world's origin [m, rad]."""
 _BEHIND = np.array((0.0, 0.0, -1.0))
 """The target's normal, away from the camera."""
+FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
+"""What is said of a track without a target."""
 _HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))
 """Quaternion of diag(-1, -1, 1)."""
 
@@ -62,46 +69,66 @@ class Track(NamedTuple):
     trouble: str | None
     """Why it ended early, or None."""
 
+    @property
+    def metric(self) -> bool:
+        """Whether a target gave the scale."""
+        return len(self.filter.fiducials) > 0
+
 
 def start(
     image: np.ndarray,
     calibration: Calibration,
-    target: Rectangle,
+    target: Target | None,
     rate: float,
     settings: FrontEndSettings | None = None,
     scenario_fields: dict[str, Any] | None = None,
 ) -> FrontEnd:
-    """A front end that stands before ``target`` and has seen the first ``image``.
+    """A front end that stands before ``target`` and has seen the first ``image``; None: anywhere, and scale is free.
 
     Raises:
         ValueError: the image does not fit the calibration, or the target is not where it is said to be.
     """
     calibration.check_image(image)
     scenario: Scenario = calibration.scenario(frame_time=1.0 / rate, **{**HAND_HELD, **(scenario_fields or {})})
-    camera = camera_of(scenario)
-    corners = refine_corners(image, camera, target.corners_px)
-    first = start_pose(camera, target.fiducials, corners, _CORNER_STD)
-    mean, covariance = np.zeros(13), np.zeros((12, 12))
-    mean[:7] = first.pose
-    covariance[:6, :6] = first.covariance
-    covariance[6:, 6:] = np.diag((_SPEED_STD**2,) * 3 + (_TURN_STD**2,) * 3)
-    filter = Filter(scenario, fiducials=target.fiducials, camera=mean, covariance=covariance)
-    front_end = FrontEnd(filter, settings)
-    drawn, drawn_corners = drawn_target(image, camera, target, mean)
-    front_end.start(image, drawn, drawn_corners, _BEHIND)
+    camera, none = camera_of(scenario), np.zeros((0, 3))
+    if target is None:
+        here = np.concatenate((np.zeros(3), FACING))
+        front_end = _at_rest(scenario, settings, none, here, _ORIGIN_STD**2 * np.eye(6))
+        front_end.start(image, image, none[:, :2], _BEHIND)
+        return front_end
+    points, corners = seen_corners(image, camera, target)
+    first, fiducials = start_pose(camera, points, corners, _CORNER_STD), fiducials_among(points)
+    front_end = _at_rest(scenario, settings, fiducials, first.pose, first.covariance)
+    front_end.start(image, *drawn(image, camera, target, first.pose, fiducials), _BEHIND)
     return front_end
+
+
+def _at_rest(
+    scenario: Scenario,
+    settings: FrontEndSettings | None,
+    fiducials: np.ndarray,
+    pose: np.ndarray,
+    covariance: np.ndarray,
+) -> FrontEnd:
+    """A front end that has seen nothing, of a camera at the ``pose`` (7,) with that ``covariance`` (6, 6)."""
+    mean, P = np.zeros(13), np.zeros((12, 12))
+    mean[:7], P[:6, :6] = pose, covariance
+    P[6:, 6:] = np.diag((_SPEED_STD**2,) * 3 + (_TURN_STD**2,) * 3)
+    return FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
 
 
 def follow(
     images: Iterable[Frame],
     calibration: Calibration,
-    target: Rectangle,
+    target: Target | None,
     rate: float,
     settings: FrontEndSettings | None = None,
     scenario_fields: dict[str, Any] | None = None,
     watch: Callable[[FrontEnd, np.ndarray], None] | None = None,
 ) -> Track:
     """Track ``images``; trouble with an image ends the track, and what was tracked until then is kept.
+
+    Without a ``target`` the scale is free; see the module.
 
     ``watch`` is called after each image but the first, with the front end and the image.
 
@@ -134,7 +161,7 @@ def follow(
 def track(
     images: str | Path,
     calibration: str | Path,
-    target: str | Path,
+    target: str | Path | None,
     rate: float,
     out: str | Path,
     film: bool = False,
@@ -150,12 +177,12 @@ def track(
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
-    lens, rectangle = read_calibration(calibration), read_target(target)
+    lens, known = read_calibration(calibration), None if target is None else read_target(target)
     frames, folder = open_images(images, rate), Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     painter = Film(folder / "film.mp4", rate) if film else None
     shown = _with_progress(frames, image_count(images))
-    done = follow(shown, lens, rectangle, rate, watch=painter.add if painter else None)
+    done = follow(shown, lens, known, rate, watch=painter.add if painter else None)
     if painter:
         painter.close()
     write_trajectory(folder / "trajectory.tum", done)
@@ -176,12 +203,17 @@ def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame
 def summary(done: Track) -> str:
     """A line on what was tracked."""
     matched, searched = (sum(getattr(log, name) for log in done.logs) for name in ("matched", "searched"))
-    return f"{len(done.times)} images; {matched / max(searched, 1):.0%} of the searched features found"
+    line = f"{len(done.times)} images; {matched / max(searched, 1):.0%} of the searched features found"
+    if again := sum(log.relocalised for log in done.logs):
+        line += f"; lost and found again {again} times"
+    return line if done.metric else f"{line}; {FREE}"
 
 
 def write_trajectory(path: Path, done: Track) -> None:
     """The camera's poses, one a line, in TUM's format; see the module."""
     with written_whole(path) as unfinished, unfinished.open("w") as file:
+        if not done.metric:
+            file.write(f"# {FREE}\n")
         for time, camera in zip(done.times, done.cameras):
             file.write(pose_line(time, camera))
 

@@ -36,6 +36,7 @@ from activeslam_gym.slam.belief import (
     start_of,
 )
 from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
+from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, draw_start, uniform_points
 from activeslam_gym.world.simulator import (
     SENSOR,
@@ -342,15 +343,18 @@ def known_boxes(run: Run) -> np.ndarray:
 
 @compiled(inline="always")
 def drive(run: Run, gaze: int) -> np.ndarray:
-    """One frame of control and true motion; (6,) what the filter knows of the accelerations."""
+    """One frame of control and true motion; (6,) what the filter knows of the accelerations. It feels a contact."""
     motion, frame, control = run.models.motion, run.belief.state.frame, run.episode.control
     turn = turn_of(motion, gaze, frame * motion.dt)
     seconds = control.frames * motion.dt
     u = accelerations(motion, run.belief.state.camera, control.start, control.goal, seconds, turn)
-    run.episode.events.wall_contacts += move(motion, run.world, u, frame)
+    contacts = move(motion, run.world, u, frame)
+    run.episode.events.wall_contacts += contacts
     control.frames += 1
     if not motion.command_known:
         u[:] = 0.0
+    if contacts > 0:
+        feel_contact(run.belief, u, motion.dt)
     return u
 
 

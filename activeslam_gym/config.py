@@ -279,8 +279,6 @@ class Scenario:
     """A feature predicted well inside the image and not matched in so many consecutive frames is deleted."""
     miss_spacing: NonNegativeFloat = 0.0
     """Misses from places nearer to each other than this count once: what hides a feature hides it from there [m]."""
-    contact_std: NonNegativeFloat = 0.0
-    """What a contact, which is sensed, adds to the deviation of the velocity, each axis; 0: it is not sensed [m/s]."""
     particle_count: ParticleCount = 100
     """Depth particles of a ray."""
     particle_depth: PositiveRange = (0.3, 9.0)
@@ -391,7 +389,6 @@ _HIDING: dict[str, Any] = {
     "negative_information": True,
     "detection_probability": 0.9,
     "miss_spacing": 0.3,
-    "contact_std": 0.15,
 }
 """What places with boxes have in common."""
 _PLACES = (

@@ -101,6 +101,11 @@ def motion_of(scenario: Scenario, motion_period: float) -> Record:
     )
 
 
+LARGEST_ACCELERATION, LARGEST_ANGULAR_ACCELERATION = 10.0, 10.0
+"""What is commanded at most [m/s^2, rad/s^2]: several times what a motion takes, and less than what an estimate that
+jumps by metres would ask for."""
+
+
 # The model ----------------------------------------------------------------------------------------------------------
 
 
@@ -274,7 +279,7 @@ def accelerations(
     Position: PD with feed-forward along a minimum-jerk reference from ``start`` to ``goal`` (3,), ``elapsed`` seconds
     after it began, critically damped. Its speed and acceleration are the differences of its places at the frames, which
     is how a camera moves whose accelerations are held: undisturbed, it follows to the end. Rotation: a rate loop on all
-    axes, alpha = (w_ref - w) / rate_loop_time.
+    axes, alpha = (w_ref - w) / rate_loop_time. Both are limited.
     """
     w_n, dt, T = motion.controller_frequency, motion.dt, motion.period
     place = minimum_jerk(elapsed / T)
@@ -287,4 +292,15 @@ def accelerations(
         u[i] = w_n * w_n * (start[i] + place * step - p[i]) + 2.0 * w_n * (speed * step - v[i]) + push * step
         w_ref = turn if i == 1 else 0.0
         u[3 + i] = (w_ref - w[i]) / motion.rate_loop_time
+    _limit(u[:3], LARGEST_ACCELERATION)
+    _limit(u[3:], LARGEST_ANGULAR_ACCELERATION)
     return u
+
+
+@compiled
+def _limit(u: np.ndarray, largest: float) -> None:
+    """Shorten ``u`` (3,) to the length ``largest``."""
+    length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    if length > largest:
+        for i in range(3):
+            u[i] *= largest / length

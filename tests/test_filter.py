@@ -14,7 +14,7 @@ from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
 from activeslam_gym.slam.filter import COUNTS, candidates_of, filter_frame, filter_of, match_by_id, use_candidates
-from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.kalman import feel_contact, predict, update
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
 from tests import support
@@ -260,6 +260,16 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     return counts
 
 
+def test_a_contact_leaves_open_how_much_of_the_speed_is_left() -> None:
+    belief = still_belief()
+    belief.state.camera[7:10] = (0.3, 0.0, -0.2)
+    before = belief.covariance.copy()
+    feel_contact(belief, np.array([2.0, 0.0, 0.0, 5.0, 5.0, 5.0]), 0.05)
+    grown = np.zeros_like(before)
+    grown[6, 6], grown[8, 8] = 0.4**2, 0.2**2
+    np.testing.assert_allclose(belief.covariance, before + grown, atol=1e-15)
+
+
 @pytest.mark.parametrize("initialisation, kind", [(BY_INVERSE_DEPTH, INVERSE_DEPTH), ("depth_particles", RAY)])
 def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: str, kind: int) -> None:
     scenario, there = replace(PAPER, initialisation=initialisation), [[100.0, 100.0]]
@@ -271,11 +281,13 @@ def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: st
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
-def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: bool) -> None:
+@pytest.mark.parametrize("known, frames", [(0, 2), (5, 7), (40, round(PAPER.inverse_depth_memory / PAPER.frame_time))])
+def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(known: int, frames: int, kind: int, kept: bool) -> None:
+    """After its memory, or as long as it was known and two frames."""
     belief = still_belief()
-    frames = round(PAPER.inverse_depth_memory / PAPER.frame_time)
-    for _ in range(5):
+    for _ in range(3 + known):
         frame(belief, [[160.0, 120.0]])
+    assert belief.feature[0].seen - belief.feature[0].born == known
     if kind == POINT:
         convert_to_point(belief, 0)
     belief.state.camera[3:7] = (0.0, 0.0, 1.0, 0.0)  # turned around

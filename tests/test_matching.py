@@ -12,7 +12,7 @@ from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import NEW, REJECTED, association_of, expected_strangers
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.constellation import match_jointly
-from activeslam_gym.slam.correction import correct
+from activeslam_gym.slam.correction import correct, correction_of
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
 from activeslam_gym.slam.kalman import update
@@ -39,6 +39,7 @@ from .support import (
 VAR = float(CAMERA.pixel_std**2)
 MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
+CORRECTION = correction_of()
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
 # Joint matching -----------------------------------------------------------------------------------------------------
@@ -189,7 +190,7 @@ def test_where_the_measurement_is_straight_the_correction_is_the_update() -> Non
     nu = 0.1 * rng.standard_normal(len(sight.S))
     assert update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
     z = sight.thing["z_hat"].ravel() + nu
-    assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
+    assert correct(CORRECTION, CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
     np.testing.assert_allclose(mean_difference(belief, once), 0.0, atol=1e-14)
     np.testing.assert_allclose(joint_covariance(belief), joint_covariance(once), rtol=1e-12, atol=1e-18)
 
@@ -207,7 +208,7 @@ def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     sight, once = sight_of(belief, fiducials), copied(belief)
     assert len(sight.thing) == 8
     update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
-    assert correct(CAMERA, belief, fiducials, sight, z)
+    assert correct(CORRECTION, CAMERA, belief, fiducials, sight, z)
     errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]
     assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1]
     P = joint_covariance(belief)
@@ -219,7 +220,7 @@ def test_a_correction_without_a_factor_changes_nothing() -> None:
     belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
     before, sight = copied(belief), sight_of(belief)
     sight.S[:] = -np.eye(2)
-    assert not correct(CAMERA, belief, NO_FIDUCIALS, sight, np.ones(2))
+    assert not correct(CORRECTION, CAMERA, belief, NO_FIDUCIALS, sight, np.ones(2))
     np.testing.assert_array_equal(belief.covariance, before.covariance)
     assert belief.state == before.state and (belief.feature == before.feature).all()
 
@@ -243,3 +244,55 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
         left.append(thing["z_hat"][0, 0] - said - H * x)
     assert np.var(left) == pytest.approx(thing["extra"][0, 0, 0], rel=0.1)
     assert thing["extra"][0, 0, 0] > 2.0
+
+
+def drifting_nees(product_frames: float, draws: int) -> np.ndarray:
+    """(draws,) NEES of where a camera of unknown speed is across the sight of a new point, after a second.
+
+    It sees nothing else: only the product of its way and of the point's inverse depth is measured.
+    """
+    out, rng = np.empty(draws), np.random.default_rng(0)
+    scenario = Scenario(acceleration_std=1e-3, angular_acceleration_std=1e-3)
+    prior = np.diag([1e-8] * 6 + [0.15**2, 1e-8, 1e-8] + [1e-8] * 3)
+    for i in range(draws):
+        speed, rho = 0.15 * rng.standard_normal(), max(0.5 + 0.3 * rng.standard_normal(), 0.1)
+        filter = Filter(scenario, covariance=prior)
+        filter.model.correction.product_frames = product_frames
+        truth = filter.belief.state.camera.copy()
+        point = np.array([0.0, 0.0, 1.0 / rho])
+        born = filter.birth(pixel_of(CAMERA, truth, point))
+        for _ in range(20):
+            truth[0] += 0.05 * speed
+            filter.predict()
+            seen = pixel_of(CAMERA, truth, point) + 2.0 * rng.standard_normal(2)
+            filter.update(candidates_of(seen[None], ids=np.array([born])), labelled=True)
+        error = truth[0] - filter.belief.state.camera[0]
+        out[i] = error**2 / filter.belief.covariance[0, 0]
+    return out
+
+
+def test_a_product_of_errors_that_lasts_is_counted_once() -> None:
+    """Counted in each frame anew, it makes the filter sure of a way and of a depth of which it saw the product alone."""
+    assert drifting_nees(20.0, 150).mean() < 1.5
+    assert drifting_nees(1.0, 150).mean() > 5.0
+
+
+@SEEDS
+def test_a_correction_never_ends_higher_than_it_began(seed: int) -> None:
+    """Errors of a radian and a metre: the cost |delta|^2_P + (z - h)^2_R of the new mean, by its formula."""
+    rng = np.random.default_rng(seed)
+    camera = random_camera(rng)
+    fiducials = world_points(rng, camera, 6, (1.0, 2.5))
+    belief = random_belief(PAPER, [], rng, camera)
+    P = np.diag([1.0**2] * 3 + [0.6**2] * 3 + [1e-6] * 6)
+    belief.covariance[:12, :12] = P
+    before, sight = copied(belief), sight_of(belief, fiducials)
+    z = sight.thing["z_hat"].ravel() + rng.uniform(-150.0, 150.0, 2 * len(sight.thing))
+    first = np.sum((z - sight.thing["z_hat"].ravel()) ** 2) / VAR
+    rows = sight.thing["row"].copy()
+    if correct(CORRECTION, CAMERA, belief, fiducials, sight, z):
+        delta = mean_difference(belief, before)
+        pixels = np.array([pixel_of(CAMERA, belief.state.camera, y) for y in fiducials[rows]]).ravel()
+        assert delta @ np.linalg.solve(P, delta) + np.sum((z - pixels) ** 2) / VAR <= first
+    else:
+        np.testing.assert_array_equal(belief.covariance, before.covariance)

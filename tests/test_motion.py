@@ -36,6 +36,21 @@ def test_transition_is_the_papers() -> None:
     np.testing.assert_allclose(m.transition(x, u, dt), expected, atol=1e-15)
 
 
+def test_what_is_commanded_is_limited() -> None:
+    """An estimate that jumps by metres does not fling the camera; what a motion takes is far below the limit."""
+    goal = np.array([30.0, 0.0, 40.0])
+    spun = START.copy()
+    spun[10:] = (3.0, 0.0, -4.0)
+    u = m.accelerations(MODEL, spun, goal, goal, 0.0, 0.0)
+    np.testing.assert_allclose(u, np.array([6.0, 0.0, 8.0, -6.0, 0.0, 8.0]), atol=1e-12)
+    x, taken = START, []
+    for frame in range(20):
+        u = m.accelerations(MODEL, x, START[:3], np.array([0.0, 0.0, 0.3]), frame * MODEL.dt, 0.2)
+        x = m.transition(x, u, MODEL.dt)
+        taken.append(np.linalg.norm(u.reshape(2, 3), axis=1))
+    assert (np.max(taken, axis=0) < (0.3 * m.LARGEST_ACCELERATION, 0.3 * m.LARGEST_ANGULAR_ACCELERATION)).all()
+
+
 def test_process_noise_of_one_frame_and_of_many() -> None:
     rng = np.random.default_rng(1)
     A = rng.standard_normal((12, 12))

@@ -18,7 +18,6 @@ from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, upda
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
-    D_VELOCITY,
     MOTION,
     MOTION_COUNT,
     POSITION,
@@ -38,6 +37,7 @@ from activeslam_gym.slam.belief import (
     start_of,
 )
 from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
+from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
 from activeslam_gym.world.simulator import (
     SENSOR,
@@ -74,7 +74,6 @@ MODELS = record(
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
     boxes_known="b1",  # whether the belief knows what hides things
-    contact_var="f8",  # what a sensed contact adds to the velocity's, each axis [m^2/s^2]
     negative_information="b1",  # whether what was looked at and not found is expected elsewhere
 )
 """The constants of a run."""
@@ -256,7 +255,6 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         task=task,
         landmark_var=scenario.landmark_prior_variance,
         boxes_known=scenario.boxes_known,
-        contact_var=scenario.contact_std**2,
         negative_information=scenario.negative_information,
     )
 
@@ -366,7 +364,7 @@ def known_boxes(run: Run) -> np.ndarray:
 def drive(run: Run, gaze: float) -> np.ndarray:
     """One frame of control and true motion; (6,) what the filter knows of the accelerations.
 
-    ``gaze`` is a share of the turn rate. A contact that is sensed makes the velocity uncertain.
+    ``gaze`` is a share of the turn rate. It feels a contact.
     """
     motion, frame, control = run.models.motion, run.belief.state.frame, run.episode.control
     turn = turn_by(motion, gaze, frame * motion.dt)
@@ -374,12 +372,11 @@ def drive(run: Run, gaze: float) -> np.ndarray:
     u = accelerations(motion, run.belief.state.camera, control.start, control.goal, seconds, turn)
     contacts = move(motion, run.world, u, frame)
     run.episode.events.wall_contacts += contacts
-    if contacts > 0:
-        for i in range(D_VELOCITY.start, D_VELOCITY.stop):
-            run.belief.covariance[i, i] += run.models.contact_var
     control.frames += 1
     if not motion.command_known:
         u[:] = 0.0
+    if contacts > 0:
+        feel_contact(run.belief, u, motion.dt)
     return u
 
 

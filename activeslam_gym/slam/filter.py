@@ -33,7 +33,7 @@ from activeslam_gym.slam.belief import (
     reset_belief,
     start_of,
 )
-from activeslam_gym.slam.correction import correct
+from activeslam_gym.slam.correction import CORRECTION, correct, correction_of
 from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
 from activeslam_gym.slam.initialisation import (
     INITIALISATION,
@@ -47,7 +47,7 @@ from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.map import remove_feature
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
 
-FILTER = record(association=ASSOCIATION, initialisation=INITIALISATION, particles=PARTICLES)
+FILTER = record(association=ASSOCIATION, correction=CORRECTION, initialisation=INITIALISATION, particles=PARTICLES)
 """Constants of the filter."""
 COUNTS = record(
     births="i8",
@@ -66,6 +66,7 @@ def filter_of(scenario: Scenario) -> Record:
     return filled(
         FILTER,
         association=association,
+        correction=correction_of(),
         initialisation=initialisation_of(scenario),
         particles=particles_of(scenario, association),
     )
@@ -129,7 +130,7 @@ def use_candidates(
     counts.starvations += M >= 2 and 2 * rejected > M
     counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
-    _update_by(camera, belief, fiducials, sight, of_thing, candidates)
+    _update_by(model.correction, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
 
@@ -156,7 +157,7 @@ def use_identified(
     for i in range(candidates.shape[0]):
         counts.rejected_matches += candidates[i].match == REJECTED
     _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    _update_by(camera, belief, fiducials, sight, of_thing, candidates)
+    _update_by(model.correction, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
 
 
@@ -199,9 +200,19 @@ def _count_misses(
 
 @compiled(inline="always")
 def _update_by(
-    camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, of_thing: np.ndarray, candidates: np.ndarray
+    model: Record,
+    camera: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    sight: Sight,
+    of_thing: np.ndarray,
+    candidates: np.ndarray,
 ) -> None:
-    """Correct by the matched things, each with its candidate's own R."""
+    """Correct by the matched things, each with its candidate's own R.
+
+    The second-order noise of a feature is the product of two errors that hardly change from frame to frame: n frames
+    tell of it what one does, so each counts as a share of it.
+    """
     m = 0
     for i in of_thing:
         m += i >= 0
@@ -224,9 +235,10 @@ def _update_by(
         R = candidates[of_thing[row[r] // 2]].R
         for axis in range(2):
             more = R[r % 2, axis] - (camera.pixel_std**2 if r % 2 == axis else 0.0)
+            more += (model.product_frames - 1.0) * things[r // 2].extra[r % 2, axis]
             S[r, r - r % 2 + axis] += more
             things[r // 2].extra[r % 2, axis] += more
-    correct(camera, belief, fiducials, Sight(things, HP, S), pixels)
+    correct(model, camera, belief, fiducials, Sight(things, HP, S), pixels)
 
 
 class Filter:

@@ -14,7 +14,15 @@ from activeslam_gym.linalg import (
     solve_transposed,
     solve_transposed_vector,
 )
-from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, process_covariance, transition, transition_jacobian
+from activeslam_gym.motion import (
+    ANGULAR_VELOCITY,
+    CAMERA_DIM,
+    D_VELOCITY,
+    VELOCITY,
+    process_covariance,
+    transition,
+    transition_jacobian,
+)
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 
@@ -30,6 +38,18 @@ def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
     copy_into(belief.state.camera, x)
     propagate(belief.covariance, belief.state.dim, F_x, process_covariance(motion, F_x, dt))
     belief.state.frame += 1
+
+
+@compiled
+def feel_contact(belief: Belief, u: np.ndarray, dt: float) -> None:
+    """The camera has struck something, to be called before that frame's `predict`: any part of its speed may be gone.
+
+    So the variance of each axis' velocity grows by the square of what it would be.
+    """
+    for i in range(3):
+        v = belief.state.camera[VELOCITY.start + i] + dt * u[i]
+        row = D_VELOCITY.start + i
+        belief.covariance[row, row] += v * v
 
 
 @compiled

@@ -70,7 +70,7 @@ def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, floa
 
 
 @borrowing
-def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: Vector) -> tuple[float, float, float]:
     """p_C = R_WC^T (y - p) of the world point ``y`` (3,); ``pose`` begins with the position p."""
     return camera_from_world(R_WC, (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))
 
@@ -105,7 +105,7 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
 
 
 @borrowing
-def in_reach(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
+def in_reach(view: View, y: Vector, margin: float, z: np.ndarray) -> bool:
     """`visible`, at any distance: what a filter asks, which knows the distance of ``y`` badly."""
     p_C = camera_point(view.R_WC, view.pose, y)
     if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
@@ -126,7 +126,7 @@ def distance_between(p: np.ndarray, y: np.ndarray) -> float:
 
 
 @borrowing
-def hidden(boxes: np.ndarray, p: np.ndarray, y: np.ndarray) -> bool:
+def hidden(boxes: np.ndarray, p: np.ndarray, y: Vector) -> bool:
     """Whether one of the ``boxes`` (B, 2, 3), lowest and highest corner [m], cuts the way from ``p`` to ``y`` (>= 3,).
 
     The way p + t (y - p) is in a box between two planes of each axis; it cuts the box where the three intervals of t

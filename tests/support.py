@@ -239,7 +239,7 @@ def turn_of_everything(belief: Belief) -> np.ndarray:
     for feature in features_of(belief):
         vectors[int(feature.start)] = feature.mean[:3]
         if feature.kind != POINT:
-            J_h, m = np.empty((2, 3)), layout.bearing(feature.mean[3], feature.mean[4])[0]
+            J_h, m = np.empty((2, 3)), np.array(layout.bearing(feature.mean[3], feature.mean[4])[0])
             layout.angles_of(m, J_h)
             N[feature.start + 3 : feature.start + 5] = J_h @ -skew(m)
     for start, vector in vectors.items():

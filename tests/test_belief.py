@@ -73,7 +73,7 @@ def test_angles_undo_the_bearing_everywhere() -> None:
     for angles, m in (((0, 0), (0, 0, 1)), ((np.pi / 2, 0), (1, 0, 0)), ((0.3, np.pi / 2), (0, 1, 0))):
         np.testing.assert_allclose(layout.bearing(*angles)[0], m, atol=1e-15)
     for angles in itertools.product(np.linspace(-3.1, 3.1, 13), np.linspace(-1.5, 1.5, 7)):
-        np.testing.assert_allclose(layout.angles_of(2.5 * layout.bearing(*angles)[0], J), angles, atol=1e-12)
+        np.testing.assert_allclose(layout.angles_of(2.5 * np.array(layout.bearing(*angles)[0]), J), angles, atol=1e-12)
     assert np.isfinite(layout.angles_of(np.array([0.0, 1.0, 0.0]), J)).all() and np.isfinite(J).all()  # straight up
 
 

@@ -128,7 +128,7 @@ def point_at(feature: np.ndarray) -> np.ndarray:
 
 def bearing(rng: np.random.Generator) -> Case:
     angles = rng.uniform([-3, -1.4], [3, 1.4])
-    return Case(lambda e: layout.bearing(*(angles + e))[0], layout.bearing(*angles)[1:].T)
+    return Case(lambda e: np.array(layout.bearing(*(angles + e))[0]), np.array(layout.bearing(*angles)[1:]).T)
 
 
 def angles_of(rng: np.random.Generator) -> Case:

@@ -20,7 +20,7 @@ import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, borrowed, compiled, inlined, record
+from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
 from activeslam_gym.linalg import add_product, copy_block
 from activeslam_gym.motion import (
     CAMERA_DIM,
@@ -74,6 +74,9 @@ TRACK = record(
     hits="i8",  # consecutive detections; 0: free
 )
 """An unexplained detection that is followed, and may become a feature."""
+
+
+Direction = tuple[float, float, float]
 
 
 class Belief(NamedTuple):
@@ -162,19 +165,19 @@ def position_of(belief: Belief, serial: int) -> int:
 # Features as points -------------------------------------------------------------------------------------------------
 
 
-@compiled
-def bearing(azimuth: float, elevation: float) -> np.ndarray:
-    """Rows (3, 3): the unit world direction m, dm/d azimuth, dm/d elevation.
+@borrowing
+def bearing(azimuth: float, elevation: float) -> tuple[Direction, Direction, Direction]:
+    """The unit world direction m, dm/d azimuth and dm/d elevation.
 
     Azimuth turns about Y (up) from +Z towards +X, elevation rises from the horizontal: m = (sin a cos e, sin e,
     cos a cos e).
     """
     sin_a, cos_a, sin_e, cos_e = math.sin(azimuth), math.cos(azimuth), math.sin(elevation), math.cos(elevation)
-    out = np.empty((3, 3))
-    out[0, 0], out[0, 1], out[0, 2] = sin_a * cos_e, sin_e, cos_a * cos_e
-    out[1, 0], out[1, 1], out[1, 2] = cos_a * cos_e, 0.0, -sin_a * cos_e
-    out[2, 0], out[2, 1], out[2, 2] = -sin_a * sin_e, cos_e, -cos_a * sin_e
-    return out
+    return (
+        (sin_a * cos_e, sin_e, cos_a * cos_e),
+        (cos_a * cos_e, 0.0, -sin_a * cos_e),
+        (-sin_a * sin_e, cos_e, -cos_a * sin_e),
+    )
 
 
 @compiled
@@ -216,8 +219,8 @@ def _write_point(belief: Belief, k: int, y: np.ndarray, T: np.ndarray) -> None:
     m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
     depth = feature.depth if feature.kind == RAY else 1.0 / feature.mean[RHO]
     for i in range(3):
-        y[i] += depth * m[0, i]
-        T[i, AZIMUTH], T[i, ELEVATION], T[i, RHO] = depth * m[1, i], depth * m[2, i], -depth * depth * m[0, i]
+        y[i] += depth * m[0][i]
+        T[i, AZIMUTH], T[i, ELEVATION], T[i, RHO] = depth * m[1][i], depth * m[2][i], -depth * depth * m[0][i]
 
 
 @compiled
@@ -326,7 +329,7 @@ def _add_depth_variance(belief: Belief, k: int, block: np.ndarray) -> None:
         m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
         for i in range(3):
             for j in range(3):
-                block[i, j] += feature.depth_var * m[0, i] * m[0, j]
+                block[i, j] += feature.depth_var * m[0][i] * m[0][j]
 
 
 @compiled

@@ -116,7 +116,7 @@ def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
         if particles[j, 1] == 0.0:
             continue
         depth, z_hat, S = particles[j, 0], rays.z_hat[r, j], rays.S[r, j]
-        y = feature.mean[ANCHOR] + depth * m[0]
+        y = feature.mean[ANCHOR] + depth * np.array(m[0])
         if not visible(view, y, camera.width, z_hat):
             continue
         point_measurement(view, y, z_hat, H_x, H_point)
@@ -124,8 +124,8 @@ def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
             H_ray[axis, AZIMUTH], H_ray[axis, ELEVATION] = 0.0, 0.0
             for i in range(3):
                 H_ray[axis, i] = H_point[axis, i]
-                H_ray[axis, AZIMUTH] += depth * H_point[axis, i] * m[1, i]
-                H_ray[axis, ELEVATION] += depth * H_point[axis, i] * m[2, i]
+                H_ray[axis, AZIMUTH] += depth * H_point[axis, i] * m[1][i]
+                H_ray[axis, ELEVATION] += depth * H_point[axis, i] * m[2][i]
         own_innovation(belief.covariance, feature.start, KIND_DIM[RAY], H_x, H_ray, camera.pixel_std**2, S)
         rays.visibility[r, j] = visibility_of(camera, z_hat, S)
 

@@ -241,9 +241,9 @@ def linearity_index(belief: Belief, k: int) -> float:
     m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
     square, along = 0.0, 0.0
     for i in range(3):
-        sight = feature.mean[i] + m[0, i] / rho - camera[i]
+        sight = feature.mean[i] + m[0][i] / rho - camera[i]
         square += sight * sight
-        along += m[0, i] * sight
+        along += m[0][i] * sight
     sigma_d = math.sqrt(max(belief.covariance[rho_row, rho_row], 0.0)) / (rho * rho)
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 

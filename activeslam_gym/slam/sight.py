@@ -24,7 +24,6 @@ from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.linalg import add_product
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam.belief import (
-    ANCHOR,
     AZIMUTH,
     ELEVATION,
     INVERSE_DEPTH,
@@ -94,7 +93,7 @@ def point_measurement(view: View, y: np.ndarray, z: np.ndarray, H_x: np.ndarray,
     return True
 
 
-@compiled
+@borrowing
 def inverse_depth_measurement(view: View, feature: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
     """Pixel of an inverse-depth feature (anchor, azimuth, elevation, rho) with its Jacobians; see point_measurement.
 
@@ -104,15 +103,15 @@ def inverse_depth_measurement(view: View, feature: np.ndarray, z: np.ndarray, H_
     rho, pose = feature[RHO], view.pose
     m = bearing(feature[AZIMUTH], feature[ELEVATION])
     offset = (feature[0] - pose[0], feature[1] - pose[1], feature[2] - pose[2])
-    d = (rho * offset[0] + m[0, 0], rho * offset[1] + m[0, 1], rho * offset[2] + m[0, 2])
+    d = (rho * offset[0] + m[0][0], rho * offset[1] + m[0][1], rho * offset[2] + m[0][2])
     p_C = camera_from_world(view.R_WC, d)
     if p_C[2] < view.camera.minimum_depth * rho or not pixel_from_camera_point(view.camera, p_C, z):
         return False
     _chain(view, p_C, d, rho, H_x, H_y)
     for i in range(2):
         a, b, c = H_y[i, 0] / rho, H_y[i, 1] / rho, H_y[i, 2] / rho
-        H_y[i, AZIMUTH] = a * m[1, 0] + b * m[1, 1] + c * m[1, 2]
-        H_y[i, ELEVATION] = a * m[2, 0] + b * m[2, 1] + c * m[2, 2]
+        H_y[i, AZIMUTH] = a * m[1][0] + b * m[1][1] + c * m[1][2]
+        H_y[i, ELEVATION] = a * m[2][0] + b * m[2][1] + c * m[2][2]
         H_y[i, RHO] = a * offset[0] + b * offset[1] + c * offset[2]
     return True
 
@@ -198,7 +197,7 @@ def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     return NEAR if inside_image(camera, z, SEARCH_STDS * longest) else 0
 
 
-@compiled
+@borrowing
 def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) -> bool:
     """Write pixel and Jacobians of a ``thing`` of the belief at its present mean; False where it is not in front."""
     K, z, H_x, H_y = fiducials.shape[0], thing.z_hat, thing.H_camera, thing.H_feature
@@ -273,7 +272,7 @@ def place_point(view: View, y: np.ndarray, margin: float, thing: Record) -> bool
     return visible(view, y, margin, z) and point_measurement(view, y, z, H_x, H_y)
 
 
-@compiled
+@borrowing
 def _place_feature(view: View, kind: int, mean: np.ndarray, thing: Record) -> bool:
     """The same of a feature's ``mean`` (6,), as far as an image's width outside of the image; never of a RAY."""
     if kind == POINT:
@@ -281,18 +280,19 @@ def _place_feature(view: View, kind: int, mean: np.ndarray, thing: Record) -> bo
     if kind == RAY:
         return False
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
-    y = mean[ANCHOR] + bearing(mean[AZIMUTH], mean[ELEVATION])[0] / mean[RHO]
+    m, rho = bearing(mean[AZIMUTH], mean[ELEVATION])[0], mean[RHO]
+    y = (mean[0] + m[0] / rho, mean[1] + m[1] / rho, mean[2] + m[2] / rho)
     return in_reach(view, y, view.camera.width, z) and inverse_depth_measurement(view, mean, z, H_x, H_y)
 
 
-@compiled
+@borrowing
 def _place_known(view: View, y: np.ndarray, thing: Record) -> bool:
     """The same of a world point ``y`` (>= 3,) at any distance."""
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
     return in_reach(view, y, view.camera.width, z) and point_measurement(view, y, z, H_x, H_y)
 
 
-@compiled
+@borrowing
 def _may_be_too_far(view: View, belief: Belief, k: int) -> bool:
     """Whether feature ``k`` may be beyond the camera's greatest distance, so that its absence tells nothing.
 

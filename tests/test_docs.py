@@ -200,4 +200,6 @@ def opens_as_a_file(site: Path) -> None:
         assert not missing, f"{page.relative_to(site)}: {missing}"
     assert {path.stem for path in NOTEBOOKS} == {path.stem for path in (site / "notebooks").glob("*.html")}
     board = (site / "leaderboard.html").read_text(encoding="utf-8")
-    assert all(f"images/clips/{name}.gif" in board for name in [*baselines.names(), *pretrained.names()])
+    assert all(f"<code>{name}</code>" in board for name in [*baselines.names(), *pretrained.names()])
+    clips = [path.name for path in (ROOT / "docs" / "images" / "clips").glob("*.gif")]
+    assert len(clips) > 10 and all(f"images/clips/{clip}" in board for clip in clips)

@@ -75,7 +75,7 @@ class StepLimit(gymnasium.wrappers.TimeLimit):
         super().__init__(env, int(core_of(env).setting.task.steps))
 
 
-def token_space(layout: ObservationLayout) -> spaces.Dict:
+def token_space(layout: ObservationLayout) -> spaces.Space[Any]:
     """The space of an observation in its parts."""
     count = layout.token_shape[0]
     return spaces.Dict(

@@ -24,7 +24,11 @@ FROM_THE_ROOT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTIN
 """Pages that stand in the repository's root, by their name on the site."""
 README_PAGE = "index.md"
 """Where a link to the README leads."""
-SHOWN = {"notebooks": "notebooks/*.ipynb", "examples": "examples/**/*.*", "cards": "agents/pretrained/*.json"}
+SHOWN = {
+    "notebooks": (ROOT / "notebooks", "*.ipynb"),
+    "examples": (ROOT / "examples", "**/*.*"),
+    "cards": (ROOT / "agents" / "pretrained", "*.json"),
+}
 """Folder on the site, and the files that are shown there, each as a page."""
 KINDS = {".py": "python", ".yml": "yaml", ".json": "json"}
 WIDE = {"results.md", "HONESTY.md", "STUDY.md", "BENCHMARKS.md", "leaderboard.md"}
@@ -54,7 +58,8 @@ def on_config(config: Any) -> Any:
 def _written(entry: Any) -> Any:
     """A page, or the pages of a group that there are; the name of a folder of `SHOWN` stands for its pages."""
     if isinstance(entry, str):
-        pages = [{title_of(source): page} for source, page in shown_files().items() if page.startswith(f"{entry}/")]
+        shown = shown_files().items()
+        pages = [{title_of(source, page): page} for source, page in shown if page.startswith(f"{entry}/")]
         return pages if entry in SHOWN else entry
     return [
         {title: _written(page)}
@@ -66,14 +71,13 @@ def _written(entry: Any) -> Any:
 
 def shown_files() -> dict[Path, str]:
     """Files of the repository that the site shows as pages, and the page of each."""
-    return {
-        source: f"{folder}/{source.relative_to(ROOT).with_suffix('').as_posix().split('/', 1)[1].replace('/', '-')}.md"
-        if folder != "cards"
-        else f"cards/{source.stem}.md"
-        for folder, pattern in SHOWN.items()
-        for source in sorted(ROOT.glob(pattern))
-        if source.suffix in KINDS or source.suffix == ".ipynb"
-    }
+    found = {}
+    for folder, (home, pattern) in SHOWN.items():
+        for source in sorted(home.glob(pattern)):
+            if source.suffix in (*KINDS, ".ipynb"):
+                name = source.relative_to(home).with_suffix("").as_posix().replace("/", "-")
+                found[source] = f"{folder}/{name}.md"
+    return found
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -91,10 +95,10 @@ def on_files(files: Any, config: Any) -> Any:
     return files
 
 
-def title_of(source: Path) -> str:
+def title_of(source: Path, page: str) -> str:
     """What the menu calls a file that is shown: a notebook by its title."""
     if source.suffix != ".ipynb":
-        return source.name
+        return Path(page).stem + source.suffix
     return next(_cells(json.loads(source.read_text(encoding="utf-8")))).partition("\n")[0].removeprefix("# ")
 
 

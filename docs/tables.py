@@ -42,6 +42,7 @@ def rewards() -> str:
 
 def leaderboard() -> str:
     """Every policy with its clip and, where the README's table has it, its score; the highest mean log score first."""
+    import baselines
     from agents import pretrained
 
     root = Path(__file__).resolve().parents[1]
@@ -52,9 +53,9 @@ def leaderboard() -> str:
     title = dict(zip(("log score gain, bits (mean)", "log score gain, bits (median)", "lost, %"), (1, 2, 6)))
     if any(found[0][column] != name for name, column in title.items()):
         raise ValueError(f"the README's headline has the columns {found[0]}")
-    clips = sorted(path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif"))
+    clips = {path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif")}
     rows = []
-    for name in [*scored, *(name for name in clips if name not in scored)]:
+    for name in dict.fromkeys([*scored, *pretrained.names(), *baselines.names()]):
         kind = f"learned: [its card](cards/{name}.md)" if name in pretrained.names() else "computed"
         clip = f"![{name} in room 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
         numbers = [scored[name][column] for column in title.values()] if name in scored else ["not yet"] * 3

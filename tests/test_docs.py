@@ -195,9 +195,11 @@ def opens_as_a_file(site: Path) -> None:
         targets = re.findall(r'<(?:a|link|img|script)\b[^>]*?\b(?:href|src)="?([^"\s>]+)', text)
         loaded = re.findall(r'<(?:script|img)\b[^>]*?\bsrc="?(https?://[^"\s>]+)', text)
         assert not loaded, f"{page.name} loads {loaded}"
-        local = {target.partition("#")[0] for target in targets if not re.match(r"[a-z]+:|#|\.?$", target)}
+        local = {target.partition("#")[0] for target in targets if not re.match(r"[a-z]+:|#|$", target)}
         missing = [target for target in local if not (page.parent / target).is_file()]
         assert not missing, f"{page.relative_to(site)}: {missing}"
     assert {path.stem for path in NOTEBOOKS} == {path.stem for path in (site / "notebooks").glob("*.html")}
     board = (site / "leaderboard.html").read_text(encoding="utf-8")
-    assert all(f"images/clips/{name}.gif" in board for name in [*baselines.names(), *pretrained.names()])
+    assert all(f"<code>{name}</code>" in board for name in [*baselines.names(), *pretrained.names()])
+    clips = [path.name for path in (ROOT / "docs" / "images" / "clips").glob("*.gif")]
+    assert len(clips) > 10 and all(f"images/clips/{clip}" in board for clip in clips)

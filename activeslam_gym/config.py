@@ -21,7 +21,7 @@ UNKNOWN = "unknown"
 KNOWN = "known"
 UNIFORM, SURFACES, CLUSTERS = "uniform", "surfaces", "clusters"
 """Where landmarks are."""
-CENTRE, CORNER, ANYWHERE = "centre", "corner", "anywhere"
+CENTRE, CORNER, WALL, ANYWHERE = "centre", "corner", "wall", "anywhere"
 """Where a run starts."""
 
 
@@ -133,7 +133,7 @@ CountRange = Annotated[tuple[int, int], _COUNTS]
 Varied = Annotated[tuple[tuple[str, Any, Any], ...], _VARIED]
 Angle = Annotated[float, _POSITIVE, Bound("at most pi / 2", lambda value: value <= math.pi / 2)]
 Layout = Annotated[str, _among(UNIFORM, SURFACES, CLUSTERS)]
-Start = Annotated[str, _among(CENTRE, CORNER, ANYWHERE)]
+Start = Annotated[str, _among(CENTRE, CORNER, WALL, ANYWHERE)]
 Switch = Annotated[bool, Bound("True or False", lambda value: isinstance(value, bool))]
 String = Annotated[str, Bound("a string", lambda value: isinstance(value, str))]
 Initialisation = Annotated[str, _among(*INITIALISATIONS)]
@@ -168,7 +168,7 @@ class Scenario:
     facing_angle: Angle = math.radians(75.0)
     """Greatest angle from its surface's normal at which a landmark on a surface is seen [rad]."""
     start: Start = CENTRE
-    """Where a run starts: ``centre``, facing +Z; a random ``corner``, along one of its walls; ``anywhere`` free."""
+    """``centre``, facing +Z; a random ``corner``, facing one of its walls; along a random ``wall``; ``anywhere``."""
     fiducial_count: PointCount = 6
     """Points of known position, in view of the first pose."""
     fiducial_distance: PositiveRange = (1.2, 2.0)
@@ -395,7 +395,7 @@ _HIDING: dict[str, Any] = {
 }
 """What places with boxes have in common."""
 _PLACES = (
-    Scenario(name="office", room_size=(7.0, 2.4, 7.0), landmark_count=40, box_count=(4, 7), **_HIDING),
+    Scenario(name="office", room_size=(7.0, 2.4, 7.0), landmark_count=60, box_count=(3, 6), **_HIDING),
     Scenario(
         name="rooms", room_size=(9.0, 2.4, 5.0), landmark_count=40, inner_walls=(1, 2), box_count=(0, 2),
         duration=90.0, **_HIDING,
@@ -404,8 +404,8 @@ _PLACES = (
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
         start=ANYWHERE, maximum_distance=4.0, negative_information=True,
     ),
-    Scenario(name="corner", room_size=(8.0, 2.0, 8.0), start=CORNER, maximum_distance=4.0, negative_information=True),
-    Scenario(name="sprint", start=CORNER, duration=10.0),
+    Scenario(name="corner", room_size=(7.0, 2.4, 7.0), landmark_count=48, **(_HIDING | {"start": CORNER})),
+    Scenario(name="sprint", start=WALL, duration=10.0),
     Scenario(
         name="noisy", room_size=(7.0, 2.4, 7.0), landmark_count=40, box_count=(4, 7), pixel_std=4.0,
         acceleration_std=1.0, angular_acceleration_std=1.0, **_HIDING,

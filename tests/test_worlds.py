@@ -91,8 +91,8 @@ def test_starts_are_where_they_should_be() -> None:
     for seed in range(60):
         room = draw_room(Scenario(start=CORNER), np.random.default_rng(seed))
         forward = rotation_matrix(room.place[3:])[:, 2]
-        assert np.abs(room.place[[0, 2]]) == pytest.approx([2.0, 2.0]) and forward[1] == pytest.approx(0.0)
-        assert (room.place[:3] @ forward) == pytest.approx(-2.0), "it looks along a wall, away from the corner"
+        assert np.abs(room.place[[0, 2]]) == pytest.approx([1.6, 1.6]) and forward[1] == pytest.approx(0.0)
+        assert (room.place[:3] @ forward) == pytest.approx(1.6), "it faces a wall of the corner"
         corners.add(tuple(np.sign(room.place[[0, 2]])))
         headings.add(tuple(np.round(forward)))
     assert len(corners) == len(headings) == 4

@@ -40,7 +40,7 @@ Choose = Callable[[Any, np.ndarray], np.ndarray]
 def play(scenario: Any, seeds: Sequence[int], bind: Callable[[Any], Choose]) -> dict[str, list[float]]:
     """Figures of one policy, a number for each of the rooms ``seeds``."""
     made = {"scenario": scenario, "gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
-    env: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=len(seeds), autoreset_mode="disabled", **made)
+    env: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=len(seeds), autoreset_mode="DISABLED", **made)
     core = env.unwrapped
     observations, infos = env.reset(seed=list(seeds))
     choose, contacts, first = bind(env), np.zeros(len(seeds)), infos["entropy"].copy()

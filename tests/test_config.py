@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from activeslam_gym.config import BOUNDS, SCENARIOS, Scenario, scenario_from, whole_multiple
+from activeslam_gym.config import BOUNDS, SCENARIOS, VARIABLE, Scenario, scenario_from, whole_multiple
 
 PAPER = asdict(Scenario())
+VARIED = f"triples (field, least, greatest), of the fields {', '.join(VARIABLE)}"
 
 BOX = ((0.0, -1.0, 0.5), (1.0, 1.0, 0.75))
 LOW, HIGH = BOX
@@ -55,8 +56,8 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
         ("true_distortion", "zero, a positive number or None", (-1e-6, float("nan"), "0", False)),
         ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
         ("box_count", "two whole numbers from 0 to 100, in no decreasing order", ((3, 2), (0, 1.5), (-1, 1), 3, (1,))),
-        ("varied", "triples (field, least, greatest), of the fields", ((("duration", 1, 2),), (("pixel_std", 1),))),
-        ("start", "one of centre, corner, anywhere", ("middle", 3)),
+        ("varied", VARIED, ((("duration", 1, 2),), 3)),
+        ("start", "one of centre, corner, wall, anywhere", ("middle", 3)),
         ("facing_angle", "at most pi / 2", (2.0,)),
         ("boxes_known", "True or False", (0, 1, None, "no")),
         ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(3))),

@@ -91,8 +91,8 @@ def test_starts_are_where_they_should_be() -> None:
     for seed in range(60):
         room = draw_room(Scenario(start=CORNER), np.random.default_rng(seed))
         forward = rotation_matrix(room.place[3:])[:, 2]
-        assert np.abs(room.place[[0, 2]]) == pytest.approx([2.0, 2.0]) and forward[1] == pytest.approx(0.0)
-        assert (room.place[:3] @ forward) == pytest.approx(-2.0), "it looks along a wall, away from the corner"
+        assert np.abs(room.place[[0, 2]]) == pytest.approx([1.6, 1.6]) and forward[1] == pytest.approx(0.0)
+        assert (room.place[:3] @ forward) == pytest.approx(1.6), "it faces a wall of the corner"
         corners.add(tuple(np.sign(room.place[[0, 2]])))
         headings.add(tuple(np.round(forward)))
     assert len(corners) == len(headings) == 4
@@ -112,7 +112,7 @@ def test_varied_fields_are_drawn_within_their_bounds_and_reach_the_run() -> None
         np.testing.assert_allclose(core._runs.candidate["R"][0, 0], noises[-1] ** 2 * np.eye(2))
         assert np.abs(core.truth.landmarks).max(axis=0) == pytest.approx(sizes[-1] / 2, abs=0.6)
     assert len(set(noises)) == 6 and 1.0 <= min(noises) < max(noises) <= 4.0
-    assert (np.array(sizes) >= (4.0, 2.0, 4.0)).all() and (np.array(sizes) <= (9.0, 3.0, 9.0)).all()
+    assert (np.array(sizes) >= (5.0, 2.0, 5.0)).all() and (np.array(sizes) <= (9.0, 3.0, 9.0)).all()
     again = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
     again.reset(seed=5)
     np.testing.assert_array_equal(again.unwrapped.truth.landmarks, core.truth.landmarks)

@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View, camera_of, ray_from_pixel, visible
-from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, Scenario
+from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, WALL, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
 
 _FIDUCIAL_IMAGE_SHARE = 0.8
 """Fiducials project into the central part of the first image, of this relative width and height."""
-_CORNER_DISTANCE = 1.0
-"""Of a start in a corner from its two walls [m]."""
+_CORNER_DISTANCE, _WALL_DISTANCE = 1.4, 0.7
+"""Of a start in a corner from its two walls, and of one along a wall from it [m]."""
 _START_MARGIN = 0.45
 """Between a start and whatever stops the camera [m]."""
 _TRIES = 1000
@@ -61,7 +61,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     Raises:
         RuntimeError: no such room was found; the scenario's boxes leave too little space.
     """
-    if not scenario.has_boxes and not scenario.on_surfaces:
+    if scenario.start == CENTRE and not scenario.has_boxes and not scenario.on_surfaces:
         place = _draw_place(scenario, np.empty((0, 2, 3)), rng)
         camera = draw_start(scenario, rng, place)
         landmarks = _landmarks(scenario, np.empty((0, 2, 3)), rng)
@@ -122,8 +122,12 @@ def _draw_place(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator)
     if scenario.start == CORNER:
         sides = rng.choice((-1.0, 1.0), size=2)
         place[[0, 2]] = sides * (half[[0, 2]] - _CORNER_DISTANCE)
-        along = int(rng.integers(2))  # the wall that it looks along leads away from the corner
-        _turn(place, math.atan2(-sides[0] * along, -sides[1] * (1 - along)))
+        axis = int(rng.integers(2))  # the wall that it faces is across this one
+        _turn(place, math.atan2(sides[0] * axis, sides[1] * (1 - axis)))
+    elif scenario.start == WALL:
+        axis, side, way = 2 * int(rng.integers(2)), rng.choice((-1.0, 1.0)), rng.choice((-1.0, 1.0))
+        place[axis], place[2 - axis] = side * (half[axis] - _WALL_DISTANCE), -0.4 * way * half[2 - axis]
+        _turn(place, math.atan2(way * (axis == 2), way * (axis == 0)))
     elif scenario.start == ANYWHERE:
         for _ in range(_TRIES):
             place[[0, 2]] = rng.uniform(-1.0, 1.0, 2) * (half[[0, 2]] - _START_MARGIN)

@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency results figures bench clients clips docs stress test lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency results figures advice bench clients clips docs stress test lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -29,6 +29,9 @@ results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it 
 
 figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
 	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
+
+advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (half an hour on two cores): results/live
+	$(RUN) -m agents live --rooms 50 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md README.md
@@ -75,6 +78,11 @@ $(VENV)/.made:
 $(VENV)/.demo: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the comparison needs into $(VENV) (once)"
 	@$(PIP) --editable '.[compare]'
+	@touch $@
+
+$(VENV)/.advice: pyproject.toml | $(VENV)/.made
+	@echo "Installing what the live study needs into $(VENV) (once)"
+	@$(PIP) --editable '.[compare,vision]'
 	@touch $@
 
 $(VENV)/.agents: pyproject.toml | $(VENV)/.made

@@ -46,7 +46,7 @@ class Adviser:
         """After an image: evaluate whose turn it is. Whether a new command has been told."""
         self._phase += 1
         if self._phase < self.frames:
-            for motion in np.flatnonzero(self._turn == self._phase):
+            for motion in np.flatnonzero(self._turn == self._phase).tolist():
                 self._pending[motion] = self.score(motion)
             return False
         self._phase = 0

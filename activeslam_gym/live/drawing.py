@@ -146,8 +146,8 @@ def curves(rows: np.ndarray) -> str:
     if len(rows) < 2:
         return above + below
     x, y = _scale(rows[:, 0], _LEFT, _WIDTH - 6), _scale(rows[:, 1:4], _HEIGHT - _BOTTOM, 8)
-    parts = [_tick(x(value), None, f"{value:g} s") for value in _ticks(rows[:, 0])]
-    parts += [_tick(None, y(value), f"{value:g}") for value in _ticks(rows[:, 1:4])]
+    parts = [_upright(x(value), f"{value:g} s") for value in _ticks(rows[:, 0])]
+    parts += [_level(y(value), f"{value:g}") for value in _ticks(rows[:, 1:4])]
     few = rows[:: -(-len(rows) // _POINTS)]
     for k, colour in enumerate(_CURVES.values(), 1):
         line = " ".join(f"{x(row[0]):.1f},{y(row[k]):.1f}" for row in few)
@@ -173,14 +173,19 @@ def _ticks(values: np.ndarray) -> list[float]:
     return [k * step for k in range(first, math.floor(most / step) + 1)]
 
 
-def _tick(x: float | None, y: float | None, text: str) -> str:
-    """A grid line with its number: upright at ``x``, or level at ``y``."""
-    line, size = 'stroke="#8884" stroke-width="1"', 'font-size="10" fill="currentColor"'
-    if x is not None:
-        ends = f'x1="{x:.1f}" y1="4" x2="{x:.1f}" y2="{_HEIGHT - _BOTTOM}"'
-        return f'<line {ends} {line}/><text x="{x:.1f}" y="{_HEIGHT - 5}" text-anchor="middle" {size}>{text}</text>'
-    ends = f'x1="{_LEFT}" y1="{y:.1f}" x2="{_WIDTH}" y2="{y:.1f}"'
-    return f'<line {ends} {line}/><text x="{_LEFT - 4}" y="{y + 3.5:.1f}" text-anchor="end" {size}>{text}</text>'
+_LINE, _SMALL = 'stroke="#8884" stroke-width="1"', 'font-size="10" fill="currentColor"'
+
+
+def _upright(x: float, text: str) -> str:
+    """A grid line at ``x`` with its number under it."""
+    foot = f'<text x="{x:.1f}" y="{_HEIGHT - 5}" text-anchor="middle" {_SMALL}>{text}</text>'
+    return f'<line x1="{x:.1f}" y1="4" x2="{x:.1f}" y2="{_HEIGHT - _BOTTOM}" {_LINE}/>{foot}'
+
+
+def _level(y: float, text: str) -> str:
+    """A grid line at ``y`` with its number beside it."""
+    beside = f'<text x="{_LEFT - 4}" y="{y + 3.5:.1f}" text-anchor="end" {_SMALL}>{text}</text>'
+    return f'<line x1="{_LEFT}" y1="{y:.1f}" x2="{_WIDTH}" y2="{y:.1f}" {_LINE}/>{beside}'
 
 
 def counts(state: State) -> str:

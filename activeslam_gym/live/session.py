@@ -1,6 +1,7 @@
 """One run of the live system: image by image, from a source to what is known and what is advised."""
 
 import time
+from typing import Any
 
 import numpy as np
 
@@ -114,7 +115,7 @@ class Session:
     def _state(self, standing: str, began: float, why: str = "") -> State:
         log, person, adviser = self.log, self.source.person, self.adviser
         matched, searched = (log.matched, log.searched) if log else (0, 0)
-        shared = {
+        shared: dict[str, Any] = {
             "frame": self._frame,
             "time": self._time,
             "image": self._image,
@@ -131,7 +132,7 @@ class Session:
         map = self._map() if self.front_end else _nothing()
         return State(**shared, **map, landmarks=len(self._known), milliseconds=1e3 * (time.process_time() - began))
 
-    def _map(self) -> dict[str, np.ndarray]:
+    def _map(self) -> dict[str, Any]:
         """The parts of a state that are of the belief."""
         assert self.front_end and self.knowledge
         filter, searched = self.front_end.filter, self.front_end.searched
@@ -156,7 +157,7 @@ class Session:
         }
 
 
-def _nothing() -> dict[str, np.ndarray]:
+def _nothing() -> dict[str, Any]:
     """The parts of a state that are of the belief, before there is one."""
     camera = np.zeros(CAMERA_SIZE)
     camera[3] = 1.0

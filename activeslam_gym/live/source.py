@@ -113,7 +113,7 @@ class RenderedRoom:
 class Sequence:
     """A recorded sequence at its own ``rate``, or a live camera: what `open_images` reads, before a known target."""
 
-    person = None
+    person: Person | None = None
 
     def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
         self.name = images

@@ -103,7 +103,9 @@ def state_of(values: dict[str, Any], image: np.ndarray) -> State:
         ValueError: they are not of a state.
     """
     try:
-        made = {name: _array(name, value) if name in ARRAYS else value for name, value in values.items()}
+        made: dict[str, Any] = {
+            name: _array(name, value) if name in ARRAYS else value for name, value in values.items()
+        }
         return State(image=image, **made)
     except (TypeError, AttributeError) as error:
         raise ValueError(f"this is no state of a live recording ({error})") from None

@@ -81,9 +81,9 @@ class Referee:
         """After an image."""
         assert session.front_end and state.truth is not None
         self._session, self._state = session, state
-        born = session.front_end.candidates[len(session.front_end.candidates) - state.births :] if state.births else []
-        for one in born:
-            self._points[int(one["match"])] = self._room.camera.point(state.truth, one["pixel"])
+        if state.births:
+            for one in session.front_end.candidates[-state.births :]:
+                self._points[int(one["match"])] = self._room.camera.point(state.truth, one["pixel"])
         matched = state.searched[state.outcomes == MATCHED]
         for id in matched.tolist():
             self._closures += state.time - self._last.get(id, state.time) >= CLOSURE_GAP

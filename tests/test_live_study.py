@@ -1,0 +1,111 @@
+"""`python -m agents live`: its tables say what the runs say, and its referee sees the truth."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+pytest.importorskip("tyro", reason="the extra `compare` is not installed")
+
+from activeslam_gym import Motion  # noqa: E402
+from activeslam_gym.live.trial import Second, trial  # noqa: E402
+from agents import advising  # noqa: E402
+from agents.__main__ import main  # noqa: E402
+from agents.advising import FOLLOW, HABITS, NEVER, STILL  # noqa: E402
+
+
+def second(time: float, total: float, command: Motion = Motion.UP, births: int = 0, closures: int = 0) -> Second:
+    return Second(
+        time, int(command), np.array((-100.0, total + 100.0, total)), -total, 0.02, 0.8, 0.1, 20, 15, births, closures,
+        0.9, False, 9.0,
+    )  # fmt: skip
+
+
+def runs(count: int = 6) -> advising.Runs:
+    """Who follows removes 10 bits a second, who moves at random 4, who stays 1; a loop closes every tenth second."""
+    speed = {FOLLOW: -10.0, NEVER: -4.0, STILL: -1.0}
+    return {
+        habit: {
+            seed: [
+                second(
+                    t,
+                    speed[habit] * t - 50.0 * (t // 10) + 0.1 * seed,
+                    Motion.LEFT if t % 5 == 0 else Motion.FORWARD,
+                    births=int(t % 5 == 0),
+                    closures=int(t % 10 == 0),
+                )
+                for t in range(1, 61)
+            ]
+            for seed in range(count)
+        }
+        for habit in HABITS
+    }
+
+
+def test_the_difference_is_of_the_same_rooms() -> None:
+    told = advising.differences(runs(), (35.0,))
+    assert "| 35 s | follows − random | -210 [-210, -210] | 210 [210, 210] |" in told
+    assert "| 35 s | follows − stays | -315 [-315, -315] | 315 [315, 315] |" in told
+
+
+def test_a_second_is_read_at_its_time() -> None:
+    told = advising.standings(runs(1), (35.0, 60.0))
+    assert "| 35 s | follows | -500 |" in told and "| 60 s | follows | -900 |" in told
+
+
+def test_commands_are_told_apart_by_births() -> None:
+    told = advising.commands(runs())
+    assert "| after births | 52 [52, 52] |" in told  # 12 of 23: the second of a birth, and the one after it
+    assert "| otherwise | 0 [0, 0] |" in told
+    assert "LEFT 20 %" in told and "FORWARD 80 %" in told
+    assert advising.first_minute(runs(2)[FOLLOW]).sum() == 120
+
+
+def test_closures_are_told_apart() -> None:
+    told = advising.closures(runs())
+    assert "| everything | -60.0 [-60.0, -60.0] | -10.0 [-10.0, -10.0] | -50.0 [-50.0, -50.0] |" in told
+
+
+def test_the_referee_sees_the_truth() -> None:
+    told = trial(5, FOLLOW, 3.0)
+    assert [round(one.time, 6) for one in told] == [1.0, 2.0, 3.0]
+    assert all(np.isfinite(one.log_score) for one in told)
+    assert told[-1].position_error < 0.2 and not told[-1].lost
+    assert told[-1].mapped >= 5 and told[-1].landmark_rmse < 0.5
+    assert told[-1].log2_dets[2] < told[0].log2_dets[2]
+    assert told[0].births > 0 and told[-1].matched > 0.5
+    still = trial(5, STILL, 1.0)
+    assert still[0].log2_dets[2] == pytest.approx(told[0].log2_dets[2], abs=1e-6)  # nobody was told anything yet
+
+
+def test_the_command_writes_its_files_and_its_section(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- generated: live -->\nold\n<!-- end: live -->\nb\n")
+    line = ["live", "--rooms", "1", "--seed", "9", "--seconds", "2", "--out", str(tmp_path / "out")]
+    assert main([*line, "--report", str(page), "--no-figures"]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} >= {"seconds.csv", "live.md", "settings.json"}
+    assert len((tmp_path / "out" / "seconds.csv").read_text().splitlines()) == 1 + 3 * 2
+    text = page.read_text()
+    assert "old" not in text and "| 2 s | follows |" in text and "--rooms 1 --seed 9 --seconds 2" in text
+
+
+@pytest.mark.parametrize(
+    "line, said",
+    {
+        "--rooms 0": "allowed: 1 to 1000000",
+        "--jobs 0": "allowed: 1 to 4096",
+        "--seed -1": "allowed: 0 to",
+        "--seconds 1": "seconds: 1.0; allowed: 2 to 36000",
+        "--seconds nan": "allowed: 2 to 36000",
+        "--report absent.md": "there is no page",
+        "--out /dev/null": "is no folder to write to",
+    }.items(),
+)
+def test_a_mistake_is_told_in_a_line(line: str, said: str, tmp_path: Path, monkeypatch: Any, capsys: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["live", *line.split()]) == 2
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 1 and said in told[0]
+    assert not list(tmp_path.iterdir())

@@ -386,10 +386,10 @@ class FrontEnd:
 
     def _occupied(self, sight: Sight) -> np.ndarray:
         """(m, 2) predicted pixels of what is in view and searched."""
-        ids = sight.thing["id"]
-        places = np.array([self._place.get(int(id), -1) for id in ids], np.int64)
-        searched = self._change_of_view(places, self._points(ids)) <= self.settings.most_change
-        return sight.thing["z_hat"][(places >= 0) & searched]
+        thing = sight.thing[[int(id) in self._place for id in sight.thing["id"]]]
+        places = np.array([self._place[int(id)] for id in thing["id"]], np.int64)
+        change = self._change_of_view(places, self._points(thing["id"]))
+        return thing["z_hat"][change <= self.settings.most_change]
 
     def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray) -> int:
         """New features where the image has few; when the map is full, those not seen for longest make room."""

@@ -449,6 +449,19 @@ SCENARIOS: dict[str, Scenario] = {
             fiducial_count=4,  # the corners of the target
             pixel_std=0.7,
         ),
+        Scenario(
+            name="hand-held-pixels",
+            landmark_count=36,
+            fiducial_count=4,
+            pixel_std=0.7,
+            frame_time=1.0 / 15.0,
+            filter_acceleration_std=4.0,
+            filter_angular_acceleration_std=6.0,
+            command_known=False,
+            scripted_gaze_amplitude=math.radians(30.0),
+            motion_criterion="mutual_information_position_map",
+            amortised_decision=True,
+        ),
     )
 }
 """The named scenarios, by name."""

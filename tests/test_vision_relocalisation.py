@@ -25,10 +25,10 @@ def before(k: int) -> np.ndarray:
 
 
 def after(k: int) -> np.ndarray:
-    """Where nobody expects it: 16 cm and 9 degrees from where it was."""
+    """Where nobody expects it: 18 cm and 18 degrees from where it was."""
     last = before(SEEN - 1)
-    turned = quaternion_product(quaternion_exp(np.array((0.03, 0.15, 0.04))), last[3:])
-    return np.concatenate((last[:3] + (0.12, -0.08, 0.07) + np.array((0.002, 0.0, 0.0)) * k, turned))
+    turned = quaternion_product(quaternion_exp(np.array((0.05, -0.3, 0.08))), last[3:])
+    return np.concatenate((last[:3] + (0.15, -0.08, 0.05) + np.array((0.002, 0.0, 0.0)) * k, turned))
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +61,10 @@ def errors(done: Track, poses: list[np.ndarray]) -> np.ndarray:
 def test_after_images_that_are_missing_and_not_told_of_the_map_is_found_again(images, poses) -> None:
     done = tracked(images)
     found = [k for k, log in enumerate(done.logs, 1) if log.relocalised]
-    assert len(found) == 1 and SEEN + 3 <= found[0] <= SEEN + 6, found
+    assert len(found) == 1 and SEEN + 3 <= found[0] <= SEEN + 9, found
     assert errors(done, poses[found[0] + 1 :]).max() < 0.02
-    assert all(log.matched < 7 for log in done.logs[SEEN - 1 : found[0] - 1]), "it was lost"
+    lost = np.linalg.norm(done.cameras[SEEN : found[0], :3] - [pose[:3] for pose in poses[SEEN : found[0]]], axis=1)
+    assert lost.min() > 0.05, "it was lost"
     without = tracked(images, constellation=10**6)
     assert not any(log.relocalised for log in without.logs)
     assert errors(without, poses[-2:]).min() > 0.05, "the test is one that needs it"

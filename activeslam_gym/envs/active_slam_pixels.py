@@ -26,8 +26,8 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introduce_target
 
 SIGHTED = FrontEndSettings(
-    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=1.1, fiducial_std=0.5,
-    most_residual=0.5,
+    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.8, fiducial_std=0.5,
+    view_std=4.0, most_change=0.7, most_residual=0.5,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""
 _COUNTED = ("births", "deletions", "rejected_matches", "conversions")

@@ -54,6 +54,8 @@ class FrontEndSettings:
     view_std: float = 0.0
     """What a plane leaves unexplained where a feature is seen from another side or distance than at first: for each
     radian, and each e-fold of the distance [px]."""
+    most_change: float = 2.0
+    """A feature that is seen more differently than that is not searched, and may have a younger one beside it [rad]."""
     warp: bool = True
     """Whether templates are warped to the present view."""
     subpixel: bool = True
@@ -319,11 +321,13 @@ class FrontEnd:
         places = np.array([self._place[int(id)] if int(id) in at else -1 for id in ids], np.int64)
         z_hat, S = np.ascontiguousarray(sight.thing["z_hat"]), _own_covariances(sight)
         points = self._points(ids)
+        change = self._change_of_view(places, points)
+        places[change > self.settings.most_change] = -1
         findings = search(self.camera, model, self.templates, grey, pose, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         share = self.settings.scout_share if model.shrink else self.settings.least_share
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
-        candidates = self._candidates(ids, findings, self._change_of_view(places, points))
+        candidates = self._candidates(ids, findings, change)
         matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
         candidates["match"] = matched
         self._found.append(candidates)
@@ -348,9 +352,10 @@ class FrontEnd:
         return out
 
     def _change_of_view(self, places: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """(v,) how differently the things at ``places`` (v,), now at ``points`` (v, 3), are seen from when first."""
+        """(v,) how differently the features at ``places`` (v,), now at ``points`` (v, 3), are seen from when first; the
+        target, whose plane is known, never is."""
         first, now = self.templates.camera[places, :3], self.filter.belief.state.camera[:3]
-        return np.where(places < 0, 0.0, change_of_view(first, now, points))
+        return np.where((places < 0) | (self.templates.id[places] < 0), 0.0, change_of_view(first, now, points))
 
     def _candidates(self, ids: np.ndarray, findings: Findings, change: np.ndarray) -> np.ndarray:
         """The findings of the things ``ids`` (v,), seen so differently (v,), as candidates (M,)."""
@@ -407,8 +412,11 @@ class FrontEnd:
         self.filter.delete(id)
 
     def _occupied(self, sight: Sight) -> np.ndarray:
-        """(m, 2) predicted pixels of what is in the map and in view."""
-        return sight.thing["z_hat"][[int(id) in self._place for id in sight.thing["id"]]]
+        """(m, 2) predicted pixels of what is in view and searched."""
+        thing = sight.thing[[int(id) in self._place for id in sight.thing["id"]]]
+        places = np.array([self._place[int(id)] for id in thing["id"]], np.int64)
+        change = self._change_of_view(places, self._points(thing["id"]))
+        return thing["z_hat"][change <= self.settings.most_change]
 
     def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray) -> int:
         """New features where the image has few; when the map is full, those not seen for longest make room."""

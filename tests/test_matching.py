@@ -12,7 +12,7 @@ from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import NEW, REJECTED, association_of, expected_strangers
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.constellation import match_jointly
-from activeslam_gym.slam.correction import correct, correction_of
+from activeslam_gym.slam.correction import PRODUCT_FRAMES, correct
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
 from activeslam_gym.slam.kalman import update
@@ -39,7 +39,6 @@ from .support import (
 VAR = float(CAMERA.pixel_std**2)
 MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
-CORRECTION = correction_of()
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
 # Joint matching -----------------------------------------------------------------------------------------------------
@@ -190,7 +189,7 @@ def test_where_the_measurement_is_straight_the_correction_is_the_update() -> Non
     nu = 0.1 * rng.standard_normal(len(sight.S))
     assert update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
     z = sight.thing["z_hat"].ravel() + nu
-    assert correct(CORRECTION, CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
+    assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
     np.testing.assert_allclose(mean_difference(belief, once), 0.0, atol=1e-14)
     np.testing.assert_allclose(joint_covariance(belief), joint_covariance(once), rtol=1e-12, atol=1e-18)
 
@@ -208,7 +207,7 @@ def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     sight, once = sight_of(belief, fiducials), copied(belief)
     assert len(sight.thing) == 8
     update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
-    assert correct(CORRECTION, CAMERA, belief, fiducials, sight, z)
+    assert correct(CAMERA, belief, fiducials, sight, z)
     errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]
     assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1]
     P = joint_covariance(belief)
@@ -220,7 +219,7 @@ def test_a_correction_without_a_factor_changes_nothing() -> None:
     belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
     before, sight = copied(belief), sight_of(belief)
     sight.S[:] = -np.eye(2)
-    assert not correct(CORRECTION, CAMERA, belief, NO_FIDUCIALS, sight, np.ones(2))
+    assert not correct(CAMERA, belief, NO_FIDUCIALS, sight, np.ones(2))
     np.testing.assert_array_equal(belief.covariance, before.covariance)
     assert belief.state == before.state and (belief.feature == before.feature).all()
 
@@ -272,9 +271,9 @@ def drifting_nees(product_frames: float, draws: int) -> np.ndarray:
 
 
 def test_a_product_of_errors_that_lasts_is_counted_once() -> None:
-    """Counted in each frame anew, it makes the filter sure of a way and of a depth of which it saw the product alone."""
-    assert drifting_nees(20.0, 150).mean() < 1.5
-    assert drifting_nees(1.0, 150).mean() > 5.0
+    """Counted in each frame anew, it makes the filter sure of a way and a depth of which it saw the product alone."""
+    assert drifting_nees(PRODUCT_FRAMES, 150).mean() < 2.0
+    assert drifting_nees(1.0, 150).mean() > 4.0
 
 
 @SEEDS
@@ -290,7 +289,7 @@ def test_a_correction_never_ends_higher_than_it_began(seed: int) -> None:
     z = sight.thing["z_hat"].ravel() + rng.uniform(-150.0, 150.0, 2 * len(sight.thing))
     first = np.sum((z - sight.thing["z_hat"].ravel()) ** 2) / VAR
     rows = sight.thing["row"].copy()
-    if correct(CORRECTION, CAMERA, belief, fiducials, sight, z):
+    if correct(CAMERA, belief, fiducials, sight, z):
         delta = mean_difference(belief, before)
         pixels = np.array([pixel_of(CAMERA, belief.state.camera, y) for y in fiducials[rows]]).ravel()
         assert delta @ np.linalg.solve(P, delta) + np.sum((z - pixels) ** 2) / VAR <= first

@@ -1,5 +1,7 @@
 """The correction of a frame: the update by all that was matched, iterated where its line is not straight enough."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from activeslam_gym.camera import View
@@ -18,75 +20,102 @@ STRAIGHT_PX = 0.3
 """Nothing is iterated where the pixels at the new mean are so near to what the line says."""
 SHORTEST = 0.05
 """A step is halved until it lowers the cost, but not to under this share of it."""
+ROUNDING = 1e-9
+"""By which a cost that is lower may seem higher."""
+PRODUCT_FRAMES = 8.0
+"""The errors of a way and of an inverse depth hardly change from frame to frame, so neither does their product: frames
+that tell of it together what one does."""
 
 CORRECTION = record(
-    product_frames="f8",  # frames for which the second-order noise of inverse depth stays what it is
-    doubt="f8",
+    product_frames="f8",  # for which the second-order noise of inverse depth stays what it is
 )
 """Constants of the correction."""
 
 
 def correction_of() -> Record:
     """The CORRECTION record."""
-    return filled(CORRECTION, product_frames=20.0, doubt=0.0)
+    return filled(CORRECTION, product_frames=PRODUCT_FRAMES)
+
+
+class Step(NamedTuple):
+    """A step away from the prior mean."""
+
+    delta: np.ndarray
+    """(dim,) in the tangent."""
+    pull: np.ndarray
+    """(dim,) P^-1 delta."""
 
 
 @compiled
-def correct(
-    model: Record, camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, pixels: np.ndarray
-) -> bool:
+def correct(camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, pixels: np.ndarray) -> bool:
     """x ⊞ delta, P - W^T W by the ``pixels`` (2 m,) of the m things in ``sight``, which is overwritten.
 
     The iterated Kalman filter (Bell and Cathey 1993), which is Gauss and Newton's descent of the cost
-    |delta|^2_P + sum of (z - h(x ⊞ delta))^2_R: delta = K (z - h(x_i) + H_i delta_i) with H_i, and so K and W, taken at
-    the last mean x_i = x ⊞ delta_i, and half the step where that would raise the cost. False, with nothing changed, if
-    S has no factor, or no step lowers the cost.
+    delta^T P^-1 delta + (z - h)^T R^-1 (z - h): delta = K (z - h(x_i) + H_i delta_i) with H_i, and so K and W, taken at
+    the last mean x_i = x ⊞ delta_i, and half of such a step where the whole would raise the cost. False, with nothing
+    changed, if S has no factor, or no step lowers the cost.
     """
-    P, dim, things, var = belief.covariance, belief.state.dim, sight.thing, camera.pixel_std**2
+    dim, things, var = belief.state.dim, sight.thing, camera.pixel_std**2
     first, features = belief.state.camera.copy(), belief.feature[: belief.state.count].copy()
     line = np.empty(pixels.shape[0])  # what the line through the last mean says of the pixels at delta = 0
     for r in range(line.shape[0]):
         line[r] = things[r // 2].z_hat[r % 2]
-    noise = np.empty((things.shape[0], 2, 2))
-    for a in range(things.shape[0]):
-        for i in range(2):
-            for j in range(2):
-                noise[a, i, j] = things[a].extra[i, j]
-    HP, S, W = sight.HP, sight.S, np.zeros((1, dim))
-    delta, pull, cost = np.zeros(dim), np.zeros(dim), _misfit(things, pixels, var)  # pull = P^-1 delta
-    moved = False
+    HP, S, W, moved = sight.HP, sight.S, np.zeros((1, dim)), False
+    last, cost = Step(np.zeros(dim), np.zeros(dim)), _misfit(things, pixels, var)
     for _ in range(1 + ITERATIONS):
         nu = pixels - line
-        W_next, target, sound = gain(HP, S, nu)
+        W_next, delta, sound = gain(HP, S, nu)
         if not sound:
             break
-        target_pull = _pull(things, S, nu, dim)
-        share, bent, lower = 1.0, np.inf, False
-        while share > SHORTEST and not lower:
-            step, step_pull = delta + share * (target - delta), pull + share * (target_pull - pull)
-            shift_mean(belief, step)
-            bent = _bend(camera, belief, fiducials, things, line, step)
-            if bent < np.inf:
-                now = _misfit(things, pixels, var) + np.sum(step * step_pull)
-                lower = now <= cost + 1e-9
-            if lower:
-                W, delta, pull, cost, moved = W_next, step, step_pull, now, True
-                again = bent > STRAIGHT_PX or share < 1.0
-                if model.doubt > 0.0:
-                    again = _doubt(things, noise, pixels, var, model.doubt) or again
-                    cost = _misfit(things, pixels, var) + np.sum(step * step_pull)
-                if again:
-                    _refer_to_prior(belief, things, line, delta)
-            share *= 0.5
-            _restore(belief, first, features)
-        if not lower or not again:
+        target = Step(delta, _pull(things, S, nu, dim))
+        step, lower, bent = _descend(camera, belief, fiducials, things, pixels, line, last, target, cost)
+        if lower < np.inf:
+            W, last, cost, moved = W_next, step, lower, True
+            _refer_to_prior(belief, things, line, last.delta)
+        _restore(belief, first, features)
+        if bent <= STRAIGHT_PX or lower == np.inf:
             break
-        more = sight_with(things, P, dim, var)
-        HP, S = more.HP, more.S
+        again = sight_with(things, belief.covariance, dim, var)
+        HP, S = again.HP, again.S
     if moved:
-        shift_mean(belief, delta)
-        subtract_and_recentre(belief, W, delta)
+        shift_mean(belief, last.delta)
+        subtract_and_recentre(belief, W, last.delta)
     return moved
+
+
+@compiled
+def _descend(
+    camera: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    things: np.ndarray,
+    pixels: np.ndarray,
+    line: np.ndarray,
+    last: Step,
+    target: Step,
+    cost: float,
+) -> tuple[Step, float, float]:
+    """So much of the way from ``last`` to ``target`` as lowers the ``cost``: the step, its cost, and its `_bend` [px].
+
+    ``things`` are measured there, and the mean stands there. The cost is infinite where no step lowers it, the bend
+    where it was not the whole way.
+    """
+    first, features = belief.state.camera.copy(), belief.feature[: belief.state.count].copy()
+    share, step = 1.0, target
+    while share > SHORTEST:
+        step = Step(
+            last.delta + share * (target.delta - last.delta),
+            last.pull + share * (target.pull - last.pull),
+        )
+        shift_mean(belief, step.delta)
+        bent = _bend(camera, belief, fiducials, things, line, step.delta)
+        if bent < np.inf:
+            now = np.sum(step.delta * step.pull) + _misfit(things, pixels, camera.pixel_std**2)
+            if now <= cost + ROUNDING:
+                return step, now, bent if share == 1.0 else np.inf
+        _restore(belief, first, features)
+        share *= 0.5
+    return step, np.inf, np.inf
 
 
 @compiled
@@ -112,27 +141,6 @@ def _misfit(things: np.ndarray, pixels: np.ndarray, var: float) -> float:
         z_hat = things[a].z_hat
         total += _square(things[a], pixels[2 * a] - z_hat[0], pixels[2 * a + 1] - z_hat[1], var)
     return total
-
-
-@compiled
-def _doubt(things: np.ndarray, noise: np.ndarray, pixels: np.ndarray, var: float, bound: float) -> bool:
-    """Reweigh; whether any weight changed by much."""
-    changed = False
-    for a in range(things.shape[0]):
-        thing = things[a]
-        old = thing.extra[0, 0] + thing.extra[1, 1] + 2.0 * var
-        for i in range(2):
-            for j in range(2):
-                thing.extra[i, j] = noise[a, i, j]
-        d2 = _square(thing, pixels[2 * a] - thing.z_hat[0], pixels[2 * a + 1] - thing.z_hat[1], var)
-        w = max(d2 / bound, 1.0)
-        for i in range(2):
-            for j in range(2):
-                thing.extra[i, j] *= w
-            thing.extra[i, i] += (w - 1.0) * var
-        new = thing.extra[0, 0] + thing.extra[1, 1] + 2.0 * var
-        changed = changed or abs(new - old) > 0.2 * old
-    return changed
 
 
 @compiled

@@ -130,7 +130,7 @@ def use_candidates(
     counts.starvations += M >= 2 and 2 * rejected > M
     counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
-    _update_by(model.correction, camera, belief, fiducials, sight, of_thing, candidates)
+    _update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
 
@@ -157,7 +157,7 @@ def use_identified(
     for i in range(candidates.shape[0]):
         counts.rejected_matches += candidates[i].match == REJECTED
     _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    _update_by(model.correction, camera, belief, fiducials, sight, of_thing, candidates)
+    _update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
 
 
@@ -200,7 +200,7 @@ def _count_misses(
 
 @compiled(inline="always")
 def _update_by(
-    model: Record,
+    product_frames: float,
     camera: Record,
     belief: Belief,
     fiducials: np.ndarray,
@@ -210,8 +210,8 @@ def _update_by(
 ) -> None:
     """Correct by the matched things, each with its candidate's own R.
 
-    The second-order noise of a feature is the product of two errors that hardly change from frame to frame: n frames
-    tell of it what one does, so each counts as a share of it.
+    The second-order noise of a feature stays what it is for ``product_frames``: as many of them tell what one does, so
+    each is given as many times that noise.
     """
     m = 0
     for i in of_thing:
@@ -235,10 +235,10 @@ def _update_by(
         R = candidates[of_thing[row[r] // 2]].R
         for axis in range(2):
             more = R[r % 2, axis] - (camera.pixel_std**2 if r % 2 == axis else 0.0)
-            more += (model.product_frames - 1.0) * things[r // 2].extra[r % 2, axis]
+            more += (product_frames - 1.0) * things[r // 2].extra[r % 2, axis]
             S[r, r - r % 2 + axis] += more
             things[r // 2].extra[r % 2, axis] += more
-    correct(model, camera, belief, fiducials, Sight(things, HP, S), pixels)
+    correct(camera, belief, fiducials, Sight(things, HP, S), pixels)
 
 
 class Filter:

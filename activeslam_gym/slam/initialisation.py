@@ -39,8 +39,7 @@ INITIALISATION = record(
     inverse_depth="b1",  # whether features begin as INVERSE_DEPTH, or as RAY
     rho_mean="f8",  # first inverse depth [1/m]
     rho_std="f8",
-    memory_frames="i8",  # an INVERSE_DEPTH feature not matched for longer is deleted
-    newborn_frames="i8",  # and one not matched for so much longer than it was known
+    memory_frames="i8",  # an INVERSE_DEPTH feature out of sight for longer is deleted
     linearity_threshold="f8",  # linearity index under which it becomes a point
     mapped_depth_ratio="f8",
     ray_capacity="i8",
@@ -60,7 +59,6 @@ def initialisation_of(scenario: Scenario) -> Record:
         rho_mean=scenario.inverse_depth_mean,
         rho_std=scenario.inverse_depth_std,
         memory_frames=round(scenario.inverse_depth_memory / scenario.frame_time),
-        newborn_frames=2,
         linearity_threshold=scenario.linearity_threshold,
         mapped_depth_ratio=scenario.mapped_depth_ratio,
         ray_capacity=scenario.ray_capacity,
@@ -261,10 +259,7 @@ def delete_failed(model: Record, belief: Belief) -> int:
 
 @compiled
 def _outdated(model: Record, belief: Belief, k: int) -> bool:
-    """Whether a feature that is no point yet is too old (RAY) or was not matched for too long (INVERSE_DEPTH).
-
-    Too long is the scenario's memory, and for the newborn as long as they are known: one that was born beside another
-    point, and not matched in the next frames, would take that point's detections for its own.
+    """Whether a feature that is no point yet is too old (RAY) or was out of sight for too long (INVERSE_DEPTH).
 
     The long ellipse of a vague depth, met again after seconds, takes what another landmark's detection lies on it, and
     that makes it a point, confidently wrong.
@@ -272,5 +267,4 @@ def _outdated(model: Record, belief: Belief, k: int) -> bool:
     frame, feature = belief.state.frame, belief.feature[k]
     if feature.kind == RAY:
         return frame - feature.born > model.ray_age_frames
-    memory = min(model.memory_frames, feature.seen - feature.born + model.newborn_frames)
-    return feature.kind == INVERSE_DEPTH and frame - feature.seen > memory
+    return feature.kind == INVERSE_DEPTH and frame - feature.seen > model.memory_frames

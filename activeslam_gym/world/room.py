@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,7 +42,7 @@ def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:
     """The scenario with its `varied` fields drawn, number by number; itself where there are none."""
     if not scenario.varied:
         return scenario
-    drawn = {name: _between(least, greatest, rng) for name, least, greatest in scenario.varied}
+    drawn: dict[str, Any] = {name: _between(least, greatest, rng) for name, least, greatest in scenario.varied}
     return dataclasses.replace(scenario, varied=(), **drawn)
 
 
@@ -186,7 +186,8 @@ def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.r
     Where landmarks are on surfaces, so are they; elsewhere they float before the boxes.
     """
     camera, R_WC, half = camera_of(scenario), rotation_matrix(start[QUATERNION]), 0.5 * np.array(scenario.room_size)
-    found, z, view = [], np.empty(2), View(camera, start, R_WC, boxes)
+    found: list[np.ndarray] = []
+    z, view = np.empty(2), View(camera, start, R_WC, boxes)
     if inside_any(start[None, :3], boxes, _START_MARGIN)[0]:
         return None
     for _ in range(20 * scenario.fiducial_count):

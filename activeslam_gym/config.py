@@ -393,11 +393,11 @@ _ON_SURFACES: dict[str, Any] = {
 """What places have in common where landmarks are on surfaces."""
 _CALM: dict[str, Any] = {"acceleration_std": 0.2, "angular_acceleration_std": 0.2}
 """A steadier hand, where boxes may leave nothing to see."""
-_OFFICE: dict[str, Any] = {"room_size": (7.0, 2.4, 7.0), "landmark_count": 60, "box_count": (3, 6)} | _ON_SURFACES
+_OFFICE: dict[str, Any] = {"room_size": (6.0, 2.4, 6.0), "landmark_count": 36, "box_count": (3, 5)} | _ON_SURFACES
 _PLACES = (
     Scenario(name="office", **_OFFICE, **_CALM),
     Scenario(
-        name="rooms", room_size=(8.0, 2.4, 4.5), landmark_count=60, inner_walls=(1, 2), box_count=(0, 2),
+        name="rooms", room_size=(8.0, 2.4, 4.5), landmark_count=40, inner_walls=(1, 2), box_count=(0, 2),
         duration=90.0, **_ON_SURFACES, **_CALM,
     ),
     Scenario(

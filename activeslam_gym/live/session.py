@@ -29,6 +29,7 @@ WORDS = {
     OVER: "No image is left. Restart to see it again.",
 }
 """Sentences for people."""
+_BEGUN = "The target is there; the map begins."
 
 
 class Session:
@@ -115,12 +116,13 @@ class Session:
     def _state(self, standing: str, began: float, why: str = "") -> State:
         log, person, adviser = self.log, self.source.person, self.adviser
         matched, searched = (log.matched, log.searched) if log else (0, 0)
+        words = WORDS[standing].format(matched=matched, searched=searched, why=why)
         shared: dict[str, Any] = {
             "frame": self._frame,
             "time": self._time,
             "image": self._image,
             "standing": standing,
-            "words": WORDS[standing].format(matched=matched, searched=searched, why=why),
+            "words": _BEGUN if standing == TRACKING and log is None else words,
             "births": log.births if log else 0,
             "command": int(adviser.command) if adviser else int(Motion.STAY),
             "scores": adviser.scores.copy() if adviser else np.full(MOTION_COUNT, np.nan),

@@ -71,12 +71,14 @@ def correct(camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight,
         step, lower, bent = _descend(camera, belief, fiducials, things, pixels, line, last, target, cost)
         if lower < np.inf:
             W, last, cost, moved = W_next, step, lower, True
+        again = bent > STRAIGHT_PX and lower < np.inf
+        if again:
             _refer_to_prior(belief, things, line, last.delta)
         _restore(belief, first, features)
-        if bent <= STRAIGHT_PX or lower == np.inf:
+        if not again:
             break
-        again = sight_with(things, belief.covariance, dim, var)
-        HP, S = again.HP, again.S
+        nearer = sight_with(things, belief.covariance, dim, var)
+        HP, S = nearer.HP, nearer.S
     if moved:
         shift_mean(belief, last.delta)
         subtract_and_recentre(belief, W, last.delta)

@@ -391,7 +391,7 @@ _ON_SURFACES: dict[str, Any] = {
     "miss_spacing": 0.3,
 }
 """What places have in common where landmarks are on surfaces."""
-_CALM: dict[str, Any] = {"acceleration_std": 0.2, "angular_acceleration_std": 0.2}
+_CALM: dict[str, Any] = {"acceleration_std": 0.35, "angular_acceleration_std": 0.35}
 """A steadier hand, where boxes may leave nothing to see."""
 _OFFICE: dict[str, Any] = {"room_size": (6.0, 2.4, 6.0), "landmark_count": 36, "box_count": (3, 5)} | _ON_SURFACES
 _PLACES = (

@@ -115,7 +115,7 @@ def command_of(action: Any) -> np.ndarray:
         array = np.asarray(None)
     if array.shape != (4,) or array.dtype.kind not in "iuf" or not (np.abs(array) <= 1.0).all():
         raise ValueError(f"action must be {_POINT}, got {action!r}")
-    return _within_a_step(array[None].astype(float))[0]
+    return _within_a_step(array[None])[0]
 
 
 def commands_of(actions: Any, playing: np.ndarray) -> np.ndarray:
@@ -139,7 +139,8 @@ def commands_of(actions: Any, playing: np.ndarray) -> np.ndarray:
 
 
 def _within_a_step(commands: np.ndarray) -> np.ndarray:
-    """``commands`` (B, 4) with displacements of length 1 at most."""
+    """``commands`` (B, 4) with displacements of length 1 at most, in double precision whatever they were given in."""
+    commands = commands.astype(float)
     length = np.sqrt((commands[:, :3] ** 2).sum(axis=1, keepdims=True))
     return np.concatenate((commands[:, :3] / np.maximum(length, 1.0), commands[:, 3:]), axis=1)
 

@@ -150,4 +150,6 @@ def test_policies_and_compare_take_it() -> None:
 
     env = make_environment({"scenario": "pixels", "duration": 1.0})
     assert env.spec is not None and env.spec.id == NAME
+    held = make_environment({"scenario": "hand-held-pixels", "duration": 1.0})
+    assert held.spec is not None and held.spec.id == NAME and not held.unwrapped.scenario.command_known
     assert make_environment({"scenario": "paper"}).spec.id == "ActiveSLAM-v0"

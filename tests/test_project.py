@@ -43,7 +43,15 @@ def test_opencv_comes_with_its_extra_alone() -> None:
     extras = PYPROJECT["project"]["optional-dependencies"]
     assert [name for name, packages in extras.items() if any("opencv" in one for one in packages)] == ["vision"]
     pulls = [name for name, packages in extras.items() if any(re.search(r"\[.*\bvision\b", one) for one in packages)]
-    assert pulls == ["all"], "neither the learners nor the demo may pull it"
+    assert pulls == ["live", "all"], "neither the learners nor the demo may pull it"
+
+
+def test_viser_comes_with_the_live_page_alone() -> None:
+    extras = PYPROJECT["project"]["optional-dependencies"]
+    assert [name for name, packages in extras.items() if any("viser" in one for one in packages)] == ["live"]
+    assert [name for name, packages in extras.items() if any(re.search(r"\[.*\blive\b", one) for one in packages)] == [
+        "all"
+    ]
 
 
 def test_what_is_installed_and_its_version(tmp_path: Path) -> None:

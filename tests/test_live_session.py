@@ -308,6 +308,7 @@ def test_a_damaged_recording_is_told(recorded: Any, tmp_path: Path) -> None:
 
 def test_the_recording_says_what_it_is_of(tmp_path: Path) -> None:
     show = Live(RenderedRoom(7), 7, tmp_path / "a")
+    show.step()
     show.close()
     about = read_about(tmp_path / "a")
     assert about.name == "rendered room 7" and about.image_size == (320, 240) and about.replay

@@ -124,7 +124,8 @@ MISTAKES = {
     "--source shots --calibration lens.json --target t.json": "No such file or directory",
     "--replay nowhere": "nowhere holds no live recording",
     "--replay a --record b": "give one of them",
-    "--record /dev/null/x": "Not a directory",
+    "--record /dev/null/x": "/dev/null/x is no folder to write to",
+    "--record run --host 192.0.2.1 --port 0": "is no address of this machine",
 }
 
 

@@ -10,6 +10,8 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
+from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E402
+from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.live import advice  # noqa: E402
 from activeslam_gym.live.advice import Adviser, best  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
@@ -17,10 +19,13 @@ from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E40
 from activeslam_gym.live.recording import Recording, read_about, read_states  # noqa: E402
 from activeslam_gym.live.run import Live, Replay  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import ROOM, RenderedRoom  # noqa: E402
+from activeslam_gym.live.source import ROOM, RenderedRoom, Sequence  # noqa: E402
 from activeslam_gym.live.state import LOST, OVER, TRACKING, WAITING, State, plain, state_of  # noqa: E402
 from activeslam_gym.motion import Motion, motion_of  # noqa: E402
 from activeslam_gym.vision.frontend import MATCHED  # noqa: E402
+from activeslam_gym.vision.target import CORNERS  # noqa: E402
+
+from .vision_scene import LENS, TARGET, image_from, pose_at  # noqa: E402
 
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
 
@@ -213,6 +218,29 @@ def test_the_past_is_bounded_and_keeps_new_landmarks(walk: Any) -> None:
     assert len(past.curves) == 1
 
 
+def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path) -> None:
+    corners = np.empty((4, 2))
+    places = [pose_at((0.05 + 0.004 * k, 0.03, 0.69)) for k in range(10)]
+    camera = camera_of(LENS.scenario())
+    for z, point in zip(corners, TARGET.fiducials):
+        pixel_from_camera_point(camera, rotation_matrix(places[0][3:]).T @ (point - places[0][:3]), z)
+    names = dict(zip(CORNERS, np.rint(corners).tolist()))
+    target = {"kind": "rectangle", "width": TARGET.width, "height": TARGET.height, "corners_px": names}
+    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
+    (tmp_path / "target.json").write_text(json.dumps(target))
+    for k, place in enumerate(places):
+        assert cv2.imwrite(str(tmp_path / f"{k:02d}.png"), image_from(place, target=True))
+    source = Sequence(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 5.0)
+    session = Session(source)
+    states = [session.step() for _ in range(11)]
+    assert [state.standing for state in states] == [TRACKING] * 10 + [OVER]
+    assert np.linalg.norm(states[9].camera[:3] - places[9][:3]) < 0.02
+    assert states[9].told.sum() == 1 and np.isfinite(states[9].scores).all()  # five images a second
+    assert states[9].follows is None and states[9].truth is None
+    session.restart()
+    assert session.step().frame == 1
+
+
 # Recordings -----------------------------------------------------------------------------------------------------------
 
 
@@ -270,6 +298,14 @@ def test_a_recording_becomes_an_animation(recorded: Any, tmp_path: Path, capsys:
     assert "holds no live recording" in capsys.readouterr().err
 
 
+def test_a_recording_becomes_one_for_rerun(recorded: Any, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="the extra `rerun` is not installed")
+    from agents.watching.replay import log_rerun
+
+    log_rerun(recorded[0], tmp_path / "run.rrd")
+    assert (tmp_path / "run.rrd").stat().st_size > 10_000
+
+
 def test_a_recording_has_a_trajectory_and_a_log(recorded: Any) -> None:
     folder, states = recorded
     poses = np.loadtxt(folder / "trajectory.tum")
@@ -308,6 +344,7 @@ def test_a_damaged_recording_is_told(recorded: Any, tmp_path: Path) -> None:
 
 def test_the_recording_says_what_it_is_of(tmp_path: Path) -> None:
     show = Live(RenderedRoom(7), 7, tmp_path / "a")
+    show.step()
     show.close()
     about = read_about(tmp_path / "a")
     assert about.name == "rendered room 7" and about.image_size == (320, 240) and about.replay

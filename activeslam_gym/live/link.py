@@ -97,9 +97,11 @@ class Link:
         theirs.close()
         self._latest: deque[Any] = deque(maxlen=_KEPT)
         self._new, self._closed = threading.Event(), False
+        self._sender: threading.Thread | None = None
         self.address = self._wait()
         """Where the page is."""
-        threading.Thread(target=self._send_all, daemon=True).start()
+        self._sender = threading.Thread(target=self._send_all, daemon=True)
+        self._sender.start()
 
     def _wait(self) -> str:
         """The address that the process says, once it serves."""
@@ -144,14 +146,14 @@ class Link:
     def close(self) -> None:
         """End the page's process."""
         self._closed = True
-        new = getattr(self, "_new", None)
-        if new is not None:
-            new.set()
+        self._new.set()
         self._process.terminate()
         self._process.join(_FAREWELL)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        if self._sender is not None:
+            self._sender.join(_FAREWELL)  # with nobody to read, what it was sending has failed
         self._states.close()
 
     def _send_all(self) -> None:

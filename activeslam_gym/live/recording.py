@@ -25,6 +25,19 @@ _FAST = 1
 """PNG's compression: 0 … 9."""
 
 
+def check_folder(folder: Path) -> None:
+    """Demand that a recording can begin in ``folder``, which need not be there yet.
+
+    Raises:
+        OSError: it holds a recording already, or is no folder.
+    """
+    if (folder / STATES).exists():
+        raise OSError(f"{folder} holds a live recording already; choose another folder")
+    nearest = next(path for path in (folder, *folder.resolve().parents) if path.exists())
+    if not nearest.is_dir():
+        raise OSError(f"{folder} is no folder to write to")
+
+
 class Recording:
     """Writes a run into ``folder``, which is made.
 
@@ -36,8 +49,7 @@ class Recording:
     def __init__(self, folder: str | Path, about: About) -> None:
         self.folder = Path(folder)
         self._cv2 = opencv()
-        if (self.folder / STATES).exists():
-            raise OSError(f"{folder} holds a live recording already; choose another folder")
+        check_folder(self.folder)
         (self.folder / "images").mkdir(parents=True, exist_ok=True)
         with written_whole(self.folder / ABOUT) as unfinished:
             unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")

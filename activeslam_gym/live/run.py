@@ -7,12 +7,12 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from activeslam_gym.live.link import FOLLOW, MARK, PAUSE, RESTART, SAVE, STEP, About, Link
 from activeslam_gym.live.person import FOLLOW as ALWAYS
 from activeslam_gym.live.person import NEVER
-from activeslam_gym.live.recording import Recording, read_about, read_states
+from activeslam_gym.live.recording import Recording, check_folder, read_about, read_states
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import RENDERED, RenderedRoom, Sequence, Source
 from activeslam_gym.live.state import OVER, State
@@ -24,18 +24,6 @@ _NAP = 0.02
 """Between two looks for wishes while nothing moves [s]."""
 _LATELY = 15
 """Images over which the rate is told."""
-
-
-class Show(Protocol):
-    """What gives states: a `Session`, or a recording of one."""
-
-    about: About
-    paced: bool
-    """Whether states come at their own times."""
-
-    def step(self) -> State: ...
-
-    def restart(self) -> None: ...
 
 
 class Live:
@@ -54,9 +42,13 @@ class Live:
             person=source.person is not None,
             recorded=folder is not None,
         )
-        self._folder = None if folder is None else Path(folder)
-        self._recording = None if self._folder is None else Recording(self._folder, self.about)
+        self._home = self._folder = None if folder is None else Path(folder)
+        self._recording: Recording | None = (
+            None  # begun with the first image, so that a start that fails leaves nothing
+        )
         self._runs = 1
+        if self._folder is not None:
+            check_folder(self._folder)
 
     @property
     def _filter(self) -> Filter | None:
@@ -65,7 +57,9 @@ class Live:
     def step(self) -> State:
         """The next state, recorded."""
         state = self.session.step()
-        if self._recording is not None:
+        if self._folder is not None:
+            if self._recording is None:
+                self._recording = Recording(self._folder, self.about)
             self._recording.add(state, self._log)
         return state
 
@@ -77,9 +71,10 @@ class Live:
         """Begin anew; what was recorded is finished."""
         self.close()
         self.session.restart()
-        if self._folder is not None:
+        if self._home is not None:
             self._runs += 1
-            self._recording = Recording(self._folder / str(self._runs), self.about)
+            self._recording, self._folder = None, self._home / str(self._runs)
+            check_folder(self._folder)
 
     def follow(self, value: bool) -> None:
         """Whether the simulated person follows."""

@@ -11,10 +11,6 @@ WAITING, TRACKING, UNSURE, LOST, OVER = "waiting", "tracking", "unsure", "lost",
 """How it goes: no target seen yet; well; hardly anything is found; nothing is found for a second; no image is left."""
 
 
-def _empty(*shape: int) -> Any:
-    return lambda: np.zeros(shape)
-
-
 @dataclass
 class State:
     """After an image. n features, m searched things; world axes as the filter's."""

@@ -406,7 +406,7 @@ _PLACES = (
     ),
     Scenario(name="corner", room_size=(7.0, 2.4, 7.0), landmark_count=48, **(_ON_SURFACES | {"start": CORNER})),
     Scenario(name="sprint", start=WALL, duration=10.0),
-    Scenario(name="noisy", **_OFFICE, pixel_std=4.0),
+    Scenario(name="noisy", start=WALL, pixel_std=4.0, acceleration_std=0.8, angular_acceleration_std=0.8),
     Scenario(
         name="mixed", **(_OFFICE | {"box_count": (0, 6), "inner_walls": (0, 1)}),
         varied=(
@@ -477,7 +477,7 @@ ASKED: dict[str, str] = {
     "clusters": "a few groups of landmarks, far apart, in much emptiness, of which only the near is seen",
     "corner": "start in a corner, facing a wall: turn to the room without losing sight",
     "sprint": "10 s along a wall, the room to the left or to the right: no time to look everywhere",
-    "noisy": "the office with twice the image noise and a rougher hand",
+    "noisy": "twice the image noise and a rough hand, from along a wall",
     "mixed": "generalise: size, furniture, walls, image noise and roughness are drawn at each reset",
     "pixels": "images of a textured room in the place of points",
 }

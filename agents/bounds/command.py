@@ -45,8 +45,8 @@ class Args(Rooms):
     """Rooms for each policy and scenario."""
     gaze_period: float = 0.25
     """Seconds between gaze commands."""
-    duration: float = 35.0
-    """Seconds of an episode."""
+    duration: float | None = None
+    """Seconds of an episode; the scenario's if not given."""
     out: Path = Path("results/bounds")
     """Folder of the results; finished episodes that it holds are not run again."""
     report: tuple[Path, ...] = ()

@@ -9,6 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from activeslam_gym.config import scenario_from
 from agents import policies, tables
 from agents.episode import Episode, outcome
 from agents.figures import draw_all
@@ -39,8 +40,8 @@ class Args(Rooms):
     """Seconds between gaze commands; one frame of the scenario if not given."""
     motion_period: float = 1.0
     """Seconds between motion commands."""
-    duration: float = 35.0
-    """Seconds of an episode."""
+    duration: float | None = None
+    """Seconds of an episode; the scenario's if not given."""
     lost_position_error: float = 0.5
     """Metres of true position error at which a belief counts as lost."""
     reference: str = "mi-fisher"
@@ -116,7 +117,8 @@ def _compare(args: Args) -> Summary | None:
     if not episodes:
         return None
     settings = _settings(args, complete=len(episodes) == len(tasks))
-    honest_at = times_within(args.honesty_times, args.duration)
+    duration = args.duration or scenario_from(args.environment["scenario"]).duration
+    honest_at = times_within(args.honesty_times, duration)
     summary = summarise(episodes, args.reference, args.target_landmarks, honest_at, settings)
     drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:

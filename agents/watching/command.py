@@ -35,8 +35,8 @@ class Args:
     """Name of the scenario, or its fields as JSON."""
     gaze_period: float | None = None
     """Seconds between gaze commands; one frame of the scenario if not given."""
-    duration: float = 35.0
-    """Seconds of the episode."""
+    duration: float | None = None
+    """Seconds of the episode; the scenario's if not given."""
     save: Path | None = None
     """An animation of all policies side by side: .gif, .webp or .png."""
     every: float = 0.5

@@ -11,7 +11,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.information.candidates import Prospect, prospect_of
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
-from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT
 from activeslam_gym.slam.filter import Filter
 
 
@@ -32,8 +32,8 @@ class Knowledge:
 
     def prospect(self) -> Prospect:
         """What an adviser plans with."""
-        filter = self._filter
-        return prospect_of(filter.belief, self._expected, self._prior, filter.fiducials, filter.boxes)
+        filter, free = self._filter, np.ones(MOTION_COUNT)
+        return prospect_of(filter.belief, self._expected, self._prior, filter.fiducials, filter.boxes, free)
 
     def counting(self) -> np.ndarray:
         """Positions, in the filter's order, of the features that count: each has retired an expected landmark."""

@@ -353,6 +353,11 @@ class Scenario:
         return len(self.boxes) + self.box_count[1] + 2 * self.inner_walls[1]
 
     @property
+    def draws_boxes(self) -> bool:
+        """Whether a reset draws boxes or walls."""
+        return self.box_count[1] + self.inner_walls[1] > 0
+
+    @property
     def has_boxes(self) -> bool:
         """Whether a room may have boxes."""
         return self.box_capacity > 0
@@ -480,6 +485,7 @@ ASKED: dict[str, str] = {
     "noisy": "twice the image noise and a rough hand, from along a wall",
     "mixed": "generalise: size, furniture, walls, image noise and roughness are drawn at each reset",
     "pixels": "images of a textured room in the place of points",
+    "hand-held-pixels": "the same, with a hand-held camera whose motion the filter does not know",
 }
 """What each of them asks of a policy."""
 

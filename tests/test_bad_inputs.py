@@ -20,7 +20,7 @@ BAD_VALUES: dict[str, tuple[Any, ...]] = {
     "scenario": (*NOTHING_GOOD[:-1], 5, None, {5: 3}, {"bogus": 1}, {"motion_criterion": "bogus"}),
     "gaze_period": (*NOTHING_GOOD, HUGE, 1e300, 1e-300, float("inf"), {}, 0.07),
     "motion_period": (*NOTHING_GOOD, HUGE, 1e300, float("inf"), {}, None, 0.07),
-    "duration": (*NOTHING_GOOD, HUGE, 1e300, float("inf"), {}, None, 0.07),
+    "duration": (*NOTHING_GOOD, HUGE, 1e300, float("inf"), {}, 0.07),
     "reward": (*NOTHING_GOOD, HUGE, {}, None),
     "lost_position_error": (*NOTHING_GOOD, HUGE, {}, None),
     "render_mode": (*NOTHING_GOOD, HUGE, {}, 5),

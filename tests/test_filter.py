@@ -83,7 +83,8 @@ def test_every_candidate_is_used_with_its_own_noise() -> None:
     H = dense_H(sight).reshape(5, 2, -1)[np.sort(matched)].reshape(6, -1)
     R = np.zeros((6, 6))
     for i, k in enumerate(order):
-        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + sight.thing["extra"][np.sort(matched)[i]]
+        lasting = MODEL.correction.product_frames * sight.thing["extra"][np.sort(matched)[i]]
+        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + lasting
     assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none has matured
     assert_updated(belief, before, H, R, nu[order].ravel())
 

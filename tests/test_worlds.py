@@ -123,7 +123,7 @@ def test_varied_fields_are_drawn_within_their_bounds_and_reach_the_run() -> None
 
 
 def test_a_room_that_is_too_full_is_refused_in_words() -> None:
-    full = Scenario(name="full", boxes=(((-2.9, -1.0, -2.9), (2.9, 1.0, 2.9)),))
+    full = Scenario(name="full", boxes=(((-2.9, -1.0, -2.9), (2.9, 1.0, 2.9)),), box_count=(0, 1))
     with pytest.raises(RuntimeError, match="'full': no room was found"):
         draw_room(full, np.random.default_rng(0))
 

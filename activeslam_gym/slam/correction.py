@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix, so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into, solve_vector
@@ -23,8 +24,9 @@ SHORTEST = 0.05
 ROUNDING = 1e-9
 """By which a cost that is lower may seem higher."""
 PRODUCT_FRAMES = 8.0
-"""The errors of a way and of an inverse depth hardly change from frame to frame, so neither does their product: frames
-that tell of it together what one does."""
+"""So many frames tell of a product of two errors together what one does. Where the commands are known, the errors of a way
+and of an inverse depth hardly change from frame to frame, so neither does their product; where they are not known, each
+frame's way is a new one."""
 
 CORRECTION = record(
     product_frames="f8",  # for which the second-order noise of inverse depth stays what it is
@@ -32,9 +34,9 @@ CORRECTION = record(
 """Constants of the correction."""
 
 
-def correction_of() -> Record:
-    """The CORRECTION record."""
-    return filled(CORRECTION, product_frames=PRODUCT_FRAMES)
+def correction_of(scenario: Scenario) -> Record:
+    """The CORRECTION record of a scenario."""
+    return filled(CORRECTION, product_frames=PRODUCT_FRAMES if scenario.command_known else 1.0)
 
 
 class Step(NamedTuple):

@@ -66,7 +66,7 @@ def filter_of(scenario: Scenario) -> Record:
     return filled(
         FILTER,
         association=association,
-        correction=correction_of(),
+        correction=correction_of(scenario),
         initialisation=initialisation_of(scenario),
         particles=particles_of(scenario, association),
     )

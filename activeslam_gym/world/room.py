@@ -61,11 +61,11 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     Raises:
         RuntimeError: no such room was found; the scenario's boxes leave too little space.
     """
-    if scenario.start == CENTRE and not scenario.has_boxes and not scenario.on_surfaces:
-        place = _draw_place(scenario, np.empty((0, 2, 3)), rng)
+    if scenario.start == CENTRE and not scenario.draws_boxes and not scenario.on_surfaces:
+        place, nowhere = _draw_place(scenario, np.empty((0, 2, 3)), rng), np.empty((0, 2, 3))
         camera = draw_start(scenario, rng, place)
-        landmarks = _landmarks(scenario, np.empty((0, 2, 3)), rng)
-        return Room(place, camera, _floating(scenario, camera, rng), landmarks, np.empty((0, 3)), np.empty((0, 2, 3)))
+        landmarks, boxes = _landmarks(scenario, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
+        return Room(place, camera, _floating(scenario, camera, rng), landmarks, np.empty((0, 3)), boxes)
     for _ in range(_TRIES):
         boxes = draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)

@@ -55,7 +55,7 @@ def log_rerun(folder: Path, path: Path) -> None:
     try:
         import rerun
     except ImportError as error:
-        raise ImportError("rerun-sdk is needed to record: pip install 'activeslam-gym[rerun]'") from error
+        raise ImportError("rerun-sdk is needed to record: pip install rerun-sdk") from error
     about = read_about(folder)
     with ExitStack() as at_close:
         stream = rerun.RecordingStream("activeslam_gym", send_properties=True)

@@ -24,9 +24,11 @@ SHORTEST = 0.05
 ROUNDING = 1e-9
 """By which a cost that is lower may seem higher."""
 PRODUCT_FRAMES = 8.0
-"""So many frames tell of a product of two errors together what one does. Where the commands are known, the errors of a way
-and of an inverse depth hardly change from frame to frame, so neither does their product; where they are not known, each
-frame's way is a new one."""
+"""So many frames tell of a product of two errors together what one does.
+
+Where the commands are known, the errors of a way and of an inverse depth hardly change from frame to frame, so neither
+does their product; where they are not known, each frame's way is a new one.
+"""
 
 CORRECTION = record(
     product_frames="f8",  # for which the second-order noise of inverse depth stays what it is

@@ -424,6 +424,23 @@ _PLACES = (
 )  # fmt: skip
 """Places in which looking around blindly fails."""
 
+_HAND_HELD: dict[str, Any] = {
+    "frame_time": 1.0 / 15.0,
+    "filter_acceleration_std": 4.0,
+    "filter_angular_acceleration_std": 6.0,
+    "command_known": False,
+    "scripted_gaze_amplitude": math.radians(30.0),
+    "motion_criterion": "mutual_information_position_map",
+    "amortised_decision": True,
+}
+"""The paper's live camera."""
+_PIXELS: dict[str, Any] = {
+    "landmark_count": 36,  # with the spare places, a map of 49: "fewer than 50"
+    "fiducial_count": 4,  # the corners of the target
+    "pixel_std": 0.7,
+}
+"""Images of a room in the place of points."""
+
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
     for scenario in (
@@ -436,37 +453,10 @@ SCENARIOS: dict[str, Scenario] = {
         ),
         Scenario(name="clutter", missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93),
         Scenario(name="hall", room_size=(14.0, 4.0, 14.0), landmark_count=120),
-        Scenario(
-            name="hand-held",
-            landmark_count=48,  # "fewer than 50"
-            frame_time=1.0 / 15.0,
-            filter_acceleration_std=4.0,
-            filter_angular_acceleration_std=6.0,
-            command_known=False,
-            scripted_gaze_amplitude=math.radians(30.0),
-            motion_criterion="mutual_information_position_map",
-            amortised_decision=True,
-        ),
+        Scenario(name="hand-held", landmark_count=48, **_HAND_HELD),  # "fewer than 50"
         *_PLACES,
-        Scenario(
-            name="pixels",
-            landmark_count=36,  # with the spare places, a map of 49: "fewer than 50"
-            fiducial_count=4,  # the corners of the target
-            pixel_std=0.7,
-        ),
-        Scenario(
-            name="hand-held-pixels",
-            landmark_count=36,
-            fiducial_count=4,
-            pixel_std=0.7,
-            frame_time=1.0 / 15.0,
-            filter_acceleration_std=4.0,
-            filter_angular_acceleration_std=6.0,
-            command_known=False,
-            scripted_gaze_amplitude=math.radians(30.0),
-            motion_criterion="mutual_information_position_map",
-            amortised_decision=True,
-        ),
+        Scenario(name="pixels", **_PIXELS),
+        Scenario(name="hand-held-pixels", **_PIXELS, **_HAND_HELD),
     )
 }
 """The named scenarios, by name."""

@@ -109,10 +109,7 @@ def command_of(action: Any) -> np.ndarray:
     Raises:
         ValueError: it is not four numbers in [-1, 1]; the message says what is allowed.
     """
-    try:
-        array = np.asarray(action)
-    except ValueError:
-        array = np.asarray(None)
+    array = _as_array(action)
     if array.shape != (4,) or array.dtype.kind not in "iuf" or not (np.abs(array) <= 1.0).all():
         raise ValueError(f"action must be {_POINT}, got {action!r}")
     return _within_a_step(array[None])[0]
@@ -124,17 +121,8 @@ def commands_of(actions: Any, playing: np.ndarray) -> np.ndarray:
     Raises:
         ValueError: of another shape or out of range; the message names the first and what is allowed.
     """
-    shape = (len(playing), 4)
-    try:
-        array = np.asarray(actions)
-    except ValueError:  # rows of different lengths
-        array = np.asarray(None)
-    if array.shape != shape or array.dtype.kind not in "iuf":
-        raise ValueError(f"actions must be numbers of shape {shape}, for each environment {_POINT}, got {actions!r}")
-    good = (np.abs(array) <= 1.0).all(axis=1) | ~playing
-    if not good.all():
-        i = int(np.argmin(good))
-        raise ValueError(f"actions[{i}] must be {_POINT}, got {array[i]!r}")
+    array = _numbers(actions, (len(playing), 4), _POINT)
+    _demand((np.abs(array) <= 1.0).all(axis=1) | ~playing, array, _POINT)
     return _within_a_step(np.where(playing[:, None], array, 0.0))
 
 
@@ -149,15 +137,31 @@ def _whole_numbers(
     actions: Any, shape: tuple[int, ...], counts: np.ndarray, playing: np.ndarray, allowed: str
 ) -> np.ndarray:
     """``actions`` of ``shape`` as int64, each in 0 … ``counts`` - 1 where its environment is playing, 0 elsewhere."""
-    try:
-        array = np.asarray(actions)
-    except ValueError:  # rows of different lengths
-        array = np.asarray(None)
-    if array.shape != shape or array.dtype.kind not in "iuf":
-        raise ValueError(f"actions must be numbers of shape {shape}, for each environment {allowed}, got {actions!r}")
+    array = _numbers(actions, shape, allowed)
     playing = playing.reshape(-1, *(1 for _ in shape[1:]))
     good = (array >= 0) & (array < counts) & (array == np.floor(array)) | ~playing
-    if not good.all():
-        i = int(np.argmin(good.reshape(len(array), -1).all(axis=1)))
-        raise ValueError(f"actions[{i}] must be {allowed}, got {array[i]!r}")
+    _demand(good.reshape(len(array), -1).all(axis=1), array, allowed)
     return np.where(playing, array, 0).astype(np.int64)
+
+
+def _as_array(value: Any) -> np.ndarray:
+    """``value`` as an array; one of no shape where its rows are of different lengths."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        return np.asarray(None)
+
+
+def _numbers(actions: Any, shape: tuple[int, ...], allowed: str) -> np.ndarray:
+    """A batch's actions as an array of numbers of that shape, or the error that says what is allowed."""
+    array = _as_array(actions)
+    if array.shape != shape or array.dtype.kind not in "iuf":
+        raise ValueError(f"actions must be numbers of shape {shape}, for each environment {allowed}, got {actions!r}")
+    return array
+
+
+def _demand(good: np.ndarray, actions: np.ndarray, allowed: str) -> None:
+    """Raise ValueError for the first of ``actions`` that is not ``good`` (B,)."""
+    if not good.all():
+        i = int(np.argmin(good))
+        raise ValueError(f"actions[{i}] must be {allowed}, got {actions[i]!r}")

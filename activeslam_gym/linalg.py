@@ -19,52 +19,68 @@ _FUSE = {"contract"}
 def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
-    Right-looking, four pivots at a time, so that the rest is loaded and stored once for four of them. What stands
-    below the diagonal is not read, and means nothing afterwards.
+    Four rows at a time, of which all rows above are subtracted first. What stands below the diagonal is not read, and
+    means nothing afterwards.
     """
     n = A.shape[0]
-    for first in range(0, n, 4):
-        last = min(first + 4, n)
-        for k in range(first, last):
-            row = A[k, k:]
-            for p in range(first, k):
-                done = A[p, k:]
+    for top in range(0, n, 4):
+        bottom = min(top + 4, n)
+        if bottom == top + 4:
+            _subtract_from_four(A, top, A, A, 0, top, top, n)
+        else:
+            for i in range(top, bottom):
+                _subtract_from_one(A, i, A, A, 0, top, i, n)
+        for i in range(top, bottom):
+            row = A[i, i:]
+            for k in range(top, i):
+                done = A[k, i:]
                 factor = done[0]
-                for j in range(n - k):
+                for j in range(n - i):
                     row[j] -= factor * done[j]
             pivot = row[0]
             if not (pivot > 0.0 and pivot < np.inf):  # catches NaN too
                 return False
             inverse = 1.0 / math.sqrt(pivot)
-            for j in range(n - k):
+            for j in range(n - i):
                 row[j] *= inverse
-        if last < n:
-            _subtract_four(A, last, n, A, first)
     return True
 
 
 @borrowing(fastmath=_FUSE)
-def _subtract_four(A: np.ndarray, start: int, n: int, W: np.ndarray, first: int) -> None:
-    """A -= w^T w for the rows w ``first`` … ``first + 3`` of ``W``, in A's upper triangle from ``start`` to ``n``.
+def _subtract_from_four(
+    A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, first: int, last: int, start: int, stop: int
+) -> None:
+    """A[r] -= sum of F[k, r] W[k] over k from ``first`` to ``last``, columns ``start`` to ``stop``, r in i … i + 3.
 
-    Two rows at a time: each number of W is loaded once for both, and the compiler can still tell the arrays apart.
+    Four k at a time. Each number of W is loaded once for four rows, and each row once for four k: this is what takes
+    the time of a frame.
     """
-    if (n - start) % 2 == 1:  # an odd row first
-        row = A[start, start:n]
-        w0, w1, w2, w3 = W[first, start:n], W[first + 1, start:n], W[first + 2, start:n], W[first + 3, start:n]
-        f0, f1, f2, f3 = w0[0], w1[0], w2[0], w3[0]
-        for j in range(n - start):
-            row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
-        start += 1
-    for i in range(start, n, 2):
-        upper, lower = A[i, i:n], A[i + 1, i:n]
-        w0, w1, w2, w3 = W[first, i:n], W[first + 1, i:n], W[first + 2, i:n], W[first + 3, i:n]
-        f0, f1, f2, f3 = w0[0], w1[0], w2[0], w3[0]
-        g0, g1, g2, g3 = w0[1], w1[1], w2[1], w3[1]
-        for j in range(n - i):
+    a0, a1, a2, a3 = A[i, start:stop], A[i + 1, start:stop], A[i + 2, start:stop], A[i + 3, start:stop]
+    for k in range(first, last, 4):
+        w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
+        f00, f10, f20, f30 = F[k, i], F[k + 1, i], F[k + 2, i], F[k + 3, i]
+        f01, f11, f21, f31 = F[k, i + 1], F[k + 1, i + 1], F[k + 2, i + 1], F[k + 3, i + 1]
+        f02, f12, f22, f32 = F[k, i + 2], F[k + 1, i + 2], F[k + 2, i + 2], F[k + 3, i + 2]
+        f03, f13, f23, f33 = F[k, i + 3], F[k + 1, i + 3], F[k + 2, i + 3], F[k + 3, i + 3]
+        for j in range(stop - start):
             x0, x1, x2, x3 = w0[j], w1[j], w2[j], w3[j]
-            upper[j] = upper[j] - f0 * x0 - f1 * x1 - f2 * x2 - f3 * x3
-            lower[j] = lower[j] - g0 * x0 - g1 * x1 - g2 * x2 - g3 * x3
+            a0[j] = a0[j] - f00 * x0 - f10 * x1 - f20 * x2 - f30 * x3
+            a1[j] = a1[j] - f01 * x0 - f11 * x1 - f21 * x2 - f31 * x3
+            a2[j] = a2[j] - f02 * x0 - f12 * x1 - f22 * x2 - f32 * x3
+            a3[j] = a3[j] - f03 * x0 - f13 * x1 - f23 * x2 - f33 * x3
+
+
+@borrowing(fastmath=_FUSE)
+def _subtract_from_one(
+    A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, first: int, last: int, start: int, stop: int
+) -> None:
+    """`_subtract_from_four`, of row ``i`` alone."""
+    row = A[i, start:stop]
+    for k in range(first, last, 4):
+        w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
+        f0, f1, f2, f3 = F[k, i], F[k + 1, i], F[k + 2, i], F[k + 3, i]
+        for j in range(stop - start):
+            row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
 
 
 @borrowing
@@ -80,20 +96,21 @@ def log2_det_of_factor(U: np.ndarray, start: int, stop: int) -> float:
 def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     """Overwrite ``B`` (n, m) with U^{-T} B."""
     n, m = B.shape
-    for i in range(n):
-        row = B[i]
-        for k in range(0, i - 3, 4):  # four at a time, so that the row is loaded and stored once for them
-            b0, b1, b2, b3 = B[k], B[k + 1], B[k + 2], B[k + 3]
-            f0, f1, f2, f3 = U[k, i], U[k + 1, i], U[k + 2, i], U[k + 3, i]
+    for top in range(0, n, 4):
+        bottom = min(top + 4, n)
+        if bottom == top + 4:
+            _subtract_from_four(B, top, U, B, 0, top, 0, m)
+        else:
+            for i in range(top, bottom):
+                _subtract_from_one(B, i, U, B, 0, top, 0, m)
+        for i in range(top, bottom):
+            row, inverse = B[i], 1.0 / U[i, i]
+            for k in range(top, i):
+                factor, other = U[k, i], B[k]
+                for j in range(m):
+                    row[j] -= factor * other[j]
             for j in range(m):
-                row[j] = row[j] - f0 * b0[j] - f1 * b1[j] - f2 * b2[j] - f3 * b3[j]
-        for k in range(i - i % 4, i):
-            factor, other = U[k, i], B[k]
-            for j in range(m):
-                row[j] -= factor * other[j]
-        inverse = 1.0 / U[i, i]
-        for j in range(m):
-            row[j] *= inverse
+                row[j] *= inverse
 
 
 @borrowing(fastmath=_FUSE)
@@ -130,9 +147,11 @@ def log2_det(A: np.ndarray) -> float:
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
     m = W.shape[0]
-    whole = m - m % 4
-    for r in range(0, whole, 4):
-        _subtract_four(P, 0, n, W, r)
+    whole, odd = m - m % 4, n % 4
+    for i in range(odd):
+        _subtract_from_one(P, i, W, W, 0, whole, i, n)
+    for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
+        _subtract_from_four(P, i, W, W, 0, whole, i, n)
     for r in range(whole, m):
         for i in range(n):
             row, w = P[i, i:n], W[r, i:n]

@@ -52,11 +52,12 @@ def _subtract_from_four(
 ) -> None:
     """A[r] -= sum of F[k, r] W[k] over k from ``first`` to ``last``, columns ``start`` to ``stop``, r in i … i + 3.
 
-    Four k at a time. Each number of W is loaded once for four rows, and each row once for four k: this is what takes
-    the time of a frame.
+    Four k at a time, and what is left over one by one. Each number of W is loaded once for four rows, and each row once
+    for four k: this is what takes the time of a frame.
     """
+    whole = last - (last - first) % 4
     a0, a1, a2, a3 = A[i, start:stop], A[i + 1, start:stop], A[i + 2, start:stop], A[i + 3, start:stop]
-    for k in range(first, last, 4):
+    for k in range(first, whole, 4):
         w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
         f00, f10, f20, f30 = F[k, i], F[k + 1, i], F[k + 2, i], F[k + 3, i]
         f01, f11, f21, f31 = F[k, i + 1], F[k + 1, i + 1], F[k + 2, i + 1], F[k + 3, i + 1]
@@ -68,6 +69,14 @@ def _subtract_from_four(
             a1[j] = a1[j] - f01 * x0 - f11 * x1 - f21 * x2 - f31 * x3
             a2[j] = a2[j] - f02 * x0 - f12 * x1 - f22 * x2 - f32 * x3
             a3[j] = a3[j] - f03 * x0 - f13 * x1 - f23 * x2 - f33 * x3
+    for k in range(whole, last):
+        w, f0, f1, f2, f3 = W[k, start:stop], F[k, i], F[k, i + 1], F[k, i + 2], F[k, i + 3]
+        for j in range(stop - start):
+            x = w[j]
+            a0[j] -= f0 * x
+            a1[j] -= f1 * x
+            a2[j] -= f2 * x
+            a3[j] -= f3 * x
 
 
 @borrowing(fastmath=_FUSE)
@@ -75,12 +84,16 @@ def _subtract_from_one(
     A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, first: int, last: int, start: int, stop: int
 ) -> None:
     """`_subtract_from_four`, of row ``i`` alone."""
-    row = A[i, start:stop]
-    for k in range(first, last, 4):
+    row, whole = A[i, start:stop], last - (last - first) % 4
+    for k in range(first, whole, 4):
         w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
         f0, f1, f2, f3 = F[k, i], F[k + 1, i], F[k + 2, i], F[k + 3, i]
         for j in range(stop - start):
             row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
+    for k in range(whole, last):
+        w, f0 = W[k, start:stop], F[k, i]
+        for j in range(stop - start):
+            row[j] -= f0 * w[j]
 
 
 @borrowing
@@ -106,9 +119,9 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
         for i in range(top, bottom):
             row, inverse = B[i], 1.0 / U[i, i]
             for k in range(top, i):
-                factor, other = U[k, i], B[k]
+                factor, done = U[k, i], B[k]
                 for j in range(m):
-                    row[j] -= factor * other[j]
+                    row[j] -= factor * done[j]
             for j in range(m):
                 row[j] *= inverse
 
@@ -146,18 +159,11 @@ def log2_det(A: np.ndarray) -> float:
 @borrowing(fastmath=_FUSE)
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
-    m = W.shape[0]
-    whole, odd = m - m % 4, n % 4
+    m, odd = W.shape[0], n % 4
     for i in range(odd):
-        _subtract_from_one(P, i, W, W, 0, whole, i, n)
+        _subtract_from_one(P, i, W, W, 0, m, i, n)
     for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
-        _subtract_from_four(P, i, W, W, 0, whole, i, n)
-    for r in range(whole, m):
-        for i in range(n):
-            row, w = P[i, i:n], W[r, i:n]
-            factor = w[0]
-            for j in range(n - i):
-                row[j] -= factor * w[j]
+        _subtract_from_four(P, i, W, W, 0, m, i, n)
     _copy_upper_to_lower(P, n)
 
 

@@ -29,7 +29,7 @@ def cholesky_in_place(A: np.ndarray) -> bool:
             _subtract_from_four(A, top, A, A, 0, top, top, n)
         else:
             for i in range(top, bottom):
-                _subtract_from_one(A, i, A, A, 0, top, i, n)
+                subtract_from_one(A, i, A, A, 0, top, i, n)
         for i in range(top, bottom):
             row = A[i, i:]
             for k in range(top, i):
@@ -80,10 +80,10 @@ def _subtract_from_four(
 
 
 @borrowing(fastmath=_FUSE)
-def _subtract_from_one(
+def subtract_from_one(
     A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, first: int, last: int, start: int, stop: int
 ) -> None:
-    """`_subtract_from_four`, of row ``i`` alone."""
+    """A[i] -= sum of F[k, i] W[k] over k from ``first`` to ``last``, columns ``start`` to ``stop``, four at a time."""
     row, whole = A[i, start:stop], last - (last - first) % 4
     for k in range(first, whole, 4):
         w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
@@ -115,7 +115,7 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
             _subtract_from_four(B, top, U, B, 0, top, 0, m)
         else:
             for i in range(top, bottom):
-                _subtract_from_one(B, i, U, B, 0, top, 0, m)
+                subtract_from_one(B, i, U, B, 0, top, 0, m)
         for i in range(top, bottom):
             row, inverse = B[i], 1.0 / U[i, i]
             for k in range(top, i):
@@ -161,7 +161,7 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
     m, odd = W.shape[0], n % 4
     for i in range(odd):
-        _subtract_from_one(P, i, W, W, 0, m, i, n)
+        subtract_from_one(P, i, W, W, 0, m, i, n)
     for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
         _subtract_from_four(P, i, W, W, 0, m, i, n)
     _copy_upper_to_lower(P, n)
@@ -202,6 +202,25 @@ def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
             if factor != 0.0:
                 for j in range(out.shape[1]):
                     target[j] += factor * source[j]
+
+
+@borrowing(fastmath=_FUSE)
+def add_product_of_two(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
+    """`add_product` of A (2, k): both rows at once and three of B at a time, which are a vector's."""
+    upper, lower = out[0], out[1]
+    whole = A.shape[1] - A.shape[1] % 3
+    for k in range(0, whole, 3):
+        b0, b1, b2 = B[k], B[k + 1], B[k + 2]
+        f0, f1, f2, g0, g1, g2 = A[0, k], A[0, k + 1], A[0, k + 2], A[1, k], A[1, k + 1], A[1, k + 2]
+        for j in range(out.shape[1]):
+            x0, x1, x2 = b0[j], b1[j], b2[j]
+            upper[j] = upper[j] + f0 * x0 + f1 * x1 + f2 * x2
+            lower[j] = lower[j] + g0 * x0 + g1 * x1 + g2 * x2
+    for k in range(whole, A.shape[1]):
+        b, f, g = B[k], A[0, k], A[1, k]
+        for j in range(out.shape[1]):
+            upper[j] += f * b[j]
+            lower[j] += g * b[j]
 
 
 @compiled

@@ -85,11 +85,10 @@ def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndar
     One factor, no inverse. ``S`` (m, m) and ``innovation`` nu (m,) are overwritten; not sound if S has no factor.
     """
     m, dim = HP.shape
-    W, delta = np.zeros((m + -m % 4, dim)), np.zeros((1, dim))  # rows of zeros, since the product takes four at a time
+    W, delta = HP.copy(), np.zeros((1, dim))
     if not cholesky_in_place(S):
         return W, delta[0], False
-    copy_block(HP, W)
-    solve_transposed(S, W[:m])
+    solve_transposed(S, W)
     solve_transposed_vector(S, innovation)
     add_product(innovation.reshape((1, m)), W, delta)
     sound = True

@@ -6,7 +6,14 @@ import numpy as np
 
 from activeslam_gym.geometry import rotate_left, so3_left_jacobian
 from activeslam_gym.kernels import compiled
-from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into, subtract_gram
+from activeslam_gym.linalg import (
+    add_product,
+    add_symmetric_product,
+    copy_block,
+    copy_into,
+    subtract_from_one,
+    subtract_gram,
+)
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     D_ANGULAR,
@@ -63,10 +70,7 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
     E, B = turning(belief, delta), np.zeros((3, dim))
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
-        for r in range(W.shape[0]):
-            factor, row, target = W[r, D_ROTATION.start + i], W[r], B[i]
-            for j in range(dim):
-                target[j] -= factor * row[j]
+        subtract_from_one(B, i, W[:, D_ROTATION], W, 0, W.shape[0], 0, dim)
     add_product(0.5 * B[:, D_ROTATION], E, B)
     _add_symmetric(P, E, B, dim)
     subtract_gram(P, W, dim)

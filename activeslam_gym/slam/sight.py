@@ -21,7 +21,7 @@ from activeslam_gym.camera import (
 )
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowing, compiled, record
-from activeslam_gym.linalg import add_product
+from activeslam_gym.linalg import add_product_of_two
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam.belief import (
     AZIMUTH,
@@ -312,8 +312,8 @@ def sight_with(things: np.ndarray, P: np.ndarray, dim: int, pixel_var: float) ->
     HP = np.zeros((2 * things.shape[0], dim))
     for a in range(things.shape[0]):
         thing, rows = things[a], HP[2 * a : 2 * a + 2]
-        add_product(thing.H_camera, P[:POSE_DIM], rows)
-        add_product(thing.H_feature[:, : thing.width], P[thing.column : thing.column + thing.width], rows)
+        add_product_of_two(thing.H_camera, P[:POSE_DIM], rows)
+        add_product_of_two(thing.H_feature[:, : thing.width], P[thing.column : thing.column + thing.width], rows)
     return Sight(things, HP, innovation_covariance(things, HP, pixel_var))
 
 

@@ -287,7 +287,7 @@ def _announce(kept: bool) -> None:
         else "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
     )
     if time.monotonic() - _compiled_at > _PAUSE:
-        _say(f"compiling kernels (up to a minute), {then} ...")
+        _say(f"compiling kernels (a minute or two), {then} ...")
     _compilation_ended()
 
 

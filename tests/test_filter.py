@@ -256,8 +256,8 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     """Counters of one frame of a camera that stays."""
     counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
     motion, model, candidates = motion_of(quiet, 1.0), filter_of(scenario), candidates_at(pixels)
-    u = np.zeros(6)
-    filter_frame(CAMERA, motion, model, belief, support.NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
+    u, in_parts = np.zeros(6), getattr(filter_frame, "py_func", filter_frame)  # whose parts are compiled for others
+    in_parts(CAMERA, motion, model, belief, support.NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
     return counts
 
 

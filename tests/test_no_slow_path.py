@@ -92,11 +92,14 @@ def arrays(tree: tuple[Any, ...]) -> int:
     return sum(arrays(part) if isinstance(part, tuple) else 1 for part in tree)
 
 
-def test_benchmarks_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+PARTS = "single", "scores", "growth", "peers", "dgemm", "batch", "memory"
+
+
+@pytest.mark.parametrize("parts", [PARTS, pytest.param(("stages",), marks=pytest.mark.slow)])  # compiles each alone
+def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("tyro")
     from benchmarks.__main__ import Args, main
 
-    parts = ("single", "scores", "stages", "growth", "peers", "dgemm", "batch", "memory")
     assert main(Args(parts=parts, quick=True, out=tmp_path)) == 0
     report = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
     assert len(report["sections"]) == len(parts)

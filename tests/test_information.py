@@ -243,6 +243,14 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
             env.motion_scores(wrong)
 
 
+def test_a_candidate_turn_is_held_for_the_gaze_horizon_before_it_is_scored() -> None:
+    for horizon, frames in ((None, 5), (0.1, 5), (3.0, 60)):
+        env = gym.make("ActiveSLAM-v0", scenario={"gaze_horizon": horizon}, gaze_period=0.25).unwrapped
+        env.reset(seed=4)
+        expected = env.scores(c.gaze_plans(frames), "mutual_information")
+        np.testing.assert_array_equal(env.gaze_scores("mutual_information"), expected)
+
+
 def expectation(count: int, seed: int = 0) -> Any:
     """Expected landmarks (count,), all waiting."""
     expected = np.zeros(count, EXPECTED)

@@ -305,6 +305,8 @@ class Scenario:
     """Criterion of the paper's strategies for motion in this scenario."""
     negative_information: Switch = False
     """Whether an expected landmark that was looked at and not found is expected elsewhere; the paper's would stay."""
+    gaze_horizon: PositiveFloatOrNone = None
+    """For how long a candidate turn is held before it is scored [s], at least a gaze period; None: one gaze period."""
     amortised_decision: Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""
 

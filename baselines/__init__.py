@@ -25,6 +25,7 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "mi-constant": greedy,
     "mi-mi": partial(greedy, gaze_criterion="mutual_information"),
     "mi-fisher": partial(greedy, gaze_criterion="fisher_trace"),
+    "net-net": partial(greedy, motion_criterion="net_information", gaze_criterion="net_information"),
     "fisher-fisher": partial(greedy, motion_criterion="fisher_trace", gaze_criterion="fisher_trace"),
     "variance-reduction": partial(greedy, motion_criterion="variance_reduction", gaze_criterion="variance_reduction"),
     "joint-mi": JointGreedy,

@@ -170,10 +170,8 @@ def test_shapes_of_observations_and_actions() -> None:
 
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
-    named = (
-        "random stay sweep orbit best-constant mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi"
-    )
-    named += " lookahead-2 rollout"
+    named = "random stay sweep orbit best-constant mi-constant mi-mi mi-fisher net-net fisher-fisher variance-reduction"
+    named += " joint-mi lookahead-2 rollout"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())

@@ -171,6 +171,16 @@ def test_an_ambiguous_candidate_waits_unless_its_id_or_its_looks_decide() -> Non
         assert match(belief, pixels, ids=1, log_ratios=ratios)[0] == expected
 
 
+@pytest.mark.parametrize("separation_px, found", [(7.9, [REJECTED] * 2), (8.1, [1, 2])])
+def test_what_is_predicted_side_by_side_waits_however_clear_it_seems(separation_px: float, found: list[int]) -> None:
+    """Two detections 16 px apart are clear; but as clear is the noise that pulls apart what stands together."""
+    belief, z = two_points(separation_px)
+    apart = z + np.outer((0.5, -0.5), (z[0] - z[1]) / separation_px * 8.0)
+    matched, waits = match(belief, apart)
+    assert matched == found and waits.all() == (found[0] == REJECTED)
+    assert match(belief, apart, ids=[1, 2])[0] == [1, 2]  # where ids tell them apart
+
+
 def test_an_id_restricts_but_does_not_command() -> None:
     """Where it is not, or where there is no such thing, a candidate with an id is nothing that is known."""
     belief, z = two_points()
@@ -279,6 +289,13 @@ def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: st
     births = [frame(belief, there, scenario).births for _ in range(23)]
     assert births == [0, 0, 1] + [0] * 20  # no duplicate of what is known
     assert belief.feature[0].kind == kind and belief.state.serial == 1
+
+
+def test_nothing_is_born_beside_another_detection_until_they_part() -> None:
+    belief, one = still_belief(), [100.0, 100.0]
+    births = [frame(belief, [one, [111.9, 100.0]]).births for _ in range(5)]
+    assert births == [0] * 5
+    assert frame(belief, [one, [112.1, 100.0]]).births == 2
 
 
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])

@@ -12,7 +12,7 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
 from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
-from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop
+from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
 from activeslam_gym.slam.map import remove_feature
 from tests import support
@@ -59,6 +59,7 @@ def papers_sum(P: np.ndarray, H: np.ndarray) -> np.ndarray:
 
 FORMULAS = {
     "mutual_information": lambda P, H, after: drop(P, after),
+    "net_information": lambda P, H, after: drop(P, after),
     "mutual_information_camera": lambda P, H, after: drop(P, after, slice(0, 12)),
     "mutual_information_position_map": lambda P, H, after: drop(P, after, slice(0, 3), slice(12, len(P))),
     "fisher_trace": lambda P, H, after: np.trace(papers_sum(P, H)),
@@ -144,7 +145,36 @@ def test_a_plan_of_two_actions_is_worth_the_information_of_both_measurements(see
         np.testing.assert_allclose(scores_of(prospect, plans_of(both[:count])), sum(expected[:count]), rtol=1e-7)
 
 
-@pytest.mark.parametrize("criterion", ["mutual_information", "fisher_trace"])
+@SEEDS
+def test_net_information_is_the_fall_of_entropy_with_what_the_motion_adds(seed: int) -> None:
+    prospect, P = case(seed)[0], case(seed)[0].covariance
+    motion, gaze, frames = int(Motion.LEFT), int(Gaze.LEFT), 10
+    turn = turn_of(MOTION, gaze, 0.0)
+    later, pose = c.propagated(MOTION, P, turn, frames), c.pose_after(MOTION, prospect.camera, motion, turn, frames)
+    H = numerical_sight(CAMERA, prospect, pose)
+    net = drop(P, posterior(later, H, innovation_covariance(later, H)))
+    assert scores_of(prospect, plans_of([(motion, gaze, frames)]), "net_information")[0] == pytest.approx(net, rel=1e-7)
+    assert net < scores_of(prospect, plans_of([(motion, gaze, frames)]))[0] - 1.0
+
+
+def test_net_information_expects_nothing_where_the_camera_looks() -> None:
+    """Of an expected landmark ahead and one to the left, a turn to the left promises the second."""
+    camera = np.eye(13)[3]
+    ahead, left = [0.0, 0.0, 2.0], [2.5, 0.0, 2.0]
+    turn = plans_of([(c.REMAIN, int(Gaze.LEFT), 20)])
+
+    def scored_with(criterion: str, *points: list[float]) -> float:
+        P = np.diag([1e-4] * 12 + [*VARIANCE] * len(points))
+        prospect = prospect_with(np.array(points).reshape(-1, 3), P, camera, waiting=len(points))
+        return scores_of(prospect, turn, criterion)[0]
+
+    both, new, old, none = (scored_with("net_information", *p) for p in ((ahead, left), (left,), (ahead,), ()))
+    assert both == pytest.approx(new) and old == pytest.approx(none) and none < 0.0
+    assert new > none + 5.0
+    assert scored_with("mutual_information", ahead) > 5.0
+
+
+@pytest.mark.parametrize("criterion", ["mutual_information", "net_information", "fisher_trace"])
 def test_what_plans_share_changes_no_score(criterion: str) -> None:
     """Common beginnings, and ends with the same gaze and frames, are worked out once."""
     prospect, actions = case(1)[0], {"a": (0, 1, 4), "b": (0, 1, 2), "c": (3, 1, 4), "d": (c.REMAIN, 2, 4)}
@@ -211,6 +241,14 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
     for wrong in ("gini", 0, None):
         with pytest.raises(ValueError, match=f"criterion must be one of .*fisher_trace.*, got {wrong!r}"):
             env.motion_scores(wrong)
+
+
+def test_a_candidate_turn_is_held_for_the_gaze_horizon_before_it_is_scored() -> None:
+    for horizon, frames in ((None, 5), (0.1, 5), (3.0, 60)):
+        env = gym.make("ActiveSLAM-v0", scenario={"gaze_horizon": horizon}, gaze_period=0.25).unwrapped
+        env.reset(seed=4)
+        expected = env.scores(c.gaze_plans(frames), "mutual_information")
+        np.testing.assert_array_equal(env.gaze_scores("mutual_information"), expected)
 
 
 def expectation(count: int, seed: int = 0) -> Any:

@@ -213,7 +213,8 @@ class Reads:
         self._workers = workers
         self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
         self._motion_plans = candidates.motion_plans(self._motion_frames)
-        self._gaze_plans = candidates.gaze_plans(int(task.frames_per_step))
+        held = round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time)
+        self._gaze_plans = candidates.gaze_plans(max(int(task.frames_per_step), held))
         self._joint_plans = candidates.joint_plans(self._motion_frames)
 
     def _given(self, batch: np.ndarray) -> Any:
@@ -269,7 +270,10 @@ class Reads:
         return self._scores(self._motion_plans, criterion)
 
     def gaze_scores(self, criterion: str = "fisher_trace") -> np.ndarray:
-        """(3,) what each turn would teach after one gaze period at the present position; raises as `motion_scores`."""
+        """(3,) what each turn would teach at the present position; raises as `motion_scores`.
+
+        After one gaze period, or the scenario's ``gaze_horizon``.
+        """
         return self._scores(self._gaze_plans, criterion)
 
     def joint_scores(self, criterion: str = "mutual_information") -> np.ndarray:

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import distance_between, free_way
-from activeslam_gym.geometry import rotate_left
-from activeslam_gym.information.criteria import criterion_of_number
+from activeslam_gym.camera import View, distance_between, free_way, visible
+from activeslam_gym.geometry import rotate_left, rotation_matrix
+from activeslam_gym.information.criteria import NET, criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
 from activeslam_gym.kernels import Record, compiled, record
-from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, log2_det, solve_transposed, subtract_gram
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -166,11 +166,14 @@ def score_plans(
 
     By the chain rule I(x; z_1, z_2) = I(x; z_1) + I(x; z_2 | z_1): after each action but the last the covariance is
     updated by the measurements expected there, and propagated on. What consecutive plans have in common, the leading
-    actions or the gaze and the frames of the last, is worked out once.
+    actions or the gaze and the frames of the last, is worked out once. By the criterion NET the entropy that an action
+    adds is taken off its score, and expected landmarks of the present image are left out.
     """
+    if criterion == NET:
+        prospect = _without_looked_at(camera, prospect)
     size, L = prospect.covariance.shape[0], plans.shape[1]
     after, measured = np.empty((L, size, size)), np.empty((L - 1, size, size))  # covariances at each action's end
-    poses, gained = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1)
+    poses, gained, added = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1), np.zeros(L)
     copy_into(poses[0], prospect.camera)
     for a in range(plans.shape[0]):
         same = a > 0
@@ -182,17 +185,37 @@ def score_plans(
                 continue
             turn = turn_of(motion, action.gaze, time)
             if not turned:
-                copy_block(prospect.covariance if step == 0 else measured[step - 1], after[step])
+                before = prospect.covariance if step == 0 else measured[step - 1]
+                copy_block(before, after[step])
                 propagate_by(motion, after[step], turn, action.frames)
+                if criterion == NET:
+                    added[step] = 0.5 * (log2_det(after[step]) - log2_det(before))
             copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn, action.frames))
             if motion.bodies and action.motion != REMAIN:
                 sensed = prospect.free[action.motion] if step == 0 else 1.0
                 _stop_short(motion, prospect.boxes, sensed, poses[step], poses[step + 1])
             sight = sight_after(camera, prospect, after[step], poses[step + 1])
-            gained[step + 1] = gained[step] + criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
+            taught = criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
+            gained[step + 1] = gained[step] + taught - added[step]
             if step < L - 1:
                 copy_block(updated(after[step], sight), measured[step])
         out[a] = gained[L]
+
+
+@compiled
+def _without_looked_at(camera: Record, prospect: Prospect) -> Prospect:
+    """The prospect without the expected landmarks that the present image would show."""
+    pose, z, M = prospect.camera, np.empty(2), prospect.points.shape[0]
+    present = View(camera, pose, rotation_matrix(pose[QUATERNION]), prospect.boxes)
+    points, n = prospect.points.copy(), M - prospect.waiting
+    for k in range(n, M):
+        if not visible(present, prospect.points[k], 0.0, z):
+            copy_into(points[n], prospect.points[k])
+            n += 1
+    size = CAMERA_DIM + 3 * n  # expected landmarks have one covariance, so the first of them stand for any
+    P = prospect.covariance[:size, :size].copy()
+    waiting = prospect.waiting - (M - n)
+    return Prospect(pose, points[:n], P, prospect.fiducials, prospect.boxes, waiting, prospect.free)
 
 
 @compiled

@@ -41,6 +41,16 @@ def mutual_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     return 0.5 * (log2_det(sight.S) - sight.S.shape[0] * math.log2(pixel_var))
 
 
+@named("net_information")
+def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
+    """`mutual_information`, of which the scores of plans are net [bit]: see `candidates.score_plans`.
+
+    They take off the entropy that the motion itself adds, and leave out the expected landmarks that the present image
+    would show: what stands there has been found.
+    """
+    return mutual_information(P, sight, pixel_var)
+
+
 @named("mutual_information_camera")
 def mutual_information_camera(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(camera; z) [bit]: for a map that is fully correlated, where the paper replaces x by x_v."""
@@ -122,3 +132,7 @@ def criterion_number(criterion: str) -> int:
     if not isinstance(criterion, str) or criterion not in CRITERIA:
         raise ValueError(f"criterion must be one of {', '.join(CRITERIA)}, got {criterion!r}")
     return list(CRITERIA).index(criterion)
+
+
+NET = criterion_number("net_information")
+"""The criterion whose scores are net."""

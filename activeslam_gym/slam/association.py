@@ -12,6 +12,8 @@ one wrong match makes the next ones. So a match must be more than near:
 3. What is left is matched jointly, as a constellation (see `constellation`): that closes loops, and finds the way back
    where wide ellipses are ambiguous one by one. A detection that is better explained by nothing known is new.
 4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
+5. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
+   to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
 """
 
 import math
@@ -42,6 +44,7 @@ ASSOCIATION = record(
     sharp_std_px="f8",  # a predicted ellipse is sharp when its longest axis is at most this
     clear_margin="f8",  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
     margin="f8",  # the same for a joint match, in ln
+    twin_px="f8",  # things predicted nearer to each other are not told apart [px]
     novelty="f8",  # lead of "it is of nothing known" that makes a candidate NEW, in ln
     nodes="i8",  # of a joint search
     detection_probability="f8",  # of what is in the image
@@ -63,6 +66,7 @@ def association_of(scenario: Scenario) -> Record:
         sharp_std_px=2.0 * scenario.pixel_std,
         clear_margin=20.0,
         margin=8.0,
+        twin_px=4.0 * scenario.pixel_std,
         novelty=2.0,
         nodes=400,
         detection_probability=scenario.detection_probability,
@@ -125,7 +129,27 @@ def associate(
     for a in range(v):
         if of_thing[a] >= 0:
             candidates[of_thing[a]].match = sight.thing[a].id
+    _leave_twins(model, sight.thing, candidates, of_thing, waits)
     return of_thing, jointly
+
+
+@compiled
+def _leave_twins(
+    model: Record, things: np.ndarray, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray
+) -> None:
+    """Take back the matches of ``things`` (v,) that are predicted side by side, by candidates that may be anything.
+
+    Two that are d apart are told apart by (d / s)^2 +- sqrt(2) d / s nats, s the deviation of a pixel: at d = 4 s by
+    16 +- 6, so that hardly a match that is clear enough owes it to its noise.
+    """
+    for a in range(things.shape[0]):
+        i, z = of_thing[a], things[a].z_hat
+        if i < 0 or candidates[i].id != ANYTHING:
+            continue
+        for b in range(things.shape[0]):
+            other = things[b].z_hat
+            if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
+                candidates[i].match, of_thing[a], waits[a] = REJECTED, -1, True
 
 
 @compiled

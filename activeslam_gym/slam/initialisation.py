@@ -11,10 +11,10 @@ from activeslam_gym import config
 from activeslam_gym.camera import camera_from_world, pixel_from_camera_point, ray_from_pixel, ray_jacobian
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix, skew
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.linalg import copy_into, product
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION, POSITION, QUATERNION
-from activeslam_gym.slam.association import NEW
+from activeslam_gym.slam.association import NEW, REJECTED
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
@@ -33,9 +33,12 @@ from activeslam_gym.slam.map import append_feature, convert_to_point, remove_fea
 
 TRACK_RADIUS_PX = 15.0
 """A track is followed to the nearest new candidate within this distance of where its direction projects [px]."""
+ALONE_STDS = 6.0
+"""Nothing is born while another unexplained candidate is nearer than so many deviations of the image noise."""
 
 INITIALISATION = record(
     birth_detections="i8",
+    alone_px="f8",  # a birth's distance from other unexplained candidates [px]
     inverse_depth="b1",  # whether features begin as INVERSE_DEPTH, or as RAY
     rho_mean="f8",  # first inverse depth [1/m]
     rho_std="f8",
@@ -55,6 +58,7 @@ def initialisation_of(scenario: Scenario) -> Record:
     return filled(
         INITIALISATION,
         birth_detections=scenario.birth_detections,
+        alone_px=ALONE_STDS * scenario.pixel_std,
         inverse_depth=scenario.initialisation == config.INVERSE_DEPTH,
         rho_mean=scenario.inverse_depth_mean,
         rho_std=scenario.inverse_depth_std,
@@ -76,7 +80,8 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, candidates: np.
     """Follow candidates (M,) that nothing explains; returns the indices of those that now deserve a feature.
 
     A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW candidate
-    near it.
+    near it. It may hop between two landmarks that are seen side by side; so a birth waits until its candidate stands
+    alone, lest what is born of one is fed by the other.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
     taken, ripe = np.empty(candidates.shape[0], np.bool_), np.empty(candidates.shape[0], np.int64)
@@ -93,7 +98,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, candidates: np.
         taken[i] = True
         tracks[t].hits += 1
         copy_into(tracks[t].direction, direction_of(camera, R_WC, candidates[i].pixel))
-        if tracks[t].hits >= model.birth_detections:
+        if tracks[t].hits >= model.birth_detections and _is_alone(model, candidates, i):
             ripe[count] = i
             count += 1
             tracks[t].hits = 0
@@ -141,6 +146,18 @@ def _nearest_candidate(
         if not taken[i] and square < nearest:
             best, nearest = i, square
     return best
+
+
+@borrowing
+def _is_alone(model: Record, candidates: np.ndarray, i: int) -> bool:
+    """Whether no other candidate that nothing known explains is near candidate ``i``."""
+    pixel = candidates[i].pixel
+    for j in range(candidates.shape[0]):
+        other, match = candidates[j].pixel, candidates[j].match
+        square = (other[0] - pixel[0]) ** 2 + (other[1] - pixel[1]) ** 2
+        if j != i and (match == NEW or match == REJECTED) and square < model.alone_px**2:
+            return False
+    return True
 
 
 # Birth --------------------------------------------------------------------------------------------------------------

@@ -47,10 +47,8 @@ def main(
     subprocess.run([sys.executable, "-m", "rl_zoo3.train", *arguments], check=True, stdout=subprocess.DEVNULL)
     newest = max(Path(folder).glob(f"{algorithm}/{name}_*/evaluations.npz"), key=lambda path: path.stat().st_mtime)
     returns = np.load(newest)["results"].mean(axis=1)
-    seconds = time.monotonic() - began
-    print(
-        f"rl_zoo3 {algorithm.upper()}, seed {seed}: {returns[0]:.0f} -> {returns[-1]:.0f} bits, {steps} steps in {seconds:.0f} s"
-    )
+    who, seconds = f"rl_zoo3 {algorithm.upper()}, seed {seed}", time.monotonic() - began
+    print(f"{who}: {returns[0]:.0f} -> {returns[-1]:.0f} bits, {steps} steps in {seconds:.0f} s")
     return float(returns[0]), float(returns[-1])
 
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym import Motion
+from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
 from agents.tools.arguments import SEEDS, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
@@ -15,9 +16,8 @@ from agents.tools.parallel import run_all
 from agents.tools.sections import page_with, provenance, put_section, table
 from agents.tools.statistics import Estimate, Statistic, estimate
 
-FOLLOW, NEVER, STILL = HABITS = ("always", "never", "still")
-"""Who follows, who moves at random, who stays: the same rooms, hands and gaze."""
 NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
+"""The same rooms, hands and gaze for each."""
 SIDEWAYS = (Motion.UP, Motion.DOWN, Motion.LEFT, Motion.RIGHT)
 """What the paper saw most of, after births."""
 CHANCE = len(SIDEWAYS) / len(Motion)

@@ -81,7 +81,7 @@ def errors(by_policy: dict[str, list[Episode]]) -> Figure:
 
 def maps(by_policy: dict[str, list[Episode]]) -> Figure:
     """Fig. 2 a–c: the final map and the trajectories of the first room, seen from above."""
-    figure, panels = _panels(len(by_policy), (4.2, 4.4), sharex=True, sharey=True)
+    figure, panels = _panels(len(by_policy), (4.2, 4.8), sharex=True, sharey=True)
     for axes, (name, runs) in zip(panels, by_policy.items()):
         _map(axes, runs[0])
         _title(axes, f"{name}: {runs[0].landmarks_mapped[-1]} mapped", runs[0])

@@ -184,17 +184,15 @@ class Recording:
                 self._stream.log(name, self._rr.Scalars(float(value)))
 
 
-def record(
-    env: gymnasium.Env, policy: Predictor, seed: int, path: str | os.PathLike[str], name: str = "policy"
-) -> Episode:
+def record(env: gymnasium.Env, policy: Predictor, seed: int, path: str | os.PathLike[str]) -> Episode:
     """Play the episode of ``seed`` with ``policy`` and write it to ``path``.
 
     Raises:
         ImportError: rerun-sdk is missing.
     """
     core: Any = env.unwrapped
-    with Recording(path, core.scenario, name) as recording:
-        return run_episode(env, policy, seed, name, looks=[recording.log])
+    with Recording(path, core.scenario, "policy") as recording:
+        return run_episode(env, policy, seed, looks=[recording.log])
 
 
 def _layout_of_views() -> Any:

@@ -93,6 +93,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scenarios", type=int, default=200, help="random ones (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=0, help="of the scenarios and the rooms (default: %(default)s)")
     args = parser.parse_args(arguments)
+    for name, least in (("frames", 1), ("scenarios", 0), ("seed", 0)):
+        if getattr(args, name) < least:
+            parser.error(f"--{name}: {getattr(args, name)}; allowed: {least} or more")
     rng = np.random.default_rng(args.seed)
     scenarios = [*SCENARIOS.values(), *(random_scenario(rng) for _ in range(args.scenarios))]
     frames, begun, failures, episodes, sizes = -(-args.frames // len(scenarios)), time.monotonic(), 0, 0, []

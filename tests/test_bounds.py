@@ -145,7 +145,7 @@ def test_the_loose_bound_is_above_a_real_run_and_below_it_with_a_worse_camera() 
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_command_writes_table_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_table_and_figure(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- generated: bounds -->\n<!-- end: bounds -->\n", encoding="utf-8")
     given = ["--scenarios", "paper", "--episodes", "2", "--duration", "2", "--greedy", "mi-constant"]

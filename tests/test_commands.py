@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+from activeslam_gym import Gaze, Motion
 from agents.__main__ import COMMANDS, main
 from agents.compare import command as compare
 from agents.compare import generalise
@@ -12,7 +14,7 @@ from agents.honesty import command as consistency
 from agents.tools.arguments import scenario_argument
 from agents.tools.sections import put_section
 from agents.watching import command as watch
-from agents.watching.film import side_by_side
+from agents.watching.film import LOST, Film, side_by_side
 
 
 def test_every_command_tells_its_options_and_names_a_bad_number(capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,6 +108,18 @@ def test_policies_of_the_same_stem_have_files_of_their_own() -> None:
     assert list(titles) == ["a/policy.npz", "b/policy.npz", "sweep"] and titles["sweep"] == "sweep"
     assert len(set(titles.values())) == 3 and not any("/" in title for title in titles.values())
     assert watch.labels(names[:1]) == {"a/policy.npz": "policy"}
+
+
+def test_a_film_of_a_lost_run_tells_that_it_is_lost() -> None:
+    pytest.importorskip("matplotlib")
+    env, film, lost = gym.make("ActiveSLAM-v0", lost_position_error=0.01), Film(1e6, 300), False
+    film.look(env.unwrapped, env.reset(seed=0)[1])
+    while not lost:
+        info = env.step((Motion.RIGHT, Gaze.LEFT))[4]
+        film.look(env.unwrapped, info)
+        lost = info["lost"]
+    red = [bool((picture == list(bytes.fromhex(LOST[1:]))).all(axis=-1).any()) for picture in film.pictures]
+    assert red == [False, True]
 
 
 def test_a_shorter_film_stands_still_at_its_end() -> None:

@@ -278,7 +278,7 @@ def test_a_changed_module_is_run_again(tmp_path: Path, monkeypatch: pytest.Monke
     assert machine.module_sources("no.such") != machine.module_sources("no_such")
 
 
-def test_weights_that_change_while_they_are_compared_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_weights_that_change_while_they_are_compared_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(policies, "content", lambda name: "other")
     with pytest.raises(ValueError, match="'stay' was changed while it was being compared"):
         Task("stay", 0, json.dumps({"duration": 1.0}), content="this").run()

@@ -10,10 +10,10 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("tyro", reason="the extra `compare` is not installed")
 
 from activeslam_gym import Motion  # noqa: E402
+from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL  # noqa: E402
 from activeslam_gym.live.trial import Second, trial  # noqa: E402
 from agents import advising  # noqa: E402
 from agents.__main__ import main  # noqa: E402
-from agents.advising import FOLLOW, HABITS, NEVER, STILL  # noqa: E402
 
 
 def second(time: float, total: float, command: Motion = Motion.UP, births: int = 0, closures: int = 0) -> Second:

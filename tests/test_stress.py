@@ -32,3 +32,11 @@ def test_what_is_not_finite_is_found(monkeypatch: pytest.MonkeyPatch, capsys: An
     assert stress.main(["--frames", "20", "--scenarios", "0", "--seed", "7"]) == 1
     out = capsys.readouterr().out
     assert "FAILED, seed 7: ArithmeticError: not finite: entropy" in out and f"{len(SCENARIOS)} failures" in out
+
+
+@pytest.mark.parametrize("line", ["--frames 0", "--frames -5", "--frames nan", "--scenarios -1", "--seed -1"])
+def test_a_number_that_makes_no_sense_is_told_before_any_frame(line: str, capsys: Any) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        stress.main(line.split())
+    told = capsys.readouterr()
+    assert exit_.value.code == 2 and line.split()[0] in told.err and not told.out

@@ -49,7 +49,7 @@ def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsy
     assert main(["train", *(f"--{k.replace('_', '-')}={v}" for k, v in small.items()), f"--out={tmp_path}"]
                 + ["--total-steps=4"]) == 0  # fmt: skip
     out, bar = capsys.readouterr()
-    assert re.search(r"4 decisions: held-out rooms mean return -?\d+, lost in \d+ %; kept", out)
+    assert re.search(r"4 decisions: held-out rooms mean return -?\d+, median -?\d+, lost in \d+ %; kept", out)
     assert "Now 1 unseen rooms for the kept weights, and for orbit, mi-constant, mi-fisher:" in out
     assert all(name in out for name in ("What was learned", "policy.npz", "lost, %", "mean log score gain"))
     assert all(doing in bar for doing in ("flying", "learning", "2 held-out rooms"))
@@ -77,9 +77,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_training_leaves_weights_card_and_checkpoint_and_goes_on(
-    trained: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) -> None:
     assert {path.name for path in trained.iterdir()} >= LEFT
     card = json.loads((trained / "policy.json").read_text())
     assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40

@@ -228,7 +228,7 @@ def test_what_was_tracked_before_trouble_is_kept(sequence, tmp_path, capsys) -> 
         ({"images": "flat"}, "target"),
     ],
 )
-def test_bad_input_is_one_line_and_no_track(sequence, tmp_path, capsys, change, said) -> None:
+def test_bad_input_is_one_line_and_no_track(sequence, capsys, change, said) -> None:
     (sequence / "flat").mkdir(exist_ok=True)
     write(sequence / "flat" / "0.png", np.full((240, 320), 90, np.uint8))
     given = {"calibration": "calibration.json", "target": "target.json", "images": "images", "out": "out", **change}

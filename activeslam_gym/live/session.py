@@ -38,11 +38,10 @@ class Session:
     Args:
         source: Where images come from.
         seed: Of the landmarks that are expected.
-        advises: Whether advice is worked out; without, the command is always to stay.
     """
 
-    def __init__(self, source: Source, seed: int = 0, advises: bool = True) -> None:
-        self.source, self._seed, self._advises = source, seed, advises
+    def __init__(self, source: Source, seed: int = 0) -> None:
+        self.source, self._seed = source, seed
         self._forget()
 
     def _forget(self) -> None:
@@ -100,7 +99,7 @@ class Session:
         self.knowledge.update()
         if self.log.matched >= _FEW:
             self._good = self._time
-        if self._advises and self.adviser.consider():
+        if self.adviser.consider():
             tell(self.source, self.adviser.command)
 
     def _standing(self) -> str:

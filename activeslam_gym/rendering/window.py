@@ -78,15 +78,14 @@ class Cockpit:
 
     Args:
         actions: A label for each score, in groups.
-        size: Of the window in pixels.
 
     Raises:
         NoScreen: there is none.
         gymnasium.error.DependencyNotInstalled: matplotlib is missing.
     """
 
-    def __init__(self, actions: Sequence[Sequence[str]], size: tuple[int, int] = COCKPIT_SIZE):
-        self._figure = figure = _figure_on_screen(size, "flying by hand needs a screen and none was found")
+    def __init__(self, actions: Sequence[Sequence[str]]):
+        self._figure = figure = _figure_on_screen(COCKPIT_SIZE, "flying by hand needs a screen and none was found")
         with our_style():
             from activeslam_gym.rendering.panels import ScorePanel
 

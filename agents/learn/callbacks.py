@@ -69,6 +69,7 @@ class HeldOutRooms(EvalCallback):
         self.save_best = save_best
         self.progress = progress
         self.visited = 0
+        self.returns: list[float] = []
         self.lost: list[bool] = []
 
     def _on_step(self) -> bool:
@@ -82,19 +83,21 @@ class HeldOutRooms(EvalCallback):
         self.visited = self.num_timesteps
         self.progress.doing(f"{self.eval_env.num_envs} held-out rooms")
         self.eval_env.seed(HELD_OUT_SEEDS)
-        self.lost = []
+        self.returns, self.lost = [], []
         before = self.best_mean_reward
         going_on = super()._on_step()
         if better := self.best_mean_reward > before:
             self.save_best(self.best_mean_reward)
-        told = f"mean return {self.last_mean_reward:.0f}, lost in {100 * np.mean(self.lost):.0f} %"
+        returns = f"mean return {self.last_mean_reward:.0f}, median {np.median(self.returns):.0f}"
+        told = f"{returns}, lost in {100 * np.mean(self.lost):.0f} %"
         self.progress.say(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
         self.progress.doing("flying")
         return going_on
 
     def _log_success_callback(self, locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
-        """Called at every step of the visit: was the run that ended here lost?"""
+        """Called at every step of the visit: what did the run that ended here bring, and was it lost?"""
         if locals_["done"]:
+            self.returns.append(float(locals_["info"]["episode"]["r"]))
             self.lost.append(bool(locals_["info"]["lost"]))
 
 

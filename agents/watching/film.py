@@ -17,6 +17,8 @@ COLOURS = 64
 """Of the palette; the pictures are flat."""
 STRIP_PX = 26
 """Height of the strip with a name."""
+LOST = "#D62728"
+"""Colour of the word under which a lost run stands."""
 
 Picture = np.ndarray
 """(H, W, 3) uint8."""
@@ -34,7 +36,8 @@ class Film:
         """Take a picture if it is time for one, or the episode is over."""
         due = core.time >= self.every * len(self.pictures) - 1e-9
         if due or info["lost"]:
-            self.pictures.append(rendering.draw(core.snapshot(), self.size))
+            picture = rendering.draw(core.snapshot(), self.size)
+            self.pictures.append(_lost(picture) if info["lost"] else picture)
 
 
 def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> list[Picture]:
@@ -61,8 +64,18 @@ def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> 
 
 def _strip(name: str, width: int) -> Picture:
     """A white strip with the name."""
+    return _written(np.full((STRIP_PX, width, 3), 255, np.uint8), 4, name, TEXT)
+
+
+def _lost(picture: Picture) -> Picture:
+    """The picture, which tells under its time that the run is lost."""
+    return _written(picture, round(0.08 * len(picture)), "lost", LOST)
+
+
+def _written(picture: Picture, top: int, words: str, colour: str) -> Picture:
+    """A copy with these words at its left margin."""
     from PIL import Image, ImageDraw, ImageFont
 
-    strip = Image.new("RGB", (width, STRIP_PX), "white")
-    ImageDraw.Draw(strip).text((0.022 * width, 4), name, fill=TEXT, font=ImageFont.load_default(18))
-    return np.asarray(strip)
+    image = Image.fromarray(picture)
+    ImageDraw.Draw(image).text((0.022 * image.width, top), words, fill=colour, font=ImageFont.load_default(18))
+    return np.asarray(image)

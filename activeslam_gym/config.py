@@ -165,6 +165,8 @@ class Scenario:
     """How many clusters there are."""
     cluster_std: PositiveFloat = 0.3
     """Standard deviation of a cluster, each axis [m]."""
+    point_spacing: NonNegativeFloat = 0.0
+    """No two points, landmarks and fiducials, are nearer to each other than this, as a detector keeps its own [m]."""
     facing_angle: Angle = math.radians(75.0)
     """Greatest angle from its surface's normal at which a landmark on a surface is seen [rad]."""
     start: Start = CENTRE
@@ -390,6 +392,7 @@ def _plain(value: Any) -> Any:
 _ON_SURFACES: dict[str, Any] = {
     "landmark_layout": SURFACES,
     "start": ANYWHERE,
+    "point_spacing": 0.3,
     "fiducial_distance": (1.2, 2.2),
     "negative_information": True,
     "detection_probability": 0.9,
@@ -409,7 +412,7 @@ _PLACES = (
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
         start=ANYWHERE, maximum_distance=4.0, negative_information=True,
     ),
-    Scenario(name="corner", room_size=(7.0, 2.4, 7.0), landmark_count=48, **(_ON_SURFACES | {"start": CORNER})),
+    Scenario(name="corner", room_size=(7.0, 2.4, 7.0), landmark_count=48, **(_ON_SURFACES | {"start": CORNER}), **_CALM),
     Scenario(name="sprint", start=WALL, duration=10.0),
     Scenario(name="noisy", start=WALL, pixel_std=4.0, acceleration_std=0.8, angular_acceleration_std=0.8),
     Scenario(

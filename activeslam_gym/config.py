@@ -395,7 +395,6 @@ _ON_SURFACES: dict[str, Any] = {
     "point_spacing": 0.3,
     "fiducial_distance": (1.2, 2.2),
     "negative_information": True,
-    "detection_probability": 0.9,
     "miss_spacing": 0.3,
 }
 """What places have in common where landmarks are on surfaces."""

@@ -38,7 +38,7 @@ NEES_STEPS = 20
 """The NEES is read once in so many steps."""
 LONGEST = 4
 """Actions of a sequence, at most."""
-ROUNDS = ((3, 24), (9, 6), (20, 1))
+ROUNDS = ((2, 20), (6, 5), (16, 1))
 """Of the search of sequences: so many more rooms of training for those still in it, and how many of them go on."""
 BATCH = 64
 """Runs at a time in that search."""

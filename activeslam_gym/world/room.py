@@ -121,7 +121,8 @@ def _landmarks(scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np
                 found.append(one)
         if len(found) == count:
             return np.array(found)
-    raise RuntimeError(f"scenario {scenario.name!r}: its landmarks do not fit in a room, {scenario.point_spacing:g} m apart")
+    apart = f"{scenario.point_spacing:g} m apart"
+    raise RuntimeError(f"scenario {scenario.name!r}: its landmarks do not fit in a room, {apart}")
 
 
 def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario
+from activeslam_gym.config import TRAINING_SEED
 
 from .policy import Actions, Environment, Policy
 
 TABLE = Path(__file__).with_name("best_constants.json")
-TRAINING_SEEDS = 2**32
-"""Rooms of training have seeds from here on."""
 ROOMS = 8
 """In so many rooms all constants are tried,"""
 FINALISTS = 4
@@ -87,9 +86,9 @@ def choose(scenario: Scenario, gaze_period: float, motion_period: float, duratio
     All constants play `ROOMS` rooms, the best `FINALISTS` of them `MORE_ROOMS` more.
     """
     times = {"gaze_period": gaze_period, "motion_period": motion_period, "duration": duration}
-    first = np.array([log_scores(action, scenario, TRAINING_SEEDS, ROOMS, **times) for action in CONSTANTS])
+    first = np.array([log_scores(action, scenario, TRAINING_SEED, ROOMS, **times) for action in CONSTANTS])
     finalists = np.argsort(-np.median(first, axis=1), kind="stable")[:FINALISTS]
-    seed = TRAINING_SEEDS + ROOMS
+    seed = TRAINING_SEED + ROOMS
     more = [log_scores(CONSTANTS[k], scenario, seed, MORE_ROOMS, **times) for k in finalists]
     medians = np.median(np.concatenate((first[finalists], more), axis=1), axis=1)
     ranked = sorted(zip(medians.tolist(), CONSTANTS[finalists].tolist()), reverse=True)

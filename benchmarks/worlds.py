@@ -1,15 +1,18 @@
-"""Does deciding pay? Every constant action, the open loops and the policies that decide, in rooms of each scenario.
+"""Does deciding pay? The best open loops and the policies that decide, in rooms of each scenario.
 
-    python -m benchmarks.worlds --scenarios office rooms --rooms 100 --out results/worlds.json
+    python -m benchmarks.worlds --scenarios office rooms --rooms 100 --sequences 200 --out results/worlds.json
 
-The constant is chosen in rooms of training, as are the sequences of held actions (``--sequences 200``); all figures are
-of the scenario's own unseen rooms. Prints a table for each scenario and one of all, in Markdown. What ``--out`` has
+An open loop looks at nothing: the best of the 21 constant actions (the baseline ``best-constant``), ``sweep``, and the
+best of random sequences of up to four held actions. Constant and sequence are chosen in rooms of training; all figures
+are of the scenario's own unseen rooms. Prints a table for each scenario and one of all, in Markdown. What ``--out`` has
 already of a scenario and a policy, for the same rooms, is not played again: measure in parts, and remove the file when
 the code has changed.
 """
 
 import argparse
+import dataclasses
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,49 +22,67 @@ import gymnasium
 import numpy as np
 
 import activeslam_gym  # noqa: F401  (registers the environment)
-from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
+from activeslam_gym.config import SCENARIOS, TRAINING_SEED, Scenario, benchmark_seed
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, Gaze, Motion
 from agents import policies
 from agents.tools.statistics import estimate
 
 PLACES = ("office", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
-DECIDING = ("mi-fisher", "mi-mi", "joint-mi", "lookahead-2", "ppo")
-OPEN = ("sweep",)
+DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
+SEQUENCE = "best-sequence"
+OPEN = ("best-constant", "sweep", SEQUENCE)
 PERIOD = 0.25
 """Gaze period [s]."""
-CONSTANTS = [f"{Motion(i // GAZE_COUNT).name}+{Gaze(i % GAZE_COUNT).name}" for i in range(MOTION_COUNT * GAZE_COUNT)]
-FIGURES = ("log_score", "gain", "landmarks", "lost", "nees", "contacts")
+NEES_STEPS = 20
+"""The NEES is read once in so many steps."""
+LONGEST = 4
+"""Actions of a sequence, at most."""
+ROUNDS = ((2, 20), (6, 5), (16, 1))
+"""Of the search of sequences: so many more rooms of training for those still in it, and how many of them go on."""
+BATCH = 64
+"""Runs at a time in that search."""
+NEES = ("position", "orientation", "landmarks")
+FIGURES = ("log_score", "landmarks", "lost", "contacts", *(f"{part}_nees" for part in NEES))
 
 Choose = Callable[[Any, np.ndarray], np.ndarray]
 """(environment of B, observations) -> actions (B, 2)."""
+Bind = Callable[[Any], Choose]
+"""environment of B -> its policy."""
+Figures = dict[str, list[float]]
+"""By name, a number for each room."""
 
 
-def play(scenario: Any, seeds: Sequence[int], bind: Callable[[Any], Choose]) -> dict[str, list[float]]:
-    """Figures of one policy, a number for each of the rooms ``seeds``."""
+# Playing ------------------------------------------------------------------------------------------------------------
+
+
+def play(scenario: str | Scenario, seeds: Sequence[int], bind: Bind) -> Figures:
+    """Figures of one policy in the rooms ``seeds``; the NEES per degree of freedom is the mean over its unlost time."""
     made = {"scenario": scenario, "gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
     env: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=len(seeds), autoreset_mode="DISABLED", **made)
     core = env.unwrapped
     observations, infos = env.reset(seed=list(seeds))
-    choose, contacts, first = bind(env), np.zeros(len(seeds)), infos["entropy"].copy()
-    nees: list[np.ndarray] = []
+    choose, contacts, nees = bind(env), np.zeros(len(seeds)), []
     for step in range(int(core.setting.task.steps)):
         observations, _, _, _, infos = env.step(choose(core, observations))
         contacts += infos["events"]["wall_contacts"]
-        if step % 20 == 19:
-            nees.append(np.where(infos["lost"], np.nan, infos["position_nees"] / 3.0))
+        if step % NEES_STEPS == NEES_STEPS - 1:
+            told = core.nees()
+            nees.append(np.where(infos["lost"], np.nan, [told[part] for part in NEES]))
     env.close()
-    with np.errstate(all="ignore"):
-        told = np.array(nees)
-        mean = np.where(np.isnan(told).all(axis=0), np.nan, np.nansum(told, axis=0) / (~np.isnan(told)).sum(axis=0))
-    columns = (infos["log_score"], first - infos["entropy"], infos["distinct_landmarks"], infos["lost"], mean, contacts)
+    columns = (infos["log_score"], infos["distinct_landmarks"], infos["lost"], contacts, *_mean_of_known(nees))
     return {name: np.asarray(column, float).tolist() for name, column in zip(FIGURES, columns, strict=True)}
 
 
-def named(name: str) -> Callable[[Any], Choose]:
-    """A constant action by its name, or a policy as the commands know it."""
-    if name in CONSTANTS:
-        return held([CONSTANTS.index(name)], [1.0])
+def _mean_of_known(rows: list[np.ndarray]) -> np.ndarray:
+    """Mean over the rows of what is a number; NaN where nothing is."""
+    told = np.array(rows)
+    known = ~np.isnan(told)
+    return np.where(known, told, 0.0).sum(axis=0) / np.where(known.any(axis=0), known.sum(axis=0), np.nan)
+
+
+def named(name: str) -> Bind:
+    """A policy as the commands know it."""
 
     def bind(env: Any) -> Choose:
         policy, state = policies.resolve(name, env), [None]
@@ -75,30 +96,59 @@ def named(name: str) -> Callable[[Any], Choose]:
     return bind
 
 
-def held(actions: Sequence[int], shares: Sequence[float]) -> Callable[[Any], Choose]:
-    """Actions that are held one after the other, each for its share of the episode."""
-    ends = np.cumsum(shares) / np.sum(shares)
+# Sequences of held actions ------------------------------------------------------------------------------------------
+
+
+def random_sequences(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sequences of one to `LONGEST` held actions: which (count, 4), of the 21, and until which share of an episode."""
+    rng = np.random.default_rng(0)
+    lengths = rng.integers(1, LONGEST + 1, size=(count, 1))
+    actions = rng.integers(MOTION_COUNT * GAZE_COUNT, size=(count, LONGEST))
+    spans = rng.uniform(0.2, 1.0, (count, LONGEST)) * (np.arange(LONGEST) < lengths)
+    return actions, np.cumsum(spans, axis=1) / spans.sum(axis=1, keepdims=True)
+
+
+def held(actions: np.ndarray, ends: np.ndarray, rooms: int) -> Bind:
+    """Sequences ``actions`` (s, 4), ``ends`` (s, 4): the first in the first ``rooms`` runs, and so on."""
 
     def bind(env: Any) -> Choose:
         def choose(core: Any, observations: np.ndarray) -> np.ndarray:
-            k = int(np.searchsorted(ends, core.time[0] / core.duration, side="right"))
-            return np.tile(np.divmod(actions[min(k, len(actions) - 1)], GAZE_COUNT), (len(observations), 1))
+            now = (ends <= core.time[0] / core.duration).sum(axis=1)
+            chosen = actions[np.arange(len(actions)), np.minimum(now, LONGEST - 1)]
+            return np.stack(np.divmod(np.repeat(chosen, rooms), GAZE_COUNT), axis=1)
 
         return choose
 
     return bind
 
 
-def best_sequence(scenario: str, count: int, seeds: Sequence[int]) -> tuple[list[int], list[float]]:
-    """The best of ``count`` random sequences of up to four held actions, by the median log score in rooms ``seeds``."""
-    rng, best, chosen = np.random.default_rng(0), -np.inf, ([0], [1.0])
-    for _ in range(count):
-        length = int(rng.integers(1, 5))
-        sequence = rng.integers(len(CONSTANTS), size=length).tolist(), rng.uniform(0.2, 1.0, length).tolist()
-        median = float(np.median(play(scenario, seeds, held(*sequence))["log_score"]))
-        if median > best:
-            best, chosen = median, sequence
-    return chosen
+def best_sequence(scenario: str, count: int) -> dict[str, list[list[float]]]:
+    """The best of ``count`` random sequences by the median log score in rooms of training, by successive halving."""
+    actions, ends = random_sequences(count)
+    scores, first = np.empty((count, 0)), TRAINING_SEED
+    for rooms, kept in ROUNDS:
+        seeds, parts = list(range(first, first + rooms)), math.ceil(len(actions) * rooms / BATCH)
+        new = [
+            play(scenario, seeds * len(part), held(actions[part], ends[part], rooms))["log_score"]
+            for part in np.array_split(np.arange(len(actions)), parts)
+        ]
+        scores = np.hstack((scores, np.concatenate(new).reshape(-1, rooms)))
+        best = np.argsort(-np.median(scores, axis=1), kind="stable")[:kept]
+        actions, ends, scores, first = actions[best], ends[best], scores[best], first + rooms
+    return {"actions": actions.tolist(), "ends": ends.tolist()}
+
+
+def told_sequence(actions: Sequence[int], ends: Sequence[float]) -> str:
+    """A sequence in words: each action, and the share of the episode until which it is held."""
+    parts, begin = [], 0.0
+    for action, end in zip(actions, ends, strict=True):
+        if end > begin:
+            parts.append(f"{Motion(action // GAZE_COUNT).name}+{Gaze(action % GAZE_COUNT).name} to {end:.0%}")
+        begin = end
+    return ", ".join(parts)
+
+
+# What is kept -------------------------------------------------------------------------------------------------------
 
 
 class Results:
@@ -108,74 +158,79 @@ class Results:
         self._path = path
         self.all: dict[str, Any] = json.loads(path.read_text()) if path and path.exists() else {}
 
-    def of(self, scenario: str, policy: str, seeds: range, bind: Callable[[Any], Choose]) -> dict[str, list[float]]:
-        """The figures, played if they are not there."""
+    def of(self, scenario: str, key: str, make: Callable[[], Any]) -> Any:
+        """What is there, or made now."""
         known = self.all.setdefault(scenario, {})
-        key = f"{policy} {seeds.start}+{len(seeds)}"
         if key not in known:
             began = time.process_time()
-            known[key] = play(scenario, list(seeds), bind)
-            score = np.median(known[key]["log_score"])
-            print(f"{scenario} {key}: {score:.0f} bit, {time.process_time() - began:.0f} s", flush=True)
-            self.keep()
+            known[key] = make()
+            print(f"{scenario}, {key}: {time.process_time() - began:.0f} s", flush=True)
+            self._keep()
         return known[key]
 
-    def keep(self) -> None:
-        """Write the file."""
+    def _keep(self) -> None:
         if self._path:
             with written_whole(self._path) as unfinished:
                 unfinished.write_text(json.dumps(self.all))
 
 
-def measure(results: Results, scenario: str, args: argparse.Namespace) -> dict[str, dict[str, list[float]]]:
-    """By policy the figures of the scenario's own rooms; ``best-constant`` and ``best-sequence`` among them."""
-    training = range(TRAINING_SEED, TRAINING_SEED + args.training)
+def measure(results: Results, scenario: str, args: argparse.Namespace) -> dict[str, Figures]:
+    """By policy the figures of the scenario's own rooms, the open loops first."""
     seeds = range(benchmark_seed(scenario), benchmark_seed(scenario) + args.rooms)
-    scores = {name: results.of(scenario, name, training, named(name))["log_score"] for name in CONSTANTS}
-    best = max(CONSTANTS, key=lambda name: float(np.median(scores[name])))
-    table = {f"best-constant ({best})": results.of(scenario, best, seeds, named(best))}
+    places = {"": SCENARIOS[scenario], ", boxes known": dataclasses.replace(SCENARIOS[scenario], boxes_known=True)}
+    table: dict[str, Figures] = {}
+
+    def put(name: str, bind: Bind, known: str = "") -> None:
+        key = f"{name}{known}: {args.rooms} rooms"
+        table[name + known] = results.of(scenario, key, lambda: play(places[known], seeds, bind))
+
     if args.sequences:
-        kept = results.all.setdefault("sequences", {})
-        key = f"{scenario} {args.sequences} {args.training}"
-        if key not in kept:
-            kept[key] = best_sequence(scenario, args.sequences, list(training))
-        table["best-sequence"] = results.of(scenario, f"best-sequence of {key}", seeds, held(*kept[key]))
-    for name in (*OPEN, *args.policies):
-        table[name] = results.of(scenario, name, seeds, named(name))
+        search = f"{SEQUENCE} of {args.sequences}"
+        found = results.of(scenario, search, lambda: best_sequence(scenario, args.sequences))
+        print(f"{scenario}, {search}: {told_sequence(found['actions'][0], found['ends'][0])}")
+        put(SEQUENCE, held(np.array(found["actions"]), np.array(found["ends"]), args.rooms))
+    for name in (*OPEN[:2], *args.policies):
+        put(name, named(name))
+    for name in args.boxes_known:
+        put(name, named(name), ", boxes known")
     return table
 
 
-def is_open(name: str) -> bool:
-    """Whether a policy of the table looks at nothing."""
-    return name.startswith("best-") or name in OPEN
+# What is told -------------------------------------------------------------------------------------------------------
 
 
-def text_of(scenario: str, table: dict[str, dict[str, list[float]]]) -> str:
-    """A Markdown table of one scenario, with paired differences to the best open loop."""
-    reference = max(filter(is_open, table), key=lambda name: float(np.median(table[name]["log_score"])))
+def text_of(scenario: str, table: dict[str, Figures]) -> str:
+    """A Markdown table of one scenario, with paired differences to the best open loop, and of knowing the boxes."""
+    reference = max((name for name in OPEN if name in table), key=lambda name: _median(table[name]))
     base = np.array(table[reference]["log_score"])
     lines = [
         f"\n### {scenario}: {len(base)} rooms from {benchmark_seed(scenario)}, against {reference}\n",
-        "| policy | log score [bit] | paired difference [bit] | share | landmarks | lost | NEES/dof | contacts |",
+        "| policy | log score [bit] | paired difference [bit] | of its score | landmarks | lost | NEES/dof: position, "
+        "orientation, landmarks | contacts |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, one in table.items():
-        score = np.array(one["log_score"])
-        difference = "" if name == reference else estimate(score - base, "median").text(1.0, 0)
-        share = np.median(score) / np.median(base)
+        score, partner = np.array(one["log_score"]), name.partition(",")[0]
+        against = base if partner == name else np.array(table[partner]["log_score"])
+        difference = estimate(score - against, "median")
+        nees = ", ".join(f"{np.nanmean(one[f'{part}_nees']):.2f}" for part in NEES)
         lines.append(
-            f"| {name} | {estimate(score, 'median').text(1.0, 0)} | {difference} | {share:.2f} "
-            f"| {np.mean(one['landmarks']):.1f} | {np.mean(one['lost']):.1%} | {np.nanmean(one['nees']):.2f} "
-            f"| {np.mean(one['contacts']):.0f} |"
+            f"| {name} | {estimate(score, 'median').text(1.0, 0)} | {difference.text(1.0, 0)} "
+            f"| {difference.value / abs(np.median(against)):+.0%} | {np.mean(one['landmarks']):.1f} "
+            f"| {np.mean(one['lost']):.0%} | {nees} | {np.mean(one['contacts']):.0f} |"
         )
     return "\n".join(lines)
 
 
-def summary(tables: dict[str, dict[str, dict[str, list[float]]]]) -> str:
+def _median(one: Figures) -> float:
+    return float(np.median(one["log_score"]))
+
+
+def summary(tables: dict[str, dict[str, Figures]]) -> str:
     """A Markdown table of policies and scenarios: share of the best policy's median log score."""
     rows: dict[str, list[str]] = {}
     for k, table in enumerate(tables.values()):
-        medians = {name.split(" ")[0]: float(np.median(one["log_score"])) for name, one in table.items()}
+        medians = {name: _median(one) for name, one in table.items() if "," not in name}
         for name, median in medians.items():
             rows.setdefault(name, ["–"] * len(tables))[k] = f"{median / max(medians.values()):.2f}"
     lines = ["\n| policy | " + " | ".join(tables) + " |", "|---" * (len(tables) + 1) + "|"]
@@ -187,11 +242,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.worlds", description=__doc__)
     parser.add_argument("--scenarios", nargs="+", default=PLACES, choices=tuple(SCENARIOS))
     parser.add_argument("--policies", nargs="+", default=DECIDING)
+    parser.add_argument(
+        "--boxes-known", nargs="+", default=(), help="of these, also with a belief that knows the boxes"
+    )
     parser.add_argument("--rooms", type=int, default=100)
-    parser.add_argument("--training", type=int, default=16, help="rooms in which constant and sequence are chosen")
     parser.add_argument("--sequences", type=int, default=0, help="random sequences of up to four held actions")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(arguments)
+    if unpaired := set(args.boxes_known) - {*OPEN[:2], *args.policies}:
+        parser.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
     results = Results(args.out)
     tables = {scenario: measure(results, scenario, args) for scenario in args.scenarios}
     for scenario, table in tables.items():

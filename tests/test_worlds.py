@@ -27,6 +27,12 @@ def drawn(name: str, seed: int) -> tuple[Scenario, Room]:
     return scenario, draw_room(scenario, rng)
 
 
+def least_gap(points: np.ndarray) -> float:
+    """Between two of the points (n, 3) [m]."""
+    gaps = np.linalg.norm(points[:, None] - points[None], axis=2)
+    return float(gaps[~np.eye(len(points), dtype=bool)].min())
+
+
 @pytest.mark.parametrize("name", PLACES)
 def test_rooms_are_sound(name: str, rooms: int = 25) -> None:
     """Nothing in a box, the fiducials in view, and everything within reach. (A thousand: `pytest -m slow`.)"""
@@ -37,6 +43,7 @@ def test_rooms_are_sound(name: str, rooms: int = 25) -> None:
         assert points.shape == (scenario.fiducial_count + scenario.landmark_count, 3)
         assert (np.abs(points) <= half + 1e-9).all() and (np.abs(room.camera[:3]) < half - scenario.wall_margin).all()
         assert not inside_any(points, room.boxes, -1e-6).any()
+        assert least_gap(points) >= scenario.point_spacing
         assert not inside_any(room.camera[None, :3], room.boxes, scenario.wall_margin).any()
         view, z = View(camera, room.camera, rotation_matrix(room.camera[3:7]), room.boxes), np.empty(2)
         assert all(visible(view, y, 0.0, z) for y in room.fiducials)
@@ -86,6 +93,16 @@ def test_landmarks_are_on_surfaces_by_area_and_in_clusters_they_are_near_each_ot
     assert len(np.unique(near, axis=0)) <= 3 and near.sum(axis=1).min() > 20
 
 
+def test_points_are_apart_wherever_they_are_and_a_room_without_enough_space_is_refused() -> None:
+    for layout in ("uniform", SURFACES, CLUSTERS):
+        scenario = Scenario(landmark_layout=layout, point_spacing=0.25, cluster_std=0.6)
+        room = draw_room(scenario, np.random.default_rng(3))
+        points = np.concatenate((room.fiducials, room.landmarks))
+        assert len(points) == 33 and least_gap(points) >= 0.25
+    with pytest.raises(RuntimeError, match="'paper': its landmarks do not fit in a room, 1.4 m apart"):
+        draw_room(Scenario(point_spacing=1.4, fiducial_count=0, landmark_count=200), np.random.default_rng(0))
+
+
 def test_starts_are_where_they_should_be() -> None:
     corners, headings = set(), set()
     for seed in range(60):
@@ -111,8 +128,8 @@ def test_varied_fields_are_drawn_within_their_bounds_and_reach_the_run() -> None
         np.testing.assert_allclose(models.landmark_var, sizes[-1] ** 2 / 12.0)
         np.testing.assert_allclose(core._runs.candidate["R"][0, 0], noises[-1] ** 2 * np.eye(2))
         assert np.abs(core.truth.landmarks).max(axis=0) == pytest.approx(sizes[-1] / 2, abs=0.6)
-    assert len(set(noises)) == 6 and 1.0 <= min(noises) < max(noises) <= 4.0
-    assert (np.array(sizes) >= (5.0, 2.0, 5.0)).all() and (np.array(sizes) <= (9.0, 3.0, 9.0)).all()
+    assert len(set(noises)) == 6 and 1.0 <= min(noises) < max(noises) <= 3.0
+    assert (np.array(sizes) >= (5.0, 2.0, 5.0)).all() and (np.array(sizes) <= (8.0, 2.8, 8.0)).all()
     again = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
     again.reset(seed=5)
     np.testing.assert_array_equal(again.unwrapped.truth.landmarks, core.truth.landmarks)

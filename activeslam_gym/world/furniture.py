@@ -104,10 +104,8 @@ def reachable(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: 
 # Points on surfaces -------------------------------------------------------------------------------------------------
 
 
-def surface_points(
-    scenario: Scenario, boxes: np.ndarray, count: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """``count`` points (count, 3) [m], uniform on what shows of the walls and of the boxes, and their unit normals.
+def surface_points(scenario: Scenario, boxes: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """About ``count`` points [m] uniform on what shows of the walls and of the boxes, with unit normals: (<= count, 6).
 
     Floor and ceiling have none, nor has the top of a box.
     """
@@ -116,14 +114,11 @@ def surface_points(
     faces = [(room, axis, side, -1.0) for axis in (0, 2) for side in (0, 1)]
     faces += [(box, axis, side, 1.0) for box in boxes for axis in (0, 2) for side in (0, 1)]
     areas = np.array([(box[1, 1] - box[0, 1]) * (box[1, 2 - axis] - box[0, 2 - axis]) for box, axis, _, _ in faces])
-    points, normals = np.empty((0, 3)), np.empty((0, 3))
-    while len(points) < count:
-        chosen = [faces[k] for k in rng.choice(len(faces), count, p=areas / areas.sum())]
-        drawn, outward = np.array([box[0] + rng.random(3) * (box[1] - box[0]) for box, _, _, _ in chosen]), []
-        for point, (box, axis, side, sign) in zip(drawn, chosen, strict=True):
-            point[axis] = box[side, axis]
-            outward.append(np.eye(3)[axis] * sign * (1.0 if side else -1.0))
-        before = drawn + 0.02 * np.array(outward)
-        shows = ~inside_any(before, boxes) & (np.abs(before) < half).all(axis=1)
-        points, normals = np.concatenate((points, drawn[shows])), np.concatenate((normals, np.array(outward)[shows]))
-    return points[:count], normals[:count]
+    chosen = [faces[k] for k in rng.choice(len(faces), count, p=areas / areas.sum())]
+    points, normals = np.array([box[0] + rng.random(3) * (box[1] - box[0]) for box, _, _, _ in chosen]), []
+    for point, (box, axis, side, sign) in zip(points, chosen, strict=True):
+        point[axis] = box[side, axis]
+        normals.append(np.eye(3)[axis] * sign * (1.0 if side else -1.0))
+    before = points + 0.02 * np.array(normals)
+    shows = ~inside_any(before, boxes) & (np.abs(before) < half).all(axis=1)
+    return np.hstack((points, normals))[shows]

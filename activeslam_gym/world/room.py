@@ -19,6 +19,8 @@ _CORNER_DISTANCE, _WALL_DISTANCE = 1.4, 0.7
 _START_MARGIN = 0.45
 """Between a start and whatever stops the camera [m]."""
 _TRIES = 1000
+_BATCHES = 60
+"""So often landmarks are drawn, until enough are apart."""
 
 
 class Room(NamedTuple):
@@ -59,24 +61,22 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     everything can be reached.
 
     Raises:
-        RuntimeError: no such room was found; the scenario's boxes leave too little space.
+        RuntimeError: no such room was found; the scenario's boxes or its points leave too little space.
     """
-    if scenario.start == CENTRE and not scenario.draws_boxes and not scenario.on_surfaces:
-        place, nowhere = _draw_place(scenario, np.empty((0, 2, 3)), rng), np.empty((0, 2, 3))
+    if scenario.start == CENTRE and not (scenario.draws_boxes or scenario.on_surfaces or scenario.point_spacing):
+        nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
+        place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)
-        landmarks, boxes = _landmarks(scenario, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
-        return Room(place, camera, _floating(scenario, camera, rng), landmarks, np.empty((0, 3)), boxes)
+        landmarks, boxes = _landmarks(scenario, nothing, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
+        return Room(place, camera, _floating(scenario, camera, rng), landmarks, nowhere, boxes)
     for _ in range(_TRIES):
         boxes = draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
         camera = draw_start(scenario, rng, place)
         fiducials = _in_view(scenario, boxes, camera, rng)
         if fiducials is not None and reachable(scenario, boxes, place, scenario.wall_margin + 0.05):
-            if scenario.on_surfaces:
-                landmarks, normals = surface_points(scenario, boxes, scenario.landmark_count, rng)
-            else:
-                landmarks, normals = _landmarks(scenario, boxes, rng), np.empty((0, 3))
-            return Room(place, camera, fiducials, landmarks, normals, boxes)
+            found = _landmarks(scenario, boxes, fiducials, rng)
+            return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes)
     raise RuntimeError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: too many boxes, or too large")
 
 
@@ -91,25 +91,43 @@ def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> 
 def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) -> np.ndarray:
     """(L, 3) where landmarks are expected [m]: anywhere, or, by who knows the boxes, on the surfaces that there are."""
     if scenario.boxes_known and scenario.on_surfaces:
-        return surface_points(scenario, room.boxes, scenario.landmark_count, rng)[0]
+        anywhere = dataclasses.replace(scenario, point_spacing=0.0)
+        return _landmarks(anywhere, room.boxes, np.empty((0, 3)), rng)[:, :3]
     return uniform_points(scenario, scenario.landmark_count, rng)
 
 
-def _landmarks(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(L, 3) landmarks that are on no surface, and in no box."""
-    count = scenario.landmark_count
+def _landmarks(scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(L, 3) landmarks in no box, or (L, 6) with the normals of the surfaces that they are on, apart from each other.
+
+    They are as far from the ``taken`` points (n, 3) too.
+
+    Raises:
+        RuntimeError: they do not fit.
+    """
+    count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:
-        half = 0.5 * np.array(scenario.room_size)
         centres = uniform_points(scenario, scenario.cluster_count, rng) * 0.9
-    points = np.empty((0, 3))
-    while len(points) < count:
-        if scenario.landmark_layout == CLUSTERS:
-            drawn = centres[rng.integers(len(centres), size=count)]
-            drawn = np.clip(drawn + scenario.cluster_std * rng.standard_normal((count, 3)), -half, half)
+    found: list[np.ndarray] = []
+    for _ in range(_BATCHES):
+        if scenario.on_surfaces:
+            drawn = surface_points(scenario, boxes, count, rng)
+        elif scenario.landmark_layout == CLUSTERS:
+            around = centres[rng.integers(len(centres), size=count)]
+            drawn = np.clip(around + scenario.cluster_std * rng.standard_normal((count, 3)), -half, half)
         else:
             drawn = uniform_points(scenario, count, rng)
-        points = np.concatenate((points, drawn[~inside_any(drawn, boxes)]))
-    return points[:count]
+        for one in drawn if scenario.on_surfaces else drawn[~inside_any(drawn, boxes)]:
+            if len(found) < count and _is_apart(one, [*taken, *found], scenario.point_spacing):
+                found.append(one)
+        if len(found) == count:
+            return np.array(found)
+    apart = f"{scenario.point_spacing:g} m apart"
+    raise RuntimeError(f"scenario {scenario.name!r}: its landmarks do not fit in a room, {apart}")
+
+
+def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:
+    """Whether a ``point`` (>= 3,) is at least ``spacing`` [m] from each of the ``others``."""
+    return all(np.linalg.norm(point[:3] - other[:3]) >= spacing for other in others)
 
 
 # The start ----------------------------------------------------------------------------------------------------------
@@ -204,6 +222,6 @@ def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.r
             point = _floating(dataclasses.replace(scenario, fiducial_count=1), start, rng)[0]
             if inside_any(point[None], boxes)[0]:
                 continue
-        if visible(view, point, 0.0, z):
+        if visible(view, point, 0.0, z) and _is_apart(point, found, scenario.point_spacing):
             found.append(point)
     return np.array(found) if len(found) == scenario.fiducial_count else None

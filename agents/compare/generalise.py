@@ -4,6 +4,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from activeslam_gym.config import SCENARIOS, benchmark_seed
 from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
 from agents.tables import Table, legend, pipes, shown, titled
@@ -11,6 +12,7 @@ from agents.task import check
 from agents.tools.arguments import Rooms
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
+from agents.tools.statistics import MISSING
 
 CONDITIONS: dict[str, str] = {
     "default": "paper",
@@ -23,6 +25,9 @@ CONDITIONS: dict[str, str] = {
 """Name → scenario: the default, a denser room, a large one, 5 % missed and 2 false detections a frame, other noise."""
 
 
+SHARES = "Share of the best policy's median log score gain"
+
+
 @dataclass(frozen=True)
 class Args(Rooms):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
@@ -33,30 +38,46 @@ class Args(Rooms):
     """Rooms for each policy and condition."""
     out: Path = Path("results/generalise")
     """Folder of the results; what it holds of the same rooms is not run again."""
+    scenarios: tuple[str, ...] = ()
+    """Named scenarios in place of the conditions, each in rooms of its own: `seed` counts from its first, and
+    1 000 000 is that one."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated section "generalise" is made anew, for instance RESULTS.md."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if unknown := [name for name in self.scenarios if name not in SCENARIOS]:
+            raise ValueError(f"scenarios: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
+
+    @property
+    def conditions(self) -> dict[str, str]:
+        """Name → scenario."""
+        return {name: name for name in self.scenarios} or CONDITIONS
 
     @property
     def command(self) -> str:
         """What runs this."""
         policies = " ".join(self.policies)
-        return f"python -m agents generalise --policies {policies} --episodes {self.episodes} --seed {self.seed}"
+        given = f"--policies {policies} --episodes {self.episodes} --seed {self.seed}"
+        return f"python -m agents generalise {given}" + f" --scenarios {' '.join(self.scenarios)}" * bool(
+            self.scenarios
+        )
 
 
 def main(args: Args) -> int:
     """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    environments = [_comparison(args, *condition).environment for condition in CONDITIONS.items()]
+    environments = [_comparison(args, *condition).environment for condition in args.conditions.items()]
     check(args.policies, environments)
     args.prepare("generalise")
     summaries: dict[str, Summary] = {}
-    for name, scenario in CONDITIONS.items():
+    for name, scenario in args.conditions.items():
         print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
         summary = command.compare(_comparison(args, name, scenario))
         if summary is None or not summary.settings["complete"]:
             print("Interrupted; the same command goes on.")
             return 130
         summaries[name] = summary
-    text = f"{pipes(table(summaries))}\n\n{legend()}"
+    text = f"{pipes(table(summaries))}\n\n{legend()}\n\n{SHARES}:\n\n{pipes(shares(summaries))}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
     for page in args.report:
@@ -78,8 +99,20 @@ def table(summaries: dict[str, Summary]) -> Table:
     return Table("Where they were not trained", header, rows)
 
 
+def shares(summaries: dict[str, Summary]) -> Table:
+    """Policies × conditions: the median log score gain over that of the best; a dash where the best has none."""
+    rows: dict[str, list[str]] = {}
+    for summary in summaries.values():
+        medians = {policy: figures["log_score_gain_median"].value for policy, figures in summary.policies.items()}
+        best = max(medians.values())
+        for policy, median in medians.items():
+            rows.setdefault(policy, [policy]).append(f"{median / best:.2f}" if best > 0 else MISSING)
+    return Table(SHARES, ["policy", *summaries], list(rows.values()))
+
+
 def _comparison(args: Args, name: str, scenario: str) -> command.Args:
-    """The comparison in one condition."""
-    same = {key: getattr(args, key) for key in ("policies", "episodes", "seed", "jobs")}
+    """The comparison in one condition, which leaves its own page, summary.md, in a folder of its own."""
+    same = {key: getattr(args, key) for key in ("policies", "episodes", "jobs")}
+    seed = args.seed + (benchmark_seed(name) - benchmark_seed("paper") if name in args.scenarios else 0)
     out = args.out / name.replace(" ", "-")
-    return command.Args(**same, out=out, scenario=scenario, resume=True, figures=False)
+    return command.Args(**same, seed=seed, out=out, scenario=scenario, resume=True, figures=False)

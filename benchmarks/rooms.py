@@ -115,20 +115,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.rooms", description=__doc__)
     parser.add_argument("--policies", nargs="+", default=["mi-fisher", "mi-mi"])
     parser.add_argument("--episodes", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=3_000_000, help="training rooms begin at 4000000")
+    parser.add_argument("--seed", type=int, default=3_000_000, help="R was fitted on rooms from 4000000 on")
     parser.add_argument("--scenario", default="pixels", help="a name, or fields as JSON")
     parser.add_argument("--seconds", type=float, default=35.0)
-    parser.add_argument("--out", type=Path, default=None, help="a JSON file of the episodes")
+    parser.add_argument("--out", type=Path, default=None, help="a JSON file of the episodes, after each of them")
     args = parser.parse_args()
     scenario = json.loads(args.scenario) if args.scenario.startswith("{") else args.scenario
     episodes = []
     for policy, seed in tqdm([(p, args.seed + j) for j in range(args.episodes) for p in args.policies], unit="room"):
         figures, errors = episode(policy, seed, scenario, args.seconds)
         episodes.append(figures | {"noise": noise(errors)})
+        if args.out:
+            with written_whole(args.out) as unfinished:
+                unfinished.write_text(json.dumps(episodes, indent=1))
     print(summary(episodes))
-    if args.out:
-        with written_whole(args.out) as unfinished:
-            unfinished.write_text(json.dumps(episodes, indent=1))
 
 
 if __name__ == "__main__":

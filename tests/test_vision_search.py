@@ -101,3 +101,17 @@ def test_new_corners_keep_their_distance_and_go_where_there_are_few() -> None:
     apart = np.abs(both[:, None] - both[None]).max(axis=-1) + 1e3 * np.eye(len(both))
     assert apart.min() >= 14.0
     assert new_corners(np.full((240, 320), 90, np.uint8), left, 6, 15.0, 15, 1e-4).shape == (0, 2)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 1.1])
+def test_a_new_corner_is_where_the_edges_meet(angle) -> None:
+    """The corners of a square: the place of greatest strength is up to 3 px away."""
+    y, x = np.mgrid[:240, :320].astype(float)
+    x, y = x - 160.2, y - 119.7
+    a, b = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    sides = np.clip(30.5 - np.abs(a), 0.0, 1.0) * np.clip(30.5 - np.abs(b), 0.0, 1.0)
+    found = new_corners((60.0 + 140.0 * sides).astype(np.uint8), np.empty((0, 2)), 4, 15.0, 15, 1e-2)
+    turn = np.array(((np.cos(angle), np.sin(angle)), (-np.sin(angle), np.cos(angle))))
+    truth = np.array([(i, j) for i in (-30.0, 30.0) for j in (-30.0, 30.0)]) @ turn + (160.2, 119.7)
+    assert len(found) == 4
+    assert np.abs(found[:, None] - truth).max(axis=2).min(axis=1).max() <= 1.0

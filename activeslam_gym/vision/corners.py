@@ -21,7 +21,9 @@ def new_corners(
     """Up to ``count`` pixels (n, 2) of ``image`` (h, w) uint8 for new features, the best first.
 
     Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
-    ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
+    ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more. It
+    is the pixel where the edges meet: strength is nearly the same wherever the window holds the corner, and what is
+    beside the feature itself would move otherwise than it where the view changes.
     """
     strength = corner_strength(image)
     strength[strength < least] = 0.0
@@ -33,9 +35,20 @@ def new_corners(
         _take(strength, crowd, pixel, radius)
     found: list[tuple[int, int]] = []
     while len(found) < count and (pixel := _strongest_in_thinnest(strength, crowd)) is not None:
+        x, y = _centre(image, pixel)
+        pixel = (x, y) if strength[y, x] > 0.0 else pixel
         found.append(pixel)
         _take(strength, crowd, np.array(pixel, float), radius)
     return np.array(found, float).reshape(-1, 2)
+
+
+def _centre(image: np.ndarray, pixel: tuple[int, int]) -> tuple[int, int]:
+    """The pixel (x, y) near ``pixel`` that all gradients around are across from (Foerstner and Guelch 1987), or itself,
+    if there is none in the window."""
+    cv2 = opencv()
+    at, half = np.array([[pixel]], np.float32), (_BLOCK // 2 + 1, _BLOCK // 2 + 1)
+    x, y = np.rint(cv2.cornerSubPix(image, at, half, (-1, -1), (cv2.TERM_CRITERIA_COUNT, 10, 0.0))).astype(int)[0, 0]
+    return int(x), int(y)
 
 
 def _take(strength: np.ndarray, crowd: np.ndarray, pixel: np.ndarray, radius: float) -> None:

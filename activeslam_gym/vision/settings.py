@@ -1,0 +1,103 @@
+"""What the front end searches, believes, adds and drops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from activeslam_gym.kernels import Record, filled
+from activeslam_gym.vision.search import SEARCH
+
+
+@dataclass(frozen=True)
+class FrontEndSettings:
+    """What is searched, believed, added and dropped."""
+
+    gate: float = 11.8
+    """Ellipses are searched to this squared Mahalanobis distance: 3 sigma, 99.7 % [-]."""
+    least_score: float = 0.8
+    """Least normalised cross-correlation of a candidate."""
+    largest_area: float = 4000.0
+    """Larger ellipses are not searched [px]."""
+    vague_area: float = 1500.0
+    """If the median ellipse is larger, scouts are searched first [px]."""
+    scout_area: float = 20000.0
+    """Of a larger ellipse, a scout searches the middle part of this size [px]."""
+    least_share: float = 0.2
+    """If a smaller share of the searched belongs together, nothing is believed: strangers agree now and then."""
+    scout_share: float = 0.4
+    """The same of the scouts."""
+    scouts: int = 10
+    """How many go first."""
+    floor_std: float = 0.3
+    """Pixel noise of a perfect template: what lens and plane leave unexplained, correlated in time [px]."""
+    grain: float = 10.0
+    """Inflation of the covariance of the sub-pixel fit."""
+    fiducial_std: float = 0.3
+    """The same of a fiducial, whose template is drawn [px]."""
+    lens_std: float = 1.0
+    """What the lens model leaves at half the image's width from the centre, growing with the radius squared [px]."""
+    view_std: float = 0.0
+    """What a plane leaves unexplained where a feature is seen from another side or distance than at first: for each
+    radian, and each e-fold of the distance [px]."""
+    most_change: float = 2.0
+    """A feature that is seen more differently than that is not searched, and may have a younger one beside it [rad]."""
+    warp: bool = True
+    """Whether templates are warped to the present view."""
+    subpixel: bool = True
+    """Whether matches are refined below the pixel."""
+    appearance: bool = True
+    """Whether the score of a match counts in the association."""
+    match_score: float = 0.8
+    """Score at which a match and a stranger are equally likely."""
+    score_weight: float = 25.0
+    """Growth of the log likelihood ratio with the score."""
+    visible: int = 32
+    """Features wanted in view."""
+    births: int = 4
+    """Most births of a frame."""
+    births_every: int = 3
+    """Frames from one look for corners to the next, unless fewer than half of the wanted are in view."""
+    spacing: float = 13.0
+    """Distance of a birth from other features [px]."""
+    least_corner: float = 4e-4
+    """Least corner strength of a birth."""
+    trials: int = 10
+    """A feature is judged after so many searches ..."""
+    least_success: float = 0.5
+    """... and deleted when a smaller share of them was matched."""
+    most_residual: float = 1.0
+    """A feature whose pixels are that far, on average, from where the updated belief has it, is deleted: an edge before
+    something far behind, or a moving picture [px]."""
+    memory: float = 0.9
+    """Share of a feature's record that is left after one more search."""
+    clear: float = 0.5
+    """A frame in which a smaller share of the searched is matched is blurred: it judges no feature and bears none."""
+    least_clear: int = 3
+    """So is one in which fewer are matched."""
+    room_below: int = 32
+    """In a full map, features not seen for longest make room while fewer are in view."""
+    recover: bool = True
+    """Whether ``least_share`` is demanded, scouts go first where ellipses are large, and a lost map is sought."""
+    lost_after: int = 3
+    """Images, one after the other, in which next to nothing that should be there is found, until the map is lost and is
+    sought in the whole image."""
+    patience: int = 20
+    """Such images until features are judged and born again, come what may."""
+    sought: int = 20
+    """Features that are sought, those with the best record."""
+    constellation: int = 7
+    """So many must be where one pose has them."""
+
+    def search(self, scouting: bool) -> Record:
+        """The SEARCH record; scouts look into the middle of ellipses that are too large."""
+        return filled(
+            SEARCH,
+            gate=self.gate,
+            least_score=self.least_score,
+            largest_area=self.scout_area if scouting else self.largest_area,
+            shrink=scouting,
+            floor_std=self.floor_std,
+            grain=self.grain,
+            warp=self.warp,
+            subpixel=self.subpixel,
+        )

@@ -131,7 +131,7 @@ def main() -> None:
     with visitor(link):
         shown = run(args.seed, frames, link)
     link.close()
-    share = (shown.milliseconds - alone.milliseconds) / (1e3 * ROOM.frame_time)
+    cost = (shown.milliseconds - alone.milliseconds) / (1e3 * ROOM.frame_time)
     print(
         f"an image: {alone.milliseconds:.1f} ms alone, {shown.milliseconds:.1f} ms with the page: {share:+.1%} of one"
     )

@@ -132,9 +132,7 @@ def main() -> None:
         shown = run(args.seed, frames, link)
     link.close()
     cost = (shown.milliseconds - alone.milliseconds) / (1e3 * ROOM.frame_time)
-    print(
-        f"an image: {alone.milliseconds:.1f} ms alone, {shown.milliseconds:.1f} ms with the page: {share:+.1%} of one"
-    )
+    print(f"an image: {alone.milliseconds:.1f} ms alone, {shown.milliseconds:.1f} ms with the page: {cost:+.1%} of one")
     print(f"images a second with the page open: {shown.rate:.1f} of {1.0 / ROOM.frame_time:.0f}")
     before, after = shown.memory
     print(f"memory of the tracker: {before:.1f} MiB after a quarter of {frames} images, {after:.1f} MiB at the end")

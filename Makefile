@@ -31,7 +31,7 @@ figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more):
 	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
 
 advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (half an hour on two cores): results/live
-	$(RUN) -m agents live --rooms 50 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
+	$(RUN) -m agents live --rooms 50 20 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md README.md

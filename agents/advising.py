@@ -1,6 +1,8 @@
 """`python -m agents live`: the paper's live system from rendered pixels. Is its advice worth following?"""
 
+import json
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,7 +13,8 @@ from activeslam_gym import Motion
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
 from agents.tools.arguments import SEEDS, given, within
-from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
+from agents.tools.files import alone_in, reading, writable_folder, write_csv, write_json, write_text
+from agents.tools.machine import sources
 from agents.tools.parallel import run_all
 from agents.tools.sections import page_with, provenance, put_section, table
 from agents.tools.statistics import Estimate, Statistic, estimate
@@ -40,14 +43,15 @@ class Measure(NamedTuple):
 
 MEASURES = (
     Measure("log₂ \\|P\\| of everything", lambda now: float(now.log2_dets[2]), "mean", 1.0, 0),
+    Measure("of the camera", lambda now: float(now.log2_dets[0]), "mean", 1.0, 1),
     Measure("log score, bits", lambda now: now.log_score, "median", 1.0, 0),
     Measure("position error, cm", lambda now: now.position_error, "median", 100.0, 1),
-    Measure("position NEES / dof", lambda now: now.position_nees, "median", 1.0, 2),
     Measure("landmark RMSE, cm", lambda now: now.landmark_rmse, "median", 100.0, 1),
     Measure("well placed", lambda now: now.mapped, "mean", 1.0, 1),
+    Measure("position NEES / dof", lambda now: now.position_nees, "median", 1.0, 2),
     Measure("lost, %", lambda now: float(now.lost), "share", 100.0, 0),
 )
-PAIRED = MEASURES[:2]
+PAIRED = MEASURES[:6]
 """Whose differences, follower minus other in the same room, tell whether the advice is worth it."""
 
 Runs = dict[str, dict[int, list[Second]]]
@@ -58,16 +62,16 @@ Runs = dict[str, dict[int, list[Second]]]
 class Args:
     """Figures 4 and 5 of the paper from rendered pixels: does a person who follows the advice know more?"""
 
-    rooms: int = 3
-    """Rooms, for each way to behave."""
+    rooms: tuple[int, ...] = (3,)
+    """Rooms, for each way to behave; one number for each of ``seconds``, or the same for all."""
     seed: int = 5_000_000
     """Room j is that of seed + j."""
     seconds: tuple[float, ...] = (35.0, 167.0)
-    """When it is compared; a run lasts to the last of them."""
+    """When it is compared; a run lasts to the last of them that has its room."""
     jobs: int = 1
     """Processes."""
     out: Path = Path("results/live")
-    """Folder of the results."""
+    """Folder of the results; runs that it holds of the same code are not made again."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated section "live" is made anew, for instance docs/live.md."""
     figures: bool = True
@@ -75,8 +79,13 @@ class Args:
 
     def check(self) -> None:
         """Raises ValueError for a bad argument."""
-        within(self, seed=SEEDS, jobs=(1, 4096), rooms=(1, 10**6))
-        given(self, "seconds")
+        within(self, seed=SEEDS, jobs=(1, 4096))
+        given(self, "rooms", "seconds")
+        for count in self.rooms:
+            if not 1 <= count <= 10**6:
+                raise ValueError(f"rooms: {count!r}; allowed: 1 to 1000000")
+        if len(self.rooms) not in (1, len(self.seconds)):
+            raise ValueError(f"rooms: {len(self.rooms)} numbers; allowed: 1 or {len(self.seconds)}, as of seconds")
         for time in self.seconds:
             if not 2.0 <= time <= 36_000.0:
                 raise ValueError(f"seconds: {time!r}; allowed: 2 to 36000")
@@ -87,8 +96,17 @@ class Args:
     @property
     def command(self) -> str:
         """What runs this."""
-        times = " ".join(f"{time:g}" for time in self.seconds)
-        return f"python -m agents live --rooms {self.rooms} --seed {self.seed} --seconds {times}"
+        rooms, times = (" ".join(f"{value:g}" for value in values) for values in (self.rooms, self.seconds))
+        return f"python -m agents live --rooms {rooms} --seed {self.seed} --seconds {times}"
+
+    @property
+    def lasting(self) -> dict[int, float]:
+        """Seed of each room → how long its runs last [s]."""
+        counts = self.rooms * len(self.seconds) if len(self.rooms) == 1 else self.rooms
+        return {
+            self.seed + j: max(time for time, count in zip(self.seconds, counts) if j < count)
+            for j in range(max(counts))
+        }
 
 
 def main(args: Args) -> int:
@@ -100,6 +118,7 @@ def main(args: Args) -> int:
             text = report(runs, args.seconds)
             write(runs, text, args)
     except KeyboardInterrupt:
+        print("Interrupted; the runs that are over are kept, and the same command goes on from them.")
         return 130
     for page in args.report:
         put_section(page, SECTION, f"{provenance(args.command)}\n\n{text}")
@@ -108,17 +127,60 @@ def main(args: Args) -> int:
 
 
 def play(args: Args) -> Runs:
-    """Every habit in every room."""
-    rooms = range(args.seed, args.seed + args.rooms)
-    tasks = [(seed, habit, max(args.seconds)) for seed in rooms for habit in HABITS]
-    runs: Runs = {habit: {} for habit in HABITS}
-    for (seed, habit, _), seconds in run_all(_play, tasks, args.jobs):
-        runs[habit][seed] = seconds
-    return runs
+    """Every habit in every room; each run is kept in a file as soon as it is over."""
+    tasks = [Task(seed, habit, lasts) for seed, lasts in args.lasting.items() for habit in HABITS]
+    kept = {task: seconds for task in tasks if (seconds := task.kept(args.out)) is not None}
+    missing = [task for task in tasks if task not in kept]
+    with closing(run_all(Task.run, missing, args.jobs, finished=len(kept))) as finished:
+        for task, seconds in finished:
+            task.keep(seconds, args.out)
+            kept[task] = seconds
+    return {habit: {task.seed: kept[task] for task in tasks if task.habit == habit} for habit in HABITS}
 
 
-def _play(task: tuple[int, str, float]) -> list[Second]:
-    return trial(*task)
+class Task(NamedTuple):
+    """A run."""
+
+    seed: int
+    habit: str
+    lasts: float
+    """[s]"""
+
+    def run(self) -> list[Second]:
+        """Play it."""
+        return trial(self.seed, self.habit, self.lasts)
+
+    def path(self, folder: Path) -> Path:
+        """Its file."""
+        return folder / "runs" / f"{self.seed}-{self.habit}.json"
+
+    def keep(self, seconds: Sequence[Second], folder: Path) -> None:
+        """Write its file."""
+        path = self.path(folder)
+        path.parent.mkdir(exist_ok=True)
+        rows = [now._asdict() | {"log2_dets": now.log2_dets.tolist()} for now in seconds]
+        write_json(path, {"sources": sources(), "seconds": rows})
+
+    def kept(self, folder: Path) -> list[Second] | None:
+        """The run of an earlier command with the same code that lasts as long; null is NaN again."""
+        path = self.path(folder)
+        if not path.exists():
+            return None
+        try:
+            with reading(path):
+                kept = json.loads(path.read_text(encoding="utf-8"))
+                seconds = [_second(row) for row in kept["seconds"] if row["time"] <= self.lasts + 1e-6]
+                same = kept["sources"] == sources() and seconds[-1].time > self.lasts - 1.0
+        except ValueError as damaged:
+            print(f"Run again: {damaged}")
+            return None
+        return seconds if same else None
+
+
+def _second(row: dict[str, Any]) -> Second:
+    """What `Task.keep` wrote."""
+    full = {name: np.nan if value is None else value for name, value in row.items()}
+    return Second(**full | {"log2_dets": np.array(row["log2_dets"], float)})
 
 
 # What came of it ------------------------------------------------------------------------------------------------------
@@ -126,8 +188,7 @@ def _play(task: tuple[int, str, float]) -> list[Second]:
 
 def report(runs: Runs, times: Sequence[float]) -> str:
     """Everything as Markdown."""
-    count = len(runs[FOLLOW])
-    parts = [f"{count} rooms; [ ]: 95 % interval over rooms, bootstrap; of a share, Wilson's."]
+    parts = ["[ ]: 95 % interval over rooms, bootstrap; of a share, Wilson's."]
     parts += [standings(runs, times), differences(runs, times), commands(runs), closures(runs)]
     return "\n\n".join(parts)
 
@@ -137,8 +198,9 @@ def standings(runs: Runs, times: Sequence[float]) -> str:
     rows = []
     for time in times:
         for habit in HABITS:
-            cells = (of(measure, runs[habit], time).text(measure.scale, measure.digits) for measure in MEASURES)
-            rows.append([f"{time:g} s", NAMES[habit], *cells])
+            rooms = lasting(runs[habit], time)
+            cells = (of(measure, rooms, time).text(measure.scale, measure.digits) for measure in MEASURES)
+            rows.append([f"{time:g} s, {len(rooms)} rooms", NAMES[habit], *cells])
     return table(["after", "person", *(f"{one.title} ({one.statistic})" for one in MEASURES)], rows)
 
 
@@ -146,14 +208,14 @@ def differences(runs: Runs, times: Sequence[float]) -> str:
     """What the follower knows more than the others, in the same rooms."""
     rows = []
     for time in times:
+        own = lasting(runs[FOLLOW], time)
         for other in (NEVER, STILL):
             row = [f"{time:g} s", f"{NAMES[FOLLOW]} − {NAMES[other]}"]
             for measure in PAIRED:
-                own, others = runs[FOLLOW], runs[other]
-                pairs = [at(own[seed], time, measure) - at(others[seed], time, measure) for seed in others]
-                row.append(estimate(pairs, measure.statistic).text(1.0, measure.digits))
+                pairs = [at(own[seed], time, measure) - at(runs[other][seed], time, measure) for seed in own]
+                row.append(estimate(pairs, measure.statistic).text(measure.scale, measure.digits))
             rows.append(row)
-    return table(["after", "difference", *(one.title for one in PAIRED)], rows)
+    return table(["after", "difference", *(f"{one.title} ({one.statistic})" for one in PAIRED)], rows)
 
 
 def commands(runs: Runs) -> str:
@@ -194,6 +256,11 @@ def closures(runs: Runs) -> str:
             [name, *(estimate(values, "mean").text() for values in (changes[True], changes[False], difference))]
         )
     return table(["change of log₂ \\|P\\| in a second", "with a loop closed", "without", "difference"], rows)
+
+
+def lasting(rooms: dict[int, list[Second]], time: float) -> dict[int, list[Second]]:
+    """Those whose run lasted until ``time``."""
+    return {seed: seconds for seed, seconds in rooms.items() if seconds[-1].time > time - 1.0}
 
 
 def of(measure: Measure, rooms: dict[int, list[Second]], time: float) -> Estimate:

@@ -3,20 +3,25 @@
     python -m benchmarks.live --seconds 35 --seed 0
 
 The visitor of the page reads everything and draws nothing: a browser with GL in software fills every core by itself.
-Times are of the processor, so that other work on the machine counts little; the start is by the clock.
+Times are of the processor, so that other work on the machine counts little; the start and the images a second are by
+the clock, and the load of the machine is told beside them.
 """
 
 import argparse
+import os
 import resource
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
-
-import numpy as np
+from pathlib import Path
+from typing import NamedTuple
 
 from activeslam_gym.live.link import Link
-from activeslam_gym.live.run import Live
+from activeslam_gym.live.run import Clock, Live
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.motion import Motion
 
@@ -24,17 +29,52 @@ _WARM = 20
 """First images, in which kernels are loaded."""
 
 
-def milliseconds(seed: int, frames: int, link: Link | None) -> np.ndarray:
-    """(frames,) time [ms] of an image in the tracker's process, threads included, shown on ``link`` in real time."""
-    show, took = Live(RenderedRoom(seed), seed, None), []
-    for _ in range(frames):
-        began, due = time.process_time(), time.monotonic() + ROOM.frame_time
+class Run(NamedTuple):
+    """What a run in real time came to."""
+
+    milliseconds: float
+    """Processor time of an image in the tracker's process, threads included."""
+    rate: float
+    """Images a second, by the clock; the source has 15."""
+    memory: tuple[float, float]
+    """Most memory of the tracker after a quarter of the run and at its end [MiB]."""
+
+
+def run(seed: int, frames: int, link: Link | None) -> Run:
+    """``frames`` images of a room at the source's rate, shown on ``link``."""
+    show, clock = Live(RenderedRoom(seed), seed, None), Clock(ROOM.frame_time, False)
+    took, quarter, began = 0.0, 0.0, 0.0
+    for k in range(_WARM + frames):
+        if k == _WARM:
+            took, began = time.process_time(), time.monotonic()
         state = show.step()
+        state.rate = clock.tick()
         if link is not None:
             link.show(state)
-        time.sleep(max(0.0, due - time.monotonic()))
-        took.append(1e3 * (time.process_time() - began))
-    return np.array(took[_WARM:])
+        clock.wait()
+        if k == _WARM + frames // 4:
+            quarter = memory()
+    spent, passed = time.process_time() - took, time.monotonic() - began
+    return Run(1e3 * spent / frames, frames / passed, (quarter, memory()))
+
+
+def memory() -> float:
+    """The most that this process ever had [MiB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def start(seed: int) -> float:
+    """Time from the command to the first picture that the tracker has sent to its page [s], by the clock."""
+    with tempfile.TemporaryDirectory() as home:
+        states = Path(home, "run", "states.jsonl")
+        line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--seed", str(seed)]
+        began = time.monotonic()
+        with subprocess.Popen([*line, "--record", str(states.parent)], stdout=subprocess.DEVNULL) as process:
+            while process.poll() is None and not (states.exists() and states.stat().st_size):
+                time.sleep(0.01)
+            passed = time.monotonic() - began
+            process.terminate()
+    return passed
 
 
 def visit(address: str) -> None:
@@ -83,26 +123,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0, help="the room (default: %(default)s)")
     args = parser.parse_args()
     frames = round(args.seconds / ROOM.frame_time)
-    began = time.monotonic()
-    first = Live(RenderedRoom(args.seed), args.seed, None)
-    link = Link(first.about, "127.0.0.1", 0)
-    link.show(first.step())
-    start = time.monotonic() - began
-    alone = milliseconds(args.seed, frames, None)
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
+    start(args.seed)  # what has to be compiled is compiled here
+    print(f"start to the first picture: {start(args.seed):.1f} s")
+    alone = run(args.seed, frames, None)
+    link = Link(Live(RenderedRoom(args.seed), args.seed, None).about, "127.0.0.1", 0)
     with visitor(link):
-        shown = milliseconds(args.seed, frames, link)
-        more = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory
-        share = (shown.mean() - alone.mean()) / (1e3 * ROOM.frame_time)
-    share = (shown.mean() - alone.mean()) / (1e3 * ROOM.frame_time)
-    print(f"start to the first state on a served page: {start:.1f} s")
-    print(f"an image: {alone.mean():.1f} ms alone, {shown.mean():.1f} ms with the page: {share:+.1%} of a frame")
+        shown = run(args.seed, frames, link)
     link.close()
+    cost = (shown.milliseconds - alone.milliseconds) / (1e3 * ROOM.frame_time)
+    print(f"an image: {alone.milliseconds:.1f} ms alone, {shown.milliseconds:.1f} ms with the page: {cost:+.1%} of one")
+    print(f"images a second with the page open: {shown.rate:.1f} of {1.0 / ROOM.frame_time:.0f}")
+    before, after = shown.memory
+    print(f"memory of the tracker: {before:.1f} MiB after a quarter of {frames} images, {after:.1f} MiB at the end")
     took, most = advice(args.seed, args.seconds)
-    print(
-        f"seven candidates with {most} features: {took:.1f} ms, of {1e3 * ROOM.frame_time * 7:.0f} ms in seven images"
-    )
-    print(f"memory of the tracker, the second run over the first: {more / 1024:.1f} MiB")
+    print(f"seven candidates with {most} features: {took:.1f} ms, of {7e3 * ROOM.frame_time:.0f} ms in seven images")
+    print(f"load of the machine after: {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":

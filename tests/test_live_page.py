@@ -62,11 +62,20 @@ def page() -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
     made.close()
 
 
-@pytest.fixture
-def link() -> Iterator[Link]:
-    made = Link(ABOUT, "127.0.0.1", 0)
+@pytest.fixture(scope="module")
+def links() -> Iterator[list[Link]]:
+    made: list[Link] = []
     yield made
-    made.close()
+    for one in made:
+        one.close()
+
+
+@pytest.fixture
+def link(links: list[Link]) -> Link:
+    """A page in a process of its own, which starts slowly: the same one for every test that leaves it alive."""
+    if not links or not links[-1].alive:
+        links.append(Link(ABOUT, "127.0.0.1", 0))
+    return links[-1]
 
 
 def visitor(address: str, **how: Any) -> Any:

@@ -46,13 +46,29 @@ def runs(count: int = 6) -> advising.Runs:
 
 def test_the_difference_is_of_the_same_rooms() -> None:
     told = advising.differences(runs(), (35.0,))
-    assert "| 35 s | follows − random | -210 [-210, -210] | 210 [210, 210] |" in told
-    assert "| 35 s | follows − stays | -315 [-315, -315] | 315 [315, 315] |" in told
+    assert "| 35 s | follows − random | -210 [-210, -210] | 0.0 [0.0, 0.0] | 210 [210, 210] |" in told
+    assert "| 35 s | follows − stays | -315 [-315, -315] | 0.0 [0.0, 0.0] | 315 [315, 315] |" in told
 
 
 def test_a_second_is_read_at_its_time() -> None:
     told = advising.standings(runs(1), (35.0, 60.0))
-    assert "| 35 s | follows | -500 |" in told and "| 60 s | follows | -900 |" in told
+    assert "| 35 s, 1 rooms | follows | -500 |" in told and "| 60 s, 1 rooms | follows | -900 |" in told
+
+
+def test_rooms_whose_run_was_shorter_are_not_counted() -> None:
+    short = runs(3)
+    for rooms in short.values():
+        rooms[1] = rooms[1][:35]
+    told = advising.standings(short, (35.0, 60.0))
+    assert "| 35 s, 3 rooms | follows |" in told and "| 60 s, 2 rooms | follows |" in told
+    assert "| 60 s | follows − random | -360 [-360, -360] |" in advising.differences(short, (60.0,))
+
+
+def test_fewer_rooms_may_be_played_longer() -> None:
+    args = advising.Args(rooms=(3, 1), seconds=(35.0, 167.0), seed=10)
+    assert args.lasting == {10: 167.0, 11: 35.0, 12: 35.0}
+    assert advising.Args(rooms=(2,), seconds=(35.0, 167.0), seed=10).lasting == {10: 167.0, 11: 167.0}
+    assert args.command == "python -m agents live --rooms 3 1 --seed 10 --seconds 35 167"
 
 
 def test_commands_are_told_apart_by_births() -> None:
@@ -80,7 +96,9 @@ def test_the_referee_sees_the_truth() -> None:
     assert still[0].log2_dets[2] == pytest.approx(told[0].log2_dets[2], abs=1e-6)  # nobody was told anything yet
 
 
-def test_the_command_writes_its_files_and_its_section(tmp_path: Path) -> None:
+def test_the_command_writes_its_files_and_its_section_and_makes_no_run_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- generated: live -->\nold\n<!-- end: live -->\nb\n")
     line = ["live", "--rooms", "1", "--seed", "9", "--seconds", "2", "--out", str(tmp_path / "out")]
@@ -88,13 +106,20 @@ def test_the_command_writes_its_files_and_its_section(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"seconds.csv", "live.md", "settings.json"}
     assert len((tmp_path / "out" / "seconds.csv").read_text().splitlines()) == 1 + 3 * 2
     text = page.read_text()
-    assert "old" not in text and "| 2 s | follows |" in text and "--rooms 1 --seed 9 --seconds 2" in text
+    assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--rooms 1 --seed 9 --seconds 2" in text
+    page.write_text(text.replace("follows", "?"))
+    (tmp_path / "out" / "runs" / f"9-{STILL}.json").write_text("{")  # damaged: made again
+    again: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(advising, "trial", lambda *task: again.append(task) or trial(*task))
+    assert main([*line, "--report", str(page), "--no-figures"]) == 0
+    assert again == [(9, STILL, 2.0)] and page.read_text() == text
 
 
 @pytest.mark.parametrize(
     "line, said",
     {
         "--rooms 0": "allowed: 1 to 1000000",
+        "--rooms 2 1 1": "rooms: 3 numbers; allowed: 1 or 2, as of seconds",
         "--jobs 0": "allowed: 1 to 4096",
         "--seed -1": "allowed: 0 to",
         "--seconds 1": "seconds: 1.0; allowed: 2 to 36000",

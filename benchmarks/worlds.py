@@ -58,7 +58,7 @@ Figures = dict[str, list[float]]
 
 def play(scenario: str | Scenario, seeds: Sequence[int], bind: Bind) -> Figures:
     """Figures of one policy in the rooms ``seeds``; the NEES per degree of freedom is the mean over its unlost time."""
-    made = {"scenario": scenario, "gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
+    made: dict[str, Any] = {"scenario": scenario, "gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
     env: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=len(seeds), autoreset_mode="DISABLED", **made)
     core = env.unwrapped
     observations, infos = env.reset(seed=list(seeds))

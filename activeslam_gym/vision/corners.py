@@ -21,8 +21,8 @@ def new_corners(
     """Up to ``count`` pixels (n, 2) of ``image`` (h, w) uint8 for new features, the best first.
 
     Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
-    ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more. It
-    is the pixel where the edges meet: strength is nearly the same wherever the window holds the corner, and what is
+    ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
+    It is the pixel where the edges meet: strength is nearly the same wherever the window holds the corner, and what is
     beside the feature itself would move otherwise than it where the view changes.
     """
     strength = corner_strength(image)

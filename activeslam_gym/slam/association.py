@@ -129,19 +129,20 @@ def associate(
     for a in range(v):
         if of_thing[a] >= 0:
             candidates[of_thing[a]].match = sight.thing[a].id
-    _leave_twins(model, sight.thing, candidates, of_thing, waits)
-    return of_thing, jointly
+    taken_back = _leave_twins(model, sight.thing, candidates, of_thing, waits)
+    return of_thing, max(jointly - taken_back, 0)
 
 
 @compiled
 def _leave_twins(
     model: Record, things: np.ndarray, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray
-) -> None:
-    """Take back the matches of ``things`` (v,) that are predicted side by side, by candidates that may be anything.
+) -> int:
+    """Take back the matches of ``things`` (v,) predicted side by side, by candidates that may be anything; how many.
 
     Two that are d apart are told apart by (d / s)^2 +- sqrt(2) d / s nats, s the deviation of a pixel: at d = 4 s by
     16 +- 6, so that hardly a match that is clear enough owes it to its noise.
     """
+    taken_back = 0
     for a in range(things.shape[0]):
         i, z = of_thing[a], things[a].z_hat
         if i < 0 or candidates[i].id != ANYTHING:
@@ -150,6 +151,9 @@ def _leave_twins(
             other = things[b].z_hat
             if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
                 candidates[i].match, of_thing[a], waits[a] = REJECTED, -1, True
+                taken_back += 1
+                break
+    return taken_back
 
 
 @compiled

@@ -316,13 +316,17 @@ def test_ctrl_c_ends_it_and_loses_nothing(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stdout is not None
-        said = process.stdout.readline()
-        assert "http://localhost:" in said and "Only this machine can open it" in said
-        frames = tmp_path / "run" / "states.jsonl"
-        until(lambda: frames.exists() and len(frames.read_text().splitlines()) > 20, 240.0)
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the page's process too
-        rest = process.stdout.read()
-        assert process.wait(60) == 0
+        try:
+            said = process.stdout.readline()
+            assert "http://localhost:" in said and "Only this machine can open it" in said
+            frames = tmp_path / "run" / "states.jsonl"
+            until(lambda: frames.exists() and len(frames.read_text().splitlines()) > 20, 240.0)
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the page's process too
+            rest = process.stdout.read()
+            assert process.wait(60) == 0
+        finally:
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
     assert f"Recorded in {tmp_path / 'run'}" in rest
     count = len(frames.read_text().splitlines())
     assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count

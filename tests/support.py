@@ -195,10 +195,11 @@ def prospect_with(
     covariance: np.ndarray,
     camera: np.ndarray,
     fiducials: np.ndarray = NO_FIDUCIALS,
+    waiting: int = 0,
 ) -> Prospect:
-    """A prospect of these points (M, 3) with the joint covariance (12 + 3 M)^2."""
+    """A prospect of these points (M, 3) with the joint covariance (12 + 3 M)^2; the last ``waiting`` are expected."""
     points = np.ascontiguousarray(np.reshape(points, (-1, 3)), float)
-    return Prospect(camera, points, np.ascontiguousarray(covariance, float), fiducials, NO_BOXES, 0)
+    return Prospect(camera, points, np.ascontiguousarray(covariance, float), fiducials, NO_BOXES, waiting)
 
 
 def numerical_sight(model: np.record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:

@@ -50,7 +50,7 @@ stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random one
 	$(RUN) -m benchmarks.stress
 
 test: lint ## lint, then every test but the slow ones, and the notebooks
-	NOTEBOOK_STEPS=2240 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks
+	NOTEBOOK_STEPS=2240 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 notebooks tests
 
 clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environment under .venvs (minutes; client-sb3: one)
 

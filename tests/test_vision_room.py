@@ -8,7 +8,7 @@ import pytest
 from scipy import ndimage
 
 from activeslam_gym.camera import camera_of, camera_point, pixel_from_camera_point
-from activeslam_gym.config import Scenario
+from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.vision.room.geometry import Scene, scene_point
 from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens, lens_of
@@ -60,6 +60,26 @@ def projection(x: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 
 # The scene ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_feature_of_a_slanted_wall_is_on_it_and_one_of_an_edge_in_front() -> None:
+    pytest.importorskip("cv2")
+    from activeslam_gym.vision.room.camera import RoomCamera
+
+    camera = RoomCamera(SCENARIOS["pixels"], CAMERA, np.random.SeedSequence(3))
+    rng, x, plain, edges = np.random.default_rng(0), state(turn=(0.1, 0.6, 0.0)), 0, 0
+    around = [np.array((i, j)) for i in (-2.0, 0.0, 2.0) for j in (-2.0, 0.0, 2.0)]
+    for pixel in rng.uniform((10.0, 10.0), (310.0, 230.0), (400, 2)):
+        point, surface, _ = scene_point(camera.scene, x, CAMERA, pixel)
+        beside = [scene_point(camera.scene, x, CAMERA, pixel + step)[:2] for step in around]
+        nearest = min(np.linalg.norm(other) for other, _ in beside)
+        if all(other == surface for _, other in beside):
+            np.testing.assert_allclose(camera.point(x, pixel), point, atol=1e-9)
+            plain += 1
+        elif nearest < 0.7 * np.linalg.norm(point):
+            assert np.linalg.norm(camera.point(x, pixel)) == pytest.approx(nearest)
+            edges += 1
+    assert plain > 200 and edges > 2
 
 
 @pytest.mark.parametrize("seed", range(20))

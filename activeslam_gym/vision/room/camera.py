@@ -22,6 +22,8 @@ _STRAIGHT = np.array((1.0, 0.0, 0.0, 0.0))
 
 _AROUND = 2.0 * np.array([(0, 0), *((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)])
 """A pixel and its surroundings [px]."""
+_STEP = 0.05
+"""What is so much of its distance before a surface's plane is in front of it, and not of it."""
 
 
 class RoomCamera:
@@ -49,12 +51,14 @@ class RoomCamera:
     def point(self, state: np.ndarray, pixel: np.ndarray) -> np.ndarray:
         """(3,) what ``pixel`` (2,) shows from ``state`` [m]; the room is closed, so there is always something.
 
-        An edge belongs to what is in front: the depth is the least within two pixels.
+        An edge belongs to what is in front: where something within two pixels is before the plane of the pixel's own
+        surface, the depth is the least of such.
         """
-        origin = state[:3]
-        points = [scene_point(self.scene, state, self._lens.camera, pixel + offset)[0] for offset in _AROUND]
-        depths = [float(np.linalg.norm(point - origin)) for point in points]
-        return origin + (points[0] - origin) * (min(depths) / depths[0])
+        met = [scene_point(self.scene, state, self._lens.camera, pixel + offset)[:2] for offset in _AROUND]
+        ways = np.array([point for point, _ in met]) - state[:3]
+        normal, depths = self.scene.surfaces[met[0][1]]["normal"], np.linalg.norm(ways, axis=1)
+        before = ways @ normal > (1.0 - _STEP) * (ways[0] @ normal)  # both are negative: the surface faces the camera
+        return state[:3] + ways[0] * (depths[before].min(initial=depths[0]) / depths[0])
 
 
 def introduce_target(front_end: FrontEnd, scenario: Scenario, fiducials: np.ndarray) -> None:

@@ -115,3 +115,17 @@ def test_a_new_corner_is_where_the_edges_meet(angle) -> None:
     truth = np.array([(i, j) for i in (-30.0, 30.0) for j in (-30.0, 30.0)]) @ turn + (160.2, 119.7)
     assert len(found) == 4
     assert np.abs(found[:, None] - truth).max(axis=2).min(axis=1).max() <= 1.0
+
+
+def test_an_edge_bears_no_feature_and_a_corner_does() -> None:
+    """A wavy edge is a corner by its strength alone; along itself it is found nowhere in particular."""
+    x, y = np.meshgrid(np.arange(320.0), np.arange(240.0))
+    edge = np.clip(128.0 + 60.0 * (x - 160.0 - 1.5 * np.sin(y / 5.0)), 60.0, 200.0).astype(np.uint8)
+    nothing = np.zeros((0, 2))
+    assert len(new_corners(edge, nothing, 4, 13.0, 15, 4e-4)) == 4
+    assert len(new_corners(edge, nothing, 4, 13.0, 15, 4e-4, 0.15)) == 0
+    edge[100:140, 60:100] = 220
+    found = new_corners(edge, nothing, 4, 13.0, 15, 4e-4, 0.15)
+    meeting = np.array([(60, 100), (99, 100), (60, 139), (99, 139)])
+    assert len(found) == 4
+    assert all(np.abs(meeting - pixel).max(axis=1).min() <= 2 for pixel in found)

@@ -26,10 +26,12 @@ from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introduce_target
 
 SIGHTED = FrontEndSettings(
-    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.8, fiducial_std=0.5,
-    view_std=4.0, most_change=0.7, most_residual=0.5,
+    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.2, fiducial_std=0.3,
+    grain=500.0, most_change=0.7, most_residual=0.4, least_ratio=0.15,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""
+_PRODUCT_FRAMES = 1.0
+"""The filter's `product_frames` on images, even where the commands are known."""
 _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
 """Events of the front end and the filter."""
 _DEMANDED: dict[str, Any] = {
@@ -56,6 +58,7 @@ class Eye:
         self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
         run.world.fiducials[:] = self._camera.fiducials
         self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials)
+        self._filter.model.correction.product_frames = _PRODUCT_FRAMES
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, setting.scenario, self._camera.fiducials)
         self.births, self.spare = np.zeros((len(run.owner), 3)), run.world.landmarks.copy()

@@ -16,14 +16,21 @@ def corner_strength(image: np.ndarray) -> np.ndarray:
 
 
 def new_corners(
-    image: np.ndarray, occupied: np.ndarray, count: int, radius: float, border: int, least: float
+    image: np.ndarray,
+    occupied: np.ndarray,
+    count: int,
+    radius: float,
+    border: int,
+    least: float,
+    least_ratio: float = 0.0,
 ) -> np.ndarray:
     """Up to ``count`` pixels (n, 2) of ``image`` (h, w) uint8 for new features, the best first.
 
     Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
     ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
-    It is the pixel where the edges meet: strength is nearly the same wherever the window holds the corner, and what is
-    beside the feature itself would move otherwise than it where the view changes.
+    The smaller eigenvalue is at least ``least_ratio`` of the greater: along an edge, features slide. It is the pixel
+    where the edges meet: strength is nearly the same wherever the window holds the corner, and what is beside the
+    feature itself would move otherwise than it where the view changes.
     """
     strength = corner_strength(image)
     strength[strength < least] = 0.0
@@ -37,8 +44,11 @@ def new_corners(
     while len(found) < count and (pixel := _strongest_in_thinnest(strength, crowd)) is not None:
         x, y = _centre(image, pixel)
         pixel = (x, y) if strength[y, x] > 0.0 else pixel
-        found.append(pixel)
-        _take(strength, crowd, np.array(pixel, float), radius)
+        if _roundness(image, pixel) >= least_ratio:
+            found.append(pixel)
+            _take(strength, crowd, np.array(pixel, float), radius)
+        else:
+            _clear(strength, np.array(pixel, float), radius)
     return np.array(found, float).reshape(-1, 2)
 
 
@@ -51,16 +61,31 @@ def _centre(image: np.ndarray, pixel: tuple[int, int]) -> tuple[int, int]:
     return int(x), int(y)
 
 
+def _roundness(image: np.ndarray, pixel: tuple[int, int]) -> float:
+    """Smaller eigenvalue of the gradients' covariance around ``pixel`` (x, y) over the greater one."""
+    x, y = pixel
+    part = image[max(y - _BLOCK, 0) : y + _BLOCK + 1, max(x - _BLOCK, 0) : x + _BLOCK + 1]
+    least, most = np.sort(opencv().cornerEigenValsAndVecs(part, _BLOCK, ksize=3)[min(y, _BLOCK), min(x, _BLOCK), :2])
+    return float(least / most)
+
+
 def _take(strength: np.ndarray, crowd: np.ndarray, pixel: np.ndarray, radius: float) -> None:
     """Count a feature at ``pixel`` (2,) and leave no corner near it."""
     h, w = strength.shape
     rows, columns = crowd.shape
     x, y = pixel
+    _clear(strength, pixel, radius)
+    if 0 <= x < w and 0 <= y < h:
+        crowd[int(y * rows / h), int(x * columns / w)] += 1
+
+
+def _clear(strength: np.ndarray, pixel: np.ndarray, radius: float) -> None:
+    """Leave no corner near ``pixel`` (2,)."""
+    h, w = strength.shape
+    x, y = pixel
     if -radius < x < w + radius and -radius < y < h + radius:
         left, top = max(int(x - radius), 0), max(int(y - radius), 0)
         strength[top : int(y + radius) + 1, left : int(x + radius) + 1] = 0.0
-    if 0 <= x < w and 0 <= y < h:
-        crowd[int(y * rows / h), int(x * columns / w)] += 1
 
 
 def _strongest_in_thinnest(strength: np.ndarray, crowd: np.ndarray) -> tuple[int, int] | None:

@@ -235,7 +235,7 @@ class FrontEnd:
         tried = findings.state != UNSEARCHED
         share = self.settings.scout_share if model.shrink else self.settings.least_share
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
-        candidates = self._candidates(ids, findings, change)
+        candidates = self._candidates(ids, findings)
         matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
         candidates["match"] = matched
         self._found.append(candidates)
@@ -259,15 +259,14 @@ class FrontEnd:
             out[a] = positions[at[int(id)]] if id > 0 else self.filter.fiducials[-1 - id]
         return out
 
-    def _candidates(self, ids: np.ndarray, findings: Findings, change: np.ndarray) -> np.ndarray:
-        """The findings of the things ``ids`` (v,), seen so differently (v,), as candidates (M,)."""
+    def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
+        """The findings of the things ``ids`` (v,) as candidates (M,)."""
         row, peak = np.nonzero(np.arange(PEAKS) < findings.peaks[:, None])
         out = np.zeros(row.shape[0], CANDIDATE)
         out["id"] = ids[row]
         out["pixel"] = findings.pixel[row, peak]
         s = self.settings
         out["R"] = findings.R[row, peak]
-        out["R"] += ((s.view_std * change[row]) ** 2)[:, None, None] * np.eye(2)
         out["R"][out["id"] < 0] += (s.fiducial_std**2 - s.floor_std**2) * np.eye(2)
         radius = np.hypot(out["pixel"][:, 0] - self.camera.u0, out["pixel"][:, 1] - self.camera.v0)
         lens = s.lens_std * (2.0 * radius / self.camera.width) ** 2
@@ -313,7 +312,7 @@ class FrontEnd:
             return 0
         born = np.zeros(wanted, CANDIDATE)
         count = 0
-        for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner):
+        for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner, s.least_ratio):
             full = self._gallery.features >= self.filter.capacity
             if full and not (in_view + count < s.room_below and self._make_room()):
                 break

@@ -36,9 +36,6 @@ class FrontEndSettings:
     """The same of a fiducial, whose template is drawn [px]."""
     lens_std: float = 1.0
     """What the lens model leaves at half the image's width from the centre, growing with the radius squared [px]."""
-    view_std: float = 0.0
-    """What a plane leaves unexplained where a feature is seen from another side or distance than at first: for each
-    radian, and each e-fold of the distance [px]."""
     most_change: float = 2.0
     """A feature that is seen more differently than that is not searched, and may have a younger one beside it [rad]."""
     warp: bool = True
@@ -61,6 +58,8 @@ class FrontEndSettings:
     """Distance of a birth from other features [px]."""
     least_corner: float = 4e-4
     """Least corner strength of a birth."""
+    least_ratio: float = 0.0
+    """Least quotient of the two eigenvalues of a birth's gradients: less is an edge, along which a feature slides."""
     trials: int = 10
     """A feature is judged after so many searches ..."""
     least_success: float = 0.5

@@ -18,11 +18,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numba import config as _numba_config
-from numba import njit
+from numba import njit, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.extending import intrinsic, overload
+from numba.core.datamodel.models import OpaqueModel
+from numba.core.errors import TypingError
+from numba.core.targetconfig import ConfigStack
+from numba.core.typing.templates import infer_global
+from numba.extending import intrinsic, lower_cast, overload, register_model
 
 Tree = TypeVar("Tree", bound=tuple)
 
@@ -36,15 +40,14 @@ def compiled(function: Any = None, **options: Any) -> Any:
     """Decorator of a function of numbers, arrays and records that kernels and Python may call; see `numba.njit`.
 
     Called from Python it is a kernel of its own, ``function.kernel``: Numba's dispatcher. A kernel that calls it has it
-    compiled into itself, and is optimised there and nowhere else. Those that only hand a run down are written into
-    their caller before it is compiled (``inline="always"``).
+    compiled into itself, and is optimised there and nowhere else. Where that is faster, it is written into its caller
+    before that is compiled (``inline="always"``).
     """
     if function is None:
         return functools.partial(compiled, **options)
     if _CONFIG.DISABLE_JIT:
         return function
-    options = {"error_model": "numpy", **options}  # a division by zero is no exception
-    alone = njit(nogil=True, **options)(function)
+    alone = njit(nogil=True, error_model="numpy", **options)(function)  # a division by zero is no exception
     _keep(alone)
     if "inline" in options:
         return alone
@@ -53,10 +56,8 @@ def compiled(function: Any = None, **options: Any) -> Any:
     def call(*arguments: Any, **named: Any) -> Any:
         return alone(*arguments, **named)
 
-    jit_options: Any = {**options, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
-    overload(call, jit_options=jit_options, strict=False)(lambda *arguments: function)
     call.kernel = alone  # type: ignore[attr-defined]
-    return call
+    return _as_part(function, call, **options)
 
 
 def borrowing(function: Any = None, **options: Any) -> Any:
@@ -138,12 +139,12 @@ def filled(kind: np.dtype[Any], source: Any = None, **values: Any) -> Record:
 def one_of(functions: Any) -> Any:
     """A function for kernels, of (number, *arguments), that calls the one of that number; NaN where there is none."""
     first, *others = functions
-    rest = one_of(others) if others else njit(lambda number, *arguments: np.nan)
+    rest = one_of(others) if others else _as_part(lambda number, *arguments: np.nan)
 
     def choose(number, *arguments):  # type: ignore[no-untyped-def]
         return first(*arguments) if number == 0 else rest(number - 1, *arguments)
 
-    return njit(choose)
+    return _as_part(choose)
 
 
 # Parts of kernels ---------------------------------------------------------------------------------------------------
@@ -185,6 +186,55 @@ class _PartCompiler(Compiler):
         self.state.library = _Part(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
+
+
+class _PartType(types.Dispatcher):
+    """What a part is to Numba: a function that is compiled once for an array, in a record or not, and for an integer.
+
+    Numba by itself would compile it for every length of an array in a record, and for every integer that is written
+    out: a third of all parts twice or more.
+    """
+
+    def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:
+        """The signature for arguments of these types."""
+        plain = {name: _plain(kind) for name, kind in named.items()}
+        signature = super().get_call_type(context, tuple(map(_plain, arguments)), plain)
+        part: Any = self.dispatcher
+        caller, counts = ConfigStack.top_or_none(), part.targetoptions["_nrt"]
+        if caller and not caller.nrt and counts and signature and _holds_array(signature.return_type):
+            raise TypingError(f"a borrowing kernel cannot own the array that {part.py_func.__name__} returns")
+        return signature
+
+
+register_model(_PartType)(OpaqueModel)
+
+
+def _plain(kind: Any) -> Any:
+    """The type of an argument, without the length of an array in a record or the value of an integer."""
+    if isinstance(kind, types.NestedArray):
+        return types.Array(kind.dtype, kind.ndim, "C")
+    return types.unliteral(kind)
+
+
+def _holds_array(kind: Any) -> bool:
+    """Whether a value of that type is an array, or a tuple that holds one."""
+    return isinstance(kind, types.Array) or any(_holds_array(part) for part in getattr(kind, "types", ()))
+
+
+@lower_cast(types.NestedArray, types.Array)
+def _array_in_record(_context: Any, _builder: Any, _from: Any, _to: Any, array: Any) -> Any:
+    """An array in a record is to a kernel what every array is: a view, of a length that is known."""
+    return array
+
+
+def _as_part(function: Any, call: Any = None, **options: Any) -> Any:
+    """``call``, or the function itself; in kernels it is the function, compiled as a part of them."""
+    call = call or function
+    if not _CONFIG.DISABLE_JIT:
+        alone: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+        call.part = njit(**{"error_model": "numpy", "_nrt": True, **options, **alone})(function)
+        infer_global(call, _PartType(call.part))
+    return call
 
 
 # The cache ----------------------------------------------------------------------------------------------------------

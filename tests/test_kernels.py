@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from numba import config
+from numba import config, njit
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
 
 from activeslam_gym import kernels
-from activeslam_gym.kernels import compiled, filled, inlined, one_of, record, row
+from activeslam_gym.kernels import borrowing, compiled, filled, inlined, one_of, record, row
 
 PACKAGE = Path(kernels.__file__).parent
 SMALL_KERNEL = """
@@ -94,6 +95,49 @@ def test_one_of_calls_the_function_of_that_number_and_a_row_is_views() -> None:
     one.first[:], one.second.first.left = 1.0, 2.0
     assert tree.first.tolist() == [[0.0, 0.0], [1.0, 1.0], [0.0, 0.0]]
     assert tree.second.first["left"].tolist() == [0.0, 2.0, 0.0]
+
+
+@compiled
+def total(values: np.ndarray, weight: int) -> float:
+    """Of any array, with any weight."""
+    out = 0.0
+    for value in values:
+        out += weight * value
+    return out
+
+
+@compiled
+def totals(pairs: np.ndarray, values: np.ndarray) -> float:
+    """An array in a record, and one that is none; an integer that is written out, and one that is not."""
+    return total(pairs[0].right, 2) + total(values, 3) + total(values, len(pairs))
+
+
+def test_a_part_is_compiled_once_for_all_arrays_and_integers() -> None:
+    pairs = np.zeros(1, PAIR)
+    pairs["right"] = 1.0, 2.0
+    anything: Any = totals
+    compiled_now = njit(anything.kernel.py_func)  # and not found in the cache
+    assert compiled_now(pairs, np.arange(4.0)) == 2 * 3.0 + 3 * 6.0 + 6.0
+    anything = total
+    assert len(anything.part.signatures) == 1
+
+
+@compiled
+def copied(values: np.ndarray) -> np.ndarray:
+    """A new array."""
+    return values.copy()
+
+
+@borrowing
+def sum_of_copy(values: np.ndarray) -> float:
+    """Counts no references, so nobody would free the copy."""
+    return total(copied(values), 1)
+
+
+def test_a_borrowing_kernel_cannot_take_an_array_that_somebody_has_to_free() -> None:
+    with pytest.raises(NumbaError, match="a borrowing kernel cannot own the array that copied returns"):
+        sum_of_copy(np.arange(3.0))
+    assert copied(np.arange(3.0)).tolist() == [0.0, 1.0, 2.0]
 
 
 class Tree(NamedTuple):

@@ -56,7 +56,7 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
         conclude(run, phases[i] == BEGIN)
 
 
-@compiled(inline="always")
+@compiled
 def open_step(run: Run, command: np.ndarray) -> None:
     """Before the frames of a gaze period; the motion is read where its own period begins."""
     episode, events = run.episode, run.episode.events
@@ -67,7 +67,7 @@ def open_step(run: Run, command: np.ndarray) -> None:
     episode.steps += 1
 
 
-@compiled(inline="always")
+@compiled
 def conclude(run: Run, begins: bool) -> None:
     """After the frames: what they were worth, and what is seen of them."""
     points, covariance = as_points(run.belief)
@@ -79,7 +79,7 @@ def conclude(run: Run, begins: bool) -> None:
     observe(run, points, covariance)
 
 
-@compiled(inline="always")
+@compiled
 def _begin(run: Run) -> None:
     """The prior is worth nothing yet."""
     episode = run.episode
@@ -89,7 +89,7 @@ def _begin(run: Run) -> None:
     episode.terms[:] = 0.0
 
 
-@compiled(inline="always")
+@compiled
 def _settle(run: Run) -> None:
     """The reward of the step: the gain of the chosen potential; where the run is lost, the return is min(it, 0) - 100.
 
@@ -110,7 +110,7 @@ def _settle(run: Run) -> None:
 # What it was worth --------------------------------------------------------------------------------------------------
 
 
-@compiled(inline="always")
+@compiled
 def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
     """Bring the evaluation and the potentials up to date; ``points`` and ``covariance`` are the public belief.
 
@@ -167,7 +167,7 @@ def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray,
     return first[:a], second[:b], others[:c]
 
 
-@compiled(inline="always")
+@compiled
 def _find_mapped(run: Run) -> None:
     """A feature is mapped when the deviation of its depth over its depth is under the scenario's ratio."""
     for k in range(run.belief.state.count):
@@ -184,7 +184,7 @@ def _mapped(run: Run) -> np.ndarray:
     return out
 
 
-@compiled(inline="always")
+@compiled
 def _evaluate_errors(run: Run, points: np.ndarray, covariance: np.ndarray, owners: np.ndarray) -> None:
     """Errors against the truth, and counts of what is mapped; ``owners`` (n,) as in `referee.owners_of`."""
     e, mapped = run.episode.evaluation, _mapped(run)
@@ -209,7 +209,7 @@ def landmark_distances(run: Run, points: np.ndarray, owners: np.ndarray, mapped:
     return landmark_errors(run.world.landmarks, points, of_landmark)
 
 
-@compiled(inline="always")
+@compiled
 def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
     """Write the observation; it reads the belief, the task's rhythm and, where there are boxes, the range finders."""
     models, belief, episode, task = run.models, run.belief, run.episode, run.models.task

@@ -62,7 +62,7 @@ def account(runs: Run, i: int, births: np.ndarray, spare: np.ndarray) -> None:
         run.label[c] = _label(run, births, run.candidate[c].match, run.candidate[c].pixel)
 
 
-@compiled(inline="always")
+@compiled
 def _label(run: Run, births: np.ndarray, match: int, pixel: np.ndarray) -> int:
     """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
     world, belief, K = run.world, run.belief, run.world.fiducials.shape[0]

@@ -335,7 +335,7 @@ def face_fiducials(run: Run, rng: np.random.Generator) -> None:
 # One frame ----------------------------------------------------------------------------------------------------------
 
 
-@compiled(inline="always")
+@compiled
 def begin_motion(run: Run, command: np.ndarray) -> None:
     """Read a motion, ``command`` (>= 3,): its goal from the present estimate, clipped into the room.
 
@@ -360,7 +360,7 @@ def known_boxes(run: Run) -> np.ndarray:
     return boxes if run.models.boxes_known else boxes[:0]
 
 
-@compiled(inline="always")
+@compiled
 def drive(run: Run, gaze: float) -> np.ndarray:
     """One frame of control and true motion; (6,) what the filter knows of the accelerations.
 
@@ -380,7 +380,7 @@ def drive(run: Run, gaze: float) -> np.ndarray:
     return u
 
 
-@compiled(inline="always")
+@compiled
 def advance(run: Run, gaze: float) -> None:
     """One frame: control, true motion, detection, prediction, association, update, initialisation."""
     models, world, belief, events = run.models, run.world, run.belief, run.episode.events
@@ -402,7 +402,7 @@ def advance(run: Run, gaze: float) -> None:
     expect(run)
 
 
-@compiled(inline="always")
+@compiled
 def expect(run: Run) -> None:
     """After a frame: features retire expected landmarks, and what was looked at and not found is expected elsewhere."""
     models, belief = run.models, run.belief

@@ -72,7 +72,7 @@ def filter_of(scenario: Scenario) -> Record:
     )
 
 
-@compiled(inline="always")
+@compiled
 def filter_frame(
     camera: Record,
     motion: Record,
@@ -102,7 +102,7 @@ def filter_frame(
         counts.births += candidate.match != NEW
 
 
-@compiled(inline="always")
+@compiled
 def use_candidates(
     camera: Record,
     model: Record,
@@ -135,7 +135,7 @@ def use_candidates(
     counts.deletions += delete_failed(model.initialisation, belief)
 
 
-@compiled(inline="always")
+@compiled
 def use_identified(
     camera: Record,
     appearance: Record,
@@ -176,7 +176,7 @@ def match_by_id(sight: Sight, candidates: np.ndarray) -> np.ndarray:
     return of_thing
 
 
-@compiled(inline="always")
+@compiled
 def _count_misses(
     spacing: float, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
 ) -> None:
@@ -198,7 +198,7 @@ def _count_misses(
                 copy_into(feature.missed_at, camera[POSITION])
 
 
-@compiled(inline="always")
+@compiled
 def _update_by(
     product_frames: float,
     camera: Record,

@@ -92,7 +92,7 @@ def expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> None
         _hang(work.tile.floats, tile, lens.columns, work.sharp)
 
 
-@compiled(error_model="numpy")
+@compiled
 def _hang(floats: np.ndarray, tile: int, columns: int, picture: np.ndarray) -> None:
     """Put a tile into its place; where shares do not add up to one quite, they are made to."""
     v, u = PAD + TILE_HEIGHT * (tile // columns), PAD + TILE_WIDTH * (tile % columns)

@@ -52,7 +52,7 @@ def sensor_of(
     return Sensor(float(exposure), float(noise_std), float(gain_std), int(gain_period), float(side), noise)
 
 
-@compiled(error_model="numpy")
+@compiled
 def extend(picture: np.ndarray) -> None:
     """Continue a picture into its margin of ``PAD`` by its outermost pixels."""
     height, width = picture.shape
@@ -64,7 +64,7 @@ def extend(picture: np.ndarray) -> None:
             picture[v, u], picture[height - 1 - v, u] = picture[PAD, u], picture[height - 1 - PAD, u]
 
 
-@compiled(error_model="numpy")
+@compiled
 def soften(sharp: np.ndarray, side: float, soft: np.ndarray) -> None:
     """The lens's point spread: the weights (side, 1 - 2 side, side) across and down."""
     a, c = np.float32(side), np.float32(1.0 - 2.0 * side)
@@ -103,7 +103,7 @@ def smear(soft: np.ndarray, flows: np.ndarray, columns: int, out: np.ndarray) ->
                 _add_shifted(soft, v, u, int(down), int(across), weight, out)
 
 
-@compiled(error_model="numpy")
+@compiled
 def _add_shifted(soft: np.ndarray, v: int, u: int, down: int, across: int, weight: np.float32, out: np.ndarray) -> None:
     """Add to the tile at row ``v``, column ``u`` the one that lies ``down`` and ``across`` from it, by its weight."""
     for i in range(TILE_HEIGHT):
@@ -124,7 +124,7 @@ def gain(sensor: Sensor, frame: int, key: np.ndarray) -> float:
     return 1.0 + sensor.gain_std * drift / math.sqrt(weight * weight + (1.0 - weight) ** 2)
 
 
-@compiled(error_model="numpy")
+@compiled
 def develop(picture: np.ndarray, sensor: Sensor, frame: int, key: np.ndarray, image: np.ndarray) -> None:
     """Grey values ``image`` (H, W) uint8 of the light in ``picture``: gain, noise, rounding, and no more than white."""
     rows = uniforms(key, _DRAWS * frame, image.shape[0])

@@ -74,7 +74,7 @@ _GREATEST = np.float32(4.0 ** (LEVELS - 3))
 """Square of the largest texel to be asked for: there are two levels above it."""
 
 
-@compiled(error_model="numpy")
+@compiled
 def clear_tile(tile: Tile) -> None:
     """An empty tile."""
     floats = tile.floats
@@ -83,7 +83,7 @@ def clear_tile(tile: Tile) -> None:
         floats[COLOUR + i] = _ZERO
 
 
-@compiled(error_model="numpy")
+@compiled
 def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndarray, tile: Tile) -> None:
     """Lay a rectangle under what the ``tile`` shows already. ``whole``: it is known to cover the tile.
 
@@ -118,7 +118,7 @@ def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndar
     _lay(count, np.float32(_HALF * np.float32(sight.brightness)), floats, integers)
 
 
-@compiled(error_model="numpy")
+@compiled
 def _cover(rows: tuple, limits: tuple, rays: np.ndarray, floats: np.ndarray) -> None:
     """The share of each pixel that the rectangle covers, of what is not covered yet, into the weights.
 
@@ -146,7 +146,7 @@ def _cover(rows: tuple, limits: tuple, rays: np.ndarray, floats: np.ndarray) -> 
         floats[_WEIGHT + i] = min(share, floats[REST + i]) if w > _ZERO else _ZERO
 
 
-@compiled(error_model="numpy")
+@compiled
 def _pick(rays: np.ndarray, floats: np.ndarray, integers: np.ndarray) -> int:
     """List the pixels that have a weight, with their rays one after the other; how many.
 
@@ -172,7 +172,7 @@ def _pick(rays: np.ndarray, floats: np.ndarray, integers: np.ndarray) -> int:
     return count
 
 
-@compiled(error_model="numpy")
+@compiled
 def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one: np.ndarray, other: np.ndarray) -> None:
     """Where in its texture each pixel is, and how large: two probes along its longer side, and their level.
 
@@ -213,7 +213,7 @@ def _footprints(count: int, rows: tuple, limits: tuple, floats: np.ndarray, one:
         floats[_LEVEL + i] = np.float32(np.int32(np.float32(square).view(np.int32) - _ONE_BITS)) * _HALF_LOG + _HALF
 
 
-@compiled(error_model="numpy")
+@compiled
 def _address(count: int, probe: np.ndarray, coarser: np.int32, floats: np.ndarray, integers: np.ndarray) -> None:
     """Where the four texels around each probe are in the texture, at its level or the next; see `texture_library`."""
     for i in range(count):
@@ -229,14 +229,14 @@ def _address(count: int, probe: np.ndarray, coarser: np.int32, floats: np.ndarra
         integers[_AT + i] = np.int32(np.int32(np.int32(start + row) * np.int32(SIZE)) + column)
 
 
-@compiled(error_model="numpy")
+@compiled
 def _fetch(count: int, texture: np.ndarray, integers: np.ndarray, quads: np.ndarray) -> None:
     """Read the texels."""
     for i in range(count):
         quads[i] = texture[np.uint32(integers[_AT + i])]
 
 
-@compiled(error_model="numpy")
+@compiled
 def _blend(count: int, coarser: bool, quads: np.ndarray, floats: np.ndarray) -> None:
     """Add the bilinear mean of four texels, in its share of the mean of two levels."""
     for i in range(count):
@@ -251,7 +251,7 @@ def _blend(count: int, coarser: bool, quads: np.ndarray, floats: np.ndarray) -> 
         floats[_GREY + i] += (share if coarser else _ONE - share) * (upper + floats[_BELOW + i] * (lower - upper))
 
 
-@compiled(error_model="numpy")
+@compiled
 def _lay(count: int, brightness: np.float32, floats: np.ndarray, integers: np.ndarray) -> None:
     """Add the pixels at hand to the tile, by their weight."""
     if count == TILE:

@@ -9,9 +9,9 @@ from scipy.stats import multivariate_normal
 from activeslam_gym.camera import View
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
-from activeslam_gym.slam.association import NEW, REJECTED, association_of, expected_strangers
+from activeslam_gym.slam.association import NEW, REJECTED, associate, association_of, expected_strangers
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
-from activeslam_gym.slam.constellation import match_jointly
+from activeslam_gym.slam.constellation import Margins, match_jointly
 from activeslam_gym.slam.correction import PRODUCT_FRAMES, correct
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
@@ -39,6 +39,7 @@ from .support import (
 VAR = float(CAMERA.pixel_std**2)
 MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
+EVEN = Margins(np.full(3, MODEL.margin), np.full(3, MODEL.margin))
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
 # Joint matching -----------------------------------------------------------------------------------------------------
@@ -81,14 +82,20 @@ def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, n
 @pytest.mark.parametrize("seed", range(40))
 def test_the_search_is_that_of_all_assignments(seed: int) -> None:
     z, S, pixels = scene(seed, 3, seed % 3)
-    strangers = 1.5
+    strangers, margins = 1.5, Margins(np.array([8.0, 5.0, 2.0]), np.array([8.0, 3.0, 6.0]))
     scores = scores_of_all(z, S, pixels, strangers)
     best = max(scores, key=scores.__getitem__)
     candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
-    count, complete = match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, strangers, of_thing, novelty)
+    count, complete = match_jointly(
+        MODEL, hypotheses(z, S, candidates), candidates, VAR, strangers, margins, of_thing, novelty
+    )
     for a in range(3):
-        rival = max(score for answer, score in scores.items() if answer[a] != best[a])
-        accepted = best[a] if scores[best] - rival >= MODEL.margin else -1
+        rivals = {True: -np.inf, False: -np.inf}  # whether it is missed
+        for answer, score in scores.items():
+            if answer[a] != best[a]:
+                rivals[answer[a] < 0] = max(rivals[answer[a] < 0], score)
+        leads = scores[best] - rivals[False] >= margins.other[a] and scores[best] - rivals[True] >= margins.missed[a]
+        accepted = best[a] if leads else -1
         assert of_thing[a] == accepted
     assert count == sum(of_thing >= 0) and complete
     for i in range(len(pixels)):
@@ -122,7 +129,7 @@ def test_the_scenes_hold_accepted_ambiguous_and_new_candidates() -> None:
     for seed in range(40):
         z, S, pixels = scene(seed, 3, seed % 3)
         candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
-        match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, 1.5, of_thing, novelty)
+        match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, 1.5, EVEN, of_thing, novelty)
         found.append([sum(of_thing >= 0), sum(of_thing < 0), sum(novelty > MODEL.novelty)])
     assert (np.sum(found, axis=0) > 5).all()
 
@@ -132,7 +139,9 @@ def test_where_the_nodes_run_out_nothing_is_accepted() -> None:
     candidates, of_thing = candidates_of(pixels), np.full(3, -1)
     for nodes, found in ((400, True), (2, False)):
         novelty, model = np.zeros(len(pixels)), replaced(MODEL, nodes=nodes)
-        count, complete = match_jointly(model, hypotheses(z, S, candidates), candidates, VAR, 1.5, of_thing, novelty)
+        count, complete = match_jointly(
+            model, hypotheses(z, S, candidates), candidates, VAR, 1.5, EVEN, of_thing, novelty
+        )
         assert (count > 0) == (of_thing >= 0).any() == novelty.any() == complete == found
         of_thing[:] = -1
 
@@ -141,6 +150,25 @@ def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
     model = association_of(Scenario(clutter_rate=2.0))
     assert expected_strangers(model, 0) == pytest.approx(0.15 * 30 + 2.0)
     assert expected_strangers(model, 40) == pytest.approx(0.3 + 2.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "seconds", "std", "matched"),
+    [(POINT, 1.0, 17.0, True), (POINT, 1.0, 30.0, True), (POINT, 11.0, 17.0, False)]
+    + [(POINT, 0.1, 17.0, True), (POINT, 0.1, 30.0, False)]
+    + [(INVERSE_DEPTH, 1.0, 17.0, True), (INVERSE_DEPTH, 1.0, 30.0, False)],
+)
+def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, std: float, matched: bool) -> None:
+    """A lone detection in a lone wide ellipse was refused until the ellipse was so wide that the run was lost."""
+    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
+    belief.state.frame = 1000
+    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
+    sight, waits = sight_of(belief), np.zeros(1, bool)
+    sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), std**2 * np.eye(2)
+    candidates = candidates_of([[162.0, 119.0]])
+    associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
+    assert candidates["match"].tolist() == [belief.feature["serial"][0] if matched else REJECTED]
+    assert waits.tolist() == [not matched]
 
 
 # The way back -------------------------------------------------------------------------------------------------------

@@ -10,7 +10,8 @@ one wrong match makes the next ones. So a match must be more than near:
    them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and Tardos, "Data
    association in stochastic mapping using the joint compatibility test", 2001, ask for).
 3. What is left is matched jointly, as a constellation (see `constellation`): that closes loops, and finds the way back
-   where wide ellipses are ambiguous one by one. A detection that is better explained by nothing known is new.
+   where wide ellipses are ambiguous one by one. What was seen lately needs less of a lead than what comes back after a
+   long time. A detection that is better explained by nothing known is new.
 4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
 5. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
@@ -22,7 +23,8 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
-from activeslam_gym.slam.constellation import match_jointly
+from activeslam_gym.slam.belief import KIND_DIM, POINT
+from activeslam_gym.slam.constellation import Margins, match_jointly
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition_on_all, measure_distances
 from activeslam_gym.slam.sight import Sight
 
@@ -35,6 +37,8 @@ CANDIDATE = record(
 )
 """A pixel that may be a measurement. The ids are those of features (positive) and of fiducials (negative)."""
 ANYTHING = 0
+LATELY, JUST_NOW = 10.0, 0.25
+"""A feature was seen lately, or just now, if that was no longer ago [s]."""
 NEW, REJECTED = 0, -(2**62)
 """A candidate that nothing known explains; one that something may explain, too unclear to be used."""
 
@@ -44,6 +48,11 @@ ASSOCIATION = record(
     sharp_std_px="f8",  # a predicted ellipse is sharp when its longest axis is at most this
     clear_margin="f8",  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
     margin="f8",  # the same for a joint match, in ln
+    lately="i8",  # what was seen within so many frames was seen lately
+    just_now="i8",  # and within so many, just now
+    missed_margin="f8",  # of a feature seen lately: the lead over its not being detected, in ln
+    point_margin="f8",  # of a point seen lately, not just now: the lead over its being another candidate
+    point_missed_margin="f8",  # and over its not being detected
     twin_px="f8",  # things predicted nearer to each other are not told apart [px]
     novelty="f8",  # lead of "it is of nothing known" that makes a candidate NEW, in ln
     nodes="i8",  # of a joint search
@@ -66,6 +75,11 @@ def association_of(scenario: Scenario) -> Record:
         sharp_std_px=2.0 * scenario.pixel_std,
         clear_margin=20.0,
         margin=8.0,
+        lately=round(LATELY / scenario.frame_time),
+        just_now=round(JUST_NOW / scenario.frame_time),
+        missed_margin=6.0,
+        point_margin=5.0,
+        point_missed_margin=3.0,
         twin_px=4.0 * scenario.pixel_std,
         novelty=2.0,
         nodes=400,
@@ -109,14 +123,14 @@ def associate(
         for i in range(M):
             h.allowed[a, i] = candidates[i].id == ANYTHING or candidates[i].id == thing.id
     of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
-    strangers = expected_strangers(model, features)
+    strangers, margins = expected_strangers(model, features), _margins(model, sight.thing)
     measure_distances(h, candidates, pixel_var)
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
         if not _match_clear(model, h, candidates, pixel_var, of_thing):
             if settled:
                 break
-            matched, settled = match_jointly(model, h, candidates, pixel_var, strangers, of_thing, novelty)
+            matched, settled = match_jointly(model, h, candidates, pixel_var, strangers, margins, of_thing, novelty)
             jointly += matched
             settled = settled or matched == 0
     for i in range(M):
@@ -131,6 +145,26 @@ def associate(
             candidates[of_thing[a]].match = sight.thing[a].id
     taken_back = _leave_twins(model, sight.thing, candidates, of_thing, waits)
     return of_thing, max(jointly - taken_back, 0)
+
+
+@compiled
+def _margins(model: Record, things: np.ndarray) -> Margins:
+    """The leads that joint matches of ``things`` (v,) need.
+
+    That what was seen lately is not detected, and something new is in its place, is rarer than the search believes, to
+    which every frame is a new one. Less so of a point seen just now: its ellipse is sharp, and where the lead is low,
+    the residual is large. What comes back after a long time does so beside landmarks of which nothing is known, by a
+    pose that has drifted.
+    """
+    margins = Margins(np.full(things.shape[0], model.margin), np.full(things.shape[0], model.margin))
+    for a in range(things.shape[0]):
+        thing = things[a]
+        if thing.id < 0 or thing.unseen > model.lately:
+            continue
+        margins.missed[a] = model.missed_margin
+        if thing.width == KIND_DIM[POINT] and thing.unseen > model.just_now:
+            margins.other[a], margins.missed[a] = model.point_margin, model.point_missed_margin
+    return margins
 
 
 @compiled

@@ -5,11 +5,12 @@ An assignment gives each thing a candidate or none. Its log likelihood, against 
     sum over pairs    ln N(z; z_hat, S | the pairs before) - ln(strangers per px^2)
   + sum over others   ln(1 - P_D P(its pixel is in the image)).
 
-A pair is accepted when the best assignment leads every one that makes something else of the thing by a margin; and a
-candidate is of nothing known when the best that leaves it unexplained leads every one that explains it. (Neira and
-Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, count pairs; here wide
-ellipses pay for their width, and misses for standing in the image.) The search is bounded by nodes, never by the clock:
-where they run out, the sharper half of the things is searched by itself, which sharpens the others for the next search.
+A pair is accepted when the best assignment leads every one that makes something else of the thing by a margin, one for
+another candidate and one for none; and a candidate is of nothing known when the best that leaves it unexplained leads
+every one that explains it. (Neira and Tardos, "Data association in stochastic mapping using the joint compatibility
+test", 2001, count pairs; here wide ellipses pay for their width, and misses for standing in the image.) The search is
+bounded by nodes, never by the clock: where they run out, the sharper half of the things is searched by itself, which
+sharpens the others for the next search.
 """
 
 import math
@@ -25,6 +26,15 @@ MOST_THINGS = 14
 """A search takes so many things, the sharpest."""
 UNDECIDED, MISSED = -2, -1
 """Answers beside the number of a candidate."""
+
+
+class Margins(NamedTuple):
+    """By how much what a thing is must lead what else it may be, in ln; at most ``model.margin``, where search ends."""
+
+    other: np.ndarray
+    """(v,) another candidate."""
+    missed: np.ndarray
+    """(v,) none."""
 
 
 class Search(NamedTuple):
@@ -68,6 +78,7 @@ def match_jointly(
     candidates: np.ndarray,
     pixel_var: float,
     strangers: float,
+    margins: Margins,
     of_thing: np.ndarray,
     novelty: np.ndarray,
 ) -> tuple[int, bool]:
@@ -75,9 +86,9 @@ def match_jointly(
 
     Returns how many were matched, and whether the search took all things in reach.
 
-    ``model``: ASSOCIATION; ``strangers``: candidates of nothing known that are expected in an image. Writes
-    ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a candidate unexplained leads,
-    0 where the search did not take all things in reach.
+    ``model``: ASSOCIATION; ``strangers``: candidates of nothing known that are expected in an image; ``margins``: the
+    leads that matches of the v things need. Writes ``of_thing`` (v,), and ``novelty`` (M,): by how much the best
+    assignment that leaves a candidate unexplained leads, 0 where the search did not take all things in reach.
     """
     in_reach = _in_reach(model, h)
     chosen, pair_worth = in_reach[:MOST_THINGS], 0.5 * model.clutter_cost - math.log(strangers)
@@ -91,11 +102,14 @@ def match_jointly(
         _write_novelty(outcome, best, model.margin, novelty)
     matched = 0
     for k in range(chosen.shape[0]):
-        i = outcome.answer[k]
-        if i != MISSED and best - _best_rival(outcome, k, i) >= model.margin:
-            of_thing[chosen[k]] = i
-            close(h, chosen[k], i)
-            condition(h, h.open, chosen[k], candidates[i], pixel_var)
+        a, i = chosen[k], outcome.answer[k]
+        if i == MISSED:
+            continue
+        other, missed = _best_rivals(outcome, k, i)
+        if best - other >= margins.other[a] and best - missed >= margins.missed[a]:
+            of_thing[a] = i
+            close(h, a, i)
+            condition(h, h.open, a, candidates[i], pixel_var)
             matched += 1
     measure_distances(h, candidates, pixel_var)
     return matched, complete
@@ -345,13 +359,13 @@ def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: 
 
 
 @borrowing
-def _best_rival(outcome: Outcome, a: int, i: int) -> float:
-    """The best score in which thing ``a`` is not candidate ``i``."""
-    rival = -np.inf
-    for j in range(outcome.with_pair.shape[1]):
+def _best_rivals(outcome: Outcome, a: int, i: int) -> tuple[float, float]:
+    """The best scores in which thing ``a`` is another candidate than ``i``, and in which it is missed."""
+    scores, other = outcome.with_pair[a], -np.inf
+    for j in range(scores.shape[0] - 1):
         if j != i:
-            rival = max(rival, outcome.with_pair[a, j])
-    return rival
+            other = max(other, scores[j])
+    return other, scores[scores.shape[0] - 1]
 
 
 @borrowing

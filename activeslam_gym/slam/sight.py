@@ -55,6 +55,7 @@ THING = record(
     column="i8",  # first covariance row of its parameters
     width="i8",  # how many they are: 0 for a fiducial, whose place is known
     visibility="i8",  # NEAR or INSIDE
+    unseen="i8",  # frames since a feature's last match, or its birth; 0 of others
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
@@ -225,11 +226,12 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
         thing = things[v]
         if row < K:
             found = _place_known(view, fiducials[row], thing)
-            thing.id, thing.column, thing.width = fiducial_id(row), 0, 0
+            thing.id, thing.column, thing.width, thing.unseen = fiducial_id(row), 0, 0, 0
         else:
             feature = belief.feature[row - K]
             found = _place_feature(view, feature.kind, feature.mean, thing)
             thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
+            thing.unseen = belief.state.frame - feature.seen
         if found:
             own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
             thing.extra[:] = 0.0
@@ -258,7 +260,7 @@ def sight_of_points(
     for row in range(K + points.shape[0]):
         thing = things[v]
         if place_point(view, fiducials[row] if row < K else points[row - K], 0.0, thing):
-            thing.row, thing.id, thing.visibility = row, 0, INSIDE
+            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
             thing.extra[:] = 0.0
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             v += 1

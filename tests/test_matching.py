@@ -163,12 +163,14 @@ def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, st
     belief = random_belief(PAPER, [kind], np.random.default_rng(0))
     belief.state.frame = 1000
     belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
-    sight, waits = sight_of(belief), np.zeros(1, bool)
-    sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), std**2 * np.eye(2)
-    candidates = candidates_of([[162.0, 119.0]])
-    associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
-    assert candidates["match"].tolist() == [belief.feature["serial"][0] if matched else REJECTED]
-    assert waits.tolist() == [not matched]
+    for born, found in ((-1, matched), (belief.feature["seen"][0], False)):  # never matched is never seen again
+        belief.feature["born"][0] = born
+        sight, waits = sight_of(belief), np.zeros(1, bool)
+        sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), std**2 * np.eye(2)
+        candidates = candidates_of([[162.0, 119.0]])
+        associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
+        assert candidates["match"].tolist() == [belief.feature["serial"][0] if found else REJECTED]
+        assert waits.tolist() == [not found]
 
 
 # The way back -------------------------------------------------------------------------------------------------------

@@ -46,6 +46,7 @@ INSIDE_STDS = 3.0
 TELLING_SHARE = 0.85
 """And nearer than this share of the greatest distance at which anything is seen."""
 
+NEVER = 2**62
 NEAR, INSIDE = 1, 2
 """A row is within reach of the image; well inside it, so that a miss is telling."""
 
@@ -55,7 +56,7 @@ THING = record(
     column="i8",  # first covariance row of its parameters
     width="i8",  # how many they are: 0 for a fiducial, whose place is known
     visibility="i8",  # NEAR or INSIDE
-    unseen="i8",  # frames since a feature's last match, or its birth; 0 of others
+    unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
@@ -231,7 +232,7 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
             feature = belief.feature[row - K]
             found = _place_feature(view, feature.kind, feature.mean, thing)
             thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
-            thing.unseen = belief.state.frame - feature.seen
+            thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
         if found:
             own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
             thing.extra[:] = 0.0

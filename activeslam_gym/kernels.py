@@ -26,7 +26,7 @@ from numba.core.datamodel.models import OpaqueModel
 from numba.core.errors import TypingError
 from numba.core.targetconfig import ConfigStack
 from numba.core.typing.templates import infer_global
-from numba.extending import intrinsic, lower_cast, overload, register_model
+from numba.extending import intrinsic, lower_cast, register_model
 
 Tree = TypeVar("Tree", bound=tuple)
 
@@ -110,9 +110,6 @@ def borrowed(array: np.ndarray) -> np.ndarray:
     threads count those of one batch. The kernel's caller holds the array for as long as the kernel runs.
     """
     return array
-
-
-overload(borrowed)(lambda array: lambda array: _without_owner(array))  # type: ignore[call-arg]
 
 
 def record(**fields: Any) -> np.dtype[Any]:
@@ -235,6 +232,10 @@ def _as_part(function: Any, call: Any = None, **options: Any) -> Any:
         call.part = njit(**{"error_model": "numpy", "_nrt": True, **options, **alone})(function)
         infer_global(call, _PartType(call.part))
     return call
+
+
+# What `borrowed` is in kernels.
+_as_part(lambda array: _without_owner(array), borrowed)  # type: ignore[call-arg]
 
 
 # The cache ----------------------------------------------------------------------------------------------------------

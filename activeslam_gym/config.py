@@ -414,7 +414,7 @@ _PLACES = (
         start=ANYWHERE, maximum_distance=4.0, negative_information=True,
     ),
     Scenario(name="corner", **(_FURNISHED | {"start": CORNER}), **_CALM),
-    Scenario(name="sprint", start=WALL, duration=10.0),
+    Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),
     Scenario(name="noisy", start=WALL, pixel_std=4.0, acceleration_std=0.8, angular_acceleration_std=0.8),
     Scenario(
         name="mixed", box_count=(0, 5), inner_walls=(0, 1), **_FURNISHED,

@@ -52,7 +52,7 @@ def test_same_snapshot_same_picture_whatever_came_between():
     np.testing.assert_array_equal(rendering.draw(make_snapshot(seed=1)), first)
 
 
-EMPTY = ["expected_landmarks", "detections", "landmark_times", "true_trajectory"]
+EMPTY = ["expected_landmarks", "landmark_times", "true_trajectory"]
 CHANGES = {
     "motion": lambda was: Motion.UP,
     "gaze": lambda was: Gaze.RIGHT,
@@ -61,6 +61,7 @@ CHANGES = {
     "true_position": lambda was: was + 0.5,
     "entropy": lambda was: np.linspace(0, -500, len(was)),
     "room_size": lambda was: np.array([10.0, 3.0, 8.0]),
+    "detections": lambda was: np.concatenate((was.reshape(-1, 2), [[100.0, 80.0]])),
     "boxes": lambda was: np.array([[[0.0, -1.0, 1.0], [1.0, 0.5, 2.0]]]),
     **dict.fromkeys(EMPTY, lambda was: was[:0]),
 }

@@ -323,6 +323,8 @@ class Scenario:
         """What binds several fields to each other."""
         self._demand("goal_margin", 2 * self.goal_margin < min(self.room_size), "less than half of the smallest side")
         self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
+        farthest = self._farthest_apart
+        self._demand("point_spacing", self.point_spacing <= farthest, f"at most {farthest:.3g}: its points must fit")
         for name, least, greatest in self.varied:
             dataclasses.replace(self, varied=(), **{name: least})
             dataclasses.replace(self, varied=(), **{name: greatest})
@@ -341,6 +343,16 @@ class Scenario:
     def _demand(self, name: str, holds: bool, allowed: str) -> None:
         if not holds:
             raise ValueError(f"scenario.{name} must be {allowed}, got {getattr(self, name)!r}")
+
+    @property
+    def _farthest_apart(self) -> float:
+        """So far apart points drawn one by one still fit: squares, or cubes, of this side fill half of the space [m]."""
+        x, y, z = self.room_size
+        points = self.landmark_count + self.fiducial_count
+        if self.on_surfaces:
+            return math.sqrt(y * (x + z) / points)
+        space = min(x * y * z, (4.0 * self.cluster_std) ** 3) if self.landmark_layout == CLUSTERS else x * y * z
+        return (0.5 * space / points) ** (1.0 / 3.0)
 
     @property
     def filter_acceleration_stds(self) -> tuple[float, float]:

@@ -189,7 +189,7 @@ class _PartType(types.Dispatcher):
     """What a part is to Numba: a function that is compiled once for an array, in a record or not, and for an integer.
 
     Numba by itself would compile it for every length of an array in a record, and for every integer that is written
-    out: a third of all parts twice or more.
+    out: of 230 functions it made 374, and of 35 of this package's own two or more.
     """
 
     def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:

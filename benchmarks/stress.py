@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym import SCENARIOS, ActiveSLAMVectorEnv, Scenario
-from activeslam_gym.config import BOUNDS, INITIALISATIONS, KNOWN, UNKNOWN
+from activeslam_gym import SCENARIOS, ActiveSLAMVectorEnv, Scenario, config
+from activeslam_gym.config import BOUNDS
+from activeslam_gym.world.room import draw_room
 from benchmarks.memory import resident
 
 NUM_ENVS, FRAMES_PER_STEP = 4, 5
@@ -23,17 +24,26 @@ MOST_CHANGED = 6
 """Fields of a random scenario that are not as in `paper`."""
 SPREAD = 5.0
 """A number is drawn within this factor of the default."""
+WORDS = (
+    *config.INITIALISATIONS,
+    *(config.UNKNOWN, config.KNOWN),
+    *(config.UNIFORM, config.SURFACES, config.CLUSTERS),
+    *(config.CENTRE, config.CORNER, config.WALL, config.ANYWHERE),
+)
+"""What fields of words may hold."""
 
 
 def random_scenario(rng: np.random.Generator) -> Scenario:
-    """A legal scenario, some of whose fields are drawn at random."""
+    """A legal scenario, some of whose fields are drawn at random, of which there are rooms."""
     names = [name for name in BOUNDS if name not in LEFT_ALONE]
     while True:
         chosen = rng.choice(names, rng.integers(1, MOST_CHANGED + 1), replace=False)
         try:
-            return Scenario(name="random", **{name: _drawn(name, getattr(Scenario(), name), rng) for name in chosen})
-        except ValueError:  # bounds that bind fields to each other
+            drawn = Scenario(name="random", **{name: _drawn(name, getattr(Scenario(), name), rng) for name in chosen})
+            draw_room(drawn, np.random.default_rng(0))
+        except (ValueError, RuntimeError):  # bounds that bind fields to each other; nothing at the fiducials' distance
             continue
+        return drawn
 
 
 def _drawn(name: str, default: Any, rng: np.random.Generator) -> Any:
@@ -41,11 +51,11 @@ def _drawn(name: str, default: Any, rng: np.random.Generator) -> Any:
     if isinstance(default, bool):
         return bool(rng.integers(2))
     if isinstance(default, str):
-        return str(rng.choice(INITIALISATIONS if name == "initialisation" else (UNKNOWN, KNOWN)))
+        return str(rng.choice([word for word in WORDS if BOUNDS[name][0].holds(word)]))
     if isinstance(default, tuple):
         return tuple(sorted(_drawn(name, one, rng) for one in default))
     if name.endswith("probability") or not default:
-        return float(rng.uniform(0.0, 0.9))
+        return int(rng.integers(4)) if isinstance(default, int) else float(rng.uniform(0.0, 0.9))
     drawn = default * SPREAD ** rng.uniform(-1.0, 1.0)
     return max(int(drawn), 1) if isinstance(default, int) else float(drawn)
 

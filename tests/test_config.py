@@ -69,6 +69,7 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
         ("motion_criterion", "a string", (3, None)),
         ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
         ("wall_margin", "at most goal_margin", (0.5,)),
+        ("point_spacing", "at most 1.03: its points must fit", (1.1, 5)),
     ],
 )
 def test_what_is_out_of_bounds_is_named(name: str, allowed: str, values: tuple[Any, ...]) -> None:

@@ -128,15 +128,28 @@ def copied(values: np.ndarray) -> np.ndarray:
     return values.copy()
 
 
+@compiled
+def numbered(values: np.ndarray) -> tuple[int, tuple[np.ndarray, float]]:
+    """A new array, deep inside."""
+    return len(values), (values.copy(), 0.5)
+
+
 @borrowing
 def sum_of_copy(values: np.ndarray) -> float:
     """Counts no references, so nobody would free the copy."""
     return total(copied(values), 1)
 
 
-def test_a_borrowing_kernel_cannot_take_an_array_that_somebody_has_to_free() -> None:
-    with pytest.raises(NumbaError, match="a borrowing kernel cannot own the array that copied returns"):
-        sum_of_copy(np.arange(3.0))
+@borrowing
+def sum_of_numbered(values: np.ndarray) -> float:
+    """Nor this one."""
+    return total(numbered(values)[1][0], 1)
+
+
+@pytest.mark.parametrize(("kernel", "maker"), [(sum_of_copy, "copied"), (sum_of_numbered, "numbered")])
+def test_a_borrowing_kernel_cannot_take_an_array_that_somebody_has_to_free(kernel: Any, maker: str) -> None:
+    with pytest.raises(NumbaError, match=f"a borrowing kernel cannot own the array that {maker} returns"):
+        kernel(np.arange(3.0))
     assert copied(np.arange(3.0)).tolist() == [0.0, 1.0, 2.0]
 
 

@@ -61,7 +61,8 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     everything can be reached.
 
     Raises:
-        RuntimeError: no such room was found; the scenario's boxes or its points leave too little space.
+        RuntimeError: no such room was found; the scenario's boxes or its points leave too little space, or nothing
+            stands at the distance of the fiducials.
     """
     if scenario.start == CENTRE and not (scenario.draws_boxes or scenario.on_surfaces or scenario.point_spacing):
         nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
@@ -77,7 +78,8 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         if fiducials is not None and reachable(scenario, boxes, place, scenario.wall_margin + 0.05):
             found = _landmarks(scenario, boxes, fiducials, rng)
             return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes)
-    raise RuntimeError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: too many boxes, or too large")
+    cause = "too many boxes, boxes too large, point_spacing too large, or no wall within fiducial_distance"
+    raise RuntimeError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
 # Points -------------------------------------------------------------------------------------------------------------

@@ -18,7 +18,7 @@ help: ## show this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
 demo: $(VENV)/.agents ## compare learned and greedy policies in eight rooms: table and pictures in results/demo
-	$(RUN) -m agents compare --policies ppo mi-constant mi-mi mi-fisher sweep --episodes 8 --seed 1000000 --out results/demo
+	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, both initialisers (minutes): results/consistency
 	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/HONESTY.md

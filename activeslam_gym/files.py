@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 
 
 @contextmanager
@@ -20,3 +21,17 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         unfinished.replace(target)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def demand_writable(folder: Path) -> None:
+    """Demand that ``folder`` can be written to, or made where it is absent; it is not made.
+
+    Raises:
+        OSError: it cannot.
+    """
+    try:
+        nearest = next(path for path in (folder, *folder.resolve().parents) if path.exists())
+        with TemporaryFile(dir=nearest):
+            pass
+    except OSError as error:
+        raise OSError(f"{str(folder)!r} is no folder to write to ({error.strerror})") from error

@@ -133,7 +133,9 @@ MISTAKES = {
     "--source shots --calibration lens.json --target t.json": "No such file or directory",
     "--replay nowhere": "nowhere holds no live recording",
     "--replay a --record b": "give one of them",
-    "--record /dev/null/x": "/dev/null/x is no folder to write to",
+    "--record /dev/null/x": "'/dev/null/x' is no folder to write to",
+    "--record /proc/x": "'/proc/x' is no folder to write to",
+    f"--record {'a' * 300}": "is no folder to write to (File name too long)",
     "--record run --host 192.0.2.1 --port 0": "is no address of this machine",
 }
 

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.files import written_whole
+from activeslam_gym.files import demand_writable, written_whole
 from activeslam_gym.live.link import About
 from activeslam_gym.live.state import OVER, WAITING, State, plain, state_of
 from activeslam_gym.slam.filter import Filter
@@ -29,13 +29,11 @@ def check_folder(folder: Path) -> None:
     """Demand that a recording can begin in ``folder``, which need not be there yet.
 
     Raises:
-        OSError: it holds a recording already, or is no folder.
+        OSError: it holds a recording already, or cannot be written to.
     """
+    demand_writable(folder)
     if (folder / STATES).exists():
         raise OSError(f"{folder} holds a live recording already; choose another folder")
-    nearest = next(path for path in (folder, *folder.resolve().parents) if path.exists())
-    if not nearest.is_dir():
-        raise OSError(f"{folder} is no folder to write to")
 
 
 class Recording:

@@ -6,10 +6,9 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import Any
 
-from activeslam_gym.files import written_whole
+from activeslam_gym.files import demand_writable, written_whole
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -33,12 +32,10 @@ def write_text(path: Path, text: str) -> None:
 
 def writable_folder(argument: str, folder: Path) -> None:
     """Raise ValueError, which names the argument, where `folder` cannot be made or written into; it is not made."""
-    nearest = next(path for path in (folder, *folder.resolve().parents) if path.exists())
     try:
-        with TemporaryFile(dir=nearest):
-            pass
+        demand_writable(folder)
     except OSError as error:
-        raise ValueError(f"{argument}: {str(folder)!r} is no folder to write to ({error.strerror})") from error
+        raise ValueError(f"{argument}: {error}") from error
 
 
 def writable_file(argument: str, path: Path) -> None:

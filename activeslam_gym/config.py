@@ -346,7 +346,7 @@ class Scenario:
 
     @property
     def _farthest_apart(self) -> float:
-        """So far apart points drawn one by one still fit: squares, or cubes, of this side fill half of the space [m]."""
+        """So far apart points drawn one by one still fit: a square, or cube, for each fills half of the space [m]."""
         x, y, z = self.room_size
         points = self.landmark_count + self.fiducial_count
         if self.on_surfaces:

@@ -100,8 +100,9 @@ def test_points_are_apart_wherever_they_are_and_a_room_without_enough_space_is_r
         points = np.concatenate((room.fiducials, room.landmarks))
         assert len(points) == 33 and least_gap(points) >= 0.25
     with pytest.raises(RuntimeError, match="'paper': its landmarks do not fit in a room, 0.5 m apart"):
-        full = (((-3.0, -1.0, 0.5), (3.0, 1.0, 3.0)), ((-3.0, -1.0, -3.0), (3.0, 1.0, -0.5)))
-        draw_room(Scenario(point_spacing=0.5, fiducial_count=0, landmark_count=200, boxes=full), np.random.default_rng(0))
+        full = ((-3.0, -1.0, 0.5), (3.0, 1.0, 3.0)), ((-3.0, -1.0, -3.0), (3.0, 1.0, -0.5))
+        crowded = Scenario(point_spacing=0.5, fiducial_count=0, landmark_count=200, boxes=full)
+        draw_room(crowded, np.random.default_rng(0))
 
 
 def test_starts_are_where_they_should_be() -> None:

@@ -69,8 +69,8 @@ def train(args: Args) -> bool:
     from agents.learn import algorithms
 
     args.check()
-    env = algorithms.make_batch(args, args.num_envs, algorithms.TRAINING_SEEDS + args.num_envs * args.seed)
-    rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.HELD_OUT_SEEDS)
+    env = algorithms.make_batch(args, args.num_envs, algorithms.training_seed(args))
+    rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.held_out_seed(args))
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), closing(rooms):
         return _train(args, env, rooms)
@@ -91,7 +91,7 @@ def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
     progress = Progress(args.total_steps)
     callbacks = [
         Checkpoints(checkpoint, args.period),
-        HeldOutRooms(rooms, args.period, keeper.best(), keeper.keep, progress),
+        HeldOutRooms(rooms, algorithms.held_out_seed(args), args.period, keeper.best(), keeper.keep, progress),
         progress,
     ]
     try:
@@ -125,17 +125,17 @@ class Keeper:
         return time.monotonic() - self.begun
 
     def best(self) -> float:
-        """The best mean return in the held-out rooms that an earlier call reached."""
-        best = read_card(self.path).get("held_out_mean_return") if self.path.exists() else None
+        """The best return in the held-out rooms that an earlier call reached."""
+        best = read_card(self.path).get("held_out_return") if self.path.exists() else None
         return -math.inf if best is None else float(best)
 
-    def keep(self, held_out_mean_return: float) -> None:
+    def keep(self, held_out_return: float) -> None:
         """Write the present weights and their card."""
         from agents.learn.weights import save
 
-        rooms = 0 if math.isnan(held_out_mean_return) else self.args.held_out_rooms
+        rooms = 0 if math.isnan(held_out_return) else self.args.held_out_rooms
         card = card_of(self.args.recipe(), self.learner.num_timesteps, self.seconds(), rooms)
-        save(self.path, self.learner.policy, card | {"held_out_mean_return": held_out_mean_return})
+        save(self.path, self.learner.policy, card | {"held_out_return": held_out_return})
 
     def add_results(self) -> None:
         """Complete the card: the training's length and time, and what the weights reach in unseen rooms; print that."""
@@ -143,8 +143,8 @@ class Keeper:
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
         rooms = self.args.unseen_rooms
         print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
-        summary = unseen(self.path, rooms, self.args.duration)
-        card["results"] = results(self.path, summary)
+        summary = unseen(self.path, rooms, self.args)
+        card["results"] = results(self.path, summary, self.args)
         write_json(self.path.with_suffix(".json"), card)
         print(f"\n{tables.text(summary)}\n")
 

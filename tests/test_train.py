@@ -24,16 +24,19 @@ from stable_baselines3 import PPO  # noqa: E402
 
 from agents import policies  # noqa: E402
 from agents.__main__ import main  # noqa: E402
+from agents.learn import algorithms  # noqa: E402
 from agents.learn.algorithms import save_learner  # noqa: E402
 from agents.learn.card import read_card  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
+from agents.learn.recipe import Recipe  # noqa: E402
 from agents.learn.weights import load, save  # noqa: E402
 from agents.pretrained import FOLDER  # noqa: E402
 from agents.tools.files import alone_in  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
+from baselines.constants import best_constant  # noqa: E402
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
-SMALL |= {"duration": 5.0, "decision_period": 0.25}
+SMALL |= {"duration": 5.0, "decision_period": 0.25, "warm_start": 0.0}
 LEFT = {"policy.npz", "policy.json", CHECKPOINT}
 
 
@@ -50,7 +53,7 @@ def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsy
                 + ["--total-steps=4"]) == 0  # fmt: skip
     out, bar = capsys.readouterr()
     assert re.search(r"4 decisions: held-out rooms mean return -?\d+, median -?\d+, lost in \d+ %; kept", out)
-    assert "Now 1 unseen rooms for the kept weights, and for orbit, mi-constant, mi-fisher:" in out
+    assert "Now 1 unseen rooms for the kept weights, and for best-constant, mi-constant, mi-fisher:" in out
     assert all(name in out for name in ("What was learned", "policy.npz", "lost, %", "mean log score gain"))
     assert all(doing in bar for doing in ("flying", "learning", "2 held-out rooms"))
 
@@ -81,8 +84,8 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
     assert {path.name for path in trained.iterdir()} >= LEFT
     card = json.loads((trained / "policy.json").read_text())
     assert card["results"]["rooms"] == 2 and card["steps_trained"] == 40
-    assert set(card["results"]["references"]) == {"orbit", "mi-constant", "mi-fisher"}
-    assert card["held_out_mean_return"] is not None  # the end of a short training is judged too
+    assert set(card["results"]["references"]) == {"best-constant", "mi-constant", "mi-fisher"}
+    assert card["held_out_return"] is not None  # the end of a short training is judged too
     train(Args(out=trained, total_steps=80, **SMALL))
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80
     with pytest.raises(ValueError, match="holds a training with reward='log_score', got 'entropy'"):
@@ -143,6 +146,36 @@ def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
     with torch.no_grad():
         one, other = (encoder(torch.as_tensor(o[None])) for o in (observation, shuffled))
     torch.testing.assert_close(one, other)
+
+
+@pytest.mark.parametrize("algorithm", ["ppo", "a2c"])
+def test_training_begins_near_the_best_constant(algorithm: Any) -> None:
+    recipe = Recipe(algorithm=algorithm, num_envs=2, warm_start=0.7)
+    env = algorithms.make_batch(recipe, 2, algorithms.training_seed(recipe))
+    policy = algorithms.make_learner(recipe, env, None).policy
+    drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
+    for part, best in zip(drawn, best_constant(env.unwrapped)):
+        others = (1.0 - 0.7) / (part.probs.shape[1] - 1)
+        expected = np.where(np.arange(part.probs.shape[1]) == best, 0.7, others)
+        np.testing.assert_allclose(part.probs.detach().numpy(), np.tile(expected, (2, 1)), atol=0.03)
+    env.close()
+
+
+def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finders_or_not(
+    trained: Path, tmp_path: Path
+) -> None:
+    furnished = gym.make("ActiveSLAM-v0", scenario="office", gaze_period=0.25)
+    plain = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    acts(furnished, load("policy", furnished, trained))
+    train(Args(out=tmp_path, total_steps=40, scenario="office", **SMALL))
+    assert json.loads((tmp_path / "policy.json").read_text())["scenario"] == "office"
+    observation = furnished.reset(seed=3)[0]
+    far = activeslam_gym.observation_layout(furnished).global_slices["clearance"]
+    assert far.stop == activeslam_gym.observation_layout(furnished).tokens.start  # behind all others
+    observation[far] = 1.0  # nothing within reach
+    here, there = load("policy", furnished, tmp_path), load("policy", plain, tmp_path)
+    without = np.delete(observation, np.arange(far.start, far.stop))
+    np.testing.assert_array_equal(here.predict(observation)[0], there.predict(without)[0])
 
 
 @pytest.mark.parametrize("algorithm", ["dqn", "a2c"])

@@ -1,6 +1,7 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -16,16 +17,14 @@ from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from activeslam_gym import observation_layout
+from activeslam_gym.config import TRAINING_SEED, benchmark_seed
 from activeslam_gym.files import written_whole
 from agents.learn.recipe import Recipe
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
+from baselines.constants import best_constant
 
-TRAINING_SEEDS = 2**32
-"""Training rooms have seeds from here on, so that no room of the study is among them."""
-HELD_OUT_SEEDS = 3_000_000
-"""The rooms that choose the best weights: none of training, none of the study."""
 REPLAY_STEPS = 100_000
 """What DQN remembers: some hundreds of megabytes of observations."""
 COUNTS = {"num_timesteps": int, "_n_updates": int, "_episode_num": int, "seconds": float}
@@ -36,9 +35,20 @@ _LAST_RATE = 0.05
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
 
 
+def training_seed(recipe: Recipe) -> int:
+    """The first seed of the rooms that are trained in."""
+    return TRAINING_SEED + recipe.num_envs * recipe.seed
+
+
+def held_out_seed(recipe: Recipe) -> int:
+    """The first seed of the rooms that choose the best weights: none of training, none of a benchmark."""
+    return benchmark_seed(recipe.scenario, validation=True)
+
+
 def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
     """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are."""
     arguments: dict[str, Any] = {
+        "scenario": recipe.scenario,
         "gaze_period": recipe.decision_period,
         "duration": recipe.duration,
         "reward": recipe.reward,
@@ -57,7 +67,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         "a2c": entropy,
         "dqn": {"buffer_size": REPLAY_STEPS},
     }
-    return CLASSES[recipe.algorithm](
+    learner = CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, _LAST_RATE),
@@ -68,6 +78,17 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         device="cpu",
         **own[recipe.algorithm],
     )
+    if recipe.warm_start and recipe.algorithm != "dqn":
+        _prefer(learner, *best_constant(env.unwrapped), recipe.warm_start)
+    return learner
+
+
+def _prefer(learner: Any, motion: int, gaze: int, probability: float) -> None:
+    """Give a motion and a gaze, each, this probability in a new policy, whose other choices are about equal."""
+    bias, choices = learner.policy.action_net.bias, learner.action_space.nvec
+    with torch.no_grad():
+        for index, others in zip((motion, choices[0] + gaze), choices - 1):
+            bias[index] += math.log(others * probability / (1.0 - probability))
 
 
 def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> Any:
@@ -75,8 +96,9 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 
     Raises ValueError where they do not fit each other.
     """
-    recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe) if field.name in card})
-    env = make_batch(recipe, 1, TRAINING_SEEDS)
+    told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
+    recipe = Recipe(**(told | {"warm_start": 0.0}))
+    env = make_batch(recipe, 1, TRAINING_SEED)
     try:
         learner = make_learner(recipe, env, None)
         learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
@@ -105,7 +127,7 @@ def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> A
         learner.set_parameters(parameters, device="cpu")
         for name, kind in COUNTS.items():
             setattr(learner, name, kind(kept.get(name, 0)))
-    env.seed(TRAINING_SEEDS + recipe.num_envs * recipe.seed + learner.num_timesteps)
+    env.seed(training_seed(recipe) + learner.num_timesteps)
     return learner
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback, EvalCallback
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.learn.algorithms import HELD_OUT_SEEDS, save_learner
+from agents.learn.algorithms import save_learner
+from agents.learn.card import FLOOR
 
 
 class Progress(BaseCallback):
@@ -57,15 +58,17 @@ class Progress(BaseCallback):
 class HeldOutRooms(EvalCallback):
     """The deterministic policy in the same held-out rooms, an episode in each, every `period` decisions and at the end.
 
-    `save_best` is called with the mean return, in the reward's own unit, where it is the best so far.
+    `save_best` is called with the mean return, in the reward's own unit and at least `FLOOR` a room, where it is the
+    best so far.
     """
 
     def __init__(
-        self, rooms: VecEnv, period: int, best: float, save_best: Callable[[float], None], progress: Progress
+        self, rooms: VecEnv, seed: int, period: int, best: float, save_best: Callable[[float], None], progress: Progress
     ) -> None:
         super().__init__(rooms, n_eval_episodes=rooms.num_envs, eval_freq=1, verbose=0)
+        self.seed = seed
         self.period = period
-        self.best_mean_reward = best
+        self.best = best
         self.save_best = save_best
         self.progress = progress
         self.visited = 0
@@ -82,13 +85,14 @@ class HeldOutRooms(EvalCallback):
     def _visit(self) -> bool:
         self.visited = self.num_timesteps
         self.progress.doing(f"{self.eval_env.num_envs} held-out rooms")
-        self.eval_env.seed(HELD_OUT_SEEDS)
+        self.eval_env.seed(self.seed)
         self.returns, self.lost = [], []
-        before = self.best_mean_reward
         going_on = super()._on_step()
-        if better := self.best_mean_reward > before:
-            self.save_best(self.best_mean_reward)
-        returns = f"mean return {self.last_mean_reward:.0f}, median {np.median(self.returns):.0f}"
+        found = float(np.maximum(self.returns, FLOOR).mean())
+        if better := found > self.best:
+            self.best = found
+            self.save_best(found)
+        returns = f"mean return {found:.0f}, median {np.median(self.returns):.0f}"
         told = f"{returns}, lost in {100 * np.mean(self.lost):.0f} %"
         self.progress.say(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
         self.progress.doing("flying")

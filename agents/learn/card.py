@@ -5,21 +5,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from agents.learn.recipe import ALGORITHMS
+from activeslam_gym.config import benchmark_seed
+from agents.learn.recipe import ALGORITHMS, Recipe
 from agents.summary import Summary, summarise
 from agents.task import Task
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 from agents.tools.parallel import run_all
 
-UNSEEN_SEEDS = 4_000_000
-"""The rooms of the card's results: none of training, of the choice of weights, or of the study."""
-REFERENCES = ("orbit", "mi-constant", "mi-fisher")
+REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
 """A constant action and two greedy strategies: what a learned policy is worth training for."""
+FLOOR = -100.0
+"""What a held-out room counts at least, as much as the forfeit of a lost run: one room does not choose the weights."""
 COLUMNS = ("bits", "log_score_gain", "landmarks_mapped", "landmark_rmse", "position_error", "lost", "decision_us")
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
-    "Trained in the default scenario alone: other rooms, noise, motions and durations are outside what it has seen. "
+    "Trained in this scenario alone: other rooms, noise, motions and durations are outside what it has seen. "
     "It knows the belief, never the truth, and holds each decision for decision_period seconds."
 )
 
@@ -29,7 +30,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
 
     No `held_out_rooms`: they are the last ones, not chosen.
     """
-    best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms"
+    best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms, {FLOOR:g} bits the least"
     return {
         "command": " ".join(["python -m agents train", *(f"--{k.replace('_', '-')} {v}" for k, v in recipe.items())]),
         **recipe,
@@ -53,16 +54,22 @@ def read_card(weights: Path) -> dict[str, Any]:
         return card
 
 
-def unseen(weights: Path, rooms: int, duration: float) -> Summary:
-    """What the weights reach in `rooms` unseen rooms of the default scenario, beside `REFERENCES` in the same rooms."""
-    settings = json.dumps({"duration": duration})
-    names, seeds = (str(weights), *REFERENCES), range(UNSEEN_SEEDS, UNSEEN_SEEDS + rooms)
+def unseen_seed(recipe: Recipe) -> int:
+    """The first seed of the rooms of a card's results: none of training, of the choice of weights, of a benchmark."""
+    return benchmark_seed(recipe.scenario, validation=True) + 250_000
+
+
+def unseen(weights: Path, rooms: int, recipe: Recipe) -> Summary:
+    """What the weights reach in `rooms` unseen rooms of the scenario, beside `REFERENCES` in the same rooms."""
+    settings = json.dumps({"scenario": recipe.scenario, "duration": recipe.duration})
+    first = unseen_seed(recipe)
+    names, seeds = (str(weights), *REFERENCES), range(first, first + rooms)
     tasks = [Task(name, seed, settings) for name in names for seed in seeds]
     return summarise([episode for _, episode in run_all(Task.run, tasks, jobs=1)])
 
 
-def results(weights: Path, summary: Summary) -> dict[str, Any]:
+def results(weights: Path, summary: Summary, recipe: Recipe) -> dict[str, Any]:
     """The figures of the weights and of the references for a card, with 95 % intervals."""
     figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
     own = figures.pop(str(weights))
-    return {"first_seed": UNSEEN_SEEDS, "rooms": own["bits"]["rooms"], **own, "references": figures}
+    return {"first_seed": unseen_seed(recipe), "rooms": own["bits"]["rooms"], **own, "references": figures}

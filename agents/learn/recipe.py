@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from activeslam_gym.config import scenario_from
 from agents.tools.arguments import positive, within
 
 Algorithm = Literal["ppo", "a2c", "dqn"]
@@ -17,12 +18,18 @@ class Recipe:
     """Learner of Stable-Baselines3; DQN learns on the 21 joint actions."""
     reward: str = "log_score"
     """Reward of the environment."""
-    total_steps: int = 60_000
+    scenario: str = "paper"
+    """Name of the scenario whose rooms are trained in."""
+    warm_start: float = 0.8
+    """Probability of the motion, and of the gaze, of the scenario's best constant action before training; 0: none is
+    preferred. By chance alone no course is held for seconds; from the constant, each change is tried beside it (PPO,
+    A2C)."""
+    total_steps: int = 120_000
     """Decisions in all, rounded up to whole rollouts (PPO: an episode of every environment)."""
     decision_period: float = 1.0
     """Time between decisions, the environment's gaze_period [s]. Short ones learn slowly: chance holds no course."""
-    duration: float = 35.0
-    """Time of an episode [s]."""
+    duration: float | None = None
+    """Time of an episode [s]; the scenario's if not given."""
     num_envs: int = 32
     """Environments in the batch."""
     seed: int = 0
@@ -46,7 +53,11 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-        positive(self, "total_steps", "num_envs", "width", "decision_period", "duration", "gamma")
+        scenario_from(self.scenario)
+        positive(self, "total_steps", "num_envs", "width", "decision_period", "gamma")
+        if self.duration is not None:
+            positive(self, "duration")
+        within(self, warm_start=(0.0, 0.99))
         positive(self, "learning_rate", "reward_scale", "reward_clip")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13), epochs=(1, 1000))
@@ -58,4 +69,4 @@ class Recipe:
     @property
     def steps_per_episode(self) -> int:
         """Decisions of a whole episode."""
-        return round(self.duration / self.decision_period)
+        return round((self.duration or scenario_from(self.scenario).duration) / self.decision_period)

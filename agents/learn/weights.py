@@ -19,12 +19,15 @@ from stable_baselines3.dqn.policies import DQNPolicy
 from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation_layout
 from activeslam_gym.config import whole_multiple
 from activeslam_gym.files import written_whole
+from activeslam_gym.motion import MOTION_COUNT
 from agents import pretrained
 from agents.learn.card import read_card
 from agents.learn.encoder import SetEncoder
 from agents.tools.files import reading, write_json
 from baselines.policy import Environment
 
+FREE = -1
+"""No column: a range finder that an observation lacks, as if nothing were within its range."""
 Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
 """Observations (B, D) -> for each part of the action its preferences (B, choices)."""
 
@@ -90,7 +93,8 @@ class LearnedPolicy:
     def _decide(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
         with torch.inference_mode(), _one_thread():
-            logits = self._logits(torch.as_tensor(observations[:, self._columns]))
+            known = np.where(self._columns == FREE, np.float32(1.0), observations[:, self._columns])
+            logits = self._logits(torch.as_tensor(known))
             if deterministic or len(logits) == 1:  # values are no probabilities
                 chosen = [part.argmax(dim=1) for part in logits]
             else:
@@ -100,19 +104,19 @@ class LearnedPolicy:
 
 
 def _known_part(layout: ObservationLayout, weights: Mapping[str, np.ndarray]) -> tuple[ObservationLayout, np.ndarray]:
-    """The part of an observation that weights know, and its columns.
+    """The observation as weights know it, and of each of its numbers the column that has it, or `FREE`.
 
-    Where there are boxes, range finders stand behind the other global features; weights of a room without them read on
-    without.
+    Where there are boxes, range finders stand behind the other global features. Weights of a room without them read on
+    without; to weights of a room with them, all is free where there are none.
     """
-    known = weights.get("features_extractor.globals.0.weight", np.empty((0, layout.tokens.start))).shape[1]
-    more = layout.tokens.start - known
-    sensed = layout.global_slices.get("clearance")
-    if sensed is None or sensed.stop - sensed.start != more:
+    start = layout.tokens.start
+    known = weights.get("features_extractor.globals.0.weight", np.empty((0, start))).shape[1]
+    more, sensed = known - start, layout.global_slices.get("clearance", slice(start, start))
+    own = sensed.stop - sensed.start  # range finders here
+    if more not in (-own, MOTION_COUNT - own):
         return layout, np.arange(layout.size)
-    tokens = slice(known, layout.tokens.stop - more)
-    columns = np.r_[0:known, layout.tokens.start : layout.size]
-    return replace(layout, tokens=tokens, size=layout.size - more), columns
+    columns = np.r_[0 : min(known, start), np.full(max(more, 0), FREE), start : layout.size]
+    return replace(layout, tokens=slice(known, layout.tokens.stop + more), size=layout.size + more), columns
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from .greedy import JointGreedy, greedy
 from .lookahead import Lookahead
 from .policy import Environment, Policy, Predictor, best
 from .rollout import Rollout
+from .sequences import BestSequence
 
 __all__ = ["Policy", "Predictor", "best", "make", "names"]
 
@@ -22,6 +23,7 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "sweep": Sweep,
     "orbit": Orbit,
     "best-constant": BestConstant,
+    "best-sequence": BestSequence,
     "mi-constant": greedy,
     "mi-mi": partial(greedy, gaze_criterion="mutual_information"),
     "mi-fisher": partial(greedy, gaze_criterion="fisher_trace"),

@@ -1,35 +1,45 @@
-"""`python -m baselines`: choose the best constant action of every named scenario anew, in its default times.
+"""`python -m baselines`: choose the best constant and the best sequence of every named scenario anew.
 
-With names of scenarios it does so for them alone, and keeps what the table holds of the others.
+In the scenarios' default times. With names of scenarios it does so for them alone, and keeps what the tables hold of
+the others.
 """
 
 import json
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 
 from activeslam_gym import SCENARIOS
 from activeslam_gym.files import written_whole
 
-from .constants import TABLE, choose, key_of
+from . import constants, sequences
+from .constants import Choose, key_of
 
 
 def main(names: Sequence[str]) -> int:
-    """Write the table; the exit status, 2 for an unknown name."""
+    """Write the tables; the exit status, 2 for an unknown name."""
     if unknown := [name for name in names if name not in SCENARIOS]:
         print(f"scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}", file=sys.stderr)
         return 2
-    kept = json.loads(TABLE.read_text(encoding="utf-8")) if names and TABLE.exists() else {}
-    table = {key: entry for key, entry in kept.items() if entry["scenario"] not in names}
-    for name in names or SCENARIOS:
-        env = gym.make("ActiveSLAM-v0", scenario=name).unwrapped
-        period, duration = env.motion_period, env.duration  # type: ignore[attr-defined]
-        table[key_of(env)] = entry = choose(SCENARIOS[name], period, period, duration)
-        print(f"{name}: {entry['medians']}", flush=True)
-        with written_whole(TABLE) as unfinished:
-            unfinished.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    choices = ((constants.TABLE, constants.choose), (sequences.TABLE, sequences.choose_sequence))
+    for path, choose in choices:
+        _renew(path, choose, names)
     return 0
+
+
+def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
+    """Choose anew for the ``names``, or for all, in the table ``path``."""
+    kept = json.loads(path.read_text(encoding="utf-8")) if names and path.exists() else {}
+    table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] not in names}
+    for name in names or SCENARIOS:
+        env: Any = gym.make("ActiveSLAM-v0", scenario=name).unwrapped
+        table[key_of(env)] = entry = choose(SCENARIOS[name], env.motion_period, env.motion_period, env.duration)
+        print(f"{name}: {entry['medians']}", flush=True)
+        with written_whole(path) as unfinished:
+            unfinished.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ when it is first asked for, which takes a minute or so and is said.
 
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
@@ -27,6 +28,8 @@ FINALISTS = 4
 MORE_ROOMS = 24
 """in so many more."""
 
+Choose = Callable[[Scenario, float, float, float], dict[str, Any]]
+"""(scenario, gaze period, motion period, duration) -> an entry of a table."""
 CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])
 """(21, 2) the constant actions."""
 
@@ -47,10 +50,13 @@ class BestConstant(Policy):
 
 def best_constant(env: Any) -> tuple[Motion, Gaze]:
     """The best constant action for the scenario, the motion period and the duration of ``env``, a bare environment."""
-    found = _table().get(key_of(env))
-    if found is None:
-        found = _chosen(*_asked(env))
+    found = found_or_chosen(TABLE, env, choose, "constant action")
     return Motion[found["motion"]], Gaze[found["gaze"]]
+
+
+def found_or_chosen(path: Path, env: Any, choose: Choose, what: str) -> dict[str, Any]:
+    """The entry of the table ``path`` for ``env``, or, where it has none, the best one that ``choose`` finds now."""
+    return table_of(path).get(key_of(env)) or _chosen(choose, what, *_asked(env))
 
 
 def key_of(env: Any) -> str:
@@ -62,22 +68,23 @@ def key_of(env: Any) -> str:
 
 
 @cache
-def _table() -> dict[str, dict[str, Any]]:
-    return json.loads(TABLE.read_text(encoding="utf-8"))
+def table_of(path: Path) -> dict[str, dict[str, Any]]:
+    """What was chosen before."""
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def _asked(env: Any) -> tuple[Scenario, float, float, float]:
-    """Arguments of `choose`; steps are motion periods where the duration is a whole number of them."""
+    """Arguments of a `Choose`; steps are motion periods where the duration is a whole number of them."""
     whole = abs(env.duration / env.motion_period % 1.0 - 0.5) > 0.5 - 1e-6
     return env.scenario, env.motion_period if whole else env.gaze_period, env.motion_period, env.duration
 
 
 @cache
-def _chosen(scenario: Scenario, gaze_period: float, motion_period: float, duration: float) -> dict[str, Any]:
-    """`choose`, once a process, and said."""
-    told = f"baselines: choosing the best constant action for {scenario.name!r}, {duration:g} s"
+def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dict[str, Any]:
+    """``choose``, once a process, and said."""
+    told = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
     print(f"{told}, in rooms of training (once a process) ...", file=sys.stderr, flush=True)
-    return choose(scenario, gaze_period, motion_period, duration)
+    return choose(scenario, *times)
 
 
 def choose(scenario: Scenario, gaze_period: float, motion_period: float, duration: float) -> dict[str, Any]:

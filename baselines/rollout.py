@@ -1,10 +1,16 @@
 """A planner: plans are played ahead in imagined runs, and the best of them is begun.
 
-At each decision the plan so far is challenged by changes of it: an action, a motion or a gaze held from some time on
-for some time. All are played to the end of the episode in the same imagined rooms, which are drawn from the belief (see
-`activeslam_gym.envs.imagination`), by sequential halving: in each round every plan that is left is played in new rooms,
-and the worse half is dropped. The plan so far is never dropped: the best challenger has to beat it in the rooms of the
-last round, which had no part in its choice, by more than the standard error of the difference.
+An episode begins with the best sequence as the plan (see `baselines.sequences`). At each decision it is challenged by
+changes of it: from some time on and for some time another action, motion or gaze is held, or put in between, or what
+was planned is left out, or the rest is done the other way round. All are played to the end of the episode in the same
+imagined rooms, which are drawn from the belief (see `activeslam_gym.envs.imagination`), by sequential halving: in each
+round every plan that is left is played in new rooms, and the worse half is dropped. The plan so far is never dropped:
+the best challenger has to beat it in the rooms of the last round, which had no part in its choice, by more than the
+standard error of the difference.
+
+Runs are judged by the log score, which tells a belief that is confidently wrong from one that is right; the entropy,
+which does not, was tried. One such run in a hundred would outweigh all others, so that none counts as more than `WORST`
+bits below the best beside it.
 """
 
 import math
@@ -16,9 +22,10 @@ from numpy.typing import NDArray
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.envs.imagination import Imagination
 
-from .constants import best_constant
 from .policy import Actions, Environment, Policy
+from .sequences import Sequence, best_sequence, constant
 
+OTHER = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
 Plan = NDArray[np.int64]
 """(T, 2) motion and gaze of each motion period."""
 
@@ -26,6 +33,12 @@ HELD = (1, 2, 3, 5, 8, 13, 1000)
 """A change is held for one of so many motion periods, or to the end."""
 NOW = 0.5
 """Share of the changes that begin at once."""
+KINDS = {"hold": 0.5, "insert": 0.25, "skip": 0.1, "mirror": 0.15}
+"""Kinds of changes, and their shares."""
+MIRRORED = tuple(np.array([one[OTHER.get(of.name, of.name)] for of in one]) for one in (Motion, Gaze))
+"""Of each motion, and of each gaze, that to the other side."""
+WORST = 1000.0
+"""No imagined run counts as more than this below the best one beside it [bit]."""
 RUNS_PER_PLAN = 4
 """The budget is so many runs for each plan."""
 FEWEST_RUNS = 8
@@ -34,9 +47,9 @@ FEWEST_RUNS = 8
 class Rollout(Policy):
     """The first action of the best plan found, once a motion period; its gaze is held for the whole period.
 
-    ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: motion and gaze of the plan with
-    which an episode begins (None: the best constant). ``seed``: of all that is drawn. ``threads`` share the imagined
-    runs (None: one for each core).
+    ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: the plan with which an episode
+    begins, a sequence, or motion and gaze of a constant (None: the scenario's best sequence). ``seed``: of all that is
+    drawn. ``threads`` share the imagined runs (None: one for each core).
 
     Raises:
         ValueError: the budget is under 8 runs.
@@ -48,7 +61,7 @@ class Rollout(Policy):
         self,
         env: Environment,
         budget: int = 64,
-        base: tuple[int, int] | None = None,
+        base: Sequence | tuple[int, int] | None = None,
         seed: int = 0,
         threads: int | None = None,
     ) -> None:
@@ -56,7 +69,9 @@ class Rollout(Policy):
         if budget < FEWEST_RUNS:
             raise ValueError(f"budget: {budget} imagined runs a decision; allowed: {FEWEST_RUNS} or more")
         imaginations = [self.imagination(self.env, i, seed, threads) for i in range(self.num_envs)]
-        self._searches = [Search(one, budget, base or best_constant(self.env), seed) for one in imaginations]
+        begun = base or best_sequence(self.env)
+        begun = begun if isinstance(begun, Sequence) else constant(begun)
+        self._searches = [Search(one, budget, begun, seed) for one in imaginations]
         self._gaze = self.always(Gaze.STAY)
 
     def decide(self) -> Actions:
@@ -79,7 +94,7 @@ class Rollout(Policy):
 class Search:
     """The plan of one environment, and how it is bettered."""
 
-    def __init__(self, imagination: Imagination, budget: int, base: tuple[int, int], seed: int) -> None:
+    def __init__(self, imagination: Imagination, budget: int, base: Sequence, seed: int) -> None:
         self.imagination = imagination
         self.plan: Plan = np.zeros((0, 2), np.int64)
         self._budget, self._base, self._seed = budget, base, seed
@@ -96,22 +111,27 @@ class Search:
         return self.plan[0]
 
     def _rest(self, plan: Plan) -> Plan:
-        """What is left of a plan: its last actions, one for each period to come; the base's where it has too few."""
+        """What is left of a plan, one action for each period to come; of an empty one, the base's."""
         periods = self.imagination.periods
-        base = np.tile(np.array(self._base, np.int64), (periods, 1))
-        return np.concatenate((plan, base[len(plan) :]))[-periods:]
+        return _as_long(plan if len(plan) else self._base.plan(periods), periods)[-periods:]
 
     def _changed(self) -> Plan:
         """The plan with one change."""
         plan, rng = self.plan.copy(), self._rng
         start = 0 if rng.random() < NOW else int(rng.integers(len(plan)))
-        part = slice(start, start + int(rng.choice(HELD)))
-        what = rng.integers(3)  # motion, gaze or both
-        if what != 1:
-            plan[part, 0] = rng.integers(len(Motion))
-        if what != 0:
-            plan[part, 1] = rng.integers(len(Gaze))
-        return plan
+        held = min(int(rng.choice(HELD)), len(plan) - start)
+        end, new = start + held, np.array([rng.integers(len(Motion)), rng.integers(len(Gaze))])
+        kind = rng.choice(list(KINDS), p=list(KINDS.values()))
+        if kind == "mirror":
+            plan[start:, 0], plan[start:, 1] = MIRRORED[0][plan[start:, 0]], MIRRORED[1][plan[start:, 1]]
+        elif kind == "insert":
+            plan = np.concatenate((plan[:start], np.tile(new, (held, 1)), plan[start:]))
+        elif kind == "skip":
+            plan = np.concatenate((plan[:start], plan[end:], plan[-1:]))
+        else:
+            which = [[0], [1], [0, 1]][rng.integers(3)]
+            plan[start:end, which] = new[which]
+        return _as_long(plan, len(self.plan))[: len(self.plan)]
 
     def _best(self, plans: NDArray[np.int64]) -> Plan:
         """The best of ``plans`` (n, T, 2) by sequential halving, or the first, which is never dropped."""
@@ -129,10 +149,16 @@ class Search:
         return plans[left[1] if sure else 0]
 
     def _worths(self, plans: NDArray[np.int64], rooms: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n, m) how much entropy is removed by the end by each of ``plans`` in each of ``rooms`` (m,) [bit]."""
+        """(n, m) the log density of what is true, at the end of each of ``plans`` in each of ``rooms`` (m,) [bit]."""
         each = np.repeat(plans, len(rooms), axis=0)
         outcome = self.imagination.play(np.tile(rooms, len(plans)), each)
-        return -outcome.entropy.reshape(len(plans), len(rooms))
+        worths = outcome.log_density.reshape(len(plans), len(rooms))
+        return np.maximum(worths, worths.max() - WORST)
+
+
+def _as_long(plan: Plan, periods: int) -> Plan:
+    """``plan``, its last action repeated where it has fewer ``periods``."""
+    return np.concatenate((plan, np.tile(plan[-1], (max(periods - len(plan), 0), 1))))
 
 
 def halvings(plans: int, budget: int) -> Iterator[tuple[int, int]]:

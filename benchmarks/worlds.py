@@ -1,18 +1,16 @@
 """Does deciding pay? The best open loops and the policies that decide, in rooms of each scenario.
 
-    python -m benchmarks.worlds --scenarios office rooms --rooms 100 --sequences 200 --out results/worlds.json
+    python -m benchmarks.worlds --scenarios office rooms --rooms 100 --out results/worlds.json
 
-An open loop looks at nothing: the best of the 21 constant actions (the baseline ``best-constant``), ``sweep``, and the
-best of random sequences of up to four held actions. Constant and sequence are chosen in rooms of training; all figures
-are of the scenario's own unseen rooms. Prints a table for each scenario and one of all, in Markdown. What ``--out`` has
-already of a scenario and a policy, for the same rooms, is not played again: measure in parts, and remove the file when
-the code has changed.
+An open loop looks at nothing: the baselines ``best-constant`` and ``best-sequence``, chosen in rooms of training, and
+``sweep``. All figures are of the scenario's own unseen rooms. Prints a table for each scenario and one of all, in
+Markdown. What ``--out`` has already of a scenario and a policy, for the same rooms, is not played again: measure in
+parts, and remove the file when the code has changed.
 """
 
 import argparse
 import dataclasses
 import json
-import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,26 +20,18 @@ import gymnasium
 import numpy as np
 
 import activeslam_gym  # noqa: F401  (registers the environment)
-from activeslam_gym.config import SCENARIOS, TRAINING_SEED, Scenario, benchmark_seed
+from activeslam_gym.config import SCENARIOS, Scenario, benchmark_seed
 from activeslam_gym.files import written_whole
-from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, Gaze, Motion
 from agents import policies
 from agents.tools.statistics import estimate
 
-PLACES = ("office", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
+PLACES = ("office", "rooms", "clusters", "corner", "sprint", "mixed")
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
-SEQUENCE = "best-sequence"
-OPEN = ("best-constant", "sweep", SEQUENCE)
+OPEN = ("best-constant", "sweep", "best-sequence")
 PERIOD = 0.25
 """Gaze period [s]."""
 NEES_STEPS = 20
 """The NEES is read once in so many steps."""
-LONGEST = 4
-"""Actions of a sequence, at most."""
-ROUNDS = ((2, 20), (6, 5), (16, 1))
-"""Of the search of sequences: so many more rooms of training for those still in it, and how many of them go on."""
-BATCH = 64
-"""Runs at a time in that search."""
 NEES = ("position", "orientation", "landmarks")
 FIGURES = ("log_score", "landmarks", "lost", "contacts", *(f"{part}_nees" for part in NEES))
 
@@ -96,58 +86,6 @@ def named(name: str) -> Bind:
     return bind
 
 
-# Sequences of held actions ------------------------------------------------------------------------------------------
-
-
-def random_sequences(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sequences of one to `LONGEST` held actions: which (count, 4), of the 21, and until which share of an episode."""
-    rng = np.random.default_rng(0)
-    lengths = rng.integers(1, LONGEST + 1, size=(count, 1))
-    actions = rng.integers(MOTION_COUNT * GAZE_COUNT, size=(count, LONGEST))
-    spans = rng.uniform(0.2, 1.0, (count, LONGEST)) * (np.arange(LONGEST) < lengths)
-    return actions, np.cumsum(spans, axis=1) / spans.sum(axis=1, keepdims=True)
-
-
-def held(actions: np.ndarray, ends: np.ndarray, rooms: int) -> Bind:
-    """Sequences ``actions`` (s, 4), ``ends`` (s, 4): the first in the first ``rooms`` runs, and so on."""
-
-    def bind(env: Any) -> Choose:
-        def choose(core: Any, observations: np.ndarray) -> np.ndarray:
-            now = (ends <= core.time[0] / core.duration).sum(axis=1)
-            chosen = actions[np.arange(len(actions)), np.minimum(now, LONGEST - 1)]
-            return np.stack(np.divmod(np.repeat(chosen, rooms), GAZE_COUNT), axis=1)
-
-        return choose
-
-    return bind
-
-
-def best_sequence(scenario: str, count: int) -> dict[str, list[list[float]]]:
-    """The best of ``count`` random sequences by the median log score in rooms of training, by successive halving."""
-    actions, ends = random_sequences(count)
-    scores, first = np.empty((count, 0)), TRAINING_SEED
-    for rooms, kept in ROUNDS:
-        seeds, parts = list(range(first, first + rooms)), math.ceil(len(actions) * rooms / BATCH)
-        new = [
-            play(scenario, seeds * len(part), held(actions[part], ends[part], rooms))["log_score"]
-            for part in np.array_split(np.arange(len(actions)), parts)
-        ]
-        scores = np.hstack((scores, np.concatenate(new).reshape(-1, rooms)))
-        best = np.argsort(-np.median(scores, axis=1), kind="stable")[:kept]
-        actions, ends, scores, first = actions[best], ends[best], scores[best], first + rooms
-    return {"actions": actions.tolist(), "ends": ends.tolist()}
-
-
-def told_sequence(actions: Sequence[int], ends: Sequence[float]) -> str:
-    """A sequence in words: each action, and the share of the episode until which it is held."""
-    parts, begin = [], 0.0
-    for action, end in zip(actions, ends, strict=True):
-        if end > begin:
-            parts.append(f"{Motion(action // GAZE_COUNT).name}+{Gaze(action % GAZE_COUNT).name} to {end:.0%}")
-        begin = end
-    return ", ".join(parts)
-
-
 # What is kept -------------------------------------------------------------------------------------------------------
 
 
@@ -184,12 +122,7 @@ def measure(results: Results, scenario: str, args: argparse.Namespace) -> dict[s
         key = f"{name}{known}: {args.rooms} rooms"
         table[name + known] = results.of(scenario, key, lambda: play(places[known], seeds, bind))
 
-    if args.sequences:
-        search = f"{SEQUENCE} of {args.sequences}"
-        found = results.of(scenario, search, lambda: best_sequence(scenario, args.sequences))
-        print(f"{scenario}, {search}: {told_sequence(found['actions'][0], found['ends'][0])}")
-        put(SEQUENCE, held(np.array(found["actions"]), np.array(found["ends"]), args.rooms))
-    for name in (*OPEN[:2], *args.policies):
+    for name in (*OPEN, *args.policies):
         put(name, named(name))
     for name in args.boxes_known:
         put(name, named(name), ", boxes known")
@@ -246,10 +179,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--boxes-known", nargs="+", default=(), help="of these, also with a belief that knows the boxes"
     )
     parser.add_argument("--rooms", type=int, default=100)
-    parser.add_argument("--sequences", type=int, default=0, help="random sequences of up to four held actions")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(arguments)
-    if unpaired := set(args.boxes_known) - {*OPEN[:2], *args.policies}:
+    if unpaired := set(args.boxes_known) - {*OPEN, *args.policies}:
         parser.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
     results = Results(args.out)
     tables = {scenario: measure(results, scenario, args) for scenario in args.scenarios}

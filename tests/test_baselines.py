@@ -10,7 +10,7 @@ import pytest
 import activeslam_gym  # noqa: F401  (registers the environments)
 import baselines
 from activeslam_gym import Gaze, Motion
-from baselines import constants
+from baselines import constants, sequences
 from baselines.policy import best
 
 OBSERVATION = np.zeros(4, dtype=np.float32)
@@ -170,8 +170,8 @@ def test_shapes_of_observations_and_actions() -> None:
 
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
-    named = "random stay sweep orbit best-constant mi-constant mi-mi mi-fisher net-net fisher-fisher variance-reduction"
-    named += " joint-mi lookahead-2 rollout"
+    named = "random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher net-net fisher-fisher"
+    named += " variance-reduction joint-mi lookahead-2 rollout"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())
@@ -182,6 +182,8 @@ def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
 def test_runs_on_the_environment(name: str, scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for few in ("ROOMS", "FINALISTS", "MORE_ROOMS"):  # of the choice of a constant
         monkeypatch.setattr(constants, few, 1)
+    for few, value in (("HALVINGS", ((1, 1),)), ("REFINEMENTS", 0), ("LAST_ROOMS", 1)):  # of that of a sequence
+        monkeypatch.setattr(sequences, few, value)
     run(gym.make("ActiveSLAM-v0", scenario=scenario, duration=2.0), name, 40)
 
 

@@ -21,7 +21,7 @@ from agents.summary import summarise
 from agents.tables import markdown
 from agents.task import make_environment, run_policy
 from baselines import __main__ as table
-from baselines import constants
+from baselines import constants, sequences
 from baselines.constants import TABLE, best_constant, choose, key_of, log_scores
 
 ORBITS = {(Motion.RIGHT, Gaze.LEFT), (Motion.LEFT, Gaze.RIGHT)}
@@ -86,14 +86,16 @@ def test_the_choice_has_the_highest_median_in_rooms_of_training(monkeypatch: pyt
 def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "table.json"
-    path.write_text(json.dumps({"old": {"scenario": "paper"}, "kept": {"scenario": "hall"}}), encoding="utf-8")
-    monkeypatch.setattr(table, "TABLE", path)
     made = {"scenario": "paper", "medians": {"UP LEFT": 1.0}}
-    monkeypatch.setattr(table, "choose", lambda scenario, *times: made)
+    paths = tmp_path / "constants.json", tmp_path / "sequences.json"
+    for path, home, choice in zip(paths, (constants, sequences), ("choose", "choose_sequence")):
+        path.write_text(json.dumps({"old": {"scenario": "paper"}, "kept": {"scenario": "hall"}}), encoding="utf-8")
+        monkeypatch.setattr(home, "TABLE", path)
+        monkeypatch.setattr(home, choice, lambda scenario, *times: made)
     assert table.main(["paper"]) == 0
-    written = json.loads(path.read_text(encoding="utf-8"))
-    assert written == {"kept": {"scenario": "hall"}, key_of(bare()): made}
+    for path in paths:
+        written = json.loads(path.read_text(encoding="utf-8"))
+        assert written == {"kept": {"scenario": "hall"}, key_of(bare()): made}
     assert table.main(["nowhere"]) == 2
     told = capsys.readouterr().err
     assert all(name in told for name in ("nowhere", *SCENARIOS))
@@ -145,19 +147,17 @@ def test_the_loose_bound_is_above_a_real_run_and_below_it_with_a_worse_camera() 
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_command_writes_table_and_figure(tmp_path: Path) -> None:
+def test_the_command_writes_table_and_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for few, value in (("HALVINGS", ((1, 2),)), ("REFINEMENTS", 0)):
+        monkeypatch.setattr(sequences, few, value)
     page = tmp_path / "page.md"
     page.write_text("<!-- generated: bounds -->\n<!-- end: bounds -->\n", encoding="utf-8")
     given = ["--scenarios", "paper", "--episodes", "2", "--duration", "2", "--greedy", "mi-constant"]
     where = ["--learned", "sweep", "--out", str(tmp_path / "out"), "--report", str(page), "--jobs", "1"]
     assert main(["bounds", *given, *where]) == 0
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
-    names = (
-        "best-constant, mi-constant, sweep, rollout, 8 runs, rollout, 24 runs, rollout, 72 runs, clairvoyant planner"
-    )
-    assert [row.split(" | ")[0][2:] for row in rows[2:]] == [
-        *names.replace("rollout, ", "rollout; ").replace(", ", "|").replace("rollout; ", "rollout, ").split("|"),
-        "sees everything",
-    ]
+    planners = ["rollout, 8 runs", "rollout, 24 runs", "rollout, 72 runs", "clairvoyant planner"]
+    names = ["best-constant", "best-sequence", "mi-constant", "sweep", *planners, "sees everything"]
+    assert [row.split(" | ")[0][2:] for row in rows[2:]] == names
     pytest.importorskip("matplotlib")
     assert (tmp_path / "images" / "bounds.png").stat().st_size > 10_000

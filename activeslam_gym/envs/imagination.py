@@ -1,7 +1,8 @@
 """What might come: runs played ahead from what is believed, for policies that plan.
 
 An imagined run begins with a copy of the belief, in a room drawn from it: the camera and the features stand where
-N(mean, P) has them, and the landmarks that no feature stands for where none was found by looking. Its noise is its
+N(mean, P) has them, and the landmarks that no feature stands for where a reset of the scenario might put them and none
+was found by looking. Its noise is its
 own. Nothing of the truth enters: neither true places nor labels, nor the stream of noise that the real run will meet,
 nor boxes that the belief does not know, nor what is wrong with the calibration.
 
@@ -9,6 +10,7 @@ It is the environment's own simulation, with two things made cheap: frames are l
 (see `slowed`), and detections tell what they are of, so that no imagined match is wrong.
 """
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,6 +28,7 @@ from activeslam_gym.motion import COMMANDS, POSITION, QUATERNION
 from activeslam_gym.slam.belief import ANCHOR, POINT, RAY, Belief, positions_of
 from activeslam_gym.slam.manifold import shift_mean
 from activeslam_gym.threads import Workers
+from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 LONGEST_FRAME = 0.25
@@ -142,11 +145,16 @@ class Imagination:
         return row(self._env._runs, self._i)
 
     def _begin(self, run: Run) -> None:
-        """Of a new episode: a landmark may be anywhere."""
+        """Of a new episode: landmarks may be wherever a reset would put them in a room of this size."""
         self._rng = np.random.default_rng(self._seed)
-        count = max(PLACES, 2 * len(run.expected))
-        self._places = run.models.motion.half * self._rng.uniform(-1.0, 1.0, (count, 3))
-        self._chances = np.ones(count)
+        size = tuple((2.0 * run.models.motion.half).tolist())
+        scenario = dataclasses.replace(self._env.scenario, varied=(), room_size=size)
+        if scenario.boxes_known:
+            boxes = tuple((tuple(low), tuple(high)) for low, high in known_boxes(run).tolist())
+            scenario = dataclasses.replace(scenario, boxes=boxes, box_count=(0, 0), inner_walls=(0, 0))
+        rooms = math.ceil(max(PLACES, 2 * len(run.expected)) / len(run.expected))
+        self._places = np.concatenate([draw_room(scenario, self._rng).landmarks for _ in range(rooms)])
+        self._chances = np.ones(len(self._places))
         self._looked_at = -math.inf
 
     def _furnish(self, run: Run, room: Run, stride: int) -> None:

@@ -22,7 +22,7 @@ from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
 from agents.tools.statistics import estimate
 
-CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
+SEQUENCE, CLAIRVOYANT, CEILING = "best-sequence", "clairvoyant planner", "sees everything"
 PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]
 SOURCES = PLANNERS | {CLAIRVOYANT: "agents.bounds.planners:clairvoyant"}
@@ -67,7 +67,7 @@ class Args(Rooms):
     @property
     def names(self) -> tuple[str, ...]:
         """The policies that are run, as the tables call them."""
-        return (BASE, *self.greedy, *self.learned, *SOURCES)
+        return (BASE, SEQUENCE, *self.greedy, *self.learned, *SOURCES)
 
     def comparison(self, scenario: str) -> Comparison:
         """The comparison in one scenario."""

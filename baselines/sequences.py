@@ -1,0 +1,196 @@
+"""Sequences: up to four actions, each held for a share of the episode; and a search for the best of them.
+
+`best-sequence` plays the best open loop of a scenario, chosen on rooms of training. Of named scenarios it stands in
+`best_sequences.json`, which `python -m baselines` makes anew. Of others it is searched when it is first asked for,
+which takes minutes and is said.
+"""
+
+import math
+from collections.abc import Sequence as Many
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario
+from activeslam_gym.config import TRAINING_SEED
+
+from .constants import CONSTANTS, found_or_chosen
+from .policy import Actions, Environment, Policy
+
+TABLE = Path(__file__).with_name("best_sequences.json")
+LONGEST = 4
+"""Actions of a sequence, at most."""
+RANDOM = 200
+"""So many random sequences are tried beside the constants,"""
+HALVINGS = ((2, 40), (6, 12), (16, 6))
+"""in so many more rooms, and so many of them are kept."""
+REFINEMENTS = 4
+"""So often those kept are changed, each a few times,"""
+CHILDREN = 16
+"""to so many new ones in all,"""
+TRIALS = (8, 5)
+"""which play so many of the same rooms, and so many of them the others."""
+LAST_ROOMS = 40
+"""The best of those kept is told in so many new rooms."""
+BATCH = 64
+"""Runs at a time."""
+Times = tuple[float, float, float]
+"""Gaze period, motion period and duration [s]."""
+
+
+class Sequence(NamedTuple):
+    """Held actions, one after the other."""
+
+    actions: tuple[tuple[int, int], ...]
+    """Motion and gaze of each."""
+    ends: tuple[float, ...]
+    """Until which share of the episode each is held; the last is 1."""
+
+    def plan(self, periods: int) -> NDArray[np.int64]:
+        """(periods, 2) motion and gaze of each motion period: of the action that is held when it begins."""
+        begins = np.arange(periods) / periods
+        at = np.searchsorted(np.array(self.ends[:-1]) - 1e-9, begins, side="right")
+        return np.array(self.actions, np.int64)[at]
+
+    def told(self) -> str:
+        """In words: ``BACKWARDS STAY to 54 %, then RIGHT LEFT``."""
+        names = [f"{Motion(motion).name} {Gaze(gaze).name}" for motion, gaze in self.actions]
+        parts = [f"{name} to {end:.0%}".replace("%", " %") for name, end in zip(names[:-1], self.ends[:-1])]
+        return ", ".join([*parts, f"then {names[-1]}" if parts else names[-1]])
+
+
+class BestSequence(Policy):
+    """The best sequence of the scenario, by the median log score: the strongest policy that looks at nothing."""
+
+    def __init__(self, env: Environment) -> None:
+        super().__init__(env)
+        periods = math.ceil(self.env.duration / self.env.motion_period - 1e-9)
+        self._plan = best_sequence(self.env).plan(periods)
+
+    def _now(self) -> Actions:
+        period = np.floor(self.per_env(self.env.time) / self.env.motion_period + 1e-9).astype(np.int64)
+        return self._plan[np.minimum(period, len(self._plan) - 1)]
+
+    def choose_motion(self) -> Actions:
+        return self._now()[:, 0]
+
+    def choose_gaze(self) -> Actions:
+        return self._now()[:, 1]
+
+
+def best_sequence(env: Any) -> Sequence:
+    """The best sequence for the scenario, the motion period and the duration of ``env``, a bare environment."""
+    return sequence_from(found_or_chosen(TABLE, env, choose_sequence, "sequence"))
+
+
+def sequence_from(entry: dict[str, Any]) -> Sequence:
+    """Of an entry of the table."""
+    actions = tuple((int(Motion[motion]), int(Gaze[gaze])) for motion, gaze, _ in entry["sequence"])
+    return Sequence(actions, tuple(end for *_, end in entry["sequence"]))
+
+
+# The search ---------------------------------------------------------------------------------------------------------
+
+
+def choose_sequence(scenario: Scenario, gaze_period: float, motion_period: float, duration: float) -> dict[str, Any]:
+    """The sequence of the highest median log score: its actions and ends, and the medians of the finalists [bit].
+
+    Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
+    same rooms; at last those left play new rooms, by which alone the best is told.
+    """
+    play = partial(log_scores, scenario=scenario, times=(gaze_period, motion_period, duration))
+    rng, first = np.random.default_rng(0), TRAINING_SEED
+    pool = [constant(tuple(action)) for action in CONSTANTS.tolist()] + [random_sequence(rng) for _ in range(RANDOM)]
+    scores = np.empty((len(pool), 0))
+    for rooms, kept in HALVINGS:
+        more = play(pool, seeds=range(first + scores.shape[1], first + scores.shape[1] + rooms))
+        pool, scores = _best(pool, np.hstack((scores, more)), kept)
+    seeds = range(first, first + scores.shape[1])
+    for _ in range(REFINEMENTS):
+        children = [changed(pool[k % len(pool)], rng) for k in range(CHILDREN)]
+        tried, kept = TRIALS
+        children, begun = _best(children, play(children, seeds=seeds[:tried]), kept)
+        ended = play(children, seeds=seeds[tried:])
+        pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
+    last = play(pool, seeds=range(seeds.stop, seeds.stop + LAST_ROOMS))
+    pool, last = _best(pool, last, len(pool))
+    medians = {one.told(): round(float(np.median(row)), 1) for one, row in zip(pool, last)}
+    named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
+    return {"scenario": scenario.name, "sequence": named, "rooms": LAST_ROOMS, "medians": medians}
+
+
+def _best(pool: list[Sequence], scores: NDArray[np.float64], kept: int) -> tuple[list[Sequence], NDArray[np.float64]]:
+    """Those ``kept`` of a pool with the highest median of their ``scores`` (s, r), the best first."""
+    order = np.argsort(-np.median(scores, axis=1), kind="stable")[:kept]
+    return [pool[k] for k in order], scores[order]
+
+
+def constant(action: tuple[int, int]) -> Sequence:
+    """One action for the whole episode."""
+    return Sequence((action,), (1.0,))
+
+
+def random_sequence(rng: np.random.Generator) -> Sequence:
+    """One to `LONGEST` actions with random shares."""
+    length = int(rng.integers(1, LONGEST + 1))
+    return _of([_random_action(rng) for _ in range(length)], rng.uniform(0.2, 1.0, length))
+
+
+def changed(one: Sequence, rng: np.random.Generator) -> Sequence:
+    """With one or two changes: other shares, another action or only its motion or gaze, one more, or one less."""
+    actions, shares = list(one.actions), np.diff((0.0, *one.ends))
+    for _ in range(rng.integers(1, 3)):
+        k, what = int(rng.integers(len(actions))), rng.integers(5)
+        if what <= 1:
+            shares = shares * np.exp(0.7 * rng.standard_normal(len(shares)))
+        elif what == 2:
+            motion, gaze = _random_action(rng)
+            actions[k] = ((motion, gaze), (motion, actions[k][1]), (actions[k][0], gaze))[rng.integers(3)]
+        elif what == 3 and len(actions) < LONGEST:
+            actions.insert(k + int(rng.integers(2)), _random_action(rng))
+            shares = np.insert(shares, k, shares.sum() * rng.uniform(0.05, 0.5))
+        elif what == 4 and len(actions) > 1:
+            del actions[k]
+            shares = np.delete(shares, k)
+    return _of(actions, shares)
+
+
+def _of(actions: Many[tuple[int, int]], shares: NDArray[np.float64]) -> Sequence:
+    """The sequence with these ``shares`` of the episode, of any sum."""
+    ends = np.cumsum(shares) / shares.sum()
+    return Sequence(tuple(actions), (*ends[:-1].round(3).tolist(), 1.0))
+
+
+def _random_action(rng: np.random.Generator) -> tuple[int, int]:
+    return int(rng.integers(len(Motion))), int(rng.integers(len(Gaze)))
+
+
+def log_scores(sequences: Many[Sequence], scenario: Scenario, seeds: Many[int], times: Times) -> NDArray[np.float64]:
+    """(s, r) log score [bit] at the end of runs that play each of ``sequences`` in each of the rooms ``seeds``."""
+    periods = math.ceil(times[2] / times[1] - 1e-9)
+    plans = np.repeat([one.plan(periods) for one in sequences], len(seeds), axis=0)
+    rooms = np.tile(seeds, len(sequences))
+    parts = np.array_split(np.arange(len(plans)), math.ceil(len(plans) / BATCH))
+    return np.concatenate([_played(plans[part], scenario, rooms[part], times) for part in parts]).reshape(
+        len(sequences), len(seeds)
+    )
+
+
+def _played(plans: NDArray[np.int64], scenario: Scenario, seeds: Actions, times: Times) -> NDArray[np.float64]:
+    """(R,) log score of the ``plans`` (R, T, 2), each in its own of the rooms ``seeds`` (R,)."""
+    gaze_period, motion_period, duration = times
+    env = ActiveSLAMVectorEnv(
+        len(plans), scenario, gaze_period=gaze_period, motion_period=motion_period, duration=duration,
+        end_when_lost=False, autoreset_mode="DISABLED",
+    )  # fmt: skip
+    env.reset(seed=seeds.tolist())
+    over, step = np.zeros(len(plans), bool), 0
+    while not over.all():
+        period = int(step * gaze_period / motion_period + 1e-9)
+        _, _, _, over, infos = env.step(plans[:, period])
+        step += 1
+    env.close()
+    return infos["log_score"]

@@ -1,0 +1,93 @@
+"""`best-sequence`: what a sequence plays, how it is searched, and what is shipped."""
+
+import json
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym import Gaze, Motion, Scenario
+from baselines import sequences
+from baselines.constants import key_of
+from baselines.constants import log_scores as scores_of_constant
+from baselines.sequences import (
+    LONGEST,
+    TABLE,
+    Sequence,
+    best_sequence,
+    changed,
+    choose_sequence,
+    constant,
+    log_scores,
+    random_sequence,
+    sequence_from,
+)
+
+BACK_THEN_ORBIT = Sequence(((int(Motion.BACKWARDS), int(Gaze.STAY)), (int(Motion.RIGHT), int(Gaze.LEFT))), (0.54, 1.0))
+TIMES = (0.5, 1.0, 3.0)
+
+
+def bare(**arguments: Any) -> Any:
+    return gym.make("ActiveSLAM-v0", **arguments).unwrapped
+
+
+def test_a_plan_holds_each_action_for_its_share_and_words_tell_it() -> None:
+    plan = BACK_THEN_ORBIT.plan(10)
+    assert plan.tolist() == [list(BACK_THEN_ORBIT.actions[0])] * 6 + [list(BACK_THEN_ORBIT.actions[1])] * 4
+    assert constant((2, 1)).plan(3).tolist() == [[2, 1]] * 3
+    assert BACK_THEN_ORBIT.told() == "BACKWARDS STAY to 54 %, then RIGHT LEFT"
+
+
+def test_what_is_drawn_and_what_is_changed_are_sequences() -> None:
+    rng, one = np.random.default_rng(0), BACK_THEN_ORBIT
+    lengths, different = set(), 0
+    for _ in range(300):
+        for sequence in (random_sequence(rng), one := changed(one, rng)):
+            assert 1 <= len(sequence.actions) == len(sequence.ends) <= LONGEST
+            assert sequence.ends[-1] == 1.0 and (np.diff((0.0, *sequence.ends)) >= 0.0).all()
+            assert all(motion < len(Motion) and gaze < len(Gaze) for motion, gaze in sequence.actions)
+            lengths.add(len(sequence.actions))
+        different += changed(BACK_THEN_ORBIT, rng) != BACK_THEN_ORBIT
+    assert lengths == {1, 2, 3, 4} and different > 250
+
+
+def test_scores_of_a_constant_are_those_of_the_constant_action() -> None:
+    found = log_scores([constant((4, 0)), BACK_THEN_ORBIT], Scenario(), range(3), TIMES)
+    alone = scores_of_constant((4, 0), Scenario(), 0, 3, gaze_period=0.5, motion_period=1.0, duration=3.0)
+    np.testing.assert_array_equal(found[0], alone)
+    assert (found[1] != alone).all()
+
+
+def test_the_policy_plays_the_sequence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sequences, "best_sequence", lambda env: BACK_THEN_ORBIT)
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.5, duration=3.0, end_when_lost=False)
+    policy, (observation, _), over = baselines.make("best-sequence", env), env.reset(seed=1), False
+    while not over:
+        action, _ = policy.predict(observation)
+        observation, *_, over, info = env.step(action)
+    assert info["log_score"] == log_scores([BACK_THEN_ORBIT], Scenario(), [1], TIMES)[0, 0]
+
+
+def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a world in which only BACKWARDS for a third, then orbit, is worth anything."""
+    wanted = Sequence(BACK_THEN_ORBIT.actions, (0.3, 1.0)).plan(35)
+
+    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, times: Any) -> np.ndarray:
+        return np.repeat([[(one.plan(35) == wanted).mean()] for one in pool], len(seeds), axis=1)
+
+    monkeypatch.setattr(sequences, "log_scores", worths)
+    monkeypatch.setattr(sequences, "REFINEMENTS", 40)
+    found = sequence_from(choose_sequence(Scenario(), 1.0, 1.0, 35.0))
+    constants = [constant(action).plan(35) for action in BACK_THEN_ORBIT.actions]
+    assert (found.plan(35) == wanted).mean() > 0.9 > max((plan == wanted).mean() for plan in constants)
+
+
+def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_their_finalists() -> None:
+    shipped = json.loads(TABLE.read_text(encoding="utf-8"))
+    assert "paper" in {entry["scenario"] for entry in shipped.values()}
+    for key, entry in shipped.items():
+        env = bare(scenario=entry["scenario"])
+        assert key == key_of(env), "make it anew: python -m baselines"
+        assert max(entry["medians"], key=entry["medians"].get) == best_sequence(env).told()

@@ -1,7 +1,6 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -23,7 +22,6 @@ from agents.learn.recipe import Recipe
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
-from baselines.constants import best_constant
 
 REPLAY_STEPS = 100_000
 """What DQN remembers: some hundreds of megabytes of observations."""
@@ -67,7 +65,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         "a2c": entropy,
         "dqn": {"buffer_size": REPLAY_STEPS},
     }
-    learner = CLASSES[recipe.algorithm](
+    return CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, _LAST_RATE),
@@ -78,17 +76,6 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         device="cpu",
         **own[recipe.algorithm],
     )
-    if recipe.warm_start and recipe.algorithm != "dqn":
-        _prefer(learner, *best_constant(env.unwrapped), recipe.warm_start)
-    return learner
-
-
-def _prefer(learner: Any, motion: int, gaze: int, probability: float) -> None:
-    """Give a motion and a gaze, each, this probability in a new policy, whose other choices are about equal."""
-    bias, choices = learner.policy.action_net.bias, learner.action_space.nvec
-    with torch.no_grad():
-        for index, others in zip((motion, choices[0] + gaze), choices - 1):
-            bias[index] += math.log(others * probability / (1.0 - probability))
 
 
 def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> Any:
@@ -96,8 +83,7 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 
     Raises ValueError where they do not fit each other.
     """
-    told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
-    recipe = Recipe(**(told | {"warm_start": 0.0}))
+    recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe) if field.name in card})
     env = make_batch(recipe, 1, TRAINING_SEED)
     try:
         learner = make_learner(recipe, env, None)

@@ -21,9 +21,8 @@ class Recipe:
     scenario: str = "paper"
     """Name of the scenario whose rooms are trained in."""
     warm_start: float = 0.8
-    """Probability of the motion, and of the gaze, of the scenario's best constant action before training; 0: none is
-    preferred. By chance alone no course is held for seconds; from the constant, each change is tried beside it (PPO,
-    A2C)."""
+    """Probability of the motion, and of the gaze, of the scenario's best sequence before training, which a new policy
+    imitates; 0: it begins from nothing (PPO, A2C)."""
     total_steps: int = 120_000
     """Decisions in all, rounded up to whole rollouts (PPO: an episode of every environment)."""
     decision_period: float = 1.0

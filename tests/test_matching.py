@@ -173,6 +173,20 @@ def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, st
         assert waits.tolist() == [not found]
 
 
+@pytest.mark.parametrize(
+    ("column", "found"), [(160.0, True), (16.0, True), (-4.0, False), (0.0, False), (324.0, False)]
+)
+def test_what_may_just_be_outside_is_not_taken_for_a_stranger_at_the_border(column: float, found: bool) -> None:
+    """A fiducial that had left the image was matched, as clear, with an unmapped landmark two deviations inside."""
+    filter = Filter(fiducials=np.array([[0.0, 0.0, 2.0]]))
+    sight, waits = filter.sight(), np.zeros(1, bool)
+    sight.thing["z_hat"], sight.S[:] = (column, 120.0), 2.5**2 * np.eye(2)
+    candidates = candidates_of([[column - 5.0 if column > 200.0 else column + 5.0, 120.0]])
+    associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
+    assert candidates["match"].tolist() == [-1 if found else REJECTED]
+    assert waits.tolist() == [not found]
+
+
 # The way back -------------------------------------------------------------------------------------------------------
 
 
@@ -273,6 +287,46 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
         left.append(thing["z_hat"][0, 0] - said - H * x)
     assert np.var(left) == pytest.approx(thing["extra"][0, 0, 0], rel=0.1)
     assert thing["extra"][0, 0, 0] > 2.0
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_what_the_line_leaves_out_of_a_near_point_is_in_the_noise(known: bool) -> None:
+    """A point at 60 cm, of a camera that hardly knows its pose: the residual's covariance over 20 000 draws.
+
+    They are drawn as they are known once the pixel is.
+    """
+    rng = np.random.default_rng(0)
+    y = np.array([0.1, -0.08, 0.6])
+    belief = random_belief(PAPER, [] if known else [POINT], rng)
+    belief.state.camera[:7] = (0, 0, 0, 1, 0, 0, 0)
+    n = 6 if known else 9
+    rows = np.array([0, 1, 2, 3, 4, 5, 12, 13, 14])[:n]
+    stds = np.array([0.05] * 3 + [0.15] * 3 + [0.03] * 3)[:n]
+    belief.covariance[:] = 1e-12 * np.eye(len(belief.covariance))
+    belief.covariance[np.ix_(rows, rows)] = random_spd(rng, stds)
+    if not known:
+        belief.feature["mean"][0, :3] = y
+    thing = sight_of(belief, y[None] if known else NO_FIDUCIALS).thing[0]
+    H = np.hstack((thing["H_camera"], thing["H_feature"][:, : n - 6]))
+    P = belief.covariance[np.ix_(rows, rows)]
+    P = P - P @ H.T @ np.linalg.solve(H @ P @ H.T + VAR * np.eye(2), H @ P)
+    left = []
+    for x in rng.multivariate_normal(np.zeros(n), P, 20_000):
+        camera = moved(belief.state.camera, np.concatenate((x[:6], np.zeros(6))))
+        left.append(pixel_of(CAMERA, camera, y + np.append(x, np.zeros(3))[6:9]) - thing["z_hat"] - H @ x)
+    variances = np.diag(thing["extra"])
+    np.testing.assert_allclose(np.cov(np.transpose(left)), thing["extra"], atol=0.2 * variances.max())
+    assert variances.min() > 1.0
+
+
+def test_of_what_is_far_or_well_known_nothing_is_left_out() -> None:
+    for y, scale, curved in (
+        ((0.1, 0.0, 0.6), 1.0, True),
+        ((0.1, 0.0, 60.0), 0.1, False),
+        ((0.1, 0.0, 0.6), 0.05, False),
+    ):
+        filter = Filter(fiducials=np.array([y]), covariance=scale**2 * np.diag([0.05**2] * 3 + [0.1**2] * 9))
+        assert (filter.sight().thing["extra"][0] > 0.0).any() == curved
 
 
 def drifting_nees(product_frames: float, draws: int) -> np.ndarray:

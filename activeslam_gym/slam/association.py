@@ -24,7 +24,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.slam.belief import KIND_DIM, POINT
-from activeslam_gym.slam.constellation import Margins, match_jointly
+from activeslam_gym.slam.constellation import Margins, log_missed, match_jointly, worth_of_pair
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition_on_all, measure_distances
 from activeslam_gym.slam.sight import Sight
 
@@ -47,7 +47,8 @@ ASSOCIATION = record(
     birth_gate="f8",  # and of what is near a prediction
     sharp_std_px="f8",  # a predicted ellipse is sharp when its longest axis is at most this
     clear_margin="f8",  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
-    margin="f8",  # the same for a joint match, in ln
+    clear_missed_margin="f8",  # and its lead over the thing's not being detected, in ln
+    margin="f8",  # lead over both that a joint match needs, in ln
     lately="i8",  # what was seen within so many frames was seen lately
     just_now="i8",  # and within so many, just now
     missed_margin="f8",  # of a feature seen lately: the lead over its not being detected, in ln
@@ -57,6 +58,7 @@ ASSOCIATION = record(
     novelty="f8",  # lead of "it is of nothing known" that makes a candidate NEW, in ln
     nodes="i8",  # of a joint search
     detection_probability="f8",  # of what is in the image
+    border_doubt="f8",  # where it is asked whether a thing is in the image, its deviations count so many times
     clutter_cost="f8",  # -2 ln of the density of one stranger in an image, less that of 2 pi
     landmarks="f8",  # that the room holds
     clutter_rate="f8",  # false detections in an image
@@ -74,6 +76,7 @@ def association_of(scenario: Scenario) -> Record:
         birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
         sharp_std_px=2.0 * scenario.pixel_std,
         clear_margin=20.0,
+        clear_missed_margin=6.0,
         margin=8.0,
         lately=round(LATELY / scenario.frame_time),
         just_now=round(JUST_NOW / scenario.frame_time),
@@ -84,6 +87,7 @@ def association_of(scenario: Scenario) -> Record:
         novelty=2.0,
         nodes=400,
         detection_probability=scenario.detection_probability,
+        border_doubt=1.0,
         clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
         landmarks=scenario.landmark_count,
         clutter_rate=scenario.clutter_rate,
@@ -127,7 +131,7 @@ def associate(
     measure_distances(h, candidates, pixel_var)
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
-        if not _match_clear(model, h, candidates, pixel_var, of_thing):
+        if not _match_clear(model, h, candidates, pixel_var, worth_of_pair(model, strangers), of_thing):
             if settled:
                 break
             matched, settled = match_jointly(model, h, candidates, pixel_var, strangers, margins, of_thing, novelty)
@@ -220,14 +224,16 @@ def _is_sharp(model: Record, h: Hypotheses, a: int) -> bool:
 
 
 @compiled
-def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var: float, of_thing: np.ndarray) -> bool:
+def _match_clear(
+    model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var: float, worth: float, of_thing: np.ndarray
+) -> bool:
     """Match every sharp thing that has a clear partner, then condition the rest on them; whether there was any."""
     v = h.open.shape[0]
     partner = np.full(v, -1)
     found = False
     for a in range(v):
         if h.open[a] and _is_sharp(model, h, a):
-            partner[a] = _clear_partner(model, h, a)
+            partner[a] = _clear_partner(model, h, a, worth)
             found |= partner[a] >= 0
     for a in range(v):
         if partner[a] >= 0:
@@ -240,13 +246,17 @@ def _match_clear(model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var
 
 
 @borrowing
-def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
-    """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
+def _clear_partner(model: Record, h: Hypotheses, a: int, worth: float) -> int:
+    """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1.
+
+    And which leads "it is not detected, and the candidate is new" by a margin: at the border of the image a thing may
+    just be outside, and a stranger beside it. A pair's likelihood is ``worth`` less half of its cost.
+    """
     best = -1
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):
             best = i
-    if best < 0:
+    if best < 0 or worth - 0.5 * h.cost[a, best] - log_missed(model, h, a) < model.clear_missed_margin:
         return -1
     bound = h.cost[a, best] + model.clear_margin
     for i in range(h.free.shape[0]):

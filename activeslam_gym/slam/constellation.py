@@ -91,7 +91,7 @@ def match_jointly(
     assignment that leaves a candidate unexplained leads, 0 where the search did not take all things in reach.
     """
     in_reach = _in_reach(model, h)
-    chosen, pair_worth = in_reach[:MOST_THINGS], 0.5 * model.clutter_cost - math.log(strangers)
+    chosen, pair_worth = in_reach[:MOST_THINGS], worth_of_pair(model, strangers)
     outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
     while best == -np.inf and chosen.shape[0] > 2:
         chosen = chosen[: chosen.shape[0] // 2]
@@ -276,7 +276,7 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, candidates: 
         if near == 0:
             h.open[a] = False
             search.answer[depth, a] = MISSED
-            search.score[depth] += _miss(model, h, a)
+            search.score[depth] += log_missed(model, h, a)
             continue
         most += max(search.most[a], 0.0)
         highest = max(highest, search.most[a])
@@ -294,7 +294,7 @@ def _worth(model: Record, h: Hypotheses, search: Search, depth: int, pair_worth:
     """The score that follows a level's next choice."""
     a = search.thing[depth]
     i = search.choice[depth, search.tried[depth]]
-    return search.score[depth] + (_miss(model, h, a) if i == MISSED else pair_worth - 0.5 * h.cost[a, i])
+    return search.score[depth] + (log_missed(model, h, a) if i == MISSED else pair_worth - 0.5 * h.cost[a, i])
 
 
 @compiled(inline="always")
@@ -314,9 +314,16 @@ def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> N
 
 
 @borrowing
-def _miss(model: Record, h: Hypotheses, a: int) -> float:
+def worth_of_pair(model: Record, strangers: float) -> float:
+    """What explains a candidate is worth so much, less half of the pair's cost: it is no stranger."""
+    return 0.5 * model.clutter_cost - math.log(strangers)
+
+
+@borrowing
+def log_missed(model: Record, h: Hypotheses, a: int) -> float:
     """ln(1 - P_D P(in the image)) of thing ``a``, its pixel's axes taken as independent."""
-    wide_u, wide_v = math.sqrt(2.0 * h.S[2 * a, 2 * a]), math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
+    wide_u = model.border_doubt * math.sqrt(2.0 * h.S[2 * a, 2 * a])
+    wide_v = model.border_doubt * math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
     u, v = h.z[2 * a], h.z[2 * a + 1]
     inside_u = 0.5 * (math.erf((model.width - u) / wide_u) + math.erf(u / wide_u))
     inside_v = 0.5 * (math.erf((model.height - v) / wide_v) + math.erf(v / wide_v))

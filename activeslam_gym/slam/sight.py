@@ -26,7 +26,6 @@ from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
-    INVERSE_DEPTH,
     KIND_DIM,
     POINT,
     RAY,
@@ -35,6 +34,7 @@ from activeslam_gym.slam.belief import (
     bearing,
     fiducial_id,
 )
+from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
@@ -164,31 +164,6 @@ def own_innovation(
     S[0, 0], S[0, 1], S[1, 0], S[1, 1] = s00, s01, s01, s11
 
 
-@compiled
-def second_order(P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: np.ndarray) -> None:
-    """Write what the line leaves out of an inverse-depth measurement into ``extra`` (2, 2) [px^2].
-
-    Its point moves by d(rho) (anchor - p) + rho d(anchor - p) + d(rho) d(anchor - p). The last, a product of what may
-    both be vague, has for Gaussians the covariance var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p);
-    in the image J of it J^T, with J = H_anchor / rho.
-    """
-    D = np.empty((3, 3))
-    r = start + RHO
-    for i in range(3):
-        a = start + i
-        for j in range(3):
-            b = start + j
-            D[i, j] = P[r, r] * (P[a, b] - P[a, j] - P[i, b] + P[i, j]) + (P[r, a] - P[r, i]) * (P[r, b] - P[r, j])
-    for i in range(2):
-        for j in range(i + 1):
-            value = 0.0
-            for k in range(3):
-                for m in range(3):
-                    value += H_y[i, k] * D[k, m] * H_y[j, m]
-            extra[i, j] = value / (rho * rho)
-            extra[j, i] = extra[i, j]
-
-
 @borrowing
 def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
@@ -236,8 +211,14 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
         if found:
             own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
             thing.extra[:] = 0.0
-            if row >= K and belief.feature[row - K].kind == INVERSE_DEPTH:
-                second_order(P, thing.column, belief.feature[row - K].mean[RHO], thing.H_feature, thing.extra)
+            if row < K:
+                curvature_of_point(view, P, fiducials[row], thing)
+            elif belief.feature[row - K].kind == POINT:
+                curvature_of_point(view, P, belief.feature[row - K].mean, thing)
+            else:
+                curvature_of_inverse_depth(
+                    P, thing.column, belief.feature[row - K].mean[RHO], thing.H_feature, thing.extra
+                )
             for i in range(2):
                 for j in range(2):
                     S[i, j] += thing.extra[i, j]

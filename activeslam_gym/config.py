@@ -414,7 +414,7 @@ _ON_SURFACES: dict[str, Any] = {
 """What places have in common where landmarks are on surfaces."""
 _CALM: dict[str, Any] = {"acceleration_std": 0.35, "angular_acceleration_std": 0.35}
 """A steadier hand, where boxes may leave nothing to see."""
-_FURNISHED: dict[str, Any] = {"room_size": (7.0, 2.4, 7.0), "landmark_count": 48} | _ON_SURFACES
+_FURNISHED: dict[str, Any] = {"room_size": (7.0, 2.4, 7.0), "landmark_count": 48, "gaze_horizon": 3.0} | _ON_SURFACES
 _PLACES = (
     Scenario(name="office", box_count=(3, 6), **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(

@@ -5,8 +5,8 @@ changes of it: from some time on and for some time another action, motion or gaz
 was planned is left out, or the rest is done the other way round. All are played to the end of the episode in the same
 imagined rooms, which are drawn from the belief (see `activeslam_gym.envs.imagination`), by sequential halving: in each
 round every plan that is left is played in new rooms, and the worse half is dropped. The plan so far is never dropped:
-the best challenger has to beat it in the rooms of the last round, which had no part in its choice, by more than the
-standard error of the difference.
+the best challenger has to beat it in the rooms of the last round, which had no part in its choice, by `SURE` standard
+errors of the difference.
 
 Runs are judged by the log score, which tells a belief that is confidently wrong from one that is right; the entropy,
 which does not, was tried. One such run in a hundred would outweigh all others, so that none counts as more than `WORST`
@@ -37,6 +37,8 @@ KINDS = {"hold": 0.5, "insert": 0.25, "skip": 0.1, "mirror": 0.15}
 """Kinds of changes, and their shares."""
 MIRRORED = tuple(np.array([one[OTHER.get(of.name, of.name)] for of in one]) for one in (Motion, Gaze))
 """Of each motion, and of each gaze, that to the other side."""
+SURE = 2.0
+"""A challenger has to lead by so many standard errors of the lead."""
 WORST = 1000.0
 """No imagined run counts as more than this below the best one beside it [bit]."""
 RUNS_PER_PLAN = 4
@@ -145,7 +147,7 @@ class Search:
             totals[left] += worths.sum(axis=1)
             challengers = left[1:][np.argsort(-totals[left[1:]], kind="stable")]
             left = np.concatenate((left[:1], challengers[: keep - 1]))
-        sure = lead.mean() > lead.std(ddof=1) / math.sqrt(len(lead))
+        sure = lead.mean() > SURE * lead.std(ddof=1) / math.sqrt(len(lead))
         return plans[left[1] if sure else 0]
 
     def _worths(self, plans: NDArray[np.int64], rooms: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -63,12 +63,15 @@ class Sequence(NamedTuple):
 
 
 class BestSequence(Policy):
-    """The best sequence of the scenario, by the median log score: the strongest policy that looks at nothing."""
+    """The best sequence of the scenario, by the median log score, or a given ``sequence``.
 
-    def __init__(self, env: Environment) -> None:
+    The strongest policy that looks at nothing.
+    """
+
+    def __init__(self, env: Environment, sequence: Sequence | None = None) -> None:
         super().__init__(env)
         periods = math.ceil(self.env.duration / self.env.motion_period - 1e-9)
-        self._plan = best_sequence(self.env).plan(periods)
+        self._plan = (sequence or best_sequence(self.env)).plan(periods)
 
     def _now(self) -> Actions:
         period = np.floor(self.per_env(self.env.time) / self.env.motion_period + 1e-9).astype(np.int64)

@@ -13,6 +13,7 @@ import dataclasses
 import json
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from activeslam_gym.config import SCENARIOS, Scenario, benchmark_seed
 from activeslam_gym.files import written_whole
 from agents import policies
 from agents.tools.statistics import estimate
+from baselines import Predictor
 
 PLACES = ("office", "rooms", "clusters", "corner", "sprint", "mixed")
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
@@ -73,9 +75,14 @@ def _mean_of_known(rows: list[np.ndarray]) -> np.ndarray:
 
 def named(name: str) -> Bind:
     """A policy as the commands know it."""
+    return made(partial(policies.resolve, name))
+
+
+def made(make: Callable[[Any], Predictor]) -> Bind:
+    """A policy that ``make`` binds to an environment."""
 
     def bind(env: Any) -> Choose:
-        policy, state = policies.resolve(name, env), [None]
+        policy, state = make(env), [None]
 
         def choose(core: Any, observations: np.ndarray) -> np.ndarray:
             action, state[0] = policy.predict(observations, state=state[0])

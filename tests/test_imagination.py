@@ -125,7 +125,7 @@ def test_no_unfound_landmark_is_imagined_where_the_camera_looks() -> None:
 
 
 def test_imagined_runs_come_to_what_real_ones_do() -> None:
-    """By entropy, over rooms: coarse frames and labelled detections are a model, a little too good."""
+    """By entropy, over rooms: coarse frames are a model, a little too good."""
     offsets = []
     for seed in range(4):
         env, imagination = flown(4.0, seed=seed, duration=16.0)

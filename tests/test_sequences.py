@@ -60,10 +60,10 @@ def test_scores_of_a_constant_are_those_of_the_constant_action() -> None:
     assert (found[1] != alone).all()
 
 
-def test_the_policy_plays_the_sequence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sequences, "best_sequence", lambda env: BACK_THEN_ORBIT)
+def test_the_policy_plays_the_sequence() -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.5, duration=3.0, end_when_lost=False)
-    policy, (observation, _), over = baselines.make("best-sequence", env), env.reset(seed=1), False
+    policy, over = baselines.make("best-sequence", env, sequence=BACK_THEN_ORBIT), False
+    observation, _ = env.reset(seed=1)
     while not over:
         action, _ = policy.predict(observation)
         observation, *_, over, info = env.step(action)

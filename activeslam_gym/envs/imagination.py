@@ -6,8 +6,8 @@ was found by looking. Its noise is its
 own. Nothing of the truth enters: neither true places nor labels, nor the stream of noise that the real run will meet,
 nor boxes that the belief does not know, nor what is wrong with the calibration.
 
-It is the environment's own simulation, with two things made cheap: frames are longer, with as much noise in a second
-(see `slowed`), and detections tell what they are of, so that no imagined match is wrong.
+It is the environment's own simulation, made cheap by longer frames with as much noise in a second (see `slowed`). Its
+detections are unlabelled, so that what is bad for the matching is bad in it too.
 """
 
 import dataclasses
@@ -260,8 +260,8 @@ def slowed(models: Record) -> tuple[Record, int]:
 
     A step is a whole motion period. Frames are as long as `LONGEST_FRAME` and whole numbers allow; a long one has 1/s
     of the variance of the image noise, and of the disturbance held over it, so that a second tells and disturbs as
-    much. What is counted in frames is divided by s. The controller is as fast as such frames allow. Detections are
-    labelled, the true camera is the known one, and landmarks are seen from all sides.
+    much. What is counted in frames is divided by s. The controller is as fast as such frames allow. The true camera is
+    the known one, and landmarks are seen from all sides.
     """
     task, motion = models.task, models.motion
     frames = int(task.frames_per_step * task.steps_per_motion)
@@ -283,5 +283,5 @@ def slowed(models: Record) -> tuple[Record, int]:
     out.filter.particles.maximum_misses = counts.maximum_misses
     out.task.frames_per_step, out.task.steps_per_motion = frames // s, 1
     out.task.steps = math.ceil(task.steps / task.steps_per_motion)
-    out.task.association_known, out.task.labelled_first_match, out.task.end_when_lost = True, False, False
+    out.task.end_when_lost = False
     return out, s

@@ -1,7 +1,7 @@
 """Record what `ActiveSLAM-v0` does, for `tests/test_frozen.py`: `python -m tests.record_frozen` in the clone.
 
 Six seconds of fixed, open-loop actions in each of some scenarios. Only behaviour that is meant to change is recorded
-anew, and a released environment then has a new id (see CONTRIBUTING.md).
+anew, with `activeslam_gym.BEHAVIOUR` raised; a released environment then has a new id (see CONTRIBUTING.md).
 """
 
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-import activeslam_gym  # noqa: F401  (registers the environment)
+import activeslam_gym
 from activeslam_gym.information import CRITERIA
 
 FOLDER = Path(__file__).parent / "frozen"
@@ -68,5 +68,6 @@ def numbers(info: dict[str, Any], prefix: str = "") -> dict[str, float]:
 
 if __name__ == "__main__":
     for case in CASES:
-        np.savez_compressed(FOLDER / f"ActiveSLAM-v0-{case}.npz", **play("ActiveSLAM-v0", case))
+        recorded = play("ActiveSLAM-v0", case)
+        np.savez_compressed(FOLDER / f"ActiveSLAM-v0-{case}.npz", behaviour=activeslam_gym.BEHAVIOUR, **recorded)
         print(f"recorded {case}")

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import activeslam_gym
 from tests.record_frozen import CASES, FOLDER, action, play
 from tests.support import simulation_of
 
@@ -20,7 +21,8 @@ MEANING = """ActiveSLAM-v0 no longer does what it did: {what} of '{case}' differ
 
 If that is not meant, the change is at fault. If it is: results with v0 that others have published can no longer be
 reproduced. Register the changed environment under a new id (ActiveSLAM-v1), tell it in the version history of
-ActiveSLAMEnv's docstring and in CHANGELOG.md, and record it by `python -m tests.record_frozen`. (If nothing of ours has
+ActiveSLAMEnv's docstring and in CHANGELOG.md, raise `activeslam_gym.BEHAVIOUR`, record it by
+`python -m tests.record_frozen`, and train the shipped weights anew. (If nothing of ours has
 changed, a new release of NumPy may draw other numbers from the same seed.)"""
 
 
@@ -29,6 +31,7 @@ def test_v0_does_what_it_did(case: str) -> None:
     now = play("ActiveSLAM-v0", case)
     with np.load(FOLDER / f"ActiveSLAM-v0-{case}.npz") as file:
         recorded = dict(file)
+    assert recorded.pop("behaviour") == activeslam_gym.BEHAVIOUR, "raise BEHAVIOUR, and then record"
     missing = sorted(recorded.keys() - now.keys())  # a new key of info changes nothing
     assert not missing, f"ActiveSLAM-v0 no longer tells {', '.join(missing)}: that needs a new id, see CONTRIBUTING.md"
     for what, then in recorded.items():

@@ -5,6 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import benchmark_seed
 from agents.learn.recipe import ALGORITHMS, Recipe
 from agents.summary import Summary, summarise
@@ -34,6 +35,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
     return {
         "command": " ".join(["python -m agents train", *(f"--{k.replace('_', '-')} {v}" for k, v in recipe.items())]),
         **recipe,
+        "behaviour": BEHAVIOUR,
         "steps": steps,
         "seconds": round(seconds, 1),
         "chosen": best if held_out_rooms else "the last of an interrupted training, before any visit to held-out rooms",

@@ -2,9 +2,8 @@
 
 An imagined run begins with a copy of the belief, in a room drawn from it: the camera and the features stand where
 N(mean, P) has them, and the landmarks that no feature stands for where a reset of the scenario might put them and none
-was found by looking. Its noise is its
-own. Nothing of the truth enters: neither true places nor labels, nor the stream of noise that the real run will meet,
-nor boxes that the belief does not know, nor what is wrong with the calibration.
+was found by looking. Its noise is its own. Nothing of the truth enters: neither true places nor labels, nor the stream
+of noise that the real run will meet, nor boxes that the belief does not know, nor what is wrong with the calibration.
 
 It is the environment's own simulation, made cheap by longer frames with as much noise in a second (see `slowed`). Its
 detections are unlabelled, so that what is bad for the matching is bad in it too.

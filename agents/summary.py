@@ -132,8 +132,8 @@ def best_baseline(policies: dict[str, dict[str, Estimate]]) -> str | None:
 
 
 def by_log_score(policies: dict[str, dict[str, Estimate]]) -> list[str]:
-    """The policies, the highest mean log score gain first."""
-    return sorted(policies, key=lambda name: -policies[name]["log_score_gain"].value)
+    """The policies, the highest median log score gain first: one room in a hundred can make a mean."""
+    return sorted(policies, key=lambda name: -policies[name]["log_score_gain_median"].value)
 
 
 def _figures(runs: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
@@ -212,11 +212,11 @@ def _headline(
     if not running:
         return f"No policy has won anything.{left_out}"
     first, *others = running
-    gain = policies[first]["log_score_gain"].text()
-    headline = f"Highest mean log score gain (overconfidence cannot win it): {first}, {gain} bits"
+    gain = policies[first]["log_score_gain_median"].text()
+    headline = f"Highest median log score gain (overconfidence cannot win it): {first}, {gain} bits"
     if not others:
         return f"{headline}.{left_out}"
-    lead = _paired(by_policy[first], by_policy[others[0]], target_landmarks)["log_score_gain"]
+    lead = _paired(by_policy[first], by_policy[others[0]], target_landmarks)["log_score_gain_median"]
     return f"{headline}; its lead over {others[0]} in the same rooms: {lead.text()} bits.{left_out}"
 
 
@@ -224,4 +224,4 @@ def _barred(figures: dict[str, Estimate]) -> str:
     """Why a policy cannot have the headline, or nothing."""
     if figures["lost"].value > MOST_LOST:
         return f"is lost in {100 * figures['lost'].value:.0f} % of the rooms"
-    return "has a mean log score gain of 0 or less" if figures["log_score_gain"].value <= 0 else ""
+    return "has a median log score gain of 0 or less" if figures["log_score_gain_median"].value <= 0 else ""

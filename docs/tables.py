@@ -41,7 +41,7 @@ def rewards() -> str:
 
 
 def leaderboard() -> str:
-    """Every policy with its clip and, where the README's table has it, its score; the highest mean log score first."""
+    """Every policy with its clip and, where the README's table has it, its score; in the README's order."""
     import baselines
     from agents import pretrained
 
@@ -50,17 +50,18 @@ def leaderboard() -> str:
     table = readme.partition("<!-- generated: headline -->")[2].partition("<!-- end: headline -->")[0]
     found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines() if "|" in line]
     scored = {row[0]: row for row in found[2:]}
-    title = dict(zip(("log score gain, bits (mean)", "log score gain, bits (median)", "lost, %"), (1, 2, 6)))
-    if any(found[0][column] != name for name, column in title.items()):
-        raise ValueError(f"the README's headline has the columns {found[0]}")
+    titles = ("log score gain, bits (median)", "log score gain, bits (mean)", "lost, %")
+    if missing := [title for title in titles if title not in found[0]]:
+        raise ValueError(f"the README's headline has no column {', '.join(missing)}")
+    columns = [found[0].index(title) for title in titles]
     clips = {path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif")}
     rows = []
     for name in dict.fromkeys([*scored, *pretrained.names(), *baselines.names()]):
         kind = f"learned: [its card](cards/{name}.md)" if name in pretrained.names() else "computed"
         clip = f"![{name} in room 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
-        numbers = [scored[name][column] for column in title.values()] if name in scored else ["not yet"] * 3
+        numbers = [scored[name][column] for column in columns] if name in scored else ["not yet"] * 3
         rows.append((f"`{name}`<br>{kind}", *numbers, clip))
-    return _table(("policy", "log score gain, bits: mean", "median", "lost, %", "in one room, 4 times as fast"), rows)
+    return _table(("policy", "log score gain, bits: median", "mean", "lost, %", "in one room, 4 times as fast"), rows)
 
 
 TABLES = {"scenarios": scenarios, "fields": fields, "rewards": rewards, "leaderboard": leaderboard}

@@ -55,7 +55,7 @@ def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsy
     out, bar = capsys.readouterr()
     assert re.search(r"4 decisions: held-out rooms mean return -?\d+, median -?\d+, lost in \d+ %; kept", out)
     assert "Now 1 unseen rooms for the kept weights, and for best-constant, mi-constant, mi-fisher:" in out
-    assert all(name in out for name in ("What was learned", "policy.npz", "lost, %", "mean log score gain"))
+    assert all(name in out for name in ("What was learned", "policy.npz", "lost, %", "median log score gain"))
     assert all(doing in bar for doing in ("flying", "learning", "2 held-out rooms"))
 
 

@@ -18,7 +18,15 @@ REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
 """A constant action and two greedy strategies: what a learned policy is worth training for."""
 FLOOR = -100.0
 """What a held-out room counts at least, as much as the forfeit of a lost run: one room does not choose the weights."""
-COLUMNS = ("bits", "log_score_gain", "landmarks_mapped", "landmark_rmse", "position_error", "lost", "decision_us")
+COLUMNS = (
+    "log_score_gain_median",
+    "log_score_gain",
+    "bits",
+    "landmarks_mapped",
+    "landmark_rmse",
+    "position_error",
+    "lost",
+)
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
     "Trained in this scenario alone: other rooms, noise, motions and durations are outside what it has seen. "

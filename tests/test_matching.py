@@ -16,7 +16,7 @@ from activeslam_gym.slam.correction import PRODUCT_FRAMES, correct
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
 from activeslam_gym.slam.kalman import update
-from activeslam_gym.slam.sight import measure
+from activeslam_gym.slam.sight import measure, visibility_of
 
 from .support import (
     CAMERA,
@@ -181,6 +181,7 @@ def test_what_may_just_be_outside_is_not_taken_for_a_stranger_at_the_border(colu
     filter = Filter(fiducials=np.array([[0.0, 0.0, 2.0]]))
     sight, waits = filter.sight(), np.zeros(1, bool)
     sight.thing["z_hat"], sight.S[:] = (column, 120.0), 2.5**2 * np.eye(2)
+    sight.thing["visibility"] = visibility_of(CAMERA, sight.thing["z_hat"][0], sight.S)
     candidates = candidates_of([[column - 5.0 if column > 200.0 else column + 5.0, 120.0]])
     associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
     assert candidates["match"].tolist() == [-1 if found else REJECTED]

@@ -26,7 +26,7 @@ from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.slam.belief import KIND_DIM, POINT
 from activeslam_gym.slam.constellation import Margins, log_missed, match_jointly, worth_of_pair
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition_on_all, measure_distances
-from activeslam_gym.slam.sight import Sight
+from activeslam_gym.slam.sight import INSIDE, Sight
 
 CANDIDATE = record(
     pixel=("f8", 2),  # [px]
@@ -47,7 +47,7 @@ ASSOCIATION = record(
     birth_gate="f8",  # and of what is near a prediction
     sharp_std_px="f8",  # a predicted ellipse is sharp when its longest axis is at most this
     clear_margin="f8",  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
-    clear_missed_margin="f8",  # and its lead over the thing's not being detected, in ln
+    border_margin="f8",  # and, near the border of the image, its lead over the thing's being outside, in ln
     margin="f8",  # lead over both that a joint match needs, in ln
     lately="i8",  # what was seen within so many frames was seen lately
     just_now="i8",  # and within so many, just now
@@ -58,7 +58,6 @@ ASSOCIATION = record(
     novelty="f8",  # lead of "it is of nothing known" that makes a candidate NEW, in ln
     nodes="i8",  # of a joint search
     detection_probability="f8",  # of what is in the image
-    border_doubt="f8",  # where it is asked whether a thing is in the image, its deviations count so many times
     clutter_cost="f8",  # -2 ln of the density of one stranger in an image, less that of 2 pi
     landmarks="f8",  # that the room holds
     clutter_rate="f8",  # false detections in an image
@@ -76,7 +75,7 @@ def association_of(scenario: Scenario) -> Record:
         birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
         sharp_std_px=2.0 * scenario.pixel_std,
         clear_margin=20.0,
-        clear_missed_margin=6.0,
+        border_margin=6.0,
         margin=8.0,
         lately=round(LATELY / scenario.frame_time),
         just_now=round(JUST_NOW / scenario.frame_time),
@@ -87,7 +86,6 @@ def association_of(scenario: Scenario) -> Record:
         novelty=2.0,
         nodes=400,
         detection_probability=scenario.detection_probability,
-        border_doubt=1.0,
         clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
         landmarks=scenario.landmark_count,
         clutter_rate=scenario.clutter_rate,
@@ -131,7 +129,7 @@ def associate(
     measure_distances(h, candidates, pixel_var)
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
-        if not _match_clear(model, h, candidates, pixel_var, worth_of_pair(model, strangers), of_thing):
+        if not _match_clear(model, h, sight.thing, candidates, pixel_var, worth_of_pair(model, strangers), of_thing):
             if settled:
                 break
             matched, settled = match_jointly(model, h, candidates, pixel_var, strangers, margins, of_thing, novelty)
@@ -225,15 +223,28 @@ def _is_sharp(model: Record, h: Hypotheses, a: int) -> bool:
 
 @compiled
 def _match_clear(
-    model: Record, h: Hypotheses, candidates: np.ndarray, pixel_var: float, worth: float, of_thing: np.ndarray
+    model: Record,
+    h: Hypotheses,
+    things: np.ndarray,
+    candidates: np.ndarray,
+    pixel_var: float,
+    worth: float,
+    of_thing: np.ndarray,
 ) -> bool:
-    """Match every sharp thing that has a clear partner, then condition the rest on them; whether there was any."""
+    """Match every sharp thing that has a clear partner, then condition the rest on them; whether there was any.
+
+    Near the border a thing may just be outside, and a stranger beside it: there the match has to lead that, too. A
+    pair's likelihood is ``worth`` less half of its cost.
+    """
     v = h.open.shape[0]
     partner = np.full(v, -1)
     found = False
     for a in range(v):
         if h.open[a] and _is_sharp(model, h, a):
-            partner[a] = _clear_partner(model, h, a, worth)
+            partner[a] = _clear_partner(model, h, a)
+            if partner[a] >= 0 and things[a].visibility != INSIDE:
+                lead = worth - 0.5 * h.cost[a, partner[a]] - log_missed(model, h, a)
+                partner[a] = partner[a] if lead >= model.border_margin else -1
             found |= partner[a] >= 0
     for a in range(v):
         if partner[a] >= 0:
@@ -246,17 +257,13 @@ def _match_clear(
 
 
 @borrowing
-def _clear_partner(model: Record, h: Hypotheses, a: int, worth: float) -> int:
-    """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1.
-
-    And which leads "it is not detected, and the candidate is new" by a margin: at the border of the image a thing may
-    just be outside, and a stranger beside it. A pair's likelihood is ``worth`` less half of its cost.
-    """
+def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
+    """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
     best = -1
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):
             best = i
-    if best < 0 or worth - 0.5 * h.cost[a, best] - log_missed(model, h, a) < model.clear_missed_margin:
+    if best < 0:
         return -1
     bound = h.cost[a, best] + model.clear_margin
     for i in range(h.free.shape[0]):

@@ -322,8 +322,7 @@ def worth_of_pair(model: Record, strangers: float) -> float:
 @borrowing
 def log_missed(model: Record, h: Hypotheses, a: int) -> float:
     """ln(1 - P_D P(in the image)) of thing ``a``, its pixel's axes taken as independent."""
-    wide_u = model.border_doubt * math.sqrt(2.0 * h.S[2 * a, 2 * a])
-    wide_v = model.border_doubt * math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
+    wide_u, wide_v = math.sqrt(2.0 * h.S[2 * a, 2 * a]), math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
     u, v = h.z[2 * a], h.z[2 * a + 1]
     inside_u = 0.5 * (math.erf((model.width - u) / wide_u) + math.erf(u / wide_u))
     inside_v = 0.5 * (math.erf((model.height - v) / wide_v) + math.erf(v / wide_v))

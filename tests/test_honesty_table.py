@@ -16,7 +16,7 @@ def test_the_command_plays_labels_known_and_unknown_and_no_room_twice(
     for _ in range(2):
         honesty.main(line)
         tables.append(capsys.readouterr().out.splitlines()[-4:])
-        monkeypatch.setattr(honesty, "play", None)
+        monkeypatch.setattr(honesty, "play", lambda *_: pytest.fail("played again"))
     assert tables[0] == tables[1]
     assert [row.split(" | ")[0] for row in tables[0][2:]] == ["| `sweep`", "| `sweep`, labels known"]
     assert len({row.count("|") for row in tables[0]}) == 1 and "nan" not in tables[0][2]

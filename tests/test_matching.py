@@ -16,7 +16,7 @@ from activeslam_gym.slam.correction import PRODUCT_FRAMES, correct
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
 from activeslam_gym.slam.kalman import update
-from activeslam_gym.slam.sight import measure, visibility_of
+from activeslam_gym.slam.sight import measure, sight_with, visibility_of
 
 from .support import (
     CAMERA,
@@ -249,8 +249,10 @@ def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     belief.covariance[:12, :12] = np.diag([0.3**2] * 3 + [0.2**2] * 3 + [1e-6] * 6)
     true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
     z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
-    sight, once = sight_of(belief, fiducials), copied(belief)
-    assert len(sight.thing) == 8
+    things, once = sight_of(belief, fiducials).thing, copied(belief)
+    things["extra"] = 0.0  # what is left out of each alone would let the pixels be explained less well
+    sight = sight_with(things, belief.covariance, belief.state.dim, VAR)
+    assert len(things) == 8
     update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
     assert correct(CAMERA, belief, fiducials, sight, z)
     errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]

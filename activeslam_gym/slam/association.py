@@ -8,7 +8,8 @@ one wrong match makes the next ones. So a match must be more than near:
 2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the birth gate
    comes within a margin. The joint Gaussian of the other predicted pixels is then conditioned on it, which sharpens
    them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and Tardos, "Data
-   association in stochastic mapping using the joint compatibility test", 2001, ask for).
+   association in stochastic mapping using the joint compatibility test", 2001, ask for). Near the border of the image
+   it must also be clear that the thing is not just outside.
 3. What is left is matched jointly, as a constellation (see `constellation`): that closes loops, and finds the way back
    where wide ellipses are ambiguous one by one. What was seen lately needs less of a lead than what comes back after a
    long time. A detection that is better explained by nothing known is new.

@@ -79,7 +79,6 @@ def train(args: Args) -> bool:
 def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
     from agents.learn import algorithms
     from agents.learn.callbacks import Checkpoints, HeldOutRooms, Progress
-    from agents.learn.imitation import imitate
 
     _see_that_it_is_the_same(args)
     checkpoint, logs = args.out / CHECKPOINT, args.out / "logs"
@@ -87,8 +86,6 @@ def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
         learner = algorithms.load_learner(args, env, logs, checkpoint)
     else:
         learner = algorithms.make_learner(args, env, logs)
-        if args.warm_start and args.algorithm != "dqn":
-            imitate(learner, env, args.steps_per_episode, args.warm_start, args.gamma)
     write_json(args.out / ARGUMENTS, args.recipe())
     keeper = Keeper(args, learner)
     progress = Progress(args.total_steps)

@@ -55,6 +55,10 @@ class Sequence(NamedTuple):
         at = np.searchsorted(np.array(self.ends[:-1]) - 1e-9, begins, side="right")
         return np.array(self.actions, np.int64)[at]
 
+    def longest(self) -> tuple[int, int]:
+        """Motion and gaze of the action that is held longest."""
+        return self.actions[int(np.argmax(np.diff((0.0, *self.ends))))]
+
     def told(self) -> str:
         """In words: ``BACKWARDS STAY to 54 %, then RIGHT LEFT``."""
         names = [f"{Motion(motion).name} {Gaze(gaze).name}" for motion, gaze in self.actions]

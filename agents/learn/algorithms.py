@@ -1,6 +1,7 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -22,6 +23,7 @@ from agents.learn.recipe import Recipe
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
+from baselines.sequences import best_sequence
 
 REPLAY_STEPS = 100_000
 """What DQN remembers: some hundreds of megabytes of observations."""
@@ -61,11 +63,11 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
     steps, entropy = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}
     rollout = {"n_steps": steps, "batch_size": max(2, steps * recipe.num_envs // 5), "gae_lambda": 0.95}
     own: dict[str, dict[str, Any]] = {
-        "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs},
+        "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs, "target_kl": recipe.target_kl},
         "a2c": entropy,
         "dqn": {"buffer_size": REPLAY_STEPS},
     }
-    return CLASSES[recipe.algorithm](
+    learner = CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, _LAST_RATE),
@@ -76,6 +78,17 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         device="cpu",
         **own[recipe.algorithm],
     )
+    if recipe.warm_start and recipe.algorithm != "dqn":
+        _prefer(learner, best_sequence(env.unwrapped).longest(), recipe.warm_start)
+    return learner
+
+
+def _prefer(learner: Any, action: tuple[int, int], probability: float) -> None:
+    """Give a motion and a gaze, each, this probability in a new policy, whose other choices are about equal."""
+    bias, choices, (motion, gaze) = learner.policy.action_net.bias, learner.action_space.nvec, action
+    with torch.no_grad():
+        for index, others in zip((motion, choices[0] + gaze), choices - 1):
+            bias[index] += math.log(others * probability / (1.0 - probability))
 
 
 def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> Any:
@@ -83,7 +96,8 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 
     Raises ValueError where they do not fit each other.
     """
-    recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe) if field.name in card})
+    told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
+    recipe = Recipe(**(told | {"warm_start": 0.0}))
     env = make_batch(recipe, 1, TRAINING_SEED)
     try:
         learner = make_learner(recipe, env, None)

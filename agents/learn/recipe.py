@@ -21,9 +21,10 @@ class Recipe:
     scenario: str = "paper"
     """Name of the scenario whose rooms are trained in."""
     warm_start: float = 0.8
-    """Probability of the motion, and of the gaze, of the scenario's best sequence before training, which a new policy
-    imitates; 0: it begins from nothing (PPO, A2C)."""
-    total_steps: int = 120_000
+    """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
+    0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,
+    A2C)."""
+    total_steps: int = 100_000
     """Decisions in all, rounded up to whole rollouts (PPO: an episode of every environment)."""
     decision_period: float = 1.0
     """Time between decisions, the environment's gaze_period [s]. Short ones learn slowly: chance holds no course."""
@@ -40,7 +41,9 @@ class Recipe:
     entropy_bonus: float = 0.0
     """Weight of the policy's own entropy (PPO, A2C); without a warm start 0.002 explores longer."""
     epochs: int = 8
-    """How often a rollout is learned from, in 5 minibatches each time (PPO)."""
+    """How often a rollout is learned from, in 5 minibatches each time (PPO),"""
+    target_kl: float = 0.02
+    """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
     reward_scale: float = 0.05
     """Constant factor of the reward; it is not normalised, which would clip the forfeit."""
     reward_clip: float = 600.0
@@ -57,7 +60,7 @@ class Recipe:
         if self.duration is not None:
             positive(self, "duration")
         within(self, warm_start=(0.0, 0.99))
-        positive(self, "learning_rate", "reward_scale", "reward_clip")
+        positive(self, "learning_rate", "reward_scale", "reward_clip", "target_kl")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13), epochs=(1, 1000))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:

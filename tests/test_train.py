@@ -6,6 +6,7 @@ import json
 import pickle
 import re
 import shutil
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -23,7 +24,7 @@ pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO  # noqa: E402
 
-from agents import policies  # noqa: E402
+from agents import policies, pretrained  # noqa: E402
 from agents.__main__ import main  # noqa: E402
 from agents.learn import algorithms  # noqa: E402
 from agents.learn.algorithms import save_learner  # noqa: E402
@@ -60,7 +61,7 @@ def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsy
 
 def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) -> None:
     assert main(["export", "--policy", "ppo", "--out", str(tmp_path / "deep" / "ppo.zip")]) == 0
-    assert "gaze_period=0.25" in capsys.readouterr().out
+    assert "gaze_period=1" in capsys.readouterr().out
     learner, env = PPO.load(tmp_path / "deep" / "ppo.zip"), gym.make("ActiveSLAM-v0", gaze_period=0.25)
     policy, observation = agents.load("ppo", env), env.reset(seed=5)[0]
     for _ in range(8):
@@ -69,6 +70,21 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
         observation = env.step(action)[0]
     learner.set_env(env)
     assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
+
+
+def test_shipped_weights_were_trained_with_what_there_is_now() -> None:
+    for name in pretrained.names():
+        card = read_card(FOLDER / f"{name}.npz")
+        assert card["behaviour"] == activeslam_gym.BEHAVIOUR, f"{name}: train it anew: {card['command']}"
+        recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe)})
+        changed = {
+            "reward": recipe.reward,
+            "scenario": recipe.scenario,
+            "seed": recipe.seed,
+            "total_steps": recipe.total_steps,
+        }
+        assert recipe == Recipe(**changed), "the command's defaults make other weights"
+        assert card["command"].startswith("python -m agents train ")
 
 
 @pytest.fixture(scope="module")

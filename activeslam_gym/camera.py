@@ -28,6 +28,7 @@ CAMERA = record(
     minimum_depth="f8",  # points nearer than this are not seen [m]
     maximum_distance="f8",  # nor are points farther than this [m]
     pixel_std="f8",  # of the image noise, each axis [px]
+    point_curvature="f8",  # 1: what the line leaves out of a point's measurement counts as noise; 0: it does not
 )
 """Intrinsics; in pixels where nothing else is said."""
 
@@ -43,6 +44,7 @@ def camera_of(scenario: Scenario) -> Record:
         width=scenario.image_width,
         height=scenario.image_height,
         maximum_distance=math.inf if scenario.maximum_distance is None else scenario.maximum_distance,
+        point_curvature=1.0 if scenario.command_known else 0.0,
     )
 
 

@@ -246,17 +246,21 @@ def test_replaced_weights_are_run_again(tmp_path: Path, capsys: pytest.CaptureFi
     pytest.importorskip("torch")
     names = [str(tmp_path / stem) for stem in ("a/b.npz", "a_b.npz")]  # which once shared a kept file
 
-    def put(weights: str, name: str) -> None:
+    def put(favourite: int, name: str) -> None:
+        """Weights that prefer one motion."""
         Path(name).parent.mkdir(exist_ok=True)
-        for suffix in (".npz", ".json"):
-            shutil.copy(FOLDER / f"{weights}{suffix}", Path(name).with_suffix(suffix))
+        shutil.copy(FOLDER / "ppo.json", Path(name).with_suffix(".json"))
+        with np.load(FOLDER / "ppo.npz") as file:
+            weights = dict(file)
+        weights["action_net.bias"][favourite] += 100.0
+        np.savez(name, **weights)
 
-    put("ppo", names[0])
-    put("ppo-entropy", names[1])
+    put(Motion.UP, names[0])
+    put(Motion.BACKWARDS, names[1])
     first = resumed(tuple(names), tmp_path / "out")
     assert first[names[0]] != first[names[1]]
     assert "0 of 4 episodes are those of an earlier run." in capsys.readouterr().out
-    put("ppo-entropy", names[0])
+    put(Motion.BACKWARDS, names[0])
     again = resumed(tuple(names), tmp_path / "out")
     assert again[names[0]] == again[names[1]] == first[names[1]]
     assert "2 of 4 episodes are those of an earlier run; not taken: 2 of other" in capsys.readouterr().out

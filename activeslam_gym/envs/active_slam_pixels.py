@@ -59,6 +59,7 @@ class Eye:
         run.world.fiducials[:] = self._camera.fiducials
         self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials)
         self._filter.model.correction.product_frames = _PRODUCT_FRAMES
+        self._filter.camera.point_curvature = 0.0  # not tried on images
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, setting.scenario, self._camera.fiducials)
         self.births, self.spare = np.zeros((len(run.owner), 3)), run.world.landmarks.copy()

@@ -53,6 +53,9 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record) 
     what is nearer moves farther, what has moved is turned, and a turn is round. Each row is x^T M x with
     x = (theta, c); for a Gaussian x of covariance Sigma, Cov(x^T M_i x, x^T M_j x) = 2 tr(M_i Sigma M_j Sigma).
     Sigma is that given the pixel, where the iterated correction ends: what remains is what the pixel does not tell.
+
+    Where the commands are not known, every frame begins with a wide turn. All of its points together tell that turn,
+    each by itself does not: counted so, none would count, and a hand-held camera would be lost. There nothing is counted.
     """
     D, turn, way, square, known = np.empty(3), 0.0, 0.0, 0.0, thing.width == 0
     for i in range(3):
@@ -61,7 +64,7 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record) 
         turn += P[r, r]
         way += P[i, i] if known else P[i, i] - 2.0 * P[i, k] + P[k, k]
         square += D[i] * D[i]
-    if view.camera.focal * (turn + way / square) < NEGLIGIBLE_PX:
+    if view.camera.point_curvature * view.camera.focal * (turn + way / square) < NEGLIGIBLE_PX:
         return
     J = -thing.H_camera[:, :3]
     Sigma = _of_turn_and_motion(P, D, thing.column, thing.width)

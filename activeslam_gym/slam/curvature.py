@@ -55,7 +55,8 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record) 
     Sigma is that given the pixel, where the iterated correction ends: what remains is what the pixel does not tell.
 
     Where the commands are not known, every frame begins with a wide turn. All of its points together tell that turn,
-    each by itself does not: counted so, none would count, and a hand-held camera would be lost. There nothing is counted.
+    each by itself does not: so counted, they would hardly count, and a camera in the hand would be lost. There nothing
+    is counted.
     """
     D, turn, way, square, known = np.empty(3), 0.0, 0.0, 0.0, thing.width == 0
     for i in range(3):

@@ -24,7 +24,7 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, bo
 	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/HONESTY.md
 
 results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it was not trained (15 minutes or more)
-	$(RUN) -m agents compare --policies $(POLICIES) --episodes 200 --out results/compare --report RESULTS.md README.md --resume
+	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes 200 --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes 20 --report RESULTS.md
 
 figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy

@@ -57,6 +57,7 @@ SPEED = (
 )
 PAIRED = (
     LEARNED[0],
+    Column("ahead", "ahead, % of rooms", "share", 100.0),
     *LEARNED[3:5],
     Column("landmark_rmse", "RMSE of landmarks mapped by both, cm", "median", 100.0),
     *ERRORS[1:],
@@ -170,8 +171,8 @@ def _difference(run: Episode, other: Episode, target_landmarks: int) -> dict[str
     """Column → run − other, in one room."""
     row, other_row = outcome(run, target_landmarks), outcome(other, target_landmarks)
     own, others = paired_rmse(run.landmark_errors, other.landmark_errors)
-    columns = {one.key: _column(one.key) for one in PAIRED}
-    return {key: row[name] - other_row[name] for key, name in columns.items()} | {"landmark_rmse": own - others}
+    apart = {one.key: row[name] - other_row[name] for one in PAIRED if (name := _column(one.key)) in row}
+    return apart | {"landmark_rmse": own - others, "ahead": float(apart["log_score_gain"] > 0.0)}
 
 
 def _shares(by_policy: dict[str, list[Episode]]) -> dict[str, Estimate]:

@@ -119,12 +119,15 @@ def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
 def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
     runs = [episode("stay", seed, 10.0 * seed) for seed in range(4)]
     runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(4)]
+    runs += [episode("ahead", seed, 10.0 * seed + 1.0 + (seed < 3)) for seed in range(4)]
     summary = summarise(runs, target_landmarks=1, honesty_times=(1.0,))
     difference = summary.paired["mi-fisher"]["stay"]["bits"]
     assert (difference.value, difference.low, difference.high, difference.rooms) == (-1.0, -1.0, -1.0, 4)
+    assert summary.paired["mi-fisher"]["stay"]["ahead"].value == 0.0
+    assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.75  # the fourth room is a draw
     assert summary.policies["stay"]["bits"].value == 15.0
     assert summary.best_baseline == "mi-fisher"
-    assert list(summary.paired) == ["mi-fisher"]
+    assert list(summary.paired) == ["mi-fisher", "ahead"]
     summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
     assert summary.best_baseline == "sweep" and set(summary.paired["sweep"]) == {"own:mine", "stay"}
     assert "own:mine" in summary.notes[0] and any("mi-fisher was not run" in note for note in summary.notes)

@@ -156,14 +156,20 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@borrowing(fastmath=_FUSE)
+@borrowing
 def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
-    """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n): the upper triangle, whose copy is the lower."""
+    """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n)."""
+    subtract_symmetric(P, W, W, n)
+
+
+@borrowing(fastmath=_FUSE)
+def subtract_symmetric(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> None:
+    """P[:n, :n] -= V^T W which is symmetric as P is; V, W (m, >= n): the upper triangle, whose copy is the lower."""
     m, odd = W.shape[0], n % 4
     for i in range(odd):
-        subtract_from_one(P, i, W, W, 0, m, i, n)
+        subtract_from_one(P, i, V, W, 0, m, i, n)
     for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
-        _subtract_from_four(P, i, W, W, 0, m, i, n)
+        _subtract_from_four(P, i, V, W, 0, m, i, n)
     _copy_upper_to_lower(P, n)
 
 

@@ -6,9 +6,8 @@ saw. The mean that they have is left out.
 
 import numpy as np
 
-from activeslam_gym.camera import View
-from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.linalg import congruence, product
+from activeslam_gym.camera import Vector, View
+from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import RHO
 
@@ -17,15 +16,22 @@ NEGLIGIBLE_PX = 0.2
 
 
 @compiled
-def curvature_of_inverse_depth(P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: np.ndarray) -> None:
+def workspace() -> np.ndarray:
+    """(4, 6, 6), for the matrices of one point after another."""
+    return np.empty((4, 6, 6))
+
+
+@borrowing
+def curvature_of_inverse_depth(
+    P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: np.ndarray, work: np.ndarray
+) -> None:
     """Write what the line leaves out of an inverse-depth measurement into ``extra`` (2, 2) [px^2].
 
     Its point moves by d(rho) (anchor - p) + rho d(anchor - p) + d(rho) d(anchor - p). The last, a product of what may
     both be vague, has for Gaussians the covariance var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p);
     in the image J of it J^T, with J = H_anchor / rho.
     """
-    D = np.empty((3, 3))
-    r = start + RHO
+    D, r = work[0], start + RHO
     for i in range(3):
         a = start + i
         for j in range(3):
@@ -41,8 +47,8 @@ def curvature_of_inverse_depth(P: np.ndarray, start: int, rho: float, H_y: np.nd
             extra[j, i] = extra[i, j]
 
 
-@compiled
-def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record) -> None:
+@borrowing
+def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record, work: np.ndarray) -> None:
     """Write what the line leaves out of the measurement of the point ``y`` (>= 3,) into ``thing.extra`` [px^2].
 
     Let D = y - p, n the camera's axis, J = dz/dy. To the camera that turns by theta the point moves by
@@ -58,77 +64,100 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record) 
     each by itself does not: so counted, they would hardly count, and a camera in the hand would be lost. There nothing
     is counted.
     """
-    D, turn, way, square, known = np.empty(3), 0.0, 0.0, 0.0, thing.width == 0
+    D = (y[0] - view.pose[0], y[1] - view.pose[1], y[2] - view.pose[2])
+    turn, way, known = 0.0, 0.0, thing.width == 0
     for i in range(3):
-        D[i] = y[i] - view.pose[i]
         k, r = thing.column + i, D_ROTATION.start + i
         turn += P[r, r]
         way += P[i, i] if known else P[i, i] - 2.0 * P[i, k] + P[k, k]
-        square += D[i] * D[i]
+    square = D[0] ** 2 + D[1] ** 2 + D[2] ** 2
     if view.camera.point_curvature * view.camera.focal * (turn + way / square) < NEGLIGIBLE_PX:
         return
-    J = -thing.H_camera[:, :3]
-    Sigma = _of_turn_and_motion(P, D, thing.column, thing.width)
-    _condition_on_pixel(Sigma, J, view.camera.pixel_std**2)
-    first = product(_form(J[0], D, view.R_WC[:, 2]), Sigma)
-    second = product(_form(J[1], D, view.R_WC[:, 2]), Sigma)
+    Sigma, M, first, second, minus_J = work[0], work[1], work[2], work[3], thing.H_camera[:, :3]
+    n = (view.R_WC[0, 2], view.R_WC[1, 2], view.R_WC[2, 2])
+    _of_turn_and_motion(P, D, thing.column, known, Sigma)
+    _condition_on_pixel(Sigma, minus_J, view.camera.pixel_std**2, M)
+    _form(minus_J[0], D, n, M)  # the sign of J does not matter
+    _product_of_six(M, Sigma, first)
+    _form(minus_J[1], D, n, M)
+    _product_of_six(M, Sigma, second)
+    a, b, c = 0.0, 0.0, 0.0
     for i in range(6):
         for j in range(6):
-            thing.extra[0, 0] += 2.0 * first[i, j] * first[j, i]
-            thing.extra[0, 1] += 2.0 * first[i, j] * second[j, i]
-            thing.extra[1, 1] += 2.0 * second[i, j] * second[j, i]
-    thing.extra[1, 0] = thing.extra[0, 1]
+            a += first[i, j] * first[j, i]
+            b += first[i, j] * second[j, i]
+            c += second[i, j] * second[j, i]
+    extra = thing.extra
+    extra[0, 0], extra[0, 1], extra[1, 0], extra[1, 1] = 2.0 * a, 2.0 * b, 2.0 * b, 2.0 * c
 
 
-@compiled
-def _of_turn_and_motion(P: np.ndarray, D: np.ndarray, column: int, width: int) -> np.ndarray:
-    """Covariance (6, 6) of theta and c = dy - dp - theta x D; y has ``width`` rows of ``P`` from ``column`` on."""
-    n = 6 + width
-    T, P_pose_y = np.zeros((6, n)), np.empty((n, n))
+@borrowing
+def _of_turn_and_motion(P: np.ndarray, D: Vector, column: int, known: bool, Sigma: np.ndarray) -> None:
+    """Write the covariance (6, 6) of theta and c = dy - dp - theta x D; y is known, or in ``P`` from ``column`` on."""
     for i in range(3):
-        T[i, 3 + i], T[3 + i, i] = 1.0, -1.0
-        if width > 0:
-            T[3 + i, 6 + i] = 1.0
-    T[3, 4], T[3, 5] = -D[2], D[1]
-    T[4, 3], T[4, 5] = D[2], -D[0]
-    T[5, 3], T[5, 4] = -D[1], D[0]
-    for a in range(n):
-        for b in range(n):
-            P_pose_y[a, b] = P[a if a < 6 else column + a - 6, b if b < 6 else column + b - 6]
-    return congruence(T, P_pose_y)
+        for j in range(3):
+            turn, y_i, y_j = D_ROTATION.start + j, column + i, column + j
+            Sigma[i, j] = P[D_ROTATION.start + i, turn]
+            Sigma[3 + i, j] = -P[i, turn] if known else P[y_i, turn] - P[i, turn]
+            Sigma[3 + i, 3 + j] = P[i, j] if known else P[i, j] - P[i, y_j] - P[y_i, j] + P[y_i, y_j]
+            Sigma[j, 3 + i] = Sigma[3 + i, j]
+    for j in range(6):  # so far of dy - dp
+        a, b, c = Sigma[0, j], Sigma[1, j], Sigma[2, j]
+        Sigma[3, j] += D[1] * c - D[2] * b
+        Sigma[4, j] += D[2] * a - D[0] * c
+        Sigma[5, j] += D[0] * b - D[1] * a
+    for i in range(6):
+        row = Sigma[i]
+        a, b, c = row[0], row[1], row[2]
+        row[3] += D[1] * c - D[2] * b
+        row[4] += D[2] * a - D[0] * c
+        row[5] += D[0] * b - D[1] * a
 
 
-@compiled
-def _condition_on_pixel(Sigma: np.ndarray, J: np.ndarray, pixel_var: float) -> None:
-    """Sigma (6, 6) of (theta, c) given J c, seen with the image noise."""
-    V, s = np.empty((2, 6)), np.empty((2, 2))
-    for i in range(2):
-        for a in range(6):
-            V[i, a] = J[i, 0] * Sigma[3, a] + J[i, 1] * Sigma[4, a] + J[i, 2] * Sigma[5, a]
-        for j in range(2):
-            s[i, j] = V[i, 3] * J[j, 0] + V[i, 4] * J[j, 1] + V[i, 5] * J[j, 2]
-        s[i, i] += pixel_var
-    det = s[0, 0] * s[1, 1] - s[0, 1] * s[1, 0]
+@borrowing
+def _condition_on_pixel(Sigma: np.ndarray, J: np.ndarray, pixel_var: float, work: np.ndarray) -> None:
+    """Sigma (6, 6) of (theta, c) given J c, seen with the image noise; ``work`` (>= 2, 6)."""
+    u, v = work[0], work[1]
     for a in range(6):
-        g0, g1 = (s[1, 1] * V[0, a] - s[0, 1] * V[1, a]) / det, (s[0, 0] * V[1, a] - s[1, 0] * V[0, a]) / det
+        u[a] = J[0, 0] * Sigma[3, a] + J[0, 1] * Sigma[4, a] + J[0, 2] * Sigma[5, a]
+        v[a] = J[1, 0] * Sigma[3, a] + J[1, 1] * Sigma[4, a] + J[1, 2] * Sigma[5, a]
+    s00 = u[3] * J[0, 0] + u[4] * J[0, 1] + u[5] * J[0, 2] + pixel_var
+    s01 = u[3] * J[1, 0] + u[4] * J[1, 1] + u[5] * J[1, 2]
+    s11 = v[3] * J[1, 0] + v[4] * J[1, 1] + v[5] * J[1, 2] + pixel_var
+    det = s00 * s11 - s01 * s01
+    for a in range(6):
+        g, h = (s11 * u[a] - s01 * v[a]) / det, (s00 * v[a] - s01 * u[a]) / det
         for b in range(6):
-            Sigma[a, b] -= g0 * V[0, b] + g1 * V[1, b]
+            Sigma[a, b] -= g * u[b] + h * v[b]
 
 
-@compiled
-def _form(j: np.ndarray, D: np.ndarray, n: np.ndarray) -> np.ndarray:
-    """M (6, 6) of one row ``j`` (3,) of J.
+@borrowing
+def _form(j: np.ndarray, D: Vector, n: Vector, M: np.ndarray) -> None:
+    """Write M (6, 6) of one row ``j`` (3,) of J.
 
     x^T M x = -(j . c)(n . c) / (n . D) - j . (theta x c) - (j . theta)(theta . D) / 2.
     """
-    M, depth = np.zeros((6, 6)), n[0] * D[0] + n[1] * D[1] + n[2] * D[2]
+    depth = n[0] * D[0] + n[1] * D[1] + n[2] * D[2]
     for a in range(3):
         for b in range(3):
             M[a, b] = -0.25 * (j[a] * D[b] + D[a] * j[b])
             M[3 + a, 3 + b] = -0.5 * (j[a] * n[b] + n[a] * j[b]) / depth
+        M[a, 3 + a] = 0.0
     M[0, 4], M[0, 5], M[1, 5] = -0.5 * j[2], 0.5 * j[1], -0.5 * j[0]
     M[1, 3], M[2, 3], M[2, 4] = 0.5 * j[2], -0.5 * j[1], 0.5 * j[0]
     for a in range(3):
         for b in range(3, 6):
             M[b, a] = M[a, b]
-    return M
+
+
+@borrowing(fastmath={"contract"})
+def _product_of_six(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
+    """out = A B, all (6, 6)."""
+    for i in range(6):
+        target = out[i]
+        for j in range(6):
+            target[j] = A[i, 0] * B[0, j]
+        for k in range(1, 6):
+            factor, source = A[i, k], B[k]
+            for j in range(6):
+                target[j] += factor * source[j]

@@ -12,7 +12,7 @@ from activeslam_gym.linalg import (
     copy_block,
     copy_into,
     subtract_from_one,
-    subtract_gram,
+    subtract_symmetric,
 )
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
@@ -64,27 +64,23 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
     of the paper's Jacobian of the quaternion's normalisation.
 
     With M = I + E^T on the rotation's columns, E (3, dim), and B = P_theta + P_theta,theta E / 2 of the P after the
-    update, M P M^T = P + E^T B + B^T E.
+    update, M P M^T = P + E^T B + B^T E; all that is subtracted, at once: (W, -E, -B)^T (W, B, E).
     """
-    P, dim = belief.covariance, belief.state.dim
-    E, B = turning(belief, delta), np.zeros((3, dim))
+    P, dim, m = belief.covariance, belief.state.dim, W.shape[0]
+    E, left, right = turning(belief, delta), np.empty((m + 6, dim)), np.empty((m + 6, dim))
+    B = right[m : m + 3]
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
-        subtract_from_one(B, i, W[:, D_ROTATION], W, 0, W.shape[0], 0, dim)
+        subtract_from_one(B, i, W[:, D_ROTATION], W, 0, m, 0, dim)
     add_product(0.5 * B[:, D_ROTATION], E, B)
-    _add_symmetric(P, E, B, dim)
-    subtract_gram(P, W, dim)
+    copy_block(W, left)
+    copy_block(W, right)
+    copy_block(E, right[m + 3 :])
+    for i in range(3):
+        for j in range(dim):
+            left[m + i, j], left[m + 3 + i, j] = -E[i, j], -B[i, j]
+    subtract_symmetric(P, left, right, dim)
     _recentre_rotation(belief, delta)
-
-
-@compiled(fastmath={"contract"})
-def _add_symmetric(P: np.ndarray, E: np.ndarray, B: np.ndarray, n: int) -> None:
-    """P[:n, :n] += E^T B + B^T E for E, B (3, n), in the upper triangle alone: `subtract_gram` makes its copy."""
-    for i in range(n):
-        row, e0, e1, e2, b0, b1, b2 = P[i, i:n], E[0, i], E[1, i], E[2, i], B[0, i], B[1, i], B[2, i]
-        E0, E1, E2, B0, B1, B2 = E[0, i:n], E[1, i:n], E[2, i:n], B[0, i:n], B[1, i:n], B[2, i:n]
-        for j in range(n - i):
-            row[j] += e0 * B0[j] + b0 * E0[j] + e1 * B1[j] + b1 * E1[j] + e2 * B2[j] + b2 * E2[j]
 
 
 @compiled

@@ -34,7 +34,7 @@ from activeslam_gym.slam.belief import (
     bearing,
     fiducial_id,
 )
-from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
+from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point, workspace
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
@@ -197,7 +197,7 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
     """
     K, pose, P = fiducials.shape[0], belief.state.camera, belief.covariance
     view, S = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes), np.empty((2, 2))
-    things, v = np.empty(K + belief.state.count, THING), 0
+    things, v, work = np.empty(K + belief.state.count, THING), 0, workspace()
     for row in range(K + belief.state.count):
         thing = things[v]
         if row < K:
@@ -212,12 +212,12 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
             own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
             thing.extra[:] = 0.0
             if row < K:
-                curvature_of_point(view, P, fiducials[row], thing)
+                curvature_of_point(view, P, fiducials[row], thing, work)
             elif belief.feature[row - K].kind == POINT:
-                curvature_of_point(view, P, belief.feature[row - K].mean, thing)
+                curvature_of_point(view, P, belief.feature[row - K].mean, thing, work)
             else:
                 curvature_of_inverse_depth(
-                    P, thing.column, belief.feature[row - K].mean[RHO], thing.H_feature, thing.extra
+                    P, thing.column, belief.feature[row - K].mean[RHO], thing.H_feature, thing.extra, work
                 )
             for i in range(2):
                 for j in range(2):

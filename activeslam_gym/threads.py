@@ -21,8 +21,14 @@ def available_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+_SLICES = 4
+"""For each thread: who is done early, since the maps of its rows are small or its core is its own, takes another."""
+_FEWEST = 8
+"""Rows of a slice at least, but where there are hardly more rows than threads: each slice is a call of its own."""
+
+
 class Workers:
-    """Calls kernels on contiguous slices of ``rows`` rows, one slice a thread; the caller's thread takes the first.
+    """Calls kernels on contiguous slices of ``rows`` rows, which threads take one after another, the caller's too.
 
     ``threads``: at most as many as rows; None: as many as cores that the process may use.
 
@@ -32,17 +38,14 @@ class Workers:
 
     def __init__(self, rows: int, threads: int | None = None) -> None:
         wanted = available_cores() if threads is None else whole_number("num_threads", threads)
-        count = min(wanted, rows)
+        self.threads = min(wanted, rows)
+        """In use, the caller's included."""
+        count = max(self.threads, min(_SLICES * self.threads, rows // _FEWEST)) if self.threads > 1 else 1
         ends = [rows * i // count for i in range(count + 1)]
         self._slices = list(zip(ends[:-1], ends[1:], strict=True))
         self._pool: ThreadPoolExecutor | None = None
         self._process = os.getpid()
         self._busy = threading.Lock()
-
-    @property
-    def threads(self) -> int:
-        """Threads in use, the caller's included."""
-        return len(self._slices)
 
     def call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         """Call ``kernel(*arguments, start, stop)`` for every slice of rows, and wait for all.
@@ -59,14 +62,15 @@ class Workers:
             self._busy.release()
 
     def _call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
-        first, *others = self._slices
-        if not others:
-            kernel(*arguments, *first)
-            return
-        pool = self._running_pool()
-        futures = [pool.submit(kernel, *arguments, *part) for part in others]
+        left = iter(self._slices)  # shared: each slice is given out once
+
+        def work() -> None:
+            for part in left:
+                kernel(*arguments, *part)
+
+        futures = [self._running_pool().submit(work) for _ in range(self.threads - 1)]
         try:
-            kernel(*arguments, *first)
+            work()
         finally:
             wait(futures)
         for future in futures:

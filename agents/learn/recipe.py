@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from activeslam_gym.config import scenario_from
+from activeslam_gym.config import scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
 
 Algorithm = Literal["ppo", "a2c", "dqn"]
@@ -55,10 +55,12 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
-        scenario_from(self.scenario)
+        scenario = scenario_from(self.scenario)
         positive(self, "total_steps", "num_envs", "width", "decision_period", "gamma")
         if self.duration is not None:
             positive(self, "duration")
+        whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
+        whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
         within(self, warm_start=(0.0, 0.99))
         positive(self, "learning_rate", "reward_scale", "reward_clip", "target_kl")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))

@@ -413,7 +413,7 @@ _ON_SURFACES: dict[str, Any] = {
 }
 """What places have in common where landmarks are on surfaces."""
 _CALM: dict[str, Any] = {"pixel_std": 1.0, "acceleration_std": 0.2, "angular_acceleration_std": 0.2}
-"""A steadier hand and a sharper detector, where all that is in view may be 6 m away, or a box leave nothing to see."""
+"""A steadier hand and a sharper detector, where what is in view may be 6 m away, and often nothing is in view."""
 _FURNISHED: dict[str, Any] = {
     "room_size": (7.0, 2.4, 7.0),
     "landmark_count": 48,
@@ -430,7 +430,7 @@ _PLACES = (
     ),
     Scenario(
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
-        start=ANYWHERE, maximum_distance=4.0, negative_information=True,
+        start=ANYWHERE, maximum_distance=4.0, negative_information=True, **_CALM,
     ),
     Scenario(name="corner", **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),

@@ -32,7 +32,7 @@ SHARES = "Share of the best policy's median log score gain"
 class Args(Rooms):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
 
-    policies: tuple[str, ...] = ("ppo", "ppo-entropy", "mi-constant", "mi-fisher", "sweep")
+    policies: tuple[str, ...] = ("ppo", "ppo-mixed", "orbit", "mi-constant", "mi-fisher", "sweep")
     """Names of policies, as for compare."""
     episodes: int = 50
     """Rooms for each policy and condition."""

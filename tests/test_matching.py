@@ -9,14 +9,14 @@ from scipy.stats import multivariate_normal
 from activeslam_gym.camera import View
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
-from activeslam_gym.slam.association import NEW, REJECTED, associate, association_of, expected_strangers
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_strangers
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.constellation import Margins, match_jointly
 from activeslam_gym.slam.correction import PRODUCT_FRAMES, correct
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
 from activeslam_gym.slam.kalman import update
-from activeslam_gym.slam.sight import measure, sight_with, visibility_of
+from activeslam_gym.slam.sight import INSIDE, measure, sight_with, visibility_of
 
 from .support import (
     CAMERA,
@@ -156,14 +156,15 @@ def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
     ("kind", "seconds", "std", "matched"),
     [(POINT, 1.0, 17.0, True), (POINT, 1.0, 30.0, True), (POINT, 11.0, 17.0, False)]
     + [(POINT, 0.1, 17.0, True), (POINT, 0.1, 30.0, False)]
-    + [(INVERSE_DEPTH, 1.0, 17.0, True), (INVERSE_DEPTH, 1.0, 30.0, False)],
+    + [(INVERSE_DEPTH, 0.2, 17.0, True), (INVERSE_DEPTH, 0.2, 30.0, False)],
 )
 def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, std: float, matched: bool) -> None:
     """A lone detection in a lone wide ellipse was refused until the ellipse was so wide that the run was lost."""
     belief = random_belief(PAPER, [kind], np.random.default_rng(0))
     belief.state.frame = 1000
     belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
-    for born, found in ((-1, matched), (belief.feature["seen"][0], False)):  # never matched is never seen again
+    never = ((belief.feature["seen"][0], False),) if kind == POINT else ()  # never matched is never seen again
+    for born, found in ((-1, matched), *never):
         belief.feature["born"][0] = born
         sight, waits = sight_of(belief), np.zeros(1, bool)
         sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), std**2 * np.eye(2)
@@ -186,6 +187,42 @@ def test_what_may_just_be_outside_is_not_taken_for_a_stranger_at_the_border(colu
     associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
     assert candidates["match"].tolist() == [-1 if found else REJECTED]
     assert waits.tolist() == [not found]
+
+
+@pytest.mark.parametrize(
+    ("kind", "seconds", "std", "found"),
+    [(INVERSE_DEPTH, 0.4, 7.0, False), (INVERSE_DEPTH, 0.4, 5.0, True), (INVERSE_DEPTH, 0.2, 7.0, True)]
+    + [(POINT, 0.4, 7.0, True)],
+)
+def test_a_vague_depth_that_was_out_of_sight_takes_no_others_detection(
+    kind: int, seconds: float, std: float, found: bool
+) -> None:
+    """A feature whose landmark had left the image took, along its epipolar line, another's detections for its own."""
+    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
+    belief.state.frame, belief.feature["born"][0] = 1000, -1
+    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
+    sight, waits, own = sight_of(belief), np.zeros(1, bool), int(belief.feature["serial"][0])
+    sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), np.diag([std**2, 2.5**2])
+    for id, matched in ((ANYTHING, own if found else NEW), (own, own)):  # what bears its id may still be it
+        candidates = candidates_of([[164.0, 120.0]], ids=id)
+        associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
+        assert candidates["match"].tolist() == [matched]
+        assert not waits.any()
+
+
+@pytest.mark.parametrize(("met", "ids", "believed"), [(1, 0, False), (2, 0, True), (3, 0, True), (1, 1, True)])
+def test_a_fiducial_is_no_stranger_where_the_others_should_be_seen_and_are_not(
+    met: int, ids: int, believed: bool
+) -> None:
+    """A camera that had drifted by many deviations took a stranger for one of three fiducials; nothing was near two."""
+    filter = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]]))
+    sight, waits = filter.sight(), np.zeros(3, bool)
+    sight.thing["z_hat"], sight.S[:] = [(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)], 2.5**2 * np.eye(6)
+    sight.thing["visibility"] = INSIDE
+    candidates = candidates_of(sight.thing["z_hat"][:met] + 1.0, ids=-ids)
+    associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
+    assert candidates["match"].tolist() == ([-1, -2, -3][:met] if believed else [REJECTED])
+    assert waits.tolist() == [not believed, False, False]
 
 
 # The way back -------------------------------------------------------------------------------------------------------

@@ -14,7 +14,10 @@ one wrong match makes the next ones. So a match must be more than near:
    where wide ellipses are ambiguous one by one. What was seen lately needs less of a lead than what comes back after a
    long time. A detection that is better explained by nothing known is new.
 4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
-5. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
+5. What comes back after a long time is not believed where as much that should be in view with it is not: there the
+   estimate is wrong, and the match is chance. A vague depth that was out of sight is left out: its long ellipse takes
+   what lies on it.
+6. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
 """
 
@@ -24,10 +27,10 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
-from activeslam_gym.slam.belief import KIND_DIM, POINT
+from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT
 from activeslam_gym.slam.constellation import Margins, log_missed, match_jointly, worth_of_pair
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition_on_all, measure_distances
-from activeslam_gym.slam.sight import INSIDE, Sight
+from activeslam_gym.slam.sight import INSIDE, NEVER, Sight
 
 CANDIDATE = record(
     pixel=("f8", 2),  # [px]
@@ -55,6 +58,7 @@ ASSOCIATION = record(
     missed_margin="f8",  # of a feature seen lately: the lead over its not being detected, in ln
     point_margin="f8",  # of a point seen lately, not just now: the lead over its being another candidate
     point_missed_margin="f8",  # and over its not being detected
+    vague_px="f8",  # longest ellipse of an inverse depth not seen just now that may take any candidate [px]
     twin_px="f8",  # things predicted nearer to each other are not told apart [px]
     novelty="f8",  # lead of "it is of nothing known" that makes a candidate NEW, in ln
     nodes="i8",  # of a joint search
@@ -83,6 +87,7 @@ def association_of(scenario: Scenario) -> Record:
         missed_margin=6.0,
         point_margin=5.0,
         point_missed_margin=3.0,
+        vague_px=3.0 * scenario.pixel_std if scenario.command_known else math.inf,
         twin_px=4.0 * scenario.pixel_std,
         novelty=2.0,
         nodes=400,
@@ -123,8 +128,9 @@ def associate(
     for a in range(v):
         thing = sight.thing[a]
         h.z[2 * a], h.z[2 * a + 1] = thing.z_hat[0], thing.z_hat[1]
+        vague = _is_vague(model, sight, a)
         for i in range(M):
-            h.allowed[a, i] = candidates[i].id == ANYTHING or candidates[i].id == thing.id
+            h.allowed[a, i] = candidates[i].id == thing.id or (candidates[i].id == ANYTHING and not vague)
     of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
     strangers, margins = expected_strangers(model, features), _margins(model, sight.thing)
     measure_distances(h, candidates, pixel_var)
@@ -147,6 +153,7 @@ def associate(
         if of_thing[a] >= 0:
             candidates[of_thing[a]].match = sight.thing[a].id
     taken_back = _leave_twins(model, sight.thing, candidates, of_thing, waits)
+    taken_back += _leave_returns(model, sight, candidates, of_thing, waits)
     return of_thing, max(jointly - taken_back, 0)
 
 
@@ -194,6 +201,73 @@ def _leave_twins(
 
 
 @compiled
+def _leave_returns(model: Record, sight: Sight, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray) -> int:
+    """Take back all matches of what `_comes_back` where no fewer that should have no candidate near; how many.
+
+    An estimate that is wrong by more than it knows predicts fiducials and old points where they are not. Where one of
+    them meets a stranger by chance, the others meet nothing.
+    """
+    back, missing, taken_back = 0, 0, 0
+    for a in range(of_thing.shape[0]):
+        if not _comes_back(model, sight.thing[a]):
+            continue
+        if of_thing[a] >= 0:
+            back += 1
+        elif sight.thing[a].visibility == INSIDE:
+            missing += not _is_met(model, sight, a, candidates)
+    if missing < back:
+        return 0
+    for a in range(of_thing.shape[0]):
+        i = of_thing[a]
+        if i < 0 or candidates[i].id != ANYTHING or not _comes_back(model, sight.thing[a]):
+            continue
+        candidates[i].match, of_thing[a], waits[a] = REJECTED, -1, True
+        taken_back += 1
+    return taken_back
+
+
+@borrowing
+def _comes_back(model: Record, thing: Record) -> bool:
+    """Whether a thing is a fiducial, or a feature that was matched, but not lately."""
+    return thing.id < 0 or model.lately < thing.unseen < NEVER
+
+
+@borrowing
+def _is_met(model: Record, sight: Sight, a: int, candidates: np.ndarray) -> bool:
+    """Whether any candidate is within the birth gate of thing ``a``, as it was predicted."""
+    s00, s01, s11 = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
+    bound, z = model.birth_gate * (s00 * s11 - s01 * s01), sight.thing[a].z_hat
+    for i in range(candidates.shape[0]):
+        u, v = candidates[i].pixel[0] - z[0], candidates[i].pixel[1] - z[1]
+        if s11 * u * u - 2.0 * s01 * u * v + s00 * v * v < bound:
+            return True
+    return False
+
+
+@borrowing
+def _is_vague(model: Record, sight: Sight, a: int) -> bool:
+    """Whether thing ``a`` is an inverse depth that was out of sight, under a long ellipse.
+
+    That lies along the image of its ray, and takes what crosses it. Where the commands are not known all ellipses are
+    long, by the turn of the camera, which all points together tell: there none is vague.
+    """
+    thing = sight.thing[a]
+    return (
+        thing.width == KIND_DIM[INVERSE_DEPTH]
+        and thing.unseen > model.just_now
+        and _longest_square(sight.S, a) > model.vague_px**2
+    )
+
+
+@borrowing
+def _longest_square(S: np.ndarray, a: int) -> float:
+    """Square of the longest axis of thing ``a``'s ellipse in the joint ``S`` (2 v, 2 v)."""
+    s00, s01, s11 = S[2 * a, 2 * a], S[2 * a, 2 * a + 1], S[2 * a + 1, 2 * a + 1]
+    half = 0.5 * (s00 + s11)
+    return half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
+
+
+@compiled
 def expected_strangers(model: Record, features: int) -> float:
     """Detections of nothing known that are expected in an image, of landmarks that are still owed and of clutter.
 
@@ -216,10 +290,7 @@ def _any_open(model: Record, h: Hypotheses) -> bool:
 @borrowing
 def _is_sharp(model: Record, h: Hypotheses, a: int) -> bool:
     """Whether the longest axis of thing ``a``'s ellipse is within the limit."""
-    s00, s01, s11 = h.S[2 * a, 2 * a], h.S[2 * a, 2 * a + 1], h.S[2 * a + 1, 2 * a + 1]
-    half = 0.5 * (s00 + s11)
-    longest = half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
-    return longest <= model.sharp_std_px**2
+    return _longest_square(h.S, a) <= model.sharp_std_px**2
 
 
 @compiled

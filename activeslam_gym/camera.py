@@ -30,7 +30,7 @@ CAMERA = record(
     pixel_std="f8",  # of the image noise, each axis [px]
     point_curvature="f8",  # 1: what the line leaves out of a point's measurement counts as noise; 0: it does not
 )
-"""Intrinsics; in pixels where nothing else is said."""
+"""Intrinsics, in pixels where nothing else is said; and what a filter takes for the noise of what it sees."""
 
 
 def camera_of(scenario: Scenario) -> Record:

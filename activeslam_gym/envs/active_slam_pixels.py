@@ -30,8 +30,6 @@ SIGHTED = FrontEndSettings(
     grain=500.0, most_change=0.7, most_residual=0.4, least_ratio=0.15,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""
-_PRODUCT_FRAMES = 1.0
-"""The filter's `product_frames` on images, even where the commands are known."""
 _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
 """Events of the front end and the filter."""
 _DEMANDED: dict[str, Any] = {
@@ -57,9 +55,7 @@ class Eye:
     def __init__(self, setting: Setting, run: Run, seed: np.random.SeedSequence) -> None:
         self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
         run.world.fiducials[:] = self._camera.fiducials
-        self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials)
-        self._filter.model.correction.product_frames = _PRODUCT_FRAMES
-        self._filter.camera.point_curvature = 0.0  # not tried on images
+        self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials, products_last=False)
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, setting.scenario, self._camera.fiducials)
         self.births, self.spare = np.zeros((len(run.owner), 3)), run.world.landmarks.copy()

@@ -38,7 +38,12 @@ CORRECTION = record(
 
 def correction_of(scenario: Scenario) -> Record:
     """The CORRECTION record of a scenario."""
-    return filled(CORRECTION, product_frames=PRODUCT_FRAMES if scenario.command_known else 1.0)
+    return filled(CORRECTION, product_frames=product_frames(scenario.command_known))
+
+
+def product_frames(last: bool) -> float:
+    """In how many frames a product of two errors counts: in several if it lasts."""
+    return PRODUCT_FRAMES if last else 1.0
 
 
 class Step(NamedTuple):

@@ -33,7 +33,7 @@ from activeslam_gym.slam.belief import (
     reset_belief,
     start_of,
 )
-from activeslam_gym.slam.correction import CORRECTION, correct, correction_of
+from activeslam_gym.slam.correction import CORRECTION, correct, correction_of, product_frames
 from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
 from activeslam_gym.slam.initialisation import (
     INITIALISATION,
@@ -200,7 +200,7 @@ def _count_misses(
 
 @compiled
 def _update_by(
-    product_frames: float,
+    frames: float,
     camera: Record,
     belief: Belief,
     fiducials: np.ndarray,
@@ -210,7 +210,7 @@ def _update_by(
 ) -> None:
     """Correct by the matched things, each with its candidate's own R.
 
-    The second-order noise of a feature stays what it is for ``product_frames``: as many of them tell what one does, so
+    The second-order noise of a feature stays what it is for so many ``frames``: as many of them tell what one does, so
     each is given as many times that noise.
     """
     m = 0
@@ -235,7 +235,7 @@ def _update_by(
         R = candidates[of_thing[row[r] // 2]].R
         for axis in range(2):
             more = R[r % 2, axis] - (camera.pixel_std**2 if r % 2 == axis else 0.0)
-            more += (product_frames - 1.0) * things[r // 2].extra[r % 2, axis]
+            more += (frames - 1.0) * things[r // 2].extra[r % 2, axis]
             S[r, r - r % 2 + axis] += more
             things[r // 2].extra[r % 2, axis] += more
     correct(camera, belief, fiducials, Sight(things, HP, S), pixels)
@@ -254,6 +254,9 @@ class Filter:
         covariance: (12, 12) of its tangent: position, rotation (world frame), velocity, angular velocity; None: the
             scenario's.
         boxes: (B, 2, 3) lowest and highest corners [m] of what is known to hide things.
+        products_last: Whether products of two errors hardly change from frame to frame, so that they count as noise of
+            several frames, and for points too; None: where the scenario's commands are known. On images they were
+            measured to be better counted once (docs/vision.md).
 
     Raises:
         ValueError: an array is not of its shape, or not finite.
@@ -267,10 +270,14 @@ class Filter:
         camera: Any = None,
         covariance: Any = None,
         boxes: Any = None,
+        products_last: bool | None = None,
     ) -> None:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
         self.camera, self.motion, self.model = camera_of(scenario), motion_of(scenario, 1.0), filter_of(scenario)
+        if products_last is not None:
+            self.model.correction.product_frames = product_frames(products_last)
+            self.camera.point_curvature = float(products_last)
         self.appearance = appearance_of(scenario)
         self.belief = row(empty_beliefs(scenario, 1), 0)
         self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))

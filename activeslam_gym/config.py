@@ -423,7 +423,7 @@ _FURNISHED: dict[str, Any] = {
 } | _ON_SURFACES
 """A furnished room, as large as an office."""
 _PLACES = (
-    Scenario(name="office", box_count=(3, 6), **(_FURNISHED | {"start": CORNER}), **_CALM),
+    Scenario(name="office", duration=12.0, box_count=(3, 6), **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(
         name="rooms", room_size=(8.0, 2.4, 4.5), landmark_count=40, inner_walls=(1, 2), box_count=(0, 2),
         duration=90.0, acceleration_std=0.35, angular_acceleration_std=0.35, **_ON_SURFACES,
@@ -432,15 +432,15 @@ _PLACES = (
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
         start=ANYWHERE, maximum_distance=4.0, negative_information=True, **_CALM,
     ),
-    Scenario(name="corner", **(_FURNISHED | {"start": CORNER}), **_CALM),
+    Scenario(name="corner", duration=12.0, **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),
     Scenario(
         name="mixed", box_count=(0, 5), inner_walls=(0, 1), **_FURNISHED,
         varied=(
             ("room_size", (5.0, 2.0, 5.0), (8.0, 2.8, 8.0)),
-            ("pixel_std", 0.5, 1.5),
-            ("acceleration_std", 0.1, 0.2),
-            ("angular_acceleration_std", 0.1, 0.2),
+            ("pixel_std", 1.0, 2.0),
+            ("acceleration_std", 0.1, 0.3),
+            ("angular_acceleration_std", 0.1, 0.3),
         ),
     ),
 )  # fmt: skip
@@ -489,10 +489,10 @@ ASKED: dict[str, str] = {
     "clutter": "false detections, and missed ones",
     "hall": "many landmarks in a large hall",
     "hand-held": "the paper's live system: a hand moves the camera, and the gaze swings by itself",
-    "office": "furniture, from a corner: look behind it, and do not run into it",
+    "office": "12 s from a corner, facing a wall, among furniture: turn to the room, and look behind what stands there",
     "rooms": "two or three rooms: find the doors, and close the loop, in 90 s",
     "clusters": "a few groups of landmarks, far apart, in much emptiness, of which only the near is seen",
-    "corner": "start in a corner, facing a wall: turn to the room without losing sight",
+    "corner": "12 s from a corner, facing a wall: turn to the room, on the side where it is, without losing sight",
     "sprint": "10 s along a wall, the room to the left or to the right: no time to look everywhere",
     "mixed": "generalise: size, furniture, walls, image noise and roughness are drawn at each reset",
     "pixels": "images of a textured room in the place of points",

@@ -130,7 +130,8 @@ def test_varied_fields_are_drawn_within_their_bounds_and_reach_the_run() -> None
         np.testing.assert_allclose(models.landmark_var, sizes[-1] ** 2 / 12.0)
         np.testing.assert_allclose(core._runs.candidate["R"][0, 0], noises[-1] ** 2 * np.eye(2))
         assert np.abs(core.truth.landmarks).max(axis=0) == pytest.approx(sizes[-1] / 2, abs=0.6)
-    assert len(set(noises)) == 6 and 0.5 <= min(noises) < max(noises) <= 1.5
+    least, greatest = next(bounds for field, *bounds in SCENARIOS["mixed"].varied if field == "pixel_std")
+    assert len(set(noises)) == 6 and least <= min(noises) < max(noises) <= greatest
     assert (np.array(sizes) >= (5.0, 2.0, 5.0)).all() and (np.array(sizes) <= (8.0, 2.8, 8.0)).all()
     again = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=0.25)
     again.reset(seed=5)

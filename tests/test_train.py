@@ -164,13 +164,13 @@ def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
     torch.testing.assert_close(one, other)
 
 
-@pytest.mark.parametrize(("algorithm", "scenario"), [("ppo", "paper"), ("a2c", "clusters")])
+@pytest.mark.parametrize(("algorithm", "scenario"), [("ppo", "paper"), ("a2c", "sprint")])
 def test_training_begins_near_the_action_that_the_best_sequence_holds_longest(algorithm: Any, scenario: str) -> None:
     recipe = Recipe(algorithm=algorithm, scenario=scenario, num_envs=2, warm_start=0.7)
     env = algorithms.make_batch(recipe, 2, algorithms.training_seed(recipe))
     policy = algorithms.make_learner(recipe, env, None).policy
     drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
-    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "clusters": (Motion.RIGHT, Gaze.LEFT)}[scenario]
+    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.FORWARD, Gaze.STAY)}[scenario]
     for part, held in zip(drawn, longest):
         others = (1.0 - 0.7) / (part.probs.shape[1] - 1)
         expected = np.where(np.arange(part.probs.shape[1]) == held, 0.7, others)

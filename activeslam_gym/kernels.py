@@ -141,6 +141,8 @@ def one_of(functions: Any) -> Any:
     def choose(number, *arguments):  # type: ignore[no-untyped-def]
         return first(*arguments) if number == 0 else rest(number - 1, *arguments)
 
+    # A name of its own: kernels that two processes compiled are linked by names, and would take each other's choice.
+    choose.__qualname__ = f"one_of_{'_'.join(function.__name__ for function in functions)}"
     return _as_part(choose)
 
 

@@ -18,6 +18,8 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
 from activeslam_gym import kernels
+from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.information import CRITERIA
 from activeslam_gym.kernels import borrowing, compiled, filled, inlined, one_of, record, row
 
 PACKAGE = Path(kernels.__file__).parent
@@ -327,3 +329,10 @@ assert (started, threading.active_count(), multiprocessing.active_children()) ==
 """
     done = run(code, copy)
     assert done.returncode == 0 and done.stderr == "", done.stderr
+
+
+def test_no_two_choices_have_one_name() -> None:
+    """Kernels that two processes compiled are linked by names: a choice once took the place of another, in silence."""
+    tables = [list(CRITERIA.values()), list(REWARDS.values())]
+    names = [one_of(table[k:]).__qualname__ for table in tables for k in range(len(table))]
+    assert len(set(names)) == len(names)

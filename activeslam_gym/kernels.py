@@ -142,7 +142,7 @@ def one_of(functions: Any) -> Any:
         return first(*arguments) if number == 0 else rest(number - 1, *arguments)
 
     # A name of its own: kernels that two processes compiled are linked by names, and would take each other's choice.
-    choose.__qualname__ = f"one_of_{'_'.join(function.__name__ for function in functions)}"
+    choose.__qualname__ = "_".join(("one_of", first.__module__, *(function.__name__ for function in functions)))
     return _as_part(choose)
 
 

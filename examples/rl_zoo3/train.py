@@ -23,7 +23,7 @@ def main(
     seed: int = 0,
     num_envs: int | None = None,
 ) -> tuple[float, float]:
-    """Train for `steps` decisions; the mean return [bit] of the first and of the last of five evaluations.
+    """Train for `steps` decisions; the mean return [bit] of the first and of the last of ten evaluations.
 
     num_envs: environments in the batch, where not as many as the file tells.
     """
@@ -34,7 +34,7 @@ def main(
         "gym-packages": "activeslam_gym",
         "conf-file": HOME / f"{algorithm}.yml",
         "n-timesteps": steps,
-        "eval-freq": max(steps // 5, 1),
+        "eval-freq": max(steps // 10, 1),
         "eval-episodes": 16,
         "n-eval-envs": 16,
         "log-folder": folder,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.camera import View, camera_point, visible
+from activeslam_gym.camera import View, camera_point, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
@@ -172,7 +172,7 @@ def observe_tokens(
     as there are. ``points``, ``covariance``: the public belief, by age.
     """
     pose = belief.state.camera
-    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+    view = view_of(camera, pose, boxes)
     K, F = fiducials.shape[0], belief.feature.shape[0]
     taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, inlined, record
+from activeslam_gym.motion import QUATERNION
 
 Vector = np.ndarray | tuple[float, float, float]
 """Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
@@ -59,6 +61,12 @@ class View(NamedTuple):
     """(3, 3) its rotation."""
     boxes: np.ndarray = np.zeros((0, 2, 3))
     """(B, 2, 3) see `hidden`."""
+
+
+@inlined
+def view_of(camera: Record, pose: np.ndarray, boxes: np.ndarray) -> View:
+    """The `View` of a camera whose ``pose`` (>= 7,) begins with position and quaternion."""
+    return View(camera, pose[:], rotation_matrix(pose[QUATERNION]), boxes)  # [:]: one type for every length of a pose
 
 
 @borrowing

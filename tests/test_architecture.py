@@ -26,8 +26,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "threads": {"config"},
     "geometry": {"kernels"},
     "linalg": {"kernels"},
-    "camera": {"kernels", "config"},
     "motion": {"kernels", "config", "geometry", "linalg"},
+    "camera": {"kernels", "config", "geometry", "motion"},
     "metrics": MATHEMATICS | {"files"},
     "world": MATHEMATICS,
     "slam": MATHEMATICS,
@@ -205,7 +205,7 @@ VIOLATIONS = {
     "activeslam_gym.envs.active_slam": "import baselines; from activeslam_gym.rendering import draw",
     "activeslam_gym.envs.reward": "class A: import torch",
     "activeslam_gym.geometry": "from activeslam_gym.config import Scenario",
-    "activeslam_gym.camera": "from activeslam_gym import motion; from . import motion; import activeslam_gym",
+    "activeslam_gym.motion": "from activeslam_gym import camera; from . import camera; import activeslam_gym",
     "activeslam_gym.slam.__init__": "from ..world import room",
     "activeslam_gym.slam.filter": """from ..world.room import Room; def f(): import activeslam_gym.world.room;
         from activeslam_gym.metrics import nees; from activeslam_gym.information.entropy import gathered;

@@ -12,12 +12,10 @@ of (key, e, r), so that no other point's fate changes it.
 
 import numpy as np
 
-from activeslam_gym.camera import View, visible
-from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.camera import view_of, visible
 from activeslam_gym.information.expectation import VIEW, WAITING
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import QUATERNION
 from activeslam_gym.world.noise import uniforms
 
 VIEWS = 64
@@ -47,10 +45,9 @@ def disprove(
 
     ``half`` (3,) of the room [m]; ``view`` (V,) VIEW, of which ``seen`` were entered so far; returns how many are now.
     """
-    here, R_WC, z = np.zeros(1, VIEW), rotation_matrix(pose[QUATERNION]), np.empty(2)
-    present = View(camera, pose, R_WC, boxes)
+    here, present, z = np.zeros(1, VIEW), view_of(camera, pose, boxes), np.empty(2)
     copy_into(here[0].pose, pose[:7])
-    copy_into(here[0].axis, R_WC[:, 2])
+    copy_into(here[0].axis, present.R_WC[:, 2])
     seen = _remember(view, seen, here[0])
     for e in range(expected.shape[0]):
         one = expected[e]
@@ -103,7 +100,7 @@ def _draw_anew(
         unseen = True
         for v in range(view.shape[0]):
             pose = view[v].pose
-            earlier = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+            earlier = view_of(camera, pose, boxes)
             unseen = unseen and not visible(earlier, y, -WELL_INSIDE_PX, z)
         if unseen:
             return

@@ -8,7 +8,6 @@ import numpy as np
 from activeslam_gym.envs.observation import (
     FARTHEST_CLEARANCE,
     GLOBAL_SIZE,
-    TOKEN_SIZE,
     clip_into,
     observe_globals,
     observe_tokens,
@@ -120,19 +119,19 @@ def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
     e, N = episode.evaluation, run.expected.shape[0]
     owners, counting = owners_of(run.owner, belief), find_counting(run.expected, belief)
     of_landmark = features_of_landmarks(owners, N, counting)
-    first, second, others = _ordered(counting, of_landmark)
-    U = gathered(covariance, first, np.concatenate((second, others)))
+    order, standing, counted = _ordered(counting, of_landmark)
+    U = gathered(covariance, order[:standing], order[standing:])
     sound = cholesky_in_place(U)
     _find_mapped(run)
     _evaluate_errors(run, points, covariance, owners)
     episode.lost_now = not (sound and e.position_error <= run.models.task.lost_position_error)  # NaN is lost too
     if sound:
-        waiting = N - first.shape[0] - second.shape[0]
-        log2_dets(var, waiting, covariance, U, first, second, e)
+        waiting = N - counted
+        log2_dets(var, waiting, covariance, U, order[:counted], standing, e)
         e.landmarks = N
         e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
         e.log_density = log2_density(run.world, belief, var, points, of_landmark, U)
-        e.position_trace, e.trace = traces(var, waiting, covariance, first, second)
+        e.position_trace, e.trace = traces(var, waiting, covariance, order[:counted])
     else:
         e.log_density = episode.first_density + UNSOUND_LOG_SCORE
     e.log_score = e.log_density - episode.first_density
@@ -143,28 +142,30 @@ def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
 
 
 @compiled
-def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray, int, int]:
     """The features, by position k, in the order in which the public covariance is factored.
 
-    Those that count and stand for a true landmark, in the landmarks' order; the others that count; the rest.
+    Those that count and stand for a true landmark, in the landmarks' order; the others that count; the rest. With the
+    number of the first, and of the first two.
     ``counting`` (n,); ``of_landmark`` (L,) the k that stands for each landmark, or -1.
     """
-    n = counting.shape[0]
-    first, second, others = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    stands = np.zeros(n, np.bool_)
-    a, b, c = 0, 0, 0
+    n, standing = counting.shape[0], 0
+    order, stands = np.empty(n, np.int64), np.zeros(n, np.bool_)
     for k in of_landmark:
         if k >= 0:
-            first[a], stands[k] = k, True
-            a += 1
+            order[standing], stands[k] = k, True
+            standing += 1
+    counted = standing
     for k in range(n):
         if counting[k] and not stands[k]:
-            second[b] = k
-            b += 1
-        elif not counting[k]:
-            others[c] = k
-            c += 1
-    return first[:a], second[:b], others[:c]
+            order[counted] = k
+            counted += 1
+    last = counted
+    for k in range(n):
+        if not counting[k]:
+            order[last] = k
+            last += 1
+    return order, standing, counted
 
 
 @compiled
@@ -242,7 +243,7 @@ def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
         models.landmark_var,
         run.world.fiducials,
         known_boxes(run),
-        flat[first_token:].reshape((-1, TOKEN_SIZE)),
+        flat[first_token:],
     )
     clip_into(flat, run.observation)
 

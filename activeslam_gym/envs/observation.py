@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.camera import View, camera_point, visible
+from activeslam_gym.camera import View, camera_point, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
@@ -166,22 +166,23 @@ def observe_tokens(
     boxes: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write the tokens into ``out`` (T, W), unclipped: fiducials, then slots.
+    """Write the tokens into ``out`` (T W,), one after another, unclipped: fiducials, then slots.
 
     A feature has its slot's token for life; waiting expected landmarks take the tokens of free slots, in order, as many
     as there are. ``points``, ``covariance``: the public belief, by age.
     """
     pose = belief.state.camera
-    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
-    K, F = fiducials.shape[0], belief.feature.shape[0]
+    view = view_of(camera, pose, boxes)
+    K, F, W = fiducials.shape[0], belief.feature.shape[0], TOKEN_SIZE
     taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0
     for i in range(K):
-        _place(view, fiducials[i], z, out[i])
-        out[i, _TOKEN.log_uncertainty], out[i, _TOKEN.log_depth_uncertainty], out[i, _TOKEN.fiducial] = -1.0, -1.0, 1.0
+        token = out[i * W : (i + 1) * W]
+        _place(view, fiducials[i], z, token)
+        token[_TOKEN.log_uncertainty], token[_TOKEN.log_depth_uncertainty], token[_TOKEN.fiducial] = -1.0, -1.0, 1.0
     for k in range(belief.state.count):
         feature, at = belief.feature[k], CAMERA_DIM + 3 * k
-        token = out[K + feature.slot]
+        token = out[(K + feature.slot) * W : (K + feature.slot + 1) * W]
         taken[feature.slot] = True
         _place(view, points[k], z, token)
         _uncertainty(pose, points[k], covariance[at:, at:], token)
@@ -193,9 +194,10 @@ def observe_tokens(
                 slot += 1
             if slot == F:
                 return
-            _place(view, expected[e].point, z, out[K + slot])
-            _uncertainty(pose, expected[e].point, prior, out[K + slot])
-            out[K + slot, _TOKEN.expected] = 1.0
+            token = out[(K + slot) * W : (K + slot + 1) * W]
+            _place(view, expected[e].point, z, token)
+            _uncertainty(pose, expected[e].point, prior, token)
+            token[_TOKEN.expected] = 1.0
             slot += 1
 
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, distance_between, free_way, visible
-from activeslam_gym.geometry import rotate_left, rotation_matrix
+from activeslam_gym.camera import distance_between, free_way, view_of, visible
+from activeslam_gym.geometry import rotate_left
 from activeslam_gym.information.criteria import NET, criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
@@ -206,7 +206,7 @@ def score_plans(
 def _without_looked_at(camera: Record, prospect: Prospect) -> Prospect:
     """The prospect without the expected landmarks that the present image would show."""
     pose, z, M = prospect.camera, np.empty(2), prospect.points.shape[0]
-    present = View(camera, pose, rotation_matrix(pose[QUATERNION]), prospect.boxes)
+    present = view_of(camera, pose, prospect.boxes)
     points, n = prospect.points.copy(), M - prospect.waiting
     for k in range(n, M):
         if not visible(present, prospect.points[k], 0.0, z):

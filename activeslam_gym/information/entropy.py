@@ -41,16 +41,16 @@ def log2_dets(
     waiting: int,
     covariance: np.ndarray,
     U: np.ndarray,
-    first: np.ndarray,
-    second: np.ndarray,
+    counting: np.ndarray,
+    standing: int,
     out: Record,
 ) -> None:
     """Write log2 |P| of camera (12), pose (6), map (3 N) and total (12 + 3 N) into ``out``, which has such fields.
 
-    ``waiting`` landmarks hold their prior. ``U`` is the factor of `gathered(covariance, first, second and more)`; the
-    features ``first`` and ``second`` count.
+    ``waiting`` landmarks hold their prior. The features ``counting``, by position k, count; ``U`` is the factor of
+    `gathered(covariance, the first of them, which are ``standing``, the others and more)`.
     """
-    a, b = 3 * first.shape[0], 3 * second.shape[0]
+    a, b = 3 * standing, 3 * (counting.shape[0] - standing)
     rest = waiting * math.log2(landmark_var[0] * landmark_var[1] * landmark_var[2])
     U_camera = covariance[:CAMERA_DIM, :CAMERA_DIM].copy()
     cholesky_in_place(U_camera)
@@ -60,20 +60,16 @@ def log2_dets(
     if b == 0:
         out.log2_det_map = log2_det_of_factor(U, 0, a) + rest
     else:
-        both = np.concatenate((first, second))
-        out.log2_det_map = log2_det(gathered(covariance, both, first[:0])[: a + b, : a + b]) + rest
+        out.log2_det_map = log2_det(gathered(covariance, counting, counting[:0])[: a + b, : a + b]) + rest
 
 
 @compiled
-def traces(
-    landmark_var: np.ndarray, waiting: int, covariance: np.ndarray, first: np.ndarray, second: np.ndarray
-) -> tuple[float, float]:
+def traces(landmark_var: np.ndarray, waiting: int, covariance: np.ndarray, counting: np.ndarray) -> tuple[float, float]:
     """(trace of the positions of camera and map [m^2], trace of everything), ``waiting`` landmarks at their prior.
 
-    The features ``first`` and ``second``, by position k, count.
+    The features ``counting``, by position k, count.
     """
     points = waiting * np.sum(landmark_var)
-    for features in (first, second):
-        for k in features:
-            points += np.trace(covariance[CAMERA_DIM + 3 * k :, CAMERA_DIM + 3 * k :][:3, :3])
+    for k in counting:
+        points += np.trace(covariance[CAMERA_DIM + 3 * k :, CAMERA_DIM + 3 * k :][:3, :3])
     return points + np.trace(covariance[:3, :3]), points + np.trace(covariance[:CAMERA_DIM, :CAMERA_DIM])

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View
+from activeslam_gym.camera import view_of
 from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import rotation_matrix, so3_left_jacobian
+from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into, solve_vector
-from activeslam_gym.motion import D_ROTATION, QUATERNION
+from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.kalman import gain
 from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre, turning
@@ -178,7 +178,7 @@ def _bend(
     Infinitely, where one is not in front.
     """
     pose, bent = belief.state.camera, 0.0
-    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), np.empty((0, 2, 3)))
+    view = view_of(camera, pose, np.empty((0, 2, 3)))
     for a in range(things.shape[0]):
         thing = things[a]
         said = (line[2 * a] + _along(thing, 0, delta), line[2 * a + 1] + _along(thing, 1, delta))

@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, visible
+from activeslam_gym.camera import View, view_of, visible
 from activeslam_gym.config import Scenario
-from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into, sum_of_squares
-from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
@@ -98,10 +97,13 @@ def follow_rays(
 @compiled
 def predict_rays(camera: Record, belief: Belief, boxes: np.ndarray) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
-    pose, feature = belief.state.camera, np.flatnonzero(belief.feature["kind"][: belief.state.count] == RAY)
-    R, M = feature.shape[0], belief.particles.shape[1]
-    rays = Rays(feature, np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)))
-    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+    pose, feature, R, M = belief.state.camera, np.empty(belief.state.count, np.int64), 0, belief.particles.shape[1]
+    for k in range(belief.state.count):
+        if belief.feature[k].kind == RAY:
+            feature[R] = k
+            R += 1
+    rays = Rays(feature[:R], np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)))
+    view = view_of(camera, pose, boxes)
     for r in range(R):
         _predict_ray(view, belief, rays, r)
     return rays
@@ -162,8 +164,13 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarra
         if not near[i]:
             continue
         candidates[i].match = REJECTED
-        r = int(np.argmin(cost[:, i]))
-        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
+        r = 0
+        for other in range(1, R):
+            r = other if cost[other, i] < cost[r, i] else r
+        best = cost[r, i] < np.inf
+        for j in range(M):
+            best = best and cost[r, i] <= cost[r, j]
+        if best:
             of_ray[r] = i
             candidates[i].match = belief.feature[rays.feature[r]].serial
     return of_ray
@@ -194,8 +201,11 @@ def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S:
 @compiled
 def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
     """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
-    weight = belief.particles[belief.feature[rays.feature[r]].slot, :, 1]
-    return bool(np.all((weight == 0.0) | (rays.visibility[r] == INSIDE)))
+    slot = belief.feature[rays.feature[r]].slot
+    for j in range(rays.visibility.shape[1]):
+        if belief.particles[slot, j, 1] > 0.0 and rays.visibility[r, j] != INSIDE:
+            return False
+    return True
 
 
 @compiled

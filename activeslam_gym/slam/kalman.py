@@ -101,7 +101,9 @@ def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndar
         return W, delta[0], False
     solve_transposed(S, W)
     solve_transposed_vector(S, innovation)
-    add_product(innovation.reshape((1, m)), W, delta)
+    row = np.empty((1, m))
+    copy_into(row[0], innovation)
+    add_product(row, W, delta)
     sound = True
     for value in delta[0]:
         sound = sound and math.isfinite(value)

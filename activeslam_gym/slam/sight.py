@@ -17,12 +17,12 @@ from activeslam_gym.camera import (
     inside_image,
     pixel_from_camera_point,
     pixel_jacobian,
+    view_of,
     visible,
 )
-from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.linalg import add_product_of_two
-from activeslam_gym.motion import CAMERA_DIM, QUATERNION
+from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
@@ -196,7 +196,7 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
     ``boxes`` (B, 2, 3) are what the filter knows to hide things.
     """
     K, pose, P = fiducials.shape[0], belief.state.camera, belief.covariance
-    view, S = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes), np.empty((2, 2))
+    view, S = view_of(camera, pose, boxes), np.empty((2, 2))
     things, v, work = np.empty(K + belief.state.count, THING), 0, workspace()
     for row in range(K + belief.state.count):
         thing = things[v]
@@ -237,7 +237,7 @@ def sight_of_points(
 
     ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
     """
-    K, view = fiducials.shape[0], View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes)
+    K, view = fiducials.shape[0], view_of(camera, pose, boxes)
     things, v = np.empty(K + points.shape[0], THING), 0
     for row in range(K + points.shape[0]):
         thing = things[v]

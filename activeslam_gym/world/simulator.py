@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, distance_between, free_way, visible
+from activeslam_gym.camera import distance_between, free_way, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record
@@ -213,7 +213,7 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
     K = world.fiducials.shape[0]
     points = K + world.landmarks.shape[0]
     pose = world.state.camera
-    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes_of(world))
+    view = view_of(camera, pose, boxes_of(world))
     luck = uniforms(world.state.noise_key, _draws(world) * frame + 8, 4 * points + 4 * sensor.clutter_capacity + 1)
     order, z = np.empty(labels.shape[0]), np.empty(2)
     n = 0

@@ -15,7 +15,7 @@ from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.candidates import pose_after  # noqa: E402
 from activeslam_gym.live import advice  # noqa: E402
 from activeslam_gym.live.advice import Adviser, best  # noqa: E402
-from activeslam_gym.live.foresight import FAMILIAR, foreseen  # noqa: E402
+from activeslam_gym.live.foresight import foreseen  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.recording import Recording, read_about, read_states  # noqa: E402
@@ -140,7 +140,7 @@ def test_no_more_is_foreseen_than_the_front_end_wants_in_view(walk: Any) -> None
     assert max(expected) > 0
 
 
-def test_features_are_foreseen_from_familiar_sides_alone(walk: Any) -> None:
+def test_features_are_foreseen_from_where_the_front_end_searches_them_alone(walk: Any) -> None:
     session, _ = walk
     before, lost = session.knowledge.prospect(), 0
     known = len(before.points) - before.waiting
@@ -149,7 +149,7 @@ def test_features_are_foreseen_from_familiar_sides_alone(walk: Any) -> None:
         after = foreseen(before, session.front_end, pose)
         there, seen = seen_from(before, pose)[0], seen_from(after, pose)[0]
         change = session.front_end.change_of_view(session.front_end.filter.ids, before.points[:known], pose[:3])
-        np.testing.assert_array_equal(seen, there & (change <= FAMILIAR))
+        np.testing.assert_array_equal(seen, there & (change <= session.front_end.settings.most_change))
         lost += (there & ~seen).sum()
         np.testing.assert_array_equal(after.covariance, before.covariance)
     assert lost > 0

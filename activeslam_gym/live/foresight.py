@@ -14,23 +14,19 @@ from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.slam.belief import RAY
 from activeslam_gym.vision.frontend import FrontEnd
 
-FAMILIAR = 0.4
-"""A feature that is seen more differently than that from where it was first is not counted on (`views.change_of_view`).
-In the rendered rooms 0.99 of the searches match under 0.1, 0.8 at that, 0.6 at 0.65 [rad]."""
-
 
 def foreseen(prospect: Prospect, front_end: FrontEnd, pose: np.ndarray) -> Prospect:
     """The ``prospect`` as the front end would see it from ``pose`` (13,): the rest is put behind the camera.
 
-    Nothing else changes, so that scores are of the same whole. Not seen are features from a side that is not familiar,
-    and expected landmarks for which there is no room beside the features in view: the front end wants no more there.
+    Nothing else changes, so that scores are of the same whole. Not seen are features from a side where it does not
+    search them, and expected landmarks for which there is no room beside the features in view: it bears no more there.
     """
     points, known = prospect.points.copy(), len(prospect.points) - prospect.waiting
     camera, features, expected = front_end.camera, points[:known], points[known:]
     behind = pose[POSITION] - rotation_matrix(pose[QUATERNION])[:, 2]
     kinds = front_end.filter.belief.feature["kind"][: len(front_end.filter.ids)]
     ids = front_end.filter.ids[kinds != RAY]  # a prospect has none
-    features[front_end.change_of_view(ids, features, pose[POSITION]) > FAMILIAR] = behind
+    features[front_end.change_of_view(ids, features, pose[POSITION]) > front_end.settings.most_change] = behind
     in_view = np.concatenate((features, prospect.fiducials))
     room = front_end.settings.visible - np.count_nonzero(_visible(camera, prospect.boxes, pose, in_view))
     seen = np.flatnonzero(_visible(camera, prospect.boxes, pose, expected))

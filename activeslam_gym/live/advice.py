@@ -3,11 +3,12 @@
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.information.candidates import motion_plans, score_plans
+from activeslam_gym.information.candidates import motion_plans, pose_after, score_plans
 from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.live.foresight import foreseen
 from activeslam_gym.live.knowledge import Knowledge
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of
-from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.frontend import FrontEnd
 
 PERIOD = 1.0
 """Time of a command [s]."""
@@ -24,8 +25,8 @@ class Adviser:
     motions, several share one.
     """
 
-    def __init__(self, scenario: Scenario, filter: Filter, knowledge: Knowledge) -> None:
-        self._filter, self._knowledge = filter, knowledge
+    def __init__(self, scenario: Scenario, front_end: FrontEnd, knowledge: Knowledge) -> None:
+        self._front_end, self._knowledge = front_end, knowledge
         self._motion = motion_of(scenario, PERIOD)
         self.frames = max(2, round(PERIOD / scenario.frame_time))
         """Images between two commands."""
@@ -57,9 +58,10 @@ class Adviser:
 
     def score(self, motion: int) -> float:
         """What ``motion`` would teach of position and map [bit]; NaN where the belief is not positive definite."""
-        out = np.empty(1)
-        plan = self._plans[motion : motion + 1]
-        score_plans(self._filter.camera, self._motion, self._knowledge.prospect(), 0.0, plan, self._criterion, out)
+        out, prospect = np.empty(1), self._knowledge.prospect()
+        pose = pose_after(self._motion, prospect.camera, motion, 0.0, self.frames)
+        prospect, plan = foreseen(prospect, self._front_end, pose), self._plans[motion : motion + 1]
+        score_plans(self._front_end.camera, self._motion, prospect, 0.0, plan, self._criterion, out)
         return float(out[0])
 
 

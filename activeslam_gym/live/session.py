@@ -91,7 +91,7 @@ class Session:
         filter, seed = self.front_end.filter, np.random.SeedSequence((self._seed, 1))
         self._zero, self._time, self._good = at, 0.0, 0.0
         self.knowledge = Knowledge(source.scenario, filter, seed)
-        self.adviser = Adviser(source.scenario, filter, self.knowledge)
+        self.adviser = Adviser(source.scenario, self.front_end, self.knowledge)
 
     def _track(self) -> None:
         assert self.front_end and self.knowledge and self.adviser

@@ -34,9 +34,11 @@ ROOM = replace(
     scripted_gaze_amplitude=0.0,  # the gaze is the user's, and nobody knows it
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
-HELD = replace(SIGHTED, memory=0.97, trials=30, least_success=0.35)
+HELD = replace(SIGHTED, memory=0.97, trials=30, least_success=0.35, most_change=0.4, room_below=16)
 """The front end of the rendered room. A hand comes back to what it left: a feature that is searched in vain, since
-something stands before it, is kept for two seconds, where `SIGHTED` at 15 images a second keeps it for half of one."""
+something stands before it, is kept for two seconds, where `SIGHTED` at 15 images a second keeps it for half of one.
+Nor is it searched from another side, where it would be missed and given up: the hand comes back from there too. When
+the map is full, what was not seen for longest makes room until as many are in view as are wanted."""
 _DESK = (3.0, 2.0, 3.0)
 """Where landmarks are expected about the target of a real sequence [m]."""
 

@@ -274,6 +274,11 @@ class FrontEnd:
         out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score) if s.appearance else 0.0
         return out
 
+    def change_of_view(self, ids: np.ndarray, points: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """(v,) how differently the features ``ids`` (v,) at ``points`` (v, 3) are seen from ``now`` (3,) and from where
+        they were first (see `views.change_of_view`) [rad]."""
+        return self._gallery.change_of_view(self._gallery.places(ids), points, now)
+
     # The map ----------------------------------------------------------------------------------------------------------
 
     def _learn(self, looked: Looked, clear: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:

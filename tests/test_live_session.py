@@ -102,7 +102,7 @@ def test_the_scores_are_those_of_the_kernel_that_the_environment_uses(walk: Any)
         prospect = session.knowledge.prospect()
         prospect = foreseen(prospect, front_end, pose_after(motion, prospect.camera, one, 0.0, 15))
         score_plans(front_end.camera, motion, prospect, 0.0, plans[one : one + 1], number, out)
-        np.testing.assert_allclose(adviser.score(one), out[0], rtol=1e-12)
+        np.testing.assert_allclose(adviser.score(Motion(one)), out[0], rtol=1e-12)
     assert advice.CRITERION == ROOM.motion_criterion
 
 

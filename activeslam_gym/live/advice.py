@@ -59,7 +59,7 @@ class Adviser:
     def score(self, motion: int) -> float:
         """What ``motion`` would teach of position and map [bit]; NaN where the belief is not positive definite."""
         out, prospect = np.empty(1), self._knowledge.prospect()
-        pose = pose_after(self._motion, prospect.camera, motion, 0.0, self.frames)
+        pose = pose_after(self._motion, prospect.camera, int(motion), 0.0, self.frames)
         prospect, plan = foreseen(prospect, self._front_end, pose), self._plans[motion : motion + 1]
         score_plans(self._front_end.camera, self._motion, prospect, 0.0, plan, self._criterion, out)
         return float(out[0])

@@ -27,11 +27,14 @@ results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it 
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes 200 --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes 20 --report RESULTS.md
 
-figures: $(VENV)/.demo ## the paper's study over 100 rooms (15 minutes or more): results/figures, of which docs/ holds a copy
-	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
+LIVE := -m agents live --rooms 50 20 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 
-advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (half an hour on two cores): results/live
-	$(RUN) -m agents live --rooms 50 20 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
+figures: $(VENV)/.advice ## the paper's study over 100 rooms, and the live system's (half an hour or more): results/figures, of which docs/ holds a copy
+	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
+	$(RUN) $(LIVE) results/figures/STUDY.md
+
+advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (a quarter of an hour on two cores): results/live
+	$(RUN) $(LIVE) docs/STUDY.md
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md README.md

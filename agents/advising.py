@@ -12,6 +12,7 @@ import numpy as np
 from activeslam_gym import Motion
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
+from agents.study.verdicts import Finding, Side, judge, judged
 from agents.tools.arguments import SEEDS, given, within
 from agents.tools.files import alone_in, reading, writable_folder, write_csv, write_json, write_text
 from agents.tools.machine import sources
@@ -28,7 +29,8 @@ FIRST_MINUTE = 60.0
 """Of the paper's figure 5 (b) [s]."""
 AFTER = 2
 """Commands after a birth, in seconds."""
-SECTION = "live"
+SECTION, CLAIMS = "live", "live-claims"
+"""Of a page: everything, and the verdicts alone."""
 
 
 class Measure(NamedTuple):
@@ -53,6 +55,8 @@ MEASURES = (
 )
 PAIRED = MEASURES[:6]
 """Whose differences, follower minus other in the same room, tell whether the advice is worth it."""
+JUDGED: tuple[tuple[Measure, Side], ...] = ((MEASURES[0], "below"), (MEASURES[2], "above"), (MEASURES[3], "below"))
+"""What is judged of that, and the side on which it is knowing more."""
 
 Runs = dict[str, dict[int, list[Second]]]
 """Habit → room → its seconds."""
@@ -73,7 +77,7 @@ class Args:
     out: Path = Path("results/live")
     """Folder of the results; runs that it holds of the same code are not made again."""
     report: tuple[Path, ...] = ()
-    """Markdown files whose generated section "live" is made anew, for instance docs/live.md."""
+    """Markdown files whose generated sections "live" (docs/live.md) and "live-claims" (the study) are made anew."""
     figures: bool = True
     """Draw figure 5 (needs matplotlib)."""
 
@@ -91,7 +95,7 @@ class Args:
                 raise ValueError(f"seconds: {time!r}; allowed: 2 to 36000")
         writable_folder("out", self.out)
         for page in self.report:
-            page_with(page, SECTION)
+            page_with(page, SECTION, CLAIMS)
 
     @property
     def command(self) -> str:
@@ -122,6 +126,7 @@ def main(args: Args) -> int:
         return 130
     for page in args.report:
         put_section(page, SECTION, f"{provenance(args.command)}\n\n{text}")
+        put_section(page, CLAIMS, f"{provenance(args.command)}\n\n{claims(runs, args.seconds)}")
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 
@@ -189,8 +194,37 @@ def _second(row: dict[str, Any]) -> Second:
 def report(runs: Runs, times: Sequence[float]) -> str:
     """Everything as Markdown."""
     parts = ["[ ]: 95 % interval over rooms, bootstrap; of a share, Wilson's."]
-    parts += [standings(runs, times), differences(runs, times), commands(runs), closures(runs)]
+    parts += [claims(runs, times), standings(runs, times), differences(runs, times), commands(runs), closures(runs)]
     return "\n\n".join(parts)
+
+
+def claims(runs: Runs, times: Sequence[float]) -> str:
+    """What the paper says of its live system, each with a verdict."""
+    found = [
+        ("", "", _lead(runs, measure, side, other, time))
+        for time in times
+        for measure, side in JUDGED
+        for other in (NEVER, STILL)
+    ]
+    found[0] = ("who follows the advice knows more", "V", found[0][2])
+    share = estimate(sideways(runs)["after births"], "mean")
+    words = f"% of commands that are lateral, {AFTER} s after births"
+    lateral = Finding("", "", words, share, judge(share, "above", CHANCE), 100.0, 0)
+    found.append(("the commands are mostly up-down and left-right", "V, Fig. 5 b", lateral))
+    for part, name in ((0, "camera"), (2, "everything")):
+        with_one, without = changes_by_closure(runs, part)
+        words = f"change of log₂ \\|P\\| ({name}) in a second, with a closure − without"
+        found.append(("", "", judged("", words, with_one - without, "below")))
+    found[-2] = ("entropy drops where a loop closes", "V, Fig. 5 a", found[-2][2])
+    rows = [[claim, where, one.measure, one.text, f"**{one.verdict}**"] for claim, where, one in found]
+    return table(["The paper says", "Where", "Ours, from rendered pixels", "Figure [95 %]", "Verdict"], rows)
+
+
+def _lead(runs: Runs, measure: Measure, side: Side, other: str, time: float) -> Finding:
+    """Of the follower over the ``other`` habit in the same rooms."""
+    figure = difference(runs, measure, other, time)
+    words = f"{measure.title}, {NAMES[FOLLOW]} − {NAMES[other]}, after {time:g} s"
+    return Finding("", "", words, figure, judge(figure, side), measure.scale, measure.digits)
 
 
 def standings(runs: Runs, times: Sequence[float]) -> str:
@@ -208,18 +242,20 @@ def differences(runs: Runs, times: Sequence[float]) -> str:
     """What the follower knows more than the others, in the same rooms."""
     rows = []
     for time in times:
-        own = lasting(runs[FOLLOW], time)
         for other in (NEVER, STILL):
-            row = [f"{time:g} s", f"{NAMES[FOLLOW]} − {NAMES[other]}"]
-            for measure in PAIRED:
-                pairs = [at(own[seed], time, measure) - at(runs[other][seed], time, measure) for seed in own]
-                row.append(estimate(pairs, measure.statistic).text(measure.scale, measure.digits))
-            rows.append(row)
+            cells = (difference(runs, one, other, time).text(one.scale, one.digits) for one in PAIRED)
+            rows.append([f"{time:g} s", f"{NAMES[FOLLOW]} − {NAMES[other]}", *cells])
     return table(["after", "difference", *(f"{one.title} ({one.statistic})" for one in PAIRED)], rows)
 
 
-def commands(runs: Runs) -> str:
-    """Are they mostly up-down and left-right, after births above all? The follower's first minute."""
+def difference(runs: Runs, measure: Measure, other: str, time: float) -> Estimate:
+    """Of the follower from the ``other`` habit in the same rooms, at a time."""
+    own = lasting(runs[FOLLOW], time)
+    return estimate([at(own[s], time, measure) - at(runs[other][s], time, measure) for s in own], measure.statistic)
+
+
+def sideways(runs: Runs) -> dict[str, list[float]]:
+    """Share of the follower's commands in the first minute that are up, down, left or right, in each room."""
     shares: dict[str, list[float]] = {"after births": [], "otherwise": []}
     for seconds in runs[FOLLOW].values():
         minute = [now for now in seconds if now.time <= FIRST_MINUTE]
@@ -227,9 +263,14 @@ def commands(runs: Runs) -> str:
         for name, wanted in (("after births", True), ("otherwise", False)):
             chosen = [now.command in SIDEWAYS for now, fresh in zip(minute, born) if fresh is wanted]
             shares[name].append(float(np.mean(chosen)) if chosen else np.nan)
+    return shares
+
+
+def commands(runs: Runs) -> str:
+    """Are they mostly up-down and left-right, after births above all? The follower's first minute."""
     told = first_minute(runs[FOLLOW])
     text = ", ".join(f"{motion.name} {100.0 * n / max(told.sum(), 1):.0f} %" for motion, n in zip(Motion, told))
-    rows = [[name, estimate(values, "mean").text(100.0, 0)] for name, values in shares.items()]
+    rows = [[name, estimate(values, "mean").text(100.0, 0)] for name, values in sideways(runs).items()]
     head = ["commands of the first minute", f"up, down, left or right, % (by chance {100.0 * CHANCE:.0f})"]
     return f"{table(head, rows)}\n\nAll commands of the first minute: {text}."
 
@@ -244,18 +285,21 @@ def closures(runs: Runs) -> str:
     """Does the entropy drop where a loop closes? Change of log2 |P| within the second, follower."""
     rows = []
     for part, name in enumerate(("camera", "map", "everything")):
-        changes: dict[bool, list[float]] = {True: [], False: []}
-        for seconds in runs[FOLLOW].values():
-            steps = np.diff([now.log2_dets[part] for now in seconds])
-            closed = np.array([now.closures > 0 for now in seconds[1:]])
-            for which in changes:
-                own = steps[closed == which]
-                changes[which].append(float(np.mean(own)) if len(own) else np.nan)
-        difference = np.array(changes[True]) - np.array(changes[False])
-        rows.append(
-            [name, *(estimate(values, "mean").text() for values in (changes[True], changes[False], difference))]
-        )
+        with_one, without = changes_by_closure(runs, part)
+        rows.append([name, *(estimate(values, "mean").text() for values in (with_one, without, with_one - without))])
     return table(["change of log₂ \\|P\\| in a second", "with a loop closed", "without", "difference"], rows)
+
+
+def changes_by_closure(runs: Runs, part: int) -> tuple[np.ndarray, np.ndarray]:
+    """(rooms,) mean change of a ``part`` of log2 |P| in the follower's seconds with a closure, and in those without."""
+    changes: dict[bool, list[float]] = {True: [], False: []}
+    for seconds in runs[FOLLOW].values():
+        steps = np.diff([now.log2_dets[part] for now in seconds])
+        closed = np.array([now.closures > 0 for now in seconds[1:]])
+        for which in changes:
+            own = steps[closed == which]
+            changes[which].append(float(np.mean(own)) if len(own) else np.nan)
+    return np.array(changes[True]), np.array(changes[False])
 
 
 def lasting(rooms: dict[int, list[Second]], time: float) -> dict[int, list[Second]]:

@@ -84,6 +84,16 @@ def test_closures_are_told_apart() -> None:
     assert "| everything | -60.0 [-60.0, -60.0] | -10.0 [-10.0, -10.0] | -50.0 [-50.0, -50.0] |" in told
 
 
+def test_each_claim_has_the_verdict_of_its_interval() -> None:
+    told = advising.claims(runs(12), (35.0,))
+    assert "| who follows the advice knows more | V | log₂ \\|P\\| of everything, follows − random, after 35 s" in told
+    assert "follows − random, after 35 s | -210 [-210, -210] | **holds** |" in told
+    assert "| position error, cm, follows − stays, after 35 s | 0.0 [0.0, 0.0] | **not shown** |" in told
+    assert "% of commands that are lateral, 2 s after births | 52 [52, 52] | **does not hold** |" in told
+    assert "(everything) in a second, with a closure − without | -50.0 [-50.0, -50.0] | **holds** |" in told
+    assert "**holds**" not in advising.claims(runs(6), (35.0,))  # fewer rooms than a verdict needs
+
+
 def test_the_referee_sees_the_truth() -> None:
     told = trial(5, FOLLOW, 3.0)
     assert [round(one.time, 6) for one in told] == [1.0, 2.0, 3.0]
@@ -100,7 +110,8 @@ def test_the_command_writes_its_files_and_its_section_and_makes_no_run_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = tmp_path / "page.md"
-    page.write_text("a\n<!-- generated: live -->\nold\n<!-- end: live -->\nb\n")
+    both = ("live", "live-claims")
+    page.write_text("a\n" + "".join(f"<!-- generated: {one} -->\nold\n<!-- end: {one} -->\nb\n" for one in both))
     line = ["live", "--rooms", "1", "--seed", "9", "--seconds", "2", "--out", str(tmp_path / "out")]
     assert main([*line, "--report", str(page), "--no-figures"]) == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"seconds.csv", "live.md", "settings.json"}

@@ -43,6 +43,16 @@ chance. *After a birth / a mapping*: the command that follows a motion period in
 `hand-held` is that scenario; `calm` is the same with 1 px of noise, ± 9° of swing, and a filter that assumes 2 m/s² and
 1 rad/s²: its detections have no appearance, by which the paper's live system tells its features apart."""
 
+PIXELS = """\
+## The live system, from rendered pixels
+
+A simulated person in a rendered room, as the [live system](live.md) sees it: who follows the advice beside who moves at
+random, and who stays. By a command of its own, `python -m agents live`, which `make figures` runs too.
+
+<!-- generated: live-claims -->
+<!-- end: live-claims -->"""
+"""`agents.advising` fills it in."""
+
 
 def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) -> str:
     """The whole page."""
@@ -53,6 +63,7 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
             "## Claims",
             _claims_table(findings),
             READING.format(count=round(len(findings), -1), fewest=FEWEST_ROOMS),
+            PIXELS,
             "## Pictures",
             f"Chosen by rule, not by beauty: {settings['chosen']}",
             *(f"![{caption}](images/study/{name}.png)\n\n{caption}" for name, caption in PICTURES.items()),

@@ -187,7 +187,7 @@ class _PartCompiler(Compiler):
         return super().define_pipelines()
 
     def compile_extra(self, func: Any) -> Any:
-        """The part, without the types of all that it names: 140 000 objects that the garbage collector would visit."""
+        """The part, without the types of all that it names, which the garbage collector would visit again and again."""
         part = super().compile_extra(func)
         part.fndesc.typemap = part.fndesc.calltypes = None
         return part._replace(type_annotation=None)

@@ -9,27 +9,14 @@ from activeslam_gym.files import written_whole
 from activeslam_gym.geometry import rotation_error
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector, sum_of_squares
-from activeslam_gym.motion import (
-    ANGULAR_VELOCITY,
-    CAMERA_DIM,
-    D_ANGULAR,
-    D_POSITION,
-    D_ROTATION,
-    D_VELOCITY,
-    POSITION,
-    QUATERNION,
-    VELOCITY,
-)
+from activeslam_gym.motion import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
 
 @compiled
 def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:
     """Tangent error (12,) of an estimated camera (13,): truth minus estimate, the rotation by Log(R R_hat^T)."""
     turn, d = rotation_error(true_camera[QUATERNION], camera[QUATERNION]), true_camera - camera
-    out = np.empty(CAMERA_DIM)
-    out[D_POSITION], out[D_ROTATION] = d[POSITION], turn
-    out[D_VELOCITY], out[D_ANGULAR] = d[VELOCITY], d[ANGULAR_VELOCITY]
-    return out
+    return np.concatenate((d[POSITION], turn, d[VELOCITY], d[ANGULAR_VELOCITY]))
 
 
 @compiled

@@ -15,7 +15,7 @@ from activeslam_gym.camera import View, camera_point, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
-from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled, inlined
 from activeslam_gym.linalg import log2_det_3
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
@@ -166,23 +166,23 @@ def observe_tokens(
     boxes: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write the tokens into ``out`` (T W,), one after another, unclipped: fiducials, then slots.
+    """Write the tokens into ``out`` (T W,), unclipped: fiducials, then slots.
 
     A feature has its slot's token for life; waiting expected landmarks take the tokens of free slots, in order, as many
     as there are. ``points``, ``covariance``: the public belief, by age.
     """
     pose = belief.state.camera
     view = view_of(camera, pose, boxes)
-    K, F, W = fiducials.shape[0], belief.feature.shape[0], TOKEN_SIZE
+    K, F = fiducials.shape[0], belief.feature.shape[0]
     taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0
     for i in range(K):
-        token = out[i * W : (i + 1) * W]
+        token = _token(out, i)
         _place(view, fiducials[i], z, token)
         token[_TOKEN.log_uncertainty], token[_TOKEN.log_depth_uncertainty], token[_TOKEN.fiducial] = -1.0, -1.0, 1.0
     for k in range(belief.state.count):
         feature, at = belief.feature[k], CAMERA_DIM + 3 * k
-        token = out[(K + feature.slot) * W : (K + feature.slot + 1) * W]
+        token = _token(out, K + feature.slot)
         taken[feature.slot] = True
         _place(view, points[k], z, token)
         _uncertainty(pose, points[k], covariance[at:, at:], token)
@@ -194,11 +194,17 @@ def observe_tokens(
                 slot += 1
             if slot == F:
                 return
-            token = out[(K + slot) * W : (K + slot + 1) * W]
+            token = _token(out, K + slot)
             _place(view, expected[e].point, z, token)
             _uncertainty(pose, expected[e].point, prior, token)
             token[_TOKEN.expected] = 1.0
             slot += 1
+
+
+@inlined
+def _token(tokens: np.ndarray, i: int) -> np.ndarray:
+    """(W,) number ``i`` of ``tokens`` (T W,): a view."""
+    return tokens[i * TOKEN_SIZE : (i + 1) * TOKEN_SIZE]
 
 
 @borrowing

@@ -164,13 +164,8 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarra
         if not near[i]:
             continue
         candidates[i].match = REJECTED
-        r = 0
-        for other in range(1, R):
-            r = other if cost[other, i] < cost[r, i] else r
-        best = cost[r, i] < np.inf
-        for j in range(M):
-            best = best and cost[r, i] <= cost[r, j]
-        if best:
+        r = int(np.argmin(cost[:, i]))
+        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
             of_ray[r] = i
             candidates[i].match = belief.feature[rays.feature[r]].serial
     return of_ray

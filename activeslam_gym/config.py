@@ -425,8 +425,8 @@ _FURNISHED: dict[str, Any] = {
 _PLACES = (
     Scenario(name="office", duration=12.0, box_count=(3, 6), **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(
-        name="rooms", room_size=(8.0, 2.4, 4.5), landmark_count=40, inner_walls=(1, 2), box_count=(0, 2),
-        duration=90.0, acceleration_std=0.35, angular_acceleration_std=0.35, **_ON_SURFACES,
+        name="rooms", inner_walls=(1, 2), box_count=(0, 2), boxes_known=True, duration=90.0,
+        **(_FURNISHED | {"room_size": (8.0, 2.4, 4.5), "landmark_count": 60, "inverse_depth_mean": 0.3}), **_CALM,
     ),
     Scenario(
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
@@ -435,7 +435,7 @@ _PLACES = (
     Scenario(name="corner", duration=12.0, **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),
     Scenario(
-        name="mixed", box_count=(0, 5), inner_walls=(0, 1), **_FURNISHED,
+        name="mixed", box_count=(0, 5), **(_FURNISHED | {"landmark_count": 56}),
         varied=(
             ("room_size", (5.0, 2.0, 5.0), (8.0, 2.8, 8.0)),
             ("pixel_std", 1.0, 2.0),
@@ -490,11 +490,11 @@ ASKED: dict[str, str] = {
     "hall": "many landmarks in a large hall",
     "hand-held": "the paper's live system: a hand moves the camera, and the gaze swings by itself",
     "office": "12 s from a corner, facing a wall, among furniture: turn to the room, and look behind what stands there",
-    "rooms": "two or three rooms: find the doors, and close the loop, in 90 s",
+    "rooms": "two or three rooms, with their plan: find the doors, and close the loop, in 90 s",
     "clusters": "a few groups of landmarks, far apart, in much emptiness, of which only the near is seen",
     "corner": "12 s from a corner, facing a wall: turn to the room, on the side where it is, without losing sight",
     "sprint": "10 s along a wall, the room to the left or to the right: no time to look everywhere",
-    "mixed": "generalise: size, furniture, walls, image noise and roughness are drawn at each reset",
+    "mixed": "generalise: size, furniture, image noise and roughness are drawn at each reset",
     "pixels": "images of a textured room in the place of points",
     "hand-held-pixels": "the same, with a hand-held camera whose motion the filter does not know",
 }

@@ -30,7 +30,7 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "net-net": partial(greedy, motion_criterion="net_information", gaze_criterion="net_information"),
     "fisher-fisher": partial(greedy, motion_criterion="fisher_trace", gaze_criterion="fisher_trace"),
     "variance-reduction": partial(greedy, motion_criterion="variance_reduction", gaze_criterion="variance_reduction"),
-    "joint-mi": JointGreedy,
+    "joint-mi": partial(JointGreedy, gaze_criterion="mutual_information"),
     "lookahead-2": partial(Lookahead, horizon=2),
     "rollout": Rollout,
 }

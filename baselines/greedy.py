@@ -70,22 +70,14 @@ class AmortisedGreedy(Greedy):
                 self._scores[turn, motion] = score[turn]
 
 
-class JointGreedy(Policy):
-    """The best pair of motion and gaze, decided together and held for the motion's whole period."""
+class JointGreedy(Greedy):
+    """The motion of the best pair of a motion and a gaze held for its period; the best gaze at each of its steps.
 
-    def __init__(self, env: Environment) -> None:
-        super().__init__(env)
-        self._gaze = self.always(Gaze.STAY)
+    A gaze that is held too, as the pair has it, looks into emptiness for a second more than one that is chosen anew.
+    """
 
     def choose_motion(self) -> Actions:
-        scores = self.per_env(self.env.joint_scores(self.env.scenario.motion_criterion))
-        motion = best(scores.max(axis=-1))
-        gaze = best(scores[np.arange(self.num_envs), motion])
-        self._gaze = np.where(self.motion_starts(), gaze, self._gaze)
-        return motion
-
-    def choose_gaze(self) -> Actions:
-        return self._gaze
+        return best(self.per_env(self.env.joint_scores(self.motion_criterion)).max(axis=-1))
 
 
 def greedy(env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None) -> Greedy:

@@ -110,13 +110,14 @@ def test_motion_is_chosen_once_a_period_and_held_in_each_environment_of_a_batch(
     assert act(policy, np.zeros((2, 4)))[:, 0].tolist() == [Motion.UP, Motion.DOWN]
 
 
-def test_joint_decision_holds_its_gaze_too_and_a_tie_goes_to_stay_with_its_best_gaze() -> None:
+def test_joint_decision_takes_the_motion_of_the_best_pair_and_each_steps_best_gaze() -> None:
     env = ScoredEnv()
     policy = baselines.make("joint-mi", env)
     env.joint[[Motion.FORWARD, Motion.STAY], Gaze.LEFT] = 1.0
-    assert act(policy).tolist() == [Motion.STAY, Gaze.LEFT]
+    assert act(policy).tolist() == [Motion.STAY, Gaze.STAY]
     env.step_index, env.joint[Motion.UP, Gaze.RIGHT] = np.array(1), 2.0
-    assert act(policy).tolist() == [Motion.STAY, Gaze.LEFT]
+    env.gaze["mutual_information"][Gaze.RIGHT] = 1.0
+    assert act(policy).tolist() == [Motion.STAY, Gaze.RIGHT]
 
 
 def test_sweep_strafes_in_turn_and_random_uses_every_action() -> None:

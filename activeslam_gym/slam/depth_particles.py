@@ -151,23 +151,27 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarra
     REJECTED.
     """
     R, M = rays.feature.shape[0], candidates.shape[0]
-    cost, near, of_ray = np.full((R, M), np.inf), np.zeros(M, np.bool_), np.full(R, -1)
+    near, of_ray, ray_of = np.zeros(M, np.bool_), np.full(R, -1), np.full(M, -1)
+    ray_cost, cost = np.full(R, np.inf), np.full(M, np.inf)  # the least of each ray, and of each candidate
     for r in range(R):
         serial = belief.feature[rays.feature[r]].serial
         for i in range(M):
             if candidates[i].match == NEW and (candidates[i].id == ANYTHING or candidates[i].id == serial):
                 d2, value = ray_distance(belief, rays, r, candidates[i], pixel_var)
                 near[i] |= d2 < model.birth_gate
-                if d2 < model.gate:
-                    cost[r, i] = value
+                if d2 < model.gate and value < ray_cost[r]:
+                    ray_cost[r], of_ray[r] = value, i
+                if d2 < model.gate and value < cost[i]:
+                    cost[i], ray_of[i] = value, r
     for i in range(M):
-        if not near[i]:
-            continue
-        candidates[i].match = REJECTED
-        r = int(np.argmin(cost[:, i]))
-        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
-            of_ray[r] = i
+        if near[i]:
+            candidates[i].match = REJECTED
+    for r in range(R):
+        i = of_ray[r]
+        if i >= 0 and near[i] and ray_of[i] == r:
             candidates[i].match = belief.feature[rays.feature[r]].serial
+        else:
+            of_ray[r] = -1
     return of_ray
 
 

@@ -136,8 +136,8 @@ def _nearest_candidate(
     camera: Record, R_WC: np.ndarray, direction: np.ndarray, candidates: np.ndarray, taken: np.ndarray
 ) -> int:
     """Index of the free candidate nearest to where ``direction`` projects, within the radius, or -1."""
-    z = np.empty(2)
-    if not pixel_from_camera_point(camera, camera_from_world(R_WC, direction), z):
+    z, h = np.empty(2), (direction[0], direction[1], direction[2])
+    if not pixel_from_camera_point(camera, camera_from_world(R_WC, h), z):
         return -1
     best, nearest = -1, TRACK_RADIUS_PX**2
     for i in range(candidates.shape[0]):

@@ -137,7 +137,7 @@ def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
             rest[j] -= factor * row[j]
 
 
-@compiled
+@borrowing
 def solve_vector(U: np.ndarray, b: np.ndarray) -> None:
     """Overwrite the vector ``b`` (n,) with U^{-1} b, U upper triangular."""
     for k in range(b.shape[0] - 1, -1, -1):
@@ -200,10 +200,10 @@ def log2_det_3(A: np.ndarray) -> float:
 
 @borrowing(fastmath=_FUSE)
 def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
-    """out += A B, for A (n, k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""
+    """out += A B, for A (n, >= k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""
     for i in range(A.shape[0]):
         target = out[i]
-        for k in range(A.shape[1]):
+        for k in range(B.shape[0]):
             factor, source = A[i, k], B[k]
             if factor != 0.0:
                 for j in range(out.shape[1]):
@@ -281,7 +281,7 @@ def copy_block(source: np.ndarray, out: np.ndarray) -> None:
             out[i, j] = source[i, j]
 
 
-@compiled
+@borrowing
 def count_true(flags: np.ndarray) -> int:
     """How many of ``flags`` (n,) are true."""
     count = 0
@@ -291,7 +291,7 @@ def count_true(flags: np.ndarray) -> int:
     return count
 
 
-@compiled
+@borrowing
 def sum_of_squares(v: np.ndarray) -> float:
     """v^T v of a vector (n,)."""
     total = 0.0

@@ -219,7 +219,7 @@ def _place(view: View, y: np.ndarray, z: np.ndarray, token: np.ndarray) -> None:
     token[_TOKEN.in_view] = 1.0 if visible(view, y, 0.0, z) else 0.0
 
 
-@compiled
+@borrowing
 def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
     """Log deviation of a point: geometric mean, and along the line of sight relative to the distance."""
     square, along = _LOG_FLOOR**2, 0.0
@@ -238,7 +238,7 @@ def _log_deviation(deviation: float) -> float:
     return math.log10(max(deviation, _LOG_FLOOR)) / 3.0
 
 
-@compiled
+@borrowing
 def clip_into(values: np.ndarray, out: np.ndarray) -> None:
     """Write ``values`` (D,) clipped to [-1, 1] into ``out`` (D,) float32; what is not a number becomes 0."""
     for i in range(values.shape[0]):

@@ -212,7 +212,7 @@ def _line_of_sight(
     return mean, J_x, Q
 
 
-@compiled
+@borrowing
 def _ray_count(belief: Belief) -> int:
     count = 0
     for k in range(belief.state.count):
@@ -263,7 +263,7 @@ def linearity_index(belief: Belief, k: int) -> float:
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 
 
-@compiled
+@borrowing
 def delete_failed(model: Record, belief: Belief) -> int:
     """Delete features that were missed too often or are `_outdated`; returns how many."""
     count = 0
@@ -274,7 +274,7 @@ def delete_failed(model: Record, belief: Belief) -> int:
     return count
 
 
-@compiled
+@borrowing
 def _outdated(model: Record, belief: Belief, k: int) -> bool:
     """Whether a feature that is no point yet is too old (RAY) or was out of sight for too long (INVERSE_DEPTH).
 

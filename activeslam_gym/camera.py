@@ -111,11 +111,11 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     It is where it lies in front of the camera and not too far away, its pixel in the image grown by ``margin`` [px] on
     each side, and none of the boxes between them. Writes the pixel into ``z`` (2,).
     """
-    return in_reach(view, y, margin, z) and not too_far(view, y)
+    return in_reach(view, (y[0], y[1], y[2]), margin, z) and not too_far(view, y)
 
 
 @borrowing
-def in_reach(view: View, y: Vector, margin: float, z: np.ndarray) -> bool:
+def in_reach(view: View, y: tuple[float, float, float], margin: float, z: np.ndarray) -> bool:
     """`visible`, at any distance: what a filter asks, which knows the distance of ``y`` badly."""
     p_C = camera_point(view.R_WC, view.pose, y)
     if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):

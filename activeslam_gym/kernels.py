@@ -60,6 +60,11 @@ def compiled(function: Any = None, **options: Any) -> Any:
     return _as_part(function, call, **options)
 
 
+def uncompiled(function: Any) -> Any:
+    """A `compiled` function as plain Python, for what is called so rarely that a kernel of its own does not pay."""
+    return getattr(function, "__wrapped__", function)
+
+
 def borrowing(function: Any = None, **options: Any) -> Any:
     """Decorator like `compiled`, of a kernel that makes no array: all that it handles are its caller's.
 

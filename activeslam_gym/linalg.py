@@ -137,7 +137,7 @@ def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
             rest[j] -= factor * row[j]
 
 
-@compiled
+@borrowing
 def solve_vector(U: np.ndarray, b: np.ndarray) -> None:
     """Overwrite the vector ``b`` (n,) with U^{-1} b, U upper triangular."""
     for k in range(b.shape[0] - 1, -1, -1):
@@ -200,10 +200,10 @@ def log2_det_3(A: np.ndarray) -> float:
 
 @borrowing(fastmath=_FUSE)
 def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
-    """out += A B, for A (n, k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""
+    """out += A B, for A (n, >= k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""
     for i in range(A.shape[0]):
         target = out[i]
-        for k in range(A.shape[1]):
+        for k in range(B.shape[0]):
             factor, source = A[i, k], B[k]
             if factor != 0.0:
                 for j in range(out.shape[1]):
@@ -212,9 +212,9 @@ def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
 
 @borrowing(fastmath=_FUSE)
 def add_product_of_two(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
-    """`add_product` of A (2, k): both rows at once and three of B at a time, which are a vector's."""
+    """`add_product` of A (2, >= k): both rows at once and three of B at a time, which are a vector's."""
     upper, lower = out[0], out[1]
-    whole = A.shape[1] - A.shape[1] % 3
+    whole = B.shape[0] - B.shape[0] % 3
     for k in range(0, whole, 3):
         b0, b1, b2 = B[k], B[k + 1], B[k + 2]
         f0, f1, f2, g0, g1, g2 = A[0, k], A[0, k + 1], A[0, k + 2], A[1, k], A[1, k + 1], A[1, k + 2]
@@ -222,7 +222,7 @@ def add_product_of_two(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
             x0, x1, x2 = b0[j], b1[j], b2[j]
             upper[j] = upper[j] + f0 * x0 + f1 * x1 + f2 * x2
             lower[j] = lower[j] + g0 * x0 + g1 * x1 + g2 * x2
-    for k in range(whole, A.shape[1]):
+    for k in range(whole, B.shape[0]):
         b, f, g = B[k], A[0, k], A[1, k]
         for j in range(out.shape[1]):
             upper[j] += f * b[j]
@@ -234,6 +234,15 @@ def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """A B."""
     out = np.zeros((A.shape[0], B.shape[1]))
     add_product(A, B, out)
+    return out
+
+
+@compiled
+def diagonal(values: np.ndarray) -> np.ndarray:
+    """The matrix (n, n) with ``values`` (n,) on its diagonal. Numba compiles eight functions for NumPy's."""
+    out = np.zeros((values.shape[0], values.shape[0]))
+    for i in range(values.shape[0]):
+        out[i, i] = values[i]
     return out
 
 
@@ -272,7 +281,7 @@ def copy_block(source: np.ndarray, out: np.ndarray) -> None:
             out[i, j] = source[i, j]
 
 
-@compiled
+@borrowing
 def count_true(flags: np.ndarray) -> int:
     """How many of ``flags`` (n,) are true."""
     count = 0
@@ -282,7 +291,7 @@ def count_true(flags: np.ndarray) -> int:
     return count
 
 
-@compiled
+@borrowing
 def sum_of_squares(v: np.ndarray) -> float:
     """v^T v of a vector (n,)."""
     total = 0.0

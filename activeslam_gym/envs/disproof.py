@@ -14,7 +14,7 @@ import numpy as np
 
 from activeslam_gym.camera import view_of, visible
 from activeslam_gym.information.expectation import VIEW, WAITING
-from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.world.noise import uniforms
 
@@ -69,7 +69,7 @@ def disprove(
     return seen
 
 
-@compiled
+@borrowing
 def _remember(view: np.ndarray, seen: int, here: Record) -> int:
     """Enter a viewpoint, if it is a new one, in the place of the oldest; returns how many were entered."""
     for v in range(min(seen, view.shape[0])):
@@ -79,7 +79,7 @@ def _remember(view: np.ndarray, seen: int, here: Record) -> int:
     return seen + 1
 
 
-@compiled
+@borrowing
 def _same_view(a: Record, b: Record) -> bool:
     square, cosine = 0.0, 0.0
     for i in range(3):

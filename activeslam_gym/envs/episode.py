@@ -18,7 +18,7 @@ from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, k
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting, waiting_count
-from activeslam_gym.kernels import compiled
+from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
@@ -55,7 +55,7 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
         conclude(run, phases[i] == BEGIN)
 
 
-@compiled
+@borrowing
 def open_step(run: Run, command: np.ndarray) -> None:
     """Before the frames of a gaze period; the motion is read where its own period begins."""
     episode, events = run.episode, run.episode.events
@@ -78,7 +78,7 @@ def conclude(run: Run, begins: bool) -> None:
     observe(run, points, covariance)
 
 
-@compiled
+@borrowing
 def _begin(run: Run) -> None:
     """The prior is worth nothing yet."""
     episode = run.episode
@@ -88,7 +88,7 @@ def _begin(run: Run) -> None:
     episode.terms[:] = 0.0
 
 
-@compiled
+@borrowing
 def _settle(run: Run) -> None:
     """The reward of the step: the gain of the chosen potential; where the run is lost, the return is min(it, 0) - 100.
 
@@ -168,7 +168,7 @@ def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray,
     return order, standing, counted
 
 
-@compiled
+@borrowing
 def _find_mapped(run: Run) -> None:
     """A feature is mapped when the deviation of its depth over its depth is under the scenario's ratio."""
     for k in range(run.belief.state.count):

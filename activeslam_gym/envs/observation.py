@@ -16,7 +16,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import Record, borrowing, compiled, inlined
-from activeslam_gym.linalg import log2_det_3
+from activeslam_gym.linalg import copy_block, diagonal, log2_det_3
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -174,7 +174,7 @@ def observe_tokens(
     pose = belief.state.camera
     view = view_of(camera, pose, boxes)
     K, F = fiducials.shape[0], belief.feature.shape[0]
-    taken, z = np.zeros(F, np.bool_), np.empty(2)
+    taken, z, P_y = np.zeros(F, np.bool_), np.empty(2), np.empty((3, 3))
     out[:] = 0.0
     for i in range(K):
         token = _token(out, i)
@@ -185,9 +185,10 @@ def observe_tokens(
         token = _token(out, K + feature.slot)
         taken[feature.slot] = True
         _place(view, points[k], z, token)
-        _uncertainty(pose, points[k], covariance[at:, at:], token)
+        copy_block(covariance[at : at + 3, at : at + 3], P_y)
+        _uncertainty(pose, points[k], P_y, token)
         token[_TOKEN.mapped if feature.mapped else _TOKEN.initialising] = 1.0
-    slot, prior = 0, np.diag(landmark_var)
+    slot, prior = 0, diagonal(landmark_var)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
             while slot < F and taken[slot]:
@@ -218,7 +219,7 @@ def _place(view: View, y: np.ndarray, z: np.ndarray, token: np.ndarray) -> None:
     token[_TOKEN.in_view] = 1.0 if visible(view, y, 0.0, z) else 0.0
 
 
-@compiled
+@borrowing
 def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.ndarray) -> None:
     """Log deviation of a point: geometric mean, and along the line of sight relative to the distance."""
     square, along = _LOG_FLOOR**2, 0.0
@@ -237,7 +238,7 @@ def _log_deviation(deviation: float) -> float:
     return math.log10(max(deviation, _LOG_FLOOR)) / 3.0
 
 
-@compiled
+@borrowing
 def clip_into(values: np.ndarray, out: np.ndarray) -> None:
     """Write ``values`` (D,) clipped to [-1, 1] into ``out`` (D,) float32; what is not a number becomes 0."""
     for i in range(values.shape[0]):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from activeslam_gym.kernels import compiled, record
+from activeslam_gym.kernels import borrowing, compiled, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.metrics import camera_error, log2_normal_of_factor
 from activeslam_gym.motion import CAMERA_DIM
@@ -83,7 +83,7 @@ def judge_matches(
     return wrong, false
 
 
-@compiled
+@borrowing
 def true_id(owner: np.ndarray, belief: Belief, fiducial_count: int, label: int) -> int:
     """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature born of the point.
 

@@ -5,7 +5,14 @@ import math
 import numpy as np
 
 from activeslam_gym.kernels import compiled, record
-from activeslam_gym.linalg import cholesky_in_place, count_true, log2_det_3, solve_transposed_vector, sum_of_squares
+from activeslam_gym.linalg import (
+    cholesky_in_place,
+    count_true,
+    diagonal,
+    log2_det_3,
+    solve_transposed_vector,
+    sum_of_squares,
+)
 from activeslam_gym.slam.belief import RAY, Belief, point_marginal, position_of
 
 VIEW = record(pose=("f8", 7), axis=("f8", 3))
@@ -48,7 +55,7 @@ def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, belief: B
 @compiled
 def _nearest_expected(expected: np.ndarray, landmark_var: np.ndarray, y: np.ndarray, P_y: np.ndarray) -> int:
     """Index of the waiting expected landmark nearest to the feature ``y`` (3,) with covariance ``P_y``, or -1."""
-    U = P_y + np.diag(landmark_var)
+    U = P_y + diagonal(landmark_var)
     cholesky_in_place(U)
     best, nearest = -1, np.inf
     for e in range(expected.shape[0]):

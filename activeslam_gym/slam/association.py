@@ -177,7 +177,7 @@ def _margins(model: Record, things: np.ndarray) -> Margins:
     return margins
 
 
-@compiled
+@borrowing
 def _leave_twins(
     model: Record, things: np.ndarray, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray
 ) -> int:
@@ -200,7 +200,7 @@ def _leave_twins(
     return taken_back
 
 
-@compiled
+@borrowing
 def _leave_returns(model: Record, sight: Sight, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray) -> int:
     """Take back all matches of what `_comes_back` where no fewer that should have no candidate near; how many.
 

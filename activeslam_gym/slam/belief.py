@@ -149,7 +149,7 @@ def fiducial_id(k: int) -> int:
     return -1 - k
 
 
-@compiled
+@borrowing
 def position_of(belief: Belief, serial: int) -> int:
     """Where the feature with that id stands in ``belief.feature``, or -1. They are in the order of their births."""
     feature, low, high = belief.feature, 0, belief.state.count
@@ -180,7 +180,7 @@ def bearing(azimuth: float, elevation: float) -> tuple[Direction, Direction, Dir
     )
 
 
-@compiled
+@borrowing
 def angles_of(h: np.ndarray, J: np.ndarray) -> tuple[float, float]:
     """Azimuth and elevation [rad] of a world direction ``h`` (3,) of any length; d(azimuth, elevation)/dh into ``J``.
 
@@ -230,13 +230,13 @@ def point_marginal(belief: Belief, k: int, P_y: np.ndarray) -> np.ndarray:
     y = point_of(belief, k, T)
     at, width = belief.feature[k].start, KIND_DIM[belief.feature[k].kind]
     rows = np.zeros((3, width))
-    add_product(T[:, :width], belief.covariance[at : at + width, at:], rows)
+    add_product(T, belief.covariance[at : at + width, at:], rows)
     _columns_times(rows, 0, width, T, P_y, 0)
     _add_depth_variance(belief, k, P_y)
     return y
 
 
-@compiled
+@borrowing
 def depth_ratio(belief: Belief, k: int) -> float:
     """sigma_depth / depth of feature ``k`` along its line of sight: from its anchor, or for a POINT from the camera."""
     feature, P = belief.feature[k], belief.covariance
@@ -273,7 +273,7 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
             continue
         TP[:] = 0.0
         width = KIND_DIM[feature.kind]
-        add_product(T[k, :, :width], P[feature.start : feature.start + width], TP)
+        add_product(T[k], P[feature.start : feature.start + width], TP)
         copy_block(TP[:, :CAMERA_DIM], covariance[own : own + 3])
         for m in range(n):  # T_k P T_m^T
             other, to = belief.feature[m], CAMERA_DIM + 3 * m
@@ -304,7 +304,7 @@ def as_points(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     return points, covariance
 
 
-@compiled
+@borrowing
 def _copy_identity_part(belief: Belief, covariance: np.ndarray) -> None:
     """Copy the rows and columns of camera and points, whatever of them stands together at once."""
     P, n = belief.covariance, belief.state.count
@@ -332,7 +332,7 @@ def _add_depth_variance(belief: Belief, k: int, block: np.ndarray) -> None:
                 block[i, j] += feature.depth_var * m[0][i] * m[0][j]
 
 
-@compiled
+@borrowing
 def _columns_times(rows: np.ndarray, at: int, width: int, T: np.ndarray, out: np.ndarray, to: int) -> None:
     """out[:, to:to+3] = rows[:, at:at+width] T[:, :width]^T; the leading three columns of T are the identity."""
     for i in range(rows.shape[0]):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import Record, borrowing, compiled
-from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, solve_transposed
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, diagonal, solve_transposed
 from activeslam_gym.slam.hypotheses import Hypotheses, close, condition, measure_distances
 
 MOST_THINGS = 14
@@ -240,7 +240,7 @@ def _bound_pairs(S: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_w
         half, differ = 0.5 * (R[0, 0] + R[1, 1]), 0.5 * (R[0, 0] - R[1, 1])
         least = min(least, half - math.sqrt(differ * differ + R[0, 1] * R[0, 1]))
         ratio = max(ratio, candidates[i].log_ratio)
-    U, V = S.copy(), np.eye(n)
+    U, V = S.copy(), diagonal(np.full(n, 1.0))
     for a in range(n):
         U[a, a] += least - pixel_var
     sound = cholesky_in_place(U)

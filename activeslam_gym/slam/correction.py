@@ -7,7 +7,7 @@ import numpy as np
 from activeslam_gym.camera import view_of
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.linalg import copy_into, solve_vector
 from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import Belief
@@ -129,7 +129,7 @@ def _descend(
     return step, np.inf, np.inf
 
 
-@compiled
+@borrowing
 def _restore(belief: Belief, camera: np.ndarray, features: np.ndarray) -> None:
     """Give the belief back its first mean."""
     copy_into(belief.state.camera, camera)
@@ -137,14 +137,14 @@ def _restore(belief: Belief, camera: np.ndarray, features: np.ndarray) -> None:
         copy_into(belief.feature[k].mean, features[k].mean)
 
 
-@compiled
+@borrowing
 def _square(thing: Record, x: float, y: float, var: float) -> float:
     """(x, y)^2_R of a thing, R its noise."""
     a, b, c = var + thing.extra[0, 0], thing.extra[0, 1], var + thing.extra[1, 1]
     return (c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b)
 
 
-@compiled
+@borrowing
 def _misfit(things: np.ndarray, pixels: np.ndarray, var: float) -> float:
     """Sum of (z - h)^2_R, h what was measured last."""
     total = 0.0
@@ -188,7 +188,7 @@ def _bend(
     return bent
 
 
-@compiled
+@borrowing
 def _along(thing: Record, axis: int, delta: np.ndarray) -> float:
     """H delta of one of a thing's two rows."""
     total = 0.0

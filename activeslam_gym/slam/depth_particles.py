@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.camera import View, view_of, visible
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
 from activeslam_gym.linalg import copy_into, sum_of_squares
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
@@ -151,27 +151,31 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarra
     REJECTED.
     """
     R, M = rays.feature.shape[0], candidates.shape[0]
-    cost, near, of_ray = np.full((R, M), np.inf), np.zeros(M, np.bool_), np.full(R, -1)
+    near, of_ray, ray_of = np.zeros(M, np.bool_), np.full(R, -1), np.full(M, -1)
+    ray_cost, cost = np.full(R, np.inf), np.full(M, np.inf)  # the least of each ray, and of each candidate
     for r in range(R):
         serial = belief.feature[rays.feature[r]].serial
         for i in range(M):
             if candidates[i].match == NEW and (candidates[i].id == ANYTHING or candidates[i].id == serial):
                 d2, value = ray_distance(belief, rays, r, candidates[i], pixel_var)
                 near[i] |= d2 < model.birth_gate
-                if d2 < model.gate:
-                    cost[r, i] = value
+                if d2 < model.gate and value < ray_cost[r]:
+                    ray_cost[r], of_ray[r] = value, i
+                if d2 < model.gate and value < cost[i]:
+                    cost[i], ray_of[i] = value, r
     for i in range(M):
-        if not near[i]:
-            continue
-        candidates[i].match = REJECTED
-        r = int(np.argmin(cost[:, i]))
-        if cost[r, i] < np.inf and np.argmin(cost[r]) == i:
-            of_ray[r] = i
+        if near[i]:
+            candidates[i].match = REJECTED
+    for r in range(R):
+        i = of_ray[r]
+        if i >= 0 and near[i] and ray_of[i] == r:
             candidates[i].match = belief.feature[rays.feature[r]].serial
+        else:
+            of_ray[r] = -1
     return of_ray
 
 
-@compiled
+@borrowing
 def ray_distance(belief: Belief, rays: Rays, r: int, candidate: Record, pixel_var: float) -> tuple[float, float]:
     """(smallest squared Mahalanobis distance of a candidate to a particle, -2 ln of its likelihood less 2 pi)."""
     nearest, likelihood = np.inf, 0.0
@@ -184,7 +188,7 @@ def ray_distance(belief: Belief, rays: Rays, r: int, candidate: Record, pixel_va
     return nearest, -2.0 * (math.log(max(likelihood, 1e-300)) + candidate.log_ratio)
 
 
-@compiled
+@borrowing
 def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S: np.ndarray) -> tuple[float, float]:
     """((z - z_hat)^T S^-1 (z - z_hat), |S|) of a candidate, with its own R in place of the camera's in ``S`` (2, 2)."""
     R, a, b = candidate.R, candidate.pixel[0] - z_hat[0], candidate.pixel[1] - z_hat[1]
@@ -193,7 +197,7 @@ def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S:
     return (s11 * a * a - 2.0 * s01 * a * b + s00 * b * b) / det, det
 
 
-@compiled
+@borrowing
 def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
     """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
     slot = belief.feature[rays.feature[r]].slot
@@ -224,8 +228,12 @@ def reweight(model: Record, belief: Belief, rays: Rays, r: int, candidate: Recor
         total += particles[j, 1]
     if not total > 1e-300:
         return False
-    weight, floor = particles[:, 1], total * model.particle_prune / particles.shape[0]
-    weight[weight < floor] = 0.0
-    weight /= np.sum(weight)
+    floor, kept = total * model.particle_prune / particles.shape[0], 0.0
+    for j in range(particles.shape[0]):
+        if particles[j, 1] < floor:
+            particles[j, 1] = 0.0
+        kept += particles[j, 1]
+    for j in range(particles.shape[0]):
+        particles[j, 1] /= kept
     _summarise(belief, k)
     return True

@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_of, distance_between
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, compiled, filled, record, row
+from activeslam_gym.kernels import Record, borrowing, compiled, filled, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import CAMERA_DIM, POSITION, motion_of
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
@@ -176,7 +176,7 @@ def match_by_id(sight: Sight, candidates: np.ndarray) -> np.ndarray:
     return of_thing
 
 
-@compiled
+@borrowing
 def _count_misses(
     spacing: float, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
 ) -> None:

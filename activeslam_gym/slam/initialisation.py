@@ -136,8 +136,8 @@ def _nearest_candidate(
     camera: Record, R_WC: np.ndarray, direction: np.ndarray, candidates: np.ndarray, taken: np.ndarray
 ) -> int:
     """Index of the free candidate nearest to where ``direction`` projects, within the radius, or -1."""
-    z = np.empty(2)
-    if not pixel_from_camera_point(camera, camera_from_world(R_WC, direction), z):
+    z, h = np.empty(2), (direction[0], direction[1], direction[2])
+    if not pixel_from_camera_point(camera, camera_from_world(R_WC, h), z):
         return -1
     best, nearest = -1, TRACK_RADIUS_PX**2
     for i in range(candidates.shape[0]):
@@ -212,7 +212,7 @@ def _line_of_sight(
     return mean, J_x, Q
 
 
-@compiled
+@borrowing
 def _ray_count(belief: Belief) -> int:
     count = 0
     for k in range(belief.state.count):
@@ -263,7 +263,7 @@ def linearity_index(belief: Belief, k: int) -> float:
     return 4.0 * sigma_d * abs(along) / max(square, 1e-12)
 
 
-@compiled
+@borrowing
 def delete_failed(model: Record, belief: Belief) -> int:
     """Delete features that were missed too often or are `_outdated`; returns how many."""
     count = 0
@@ -274,7 +274,7 @@ def delete_failed(model: Record, belief: Belief) -> int:
     return count
 
 
-@compiled
+@borrowing
 def _outdated(model: Record, belief: Belief, k: int) -> bool:
     """Whether a feature that is no point yet is too old (RAY) or was out of sight for too long (INVERSE_DEPTH).
 

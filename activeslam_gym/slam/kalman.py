@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
     add_symmetric_product,
@@ -40,7 +40,7 @@ def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
     belief.state.frame += 1
 
 
-@compiled
+@borrowing
 def feel_contact(belief: Belief, u: np.ndarray, dt: float) -> None:
     """The camera has struck something, to be called before that frame's `predict`: any part of its speed may be gone.
 
@@ -56,7 +56,7 @@ def feel_contact(belief: Belief, u: np.ndarray, dt: float) -> None:
 def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
     """P_cc = F P_cc F^T + Q and P_cy = F P_cy on the leading ``dim`` rows of ``P``, for any camera transition."""
     FP, P_cc = np.zeros((CAMERA_DIM, dim)), P[:CAMERA_DIM, :CAMERA_DIM]
-    add_product(F, P, FP)
+    add_product(F, P[:CAMERA_DIM], FP)
     for i in range(CAMERA_DIM):
         if _leaves_alone(F[i], i):
             continue
@@ -67,7 +67,7 @@ def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
     add_symmetric_product(FP, F, P_cc)
 
 
-@compiled
+@borrowing
 def _leaves_alone(row: np.ndarray, i: int) -> bool:
     """Whether this is row ``i`` of the identity, as those of the velocities are."""
     for j in range(row.shape[0]):

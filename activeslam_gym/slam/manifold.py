@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from activeslam_gym.geometry import rotate_left, so3_left_jacobian
-from activeslam_gym.kernels import compiled
+from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
     add_symmetric_product,
@@ -45,7 +45,7 @@ def shift_mean(belief: Belief, delta: np.ndarray) -> None:
             feature.mean[RHO] = max(feature.mean[RHO], MINIMUM_INVERSE_DEPTH)
 
 
-@compiled
+@borrowing
 def _add(x: np.ndarray, delta: np.ndarray) -> None:
     for i in range(delta.shape[0]):
         x[i] += delta[i]
@@ -102,7 +102,7 @@ def turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     return E
 
 
-@compiled
+@borrowing
 def _cross(d: np.ndarray, E: np.ndarray) -> None:
     """``E`` (3, 3) of a world vector shifted by ``d`` (3,): a x d = E^T a."""
     E[1, 0], E[2, 0] = d[2], -d[1]
@@ -110,7 +110,7 @@ def _cross(d: np.ndarray, E: np.ndarray) -> None:
     E[0, 2], E[1, 2] = d[1], -d[0]
 
 
-@compiled
+@borrowing
 def _turn_angles(azimuth: float, elevation: float, sign: float, E: np.ndarray) -> None:
     """Add ``sign`` times d(azimuth, elevation) of a direction by a turn of the world, the derivative of a x m."""
     sin_a, cos_a, tan_e = math.sin(azimuth), math.cos(azimuth), math.tan(elevation)

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from activeslam_gym.kernels import compiled
+from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import FEATURE_SIZE, KIND_DIM, POINT, Belief, point_marginal, point_of
 
 
-@compiled
+@borrowing
 def room_for(belief: Belief, width: int) -> bool:
     """Whether one more feature of ``width`` dimensions fits."""
     return belief.state.count < belief.feature.shape[0] and belief.state.dim + width <= belief.covariance.shape[0]
 
 
-@compiled
+@borrowing
 def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q: np.ndarray) -> int:
     """Add a feature y = g(camera, rest) and return its position, the last; the caller has asked `room_for` it.
 
@@ -53,7 +53,7 @@ def _free_slot(belief: Belief) -> int:
     return slot
 
 
-@compiled
+@borrowing
 def remove_feature(belief: Belief, k: int) -> None:
     """Forget feature ``k``: marginalise it out, and close its gap."""
     start, width = belief.feature[k].start, KIND_DIM[belief.feature[k].kind]
@@ -70,7 +70,7 @@ def convert_to_point(belief: Belief, k: int) -> None:
     at, width = feature.start, KIND_DIM[feature.kind]
     T, P_y, TP = np.empty((3, FEATURE_SIZE)), np.empty((3, 3)), np.zeros((3, dim))
     point_of(belief, k, T)
-    add_product(T[:, :width], P[at : at + width], TP)
+    add_product(T, P[at : at + width], TP)
     y = point_marginal(belief, k, P_y)
     for i in range(3):
         for j in range(dim):
@@ -83,7 +83,7 @@ def convert_to_point(belief: Belief, k: int) -> None:
     _close_gap(belief, at + 3, width - 3)
 
 
-@compiled
+@borrowing
 def _close_gap(belief: Belief, at: int, width: int) -> None:
     """Drop ``width`` covariance rows and columns from ``at`` on."""
     P, dim = belief.covariance, belief.state.dim - width

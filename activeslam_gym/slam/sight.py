@@ -273,7 +273,7 @@ def _place_feature(view: View, kind: int, mean: np.ndarray, thing: Record) -> bo
 def _place_known(view: View, y: np.ndarray, thing: Record) -> bool:
     """The same of a world point ``y`` (>= 3,) at any distance."""
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
-    return in_reach(view, y, view.camera.width, z) and point_measurement(view, y, z, H_x, H_y)
+    return in_reach(view, (y[0], y[1], y[2]), view.camera.width, z) and point_measurement(view, y, z, H_x, H_y)
 
 
 @borrowing
@@ -297,7 +297,7 @@ def sight_with(things: np.ndarray, P: np.ndarray, dim: int, pixel_var: float) ->
     for a in range(things.shape[0]):
         thing, rows = things[a], HP[2 * a : 2 * a + 2]
         add_product_of_two(thing.H_camera, P[:POSE_DIM], rows)
-        add_product_of_two(thing.H_feature[:, : thing.width], P[thing.column : thing.column + thing.width], rows)
+        add_product_of_two(thing.H_feature, P[thing.column : thing.column + thing.width], rows)
     return Sight(things, HP, innovation_covariance(things, HP, pixel_var))
 
 

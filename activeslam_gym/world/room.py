@@ -9,6 +9,7 @@ import numpy as np
 from activeslam_gym.camera import View, camera_of, ray_from_pixel, visible
 from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, WALL, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
+from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
 
@@ -172,7 +173,7 @@ def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray |
     camera = np.empty(CAMERA_SIZE)
     camera[POSITION] = np.array(scenario.position_std) * rng.standard_normal(3)
     turned = scenario.orientation_std * rng.standard_normal(3)
-    camera[QUATERNION] = quaternion_exp(turned)
+    camera[QUATERNION] = uncompiled(quaternion_exp)(turned)
     camera[VELOCITY] = scenario.velocity_std * rng.standard_normal(3)
     camera[ANGULAR_VELOCITY] = scenario.angular_velocity_std * rng.standard_normal(3)
     if place is not None:
@@ -191,10 +192,10 @@ def _floating(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -
     size = np.array([camera.width, camera.height])
     share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random((scenario.fiducial_count, 2)) - 0.5)
     depths = rng.uniform(*scenario.fiducial_distance, scenario.fiducial_count)
-    R_WC = rotation_matrix(start[QUATERNION])
+    R_WC, back_project = uncompiled(rotation_matrix)(start[QUATERNION]), uncompiled(ray_from_pixel)
     half = 0.5 * np.array(scenario.room_size)
     fiducials = [
-        np.clip(start[POSITION] + depth * (R_WC @ ray_from_pixel(camera, pixel)), -half, half)
+        np.clip(start[POSITION] + depth * (R_WC @ back_project(camera, pixel)), -half, half)
         for pixel, depth in zip(share * size, depths, strict=True)
     ]
     return np.reshape(fiducials, (-1, 3))

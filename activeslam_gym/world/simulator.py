@@ -8,7 +8,7 @@ import numpy as np
 from activeslam_gym.camera import distance_between, free_way, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record
+from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, filled, inlined, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
     CAMERA_SIZE,
@@ -126,7 +126,7 @@ def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
     return contacts
 
 
-@compiled
+@borrowing
 def _leave_boxes(motion: Record, boxes: np.ndarray, p: np.ndarray, v: np.ndarray) -> int:
     """Move ``p`` (3,) out of every box grown by the wall's margin, through the nearest side that faces into the room.
 
@@ -238,7 +238,7 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
     return n
 
 
-@compiled
+@borrowing
 def faces(normal: np.ndarray, y: np.ndarray, p: np.ndarray, cosine: float) -> bool:
     """Whether the surface at ``y`` (3,) with that ``normal`` (3,) shows its front to ``p`` (>= 3,), not too aslant."""
     along = normal[0] * (p[0] - y[0]) + normal[1] * (p[1] - y[1]) + normal[2] * (p[2] - y[2])
@@ -258,7 +258,7 @@ def _poisson(rate: float, luck: float, capacity: int) -> int:
     return k
 
 
-@compiled
+@borrowing
 def _shuffle(candidates: np.ndarray, labels: np.ndarray, order: np.ndarray) -> None:
     """Sort the detections by their random ``order`` (n,), by insertion: there are few."""
     for i in range(1, order.shape[0]):

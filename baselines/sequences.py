@@ -70,7 +70,7 @@ class Sequence(NamedTuple):
 class BestSequence(Policy):
     """The best sequence of the scenario, by the median log score, or a given ``sequence``.
 
-    The strongest policy that looks at nothing.
+    What a search found: better ones may exist.
     """
 
     def __init__(self, env: Environment, sequence: Sequence | None = None) -> None:

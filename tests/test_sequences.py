@@ -84,6 +84,20 @@ def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest
     assert (found.plan(35) == wanted).mean() > 0.9 > max((plan == wanted).mean() for plan in constants)
 
 
+def test_the_best_constant_is_among_the_finalists_though_the_first_rooms_speak_against_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    held = constant((int(Motion.UP), int(Gaze.LEFT)))
+
+    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, times: Any) -> np.ndarray:
+        last = len(seeds) == sequences.LAST_ROOMS
+        return np.repeat([[1.0 if (one == held) is last else 0.0] for one in pool], len(seeds), axis=1)
+
+    monkeypatch.setattr(sequences, "log_scores", worths)
+    monkeypatch.setattr(sequences, "best_constant_of", lambda *_: {"motion": "UP", "gaze": "LEFT"})
+    assert sequence_from(choose_sequence(Scenario(), 1.0, 1.0, 35.0)) == held
+
+
 def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_their_finalists() -> None:
     shipped = json.loads(TABLE.read_text(encoding="utf-8"))
     assert "paper" in {entry["scenario"] for entry in shipped.values()}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from activeslam_gym.config import scenario_from
+from agents import pretrained
 from agents.bounds.ceiling import ceiling
 from agents.bounds.drawing import draw
 from agents.bounds.planners import BUDGETS
@@ -17,12 +18,13 @@ from agents.compare.command import Args as Comparison
 from agents.compare.command import compare
 from agents.episode import Episode
 from agents.task import check, file_name
-from agents.tools.arguments import Rooms, given
+from agents.tools.arguments import Rooms, first_room, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
 from agents.tools.statistics import estimate
 
-SEQUENCE, CLAIRVOYANT, CEILING = "best-sequence", "clairvoyant planner", "sees everything"
+SEQUENCE, GENERAL = "best-sequence", "ppo-mixed"
+CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
 PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]
 SOURCES = PLANNERS | {CLAIRVOYANT: "agents.bounds.planners:clairvoyant"}
@@ -35,12 +37,12 @@ Scores = dict[str, dict[int, float]]
 class Args(Rooms):
     """Bounds: constants, greedy and learned policies, the planner at three budgets, and what cannot be reached."""
 
-    scenarios: tuple[str, ...] = ("paper", "hall", "clutter")
-    """Names of scenarios."""
+    scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "corner")
+    """Names of scenarios, each in rooms of its own: `seed` counts from its first, and 1 000 000 is that one."""
     greedy: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "joint-mi", "lookahead-2")
     """Greedy policies, of which the best counts."""
-    learned: tuple[str, ...] = ("ppo",)
-    """Learned policies."""
+    learned: tuple[str, ...] = ()
+    """Learned policies; those trained in the scenario, and `ppo-mixed`, if none is given."""
     episodes: int = 50
     """Rooms for each policy and scenario."""
     gaze_period: float = 0.25
@@ -64,18 +66,18 @@ class Args(Rooms):
         scenarios = " ".join(self.scenarios)
         return f"python -m agents bounds --scenarios {scenarios} --episodes {self.episodes} --seed {self.seed}"
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The policies that are run, as the tables call them."""
-        return (BASE, SEQUENCE, *self.greedy, *self.learned, *SOURCES)
+    def names(self, scenario: str) -> tuple[str, ...]:
+        """The policies that are run there, as the tables call them."""
+        learned = self.learned or (*pretrained.trained_in(scenario), GENERAL)
+        return (BASE, SEQUENCE, *self.greedy, *learned, *SOURCES)
 
     def comparison(self, scenario: str) -> Comparison:
         """The comparison in one scenario."""
-        policies = tuple(SOURCES.get(name, name) for name in self.names)
+        policies = tuple(SOURCES.get(name, name) for name in self.names(scenario))
         return Comparison(
             policies=policies,
             episodes=self.episodes,
-            seed=self.seed,
+            seed=first_room(scenario, self.seed),
             jobs=self.jobs,
             scenario=scenario,
             gaze_period=self.gaze_period,
@@ -107,10 +109,11 @@ def main(args: Args) -> int:
 
 def scores(args: Args, scenario: str) -> Scores:
     """The log scores that the comparison left in its folder, and the loose bound on the largest planner's path."""
-    folder, seeds = args.out / scenario / "episodes", range(args.seed, args.seed + args.episodes)
+    folder, first = args.out / scenario / "episodes", first_room(scenario, args.seed)
+    seeds = range(first, first + args.episodes)
     episodes = {
         name: {seed: Episode.load(folder / f"{file_name(SOURCES.get(name, name))}-{seed}.npz") for seed in seeds}
-        for name in args.names
+        for name in args.names(scenario)
     }
     out = {
         name: {seed: float(run.log_score[-1] - run.log_score[0]) for seed, run in runs.items()}

@@ -4,12 +4,12 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from activeslam_gym.config import SCENARIOS, benchmark_seed
+from activeslam_gym.config import SCENARIOS
 from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
 from agents.tables import Table, legend, pipes, shown, titled
 from agents.task import check
-from agents.tools.arguments import Rooms
+from agents.tools.arguments import Rooms, first_room
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
 from agents.tools.statistics import MISSING
@@ -113,6 +113,6 @@ def shares(summaries: dict[str, Summary]) -> Table:
 def _comparison(args: Args, name: str, scenario: str) -> command.Args:
     """The comparison in one condition, which leaves its own page, summary.md, in a folder of its own."""
     same = {key: getattr(args, key) for key in ("policies", "episodes", "jobs")}
-    seed = args.seed + (benchmark_seed(name) - benchmark_seed("paper") if name in args.scenarios else 0)
+    seed = first_room(name, args.seed) if name in args.scenarios else args.seed
     out = args.out / name.replace(" ", "-")
     return command.Args(**same, seed=seed, out=out, scenario=scenario, resume=True, figures=False)

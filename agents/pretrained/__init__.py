@@ -1,5 +1,6 @@
 """The shipped weights, `NAME.npz`, each beside its card, `NAME.json`: how it was trained, and what it reached."""
 
+import json
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
@@ -8,3 +9,9 @@ FOLDER = Path(__file__).parent
 def names(folder: Path = FOLDER) -> list[str]:
     """Names of the learned policies in a folder."""
     return sorted(path.stem for path in folder.glob("*.npz"))
+
+
+def trained_in(scenario: str) -> list[str]:
+    """Names of the shipped policies that were trained in the named scenario."""
+    cards = {name: json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in names()}
+    return [name for name, card in cards.items() if card["scenario"] == scenario]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from activeslam_gym.config import benchmark_seed
 from agents.tools.files import writable_folder
 from agents.tools.sections import page_with
 
@@ -72,6 +73,11 @@ def times(args: Any, name: str) -> None:
 def times_within(times: Sequence[float], duration: float) -> list[float]:
     """Those within the duration, and its end."""
     return sorted({*(time for time in times if time < duration), duration})
+
+
+def first_room(scenario: str, seed: int) -> int:
+    """The seed as far from the first of a scenario's own rooms as ``seed`` is from that of ``paper``."""
+    return seed + benchmark_seed(scenario) - benchmark_seed("paper")
 
 
 def scenario_argument(text: str) -> str | dict[str, Any]:

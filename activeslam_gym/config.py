@@ -433,7 +433,8 @@ _PLACES = (
     ),
     Scenario(
         name="rooms", inner_walls=(1, 2), box_count=(0, 2), boxes_known=True, duration=90.0,
-        **(_FURNISHED | {"room_size": (8.0, 2.4, 4.5), "landmark_count": 60, "inverse_depth_mean": 0.3}), **_CALM,
+        **(_FURNISHED | {"room_size": (8.0, 2.4, 4.5), "landmark_count": 72, "inverse_depth_mean": 0.3}),
+        **(_CALM | {"acceleration_std": 0.1, "angular_acceleration_std": 0.1}),
     ),
     Scenario(
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,

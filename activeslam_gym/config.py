@@ -438,8 +438,8 @@ _PLACES = (
     ),
     Scenario(
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
-        start=ANYWHERE, maximum_distance=4.0, negative_information=True,
-        **(_CALM | {"acceleration_std": 0.15, "angular_acceleration_std": 0.15}),
+        start=ANYWHERE, maximum_distance=4.5, negative_information=True,
+        **(_CALM | {"acceleration_std": 0.07, "angular_acceleration_std": 0.07}),
     ),
     Scenario(name="corner", duration=12.0, **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),

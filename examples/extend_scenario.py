@@ -1,4 +1,4 @@
-"""A scenario of your own: a corridor with a poorer camera, by name everywhere that a scenario is taken."""
+"""A scenario of your own: a tunnel with a poorer camera, by name everywhere that a scenario is taken."""
 
 import dataclasses
 
@@ -9,8 +9,8 @@ from activeslam_gym import SCENARIOS, Scenario
 from agents.evaluate import run_episode
 
 # --8<-- [start:fields]
-corridor = Scenario(
-    name="corridor",
+tunnel = Scenario(
+    name="tunnel",
     room_size=(2.0, 2.0, 12.0),  # X, Y (height), Z [m]
     landmark_count=40,
     pixel_std=3.0,  # [px]
@@ -19,11 +19,11 @@ corridor = Scenario(
 # --8<-- [end:fields]
 
 # --8<-- [start:use]
-env = gym.make("ActiveSLAM-v0", scenario=corridor, gaze_period=0.25)
-same = gym.make("ActiveSLAM-v0", scenario=dataclasses.asdict(corridor), gaze_period=0.25)  # what an env spec holds
-SCENARIOS[corridor.name] = corridor  # from here on, scenario="corridor" in this process
+env = gym.make("ActiveSLAM-v0", scenario=tunnel, gaze_period=0.25)
+same = gym.make("ActiveSLAM-v0", scenario=dataclasses.asdict(tunnel), gaze_period=0.25)  # what an env spec holds
+SCENARIOS[tunnel.name] = tunnel  # from here on, scenario="tunnel" in this process
 # --8<-- [end:use]
 
 if __name__ == "__main__":
     run = run_episode(env, baselines.make("mi-fisher", env), seed=1)
-    print(f"{run.landmarks_mapped[-1]} of {corridor.landmark_count} landmarks mapped, lost: {run.lost}")
+    print(f"{run.landmarks_mapped[-1]} of {tunnel.landmark_count} landmarks mapped, lost: {run.lost}")

@@ -32,13 +32,13 @@ def test_example_runs_and_says_something(path: Path) -> None:
 
 
 def test_a_scenario_of_ones_own_has_three_forms() -> None:
-    from examples.extend_scenario import corridor, env, same
+    from examples.extend_scenario import env, same, tunnel
 
     try:
-        by_name = gym.make("ActiveSLAM-v0", scenario="corridor")
+        by_name = gym.make("ActiveSLAM-v0", scenario="tunnel")
     finally:
-        del SCENARIOS["corridor"]  # other tests go through all of them
-    assert [one.unwrapped.scenario for one in (env, same, by_name)] == [corridor] * 3
+        del SCENARIOS["tunnel"]  # other tests go through all of them
+    assert [one.unwrapped.scenario for one in (env, same, by_name)] == [tunnel] * 3
 
 
 def test_the_price_is_paid_once_a_translation_and_told() -> None:

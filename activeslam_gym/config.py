@@ -433,13 +433,13 @@ _PLACES = (
     ),
     Scenario(
         name="rooms", inner_walls=(1, 2), box_count=(0, 2), boxes_known=True, duration=90.0,
+        pixel_std=1.0, acceleration_std=0.1, angular_acceleration_std=0.1,
         **(_FURNISHED | {"room_size": (8.0, 2.4, 4.5), "landmark_count": 72, "inverse_depth_mean": 0.3}),
-        **(_CALM | {"acceleration_std": 0.1, "angular_acceleration_std": 0.1}),
     ),
     Scenario(
         name="clusters", room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5,
         start=ANYWHERE, maximum_distance=4.5, negative_information=True,
-        **(_CALM | {"acceleration_std": 0.07, "angular_acceleration_std": 0.07}),
+        pixel_std=1.0, acceleration_std=0.07, angular_acceleration_std=0.07,
     ),
     Scenario(name="corner", duration=12.0, **(_FURNISHED | {"start": CORNER}), **_CALM),
     Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),

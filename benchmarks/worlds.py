@@ -27,7 +27,7 @@ from agents import policies
 from agents.tools.statistics import estimate
 from baselines import Predictor
 
-PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "mixed")
+PLACES = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
 OPEN = ("best-constant", "sweep", "best-sequence")
 PERIOD = 0.25

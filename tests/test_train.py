@@ -83,6 +83,8 @@ def test_shipped_weights_were_trained_with_what_there_is_now() -> None:
         changed = {field: getattr(recipe, field) for field in of_its_own}
         assert recipe == Recipe(**changed), "the command's defaults make other weights"
         assert card["command"].startswith("python -m agents train ")
+        if name == "ppo":
+            assert recipe == Recipe(), "the bare command makes other weights"
 
 
 @pytest.fixture(scope="module")

@@ -445,7 +445,8 @@ _PLACES = (
     Scenario(name="sprint", start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0),
     Scenario(
         name="noisy", room_size=(8.0, 2.4, 5.0), landmark_count=40, fiducial_count=10, inverse_depth_mean=0.3,
-        pixel_std=4.0, start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0,
+        pixel_std=4.0, acceleration_std=0.4, angular_acceleration_std=0.4,
+        start=WALL, duration=10.0, negative_information=True, gaze_horizon=3.0,
     ),
     Scenario(
         name="mixed", box_count=(0, 5), **(_FURNISHED | {"landmark_count": 56}),
@@ -508,7 +509,7 @@ ASKED: dict[str, str] = {
     "clusters": "a few groups of landmarks, far apart, in much emptiness, of which only the near is seen",
     "corner": "12 s from a corner, facing a wall: turn to the room, on the side where it is, without losing sight",
     "sprint": "10 s along a wall, the room to the left or to the right: no time to look everywhere",
-    "noisy": "10 s along a wall with 4 px of image noise and the paper's rough hand: what is worth a look?",
+    "noisy": "10 s along a wall with 4 px of image noise and a rough hand: what is worth a look?",
     "mixed": "generalise: size, furniture, image noise and roughness are drawn at each reset",
     "pixels": "images of a textured room in the place of points",
     "hand-held-pixels": "the same, with a hand-held camera whose motion the filter does not know",

@@ -44,10 +44,10 @@ def factory(name: str) -> Factory:
 
 
 def content(name: str) -> str:
-    """Digest of what a policy is made of beside this project: weights and their card, or a module and its imports."""
+    """Digest of what a policy is made of beside the code: weights and their card, or a module and its imports."""
     if ":" in name:
         return module_sources(name.partition(":")[0])
-    path = Path(name)
+    path = pretrained.FOLDER / f"{name}.npz" if name in pretrained.names() else Path(name)
     return digest(path, path.with_suffix(".json")) if path.suffix == ".npz" else ""
 
 

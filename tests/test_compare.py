@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.files import written_whole
-from agents import figures, policies, tables
+from agents import figures, policies, pretrained, tables
 from agents.__main__ import main
 from agents.compare import Args, compare
 from agents.episode import SAMPLED, Episode, honesty, outcome
@@ -267,6 +267,12 @@ def test_replaced_weights_are_run_again(tmp_path: Path, capsys: pytest.CaptureFi
     again = resumed(tuple(names), tmp_path / "out")
     assert again[names[0]] == again[names[1]] == first[names[1]]
     assert "2 of 4 episodes are those of an earlier run; not taken: 2 of other" in capsys.readouterr().out
+
+
+def test_shipped_weights_count_for_their_own_episodes_alone() -> None:
+    made_of = {policies.content(name) for name in pretrained.names()}
+    assert len(made_of) == len(pretrained.names()) and "" not in made_of
+    assert policies.content("mi-mi") == ""
 
 
 def test_a_changed_module_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,6 @@ from uuid import uuid4
 
 import activeslam_gym
 import baselines
-from agents import pretrained
 
 RESULTS_REST_ON = ("gymnasium", "numba", "numpy", "scipy")
 """Packages whose versions are written beside results."""
@@ -48,8 +47,8 @@ def package_versions(packages: tuple[str, ...]) -> dict[str, str]:
 
 @cache
 def sources() -> str:
-    """Digest of the environment, the baselines and the shipped weights, on which every episode rests."""
-    kinds = ((activeslam_gym, "*.py"), (baselines, "*.py"), (pretrained, "*.npz"), (pretrained, "*.json"))
+    """Digest of the environment and the baselines, their tables among them, on which every episode rests."""
+    kinds = ((activeslam_gym, "*.py"), (baselines, "*.py"), (baselines, "*.json"))
     return digest(*(path for home, kind in kinds for path in sorted(Path(str(home.__file__)).parent.rglob(kind))))
 
 

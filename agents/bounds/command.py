@@ -37,7 +37,7 @@ Scores = dict[str, dict[int, float]]
 class Args(Rooms):
     """Bounds: constants, greedy and learned policies, the planner at three budgets, and what cannot be reached."""
 
-    scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "corner")
+    scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "noisy", "corner")
     """Names of scenarios, each in rooms of its own: `seed` counts from its first, and 1 000 000 is that one."""
     greedy: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "joint-mi", "lookahead-2")
     """Greedy policies, of which the best counts."""

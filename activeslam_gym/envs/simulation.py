@@ -337,11 +337,11 @@ def face_fiducials(run: Run, rng: np.random.Generator) -> None:
 
 @compiled
 def begin_motion(run: Run, command: np.ndarray) -> None:
-    """Read a motion, ``command`` (>= 3,): its goal from the present estimate, clipped into the room.
+    """Read a motion, ``command`` (>= 3,): its goal from where the camera is felt to be, clipped into the room.
 
     Where there are boxes it stops short of what is sensed to be in the way.
     """
-    control, motion, camera = run.episode.control, run.models.motion, run.belief.state.camera
+    control, motion, camera = run.episode.control, run.models.motion, felt(run)
     d = np.empty(3)
     for i in range(3):
         control.command[i] = command[i]
@@ -351,6 +351,15 @@ def begin_motion(run: Run, command: np.ndarray) -> None:
     copy_into(control.start, camera[POSITION])
     copy_into(control.goal, goal_by(motion, camera, d))
     control.frames = 0
+
+
+@compiled
+def felt(run: Run) -> np.ndarray:
+    """(13,) the camera as who moves it feels it: a robot by its estimate, a person's hand by the person's own senses.
+
+    A person does not read the filter, and the filter does not know the person's commands.
+    """
+    return run.belief.state.camera if run.models.motion.command_known else run.world.state.camera
 
 
 @compiled
@@ -369,7 +378,7 @@ def drive(run: Run, gaze: float) -> np.ndarray:
     motion, frame, control = run.models.motion, run.belief.state.frame, run.episode.control
     turn = turn_by(motion, gaze, frame * motion.dt)
     seconds = control.frames * motion.dt
-    u = accelerations(motion, run.belief.state.camera, control.start, control.goal, seconds, turn)
+    u = accelerations(motion, felt(run), control.start, control.goal, seconds, turn)
     contacts = move(motion, run.world, u, frame)
     run.episode.events.wall_contacts += contacts
     control.frames += 1

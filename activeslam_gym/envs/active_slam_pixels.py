@@ -24,6 +24,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introduce_target
+from activeslam_gym.vision.room.scene import BOX_COUNT
 
 SIGHTED = FrontEndSettings(
     visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.2, fiducial_std=0.3,
@@ -55,6 +56,8 @@ class Eye:
     def __init__(self, setting: Setting, run: Run, seed: np.random.SeedSequence) -> None:
         self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
         run.world.fiducials[:] = self._camera.fiducials
+        run.world.boxes[:] = self._camera.scene.boxes
+        run.world.state.boxes = len(self._camera.scene.boxes)
         self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials, products_last=False)
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, setting.scenario, self._camera.fiducials)
@@ -94,7 +97,9 @@ class _Sighted(Reads):
             ModuleNotFoundError: OpenCV is not installed.
         """
         opencv()
-        self._eyes: list[Any] = [None] * len(self._runs.episode)
+        world, count = self._runs.world, len(self._runs.episode)
+        self._runs = self._runs._replace(world=world._replace(boxes=np.zeros((count, BOX_COUNT, 2, 3))))
+        self._eyes: list[Any] = [None] * count
 
     def _reset_run(self, i: int, key: int) -> None:
         super()._reset_run(i, key)
@@ -143,7 +148,8 @@ class ActiveSLAMPixelsEnv(_Sighted, ActiveSLAMEnv):
     - Truth of a landmark is the scene point of its feature's birth pixel, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.
     - A match is wrong where the feature's scene point is more than 4 pixels from it in the true image.
-    - Nothing stops the camera at a box.
+    - The room's boxes stop the camera, and a motion stops short of them; the belief knows nothing of them, and nothing
+      tells how far they are.
 
     Raises:
         ValueError: a bad argument or action.

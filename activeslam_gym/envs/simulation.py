@@ -46,6 +46,7 @@ from activeslam_gym.world.simulator import (
     detect,
     detection_capacity,
     empty_worlds,
+    keep_off,
     move,
     put_room,
     sensor_of,
@@ -339,7 +340,7 @@ def face_fiducials(run: Run, rng: np.random.Generator) -> None:
 def begin_motion(run: Run, command: np.ndarray) -> None:
     """Read a motion, ``command`` (>= 3,): its goal from where the camera is felt to be, clipped into the room.
 
-    Where there are boxes it stops short of what is sensed to be in the way.
+    Where there are boxes it stops short of what is in the way, or keeps off it on all sides.
     """
     control, motion, camera = run.episode.control, run.models.motion, felt(run)
     d = np.empty(3)
@@ -348,6 +349,8 @@ def begin_motion(run: Run, command: np.ndarray) -> None:
         d[i] = motion.step_length * command[i]
     if motion.bodies:
         stop_short(motion, run.world, d)
+    elif run.world.state.boxes > 0:
+        keep_off(motion, run.world, d)
     copy_into(control.start, camera[POSITION])
     copy_into(control.goal, goal_by(motion, camera, d))
     control.frames = 0

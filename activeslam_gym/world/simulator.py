@@ -198,6 +198,19 @@ def stop_short(motion: Record, world: World, d: np.ndarray) -> None:
 
 
 @compiled
+def keep_off(motion: Record, world: World, d: np.ndarray) -> None:
+    """Shorten the translation ``d`` (3,) [m], in camera axes, to end as far from all boxes, on every side, as goals do
+    from walls."""
+    R_WC, way = rotation_matrix(world.state.camera[QUATERNION]), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            way[i] += R_WC[i, j] * d[j]
+    share = free_way(boxes_of(world), motion.goal_margin, world.state.camera[POSITION], way)
+    for i in range(3):
+        d[i] *= share
+
+
+@compiled
 def _draws(world: World) -> int:
     """Draws that one frame may use; a generous fixed stride, so that frames never share one."""
     return 4096 + 8 * (world.fiducials.shape[0] + world.landmarks.shape[0])

@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym import SCENARIOS
 from activeslam_gym.motion import Gaze, Motion
+from activeslam_gym.world import simulator
 
 pytest.importorskip("cv2")
 
@@ -143,6 +144,22 @@ def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install -e '\.\[vision\]'"):
         gym.make(NAME)
+
+
+def test_boxes_stop_the_camera_and_motions_keep_off_them() -> None:
+    env = gym.make(NAME).unwrapped
+    env.reset(seed=3)
+    motion, world = env._run.models.motion, env._run.world
+    low, high = simulator.boxes_of(world)[0]
+    side = np.array((0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]))
+    world.state.camera[:7] = *(side - (0.0, 0.0, motion.goal_margin + 0.1)), 1.0, 0.0, 0.0, 0.0
+    for d, wanted in (((0.0, 0.0, 0.3), 0.1), ((0.0, 0.0, -0.3), -0.3), ((0.0, 0.0, 0.05), 0.05)):
+        shortened = np.array(d)
+        simulator.keep_off(motion, world, shortened)
+        np.testing.assert_allclose(shortened, (0.0, 0.0, wanted), atol=1e-9)
+    world.state.camera[2] = side[2] - 0.5 * motion.wall_margin
+    assert simulator.move(motion, world, np.zeros(6), 1) > 0
+    assert world.state.camera[2] <= side[2] - motion.wall_margin + 1e-9
 
 
 def test_policies_and_compare_take_it() -> None:

@@ -244,7 +244,7 @@ class Scenario:
     filter_angular_acceleration_std: PositiveFloatOrNone = None
     """What the filter assumes [rad/s^2]; None: the truth."""
     command_known: Switch = True
-    """Whether the filter knows the commanded acceleration. False: it assumes zero, and the camera is held by a person, who
+    """Whether the filter knows the commanded acceleration. False: it assumes zero, and a person holds the camera, who
     moves it by own senses and not by the filter's estimate."""
     scripted_gaze_amplitude: NonNegativeFloat = 0.0
     """If positive, the gaze swings by this angle to each side by itself and gaze actions have no effect [rad]."""

@@ -10,7 +10,7 @@ from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.geometry import rotate_left
-from activeslam_gym.motion import accelerations, turn_of
+from activeslam_gym.motion import CAMERA_DIM, accelerations, turn_of
 from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import fiducial_id
 from activeslam_gym.slam.filter import Filter, candidates_of
@@ -105,6 +105,26 @@ def test_time_steps_may_differ_from_call_to_call() -> None:
     np.testing.assert_array_equal(joint_covariance(default.belief), joint_covariance(frame.belief))
 
 
+def test_features_wander_across_their_sight_lines_as_the_view_changes() -> None:
+    """P of a feature's direction grows by drift^2 a radian, however the way is cut, and nothing else does."""
+    scenario = replace(PAPER, initialisation=INVERSE_DEPTH)
+    moving, resting = random_camera(np.random.default_rng(1)), random_camera(np.random.default_rng(1))
+    moving[7:13], resting[7:13] = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
+    angles = slice(CAMERA_DIM + 3, CAMERA_DIM + 5)
+    grown = []
+    for camera, frames in ((moving, 1), (moving, 10), (resting, 10)):
+        still, free = (Filter(scenario, camera=camera) for _ in range(2))
+        still.birth([150.0, 110.0]), free.birth([150.0, 110.0])
+        for _ in range(frames):
+            still.predict(dt=0.1 / frames), free.predict(dt=0.1 / frames, drift=0.01)
+        difference = joint_covariance(free.belief) - joint_covariance(still.belief)
+        grown.append(np.diag(difference)[angles])
+        assert np.count_nonzero(np.abs(difference) > 1e-15) == 2 * (camera is moving)
+    distance = np.linalg.norm(free.positions[0] - resting[:3])
+    np.testing.assert_allclose(grown[0], 0.01**2 * 0.02 / distance, rtol=0.02)
+    np.testing.assert_allclose(grown[1], grown[0], rtol=0.02)
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -117,6 +137,7 @@ def test_time_steps_may_differ_from_call_to_call() -> None:
         (lambda f: f.predict("fast"), "u must be .* got 'fast'"),
         (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
         (lambda f: f.predict(dt=np.inf), "dt must be a positive number"),
+        (lambda f: f.predict(drift=-0.1), "drift must be a number of radians that is not negative, got -0.1"),
         (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
         (lambda f: f.birth([[1.0], [2.0, 3.0]]), "pixel must be"),
         (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),

@@ -43,7 +43,7 @@ from activeslam_gym.slam.initialisation import (
     initialisation_of,
     mature,
 )
-from activeslam_gym.slam.kalman import predict
+from activeslam_gym.slam.kalman import predict, wander
 from activeslam_gym.slam.map import remove_feature
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
 
@@ -287,12 +287,20 @@ class Filter:
         mean = _array("camera", camera, first, first.shape)
         reset_belief(self.belief, mean, _array("covariance", covariance, prior, prior.shape))
 
-    def predict(self, u: Any = None, dt: float | None = None) -> None:
-        """``dt`` seconds ahead (None: the scenario's frame) under the known accelerations ``u`` (6,), None: zero."""
+    def predict(self, u: Any = None, dt: float | None = None, drift: float = 0.0) -> None:
+        """``dt`` seconds ahead (None: the scenario's frame) under the known accelerations ``u`` (6,), None: zero.
+
+        ``drift``: deviation [rad] by which each feature's direction wanders while its view changes by a radian, for a
+        sensor that does not see quite the same point from everywhere (`kalman.wander`).
+        """
         step = float(self.motion.dt if dt is None else dt)
         if not 0.0 < step < np.inf:
             raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
+        if not 0.0 <= drift < np.inf:
+            raise ValueError(f"drift must be a number of radians that is not negative, got {drift!r}")
         predict(self.motion, self.belief, _array("u", u, np.zeros(6), (6,)), step)
+        if drift > 0.0:
+            wander(self.belief, float(drift), step)
         self._sight = None
 
     def sight(self) -> Sight:

@@ -18,13 +18,17 @@ from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
     D_VELOCITY,
+    POSITION,
     VELOCITY,
     process_covariance,
     transition,
     transition_jacobian,
 )
-from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, FEATURE_SIZE, POINT, Belief, point_of
 from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
+
+_NEAREST = 0.1
+"""Nearer than that, a view changes no faster [m]."""
 
 
 @compiled
@@ -38,6 +42,28 @@ def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
     copy_into(belief.state.camera, x)
     propagate(belief.covariance, belief.state.dim, F_x, process_covariance(motion, F_x, dt))
     belief.state.frame += 1
+
+
+@compiled
+def wander(belief: Belief, drift: float, dt: float) -> None:
+    """Each feature walks at random across its sight line, as the camera's view of it changes in ``dt`` seconds.
+
+    Its variance there, as an angle, grows by ``drift``^2 [rad^2] for each radian by which the camera goes round it:
+    what a patch shows from another side is not quite the same point, and the less so the farther the camera went.
+    """
+    x, P, T = belief.state.camera, belief.covariance, np.empty((3, FEATURE_SIZE))
+    speed = math.sqrt(x[VELOCITY.start] ** 2 + x[VELOCITY.start + 1] ** 2 + x[VELOCITY.start + 2] ** 2)
+    for k in range(belief.state.count):
+        feature, point, square = belief.feature[k], point_of(belief, k, T), 0.0
+        for i in range(3):
+            square += (point[i] - x[POSITION.start + i]) ** 2
+        var = drift * drift * min(speed * dt / max(math.sqrt(square), _NEAREST), 1.0)
+        if feature.kind == POINT:
+            for row in range(feature.start, feature.start + 3):
+                P[row, row] += var * square
+        else:
+            for row in (feature.start + AZIMUTH, feature.start + ELEVATION):
+                P[row, row] += var
 
 
 @borrowing

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, compiled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.templates import (
     TEMPLATE_HALF,
@@ -109,7 +109,7 @@ def _is_searchable(model: Record, image: np.ndarray, z: np.ndarray, S: np.ndarra
 
 @compiled
 def _normalise(drawn: np.ndarray, T: np.ndarray) -> bool:
-    """T = drawn with mean 0 and length 1, its unseen pixels at the mean; False if there is nothing on it."""
+    """T = drawn with mean 0 and length 1, its unseen pixels 0; False if there is nothing on it."""
     total, seen = 0.0, 0
     for i in range(TEMPLATE_SIDE):
         for j in range(TEMPLATE_SIDE):
@@ -273,17 +273,25 @@ def _structure(T: np.ndarray) -> tuple[float, float, float]:
     xx, xy, yy = 1e-6, 0.0, 1e-6
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
-            gx, gy = 0.5 * (T[i, j + 1] - T[i, j - 1]), 0.5 * (T[i + 1, j] - T[i - 1, j])
+            gx, gy = _gradient(T, i, j)
             xx += gx * gx
             xy += gx * gy
             yy += gy * gy
     return xx, xy, yy
 
 
+@borrowing
+def _gradient(T: np.ndarray, i: int, j: int) -> tuple[float, float]:
+    """dT/dx and dT/dy; zero at a pixel that is not seen, and beside one: what is not seen has no edge."""
+    if T[i, j] == 0.0 or T[i, j - 1] == 0.0 or T[i, j + 1] == 0.0 or T[i - 1, j] == 0.0 or T[i + 1, j] == 0.0:
+        return 0.0, 0.0
+    return 0.5 * (T[i, j + 1] - T[i, j - 1]), 0.5 * (T[i + 1, j] - T[i - 1, j])
+
+
 @compiled
 def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float, float, float]:
-    """(J^T r as x and y, r^T r) of the image around ``pixel``, sampled between the pixels, against ``T``."""
-    total, square = 0.0, 0.0
+    """(J^T r as x and y, r^T r) of the image around ``pixel``, against ``T`` where it is seen."""
+    total, square, seen = 0.0, 0.0, 0
     column, row = math.floor(pixel[0]), math.floor(pixel[1])
     h, w = image.shape
     edge = TEMPLATE_HALF + 1
@@ -298,15 +306,19 @@ def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float,
         for j in range(TEMPLATE_SIDE):
             value = w00 * upper[j] + w01 * upper[j + 1] + w10 * lower[j] + w11 * lower[j + 1]
             values[i, j] = value
-            total += value
-            square += value * value
-    mean = total / _COUNT
+            if T[i, j] != 0.0:
+                total += value
+                square += value * value
+                seen += 1
+    mean = total / max(seen, 1)
     scale = 1.0 / math.sqrt(max(square - total * mean, 1.0))
     g0, g1, residual = 0.0, 0.0, 0.0
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
-            r = (values[i, j] - mean) * scale - T[i, j]
-            g0 += 0.5 * (T[i, j + 1] - T[i, j - 1]) * r
-            g1 += 0.5 * (T[i + 1, j] - T[i - 1, j]) * r
-            residual += r * r
+            if T[i, j] != 0.0:
+                gx, gy = _gradient(T, i, j)
+                r = (values[i, j] - mean) * scale - T[i, j]
+                g0 += gx * r
+                g1 += gy * r
+                residual += r * r
     return g0, g1, residual

@@ -25,7 +25,7 @@ _LEAST_COSINE = 0.35
 """A plane seen more obliquely than this is not predicted."""
 _SCALES = (0.45, 2.2)
 """Nor is one at less or more than so many times the distance of its first sight."""
-_LEAST_INSIDE = 0.9
+_LEAST_INSIDE = 0.7
 """Nor is a template of which less than this share has been seen."""
 
 

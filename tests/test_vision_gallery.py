@@ -96,3 +96,13 @@ def test_scouts_search_a_part_of_what_is_too_large_to_search() -> None:
     near, far = SETTINGS.search(scouting=False), SETTINGS.search(scouting=True)
     assert not near.shrink and near.largest_area == SETTINGS.largest_area
     assert far.shrink and far.largest_area == SETTINGS.scout_area
+
+
+def test_new_looks_keep_the_record(gallery, grey) -> None:
+    """The target is drawn anew as it is seen otherwise; what was often matched stays so."""
+    gallery.judge([7, -1], {-1}, {7, -1}, 5)
+    places, before = gallery.places([-1]), gallery.templates.patch[gallery.places([-1])].copy()
+    gallery.hang(-1, grey[::-1].copy(), PIXEL, pose_at((0.1, 0.0, 0.7)), np.zeros(3), 6)
+    assert gallery.places([-1]) == places and gallery.best(1) == [-1] and gallery.features == 2
+    assert not np.array_equal(gallery.templates.patch[places], before)
+    np.testing.assert_array_equal(gallery.templates.camera[places[0]], pose_at((0.1, 0.0, 0.7))[:7])

@@ -10,6 +10,7 @@ from scipy import ndimage
 from activeslam_gym.camera import camera_of, camera_point, pixel_from_camera_point
 from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
+from activeslam_gym.vision.room.camera import RoomCamera, target_seen
 from activeslam_gym.vision.room.geometry import Scene, scene_point
 from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens, lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
@@ -17,6 +18,9 @@ from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.sensor import Sensor, gain, sensor_of
 from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.room.textures import texture_library, write_pyramid
+from activeslam_gym.vision.search import search
+from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.templates import empty_templates, store
 
 PLAIN = sensor_of(exposure=0.0, noise_std=0.0, gain_std=0.0)
 KEY = np.array([11], np.uint64)
@@ -345,3 +349,49 @@ def test_the_lens_is_free() -> None:
         pixel_from_camera_point(camera, camera_point(np.eye(3), state(), corner), pixel)
         u, v = (int(value) for value in pixel)
         assert image[v - 3 : v + 5, u - 3 : u + 5].std() > 25.0, "black meets white there"
+
+
+def found_corners(x: np.ndarray, drawn_from: np.ndarray, fiducials: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """(4, 2) the corners' pixels by search in ``image`` from ``x``, their templates drawn for another view."""
+    picture, pixels = target_seen(CAMERA, fiducials.mean(axis=0), drawn_from[:7])
+    templates = empty_templates(4)
+    for k, pixel in enumerate(pixels):
+        store(CAMERA, templates, k, -1 - k, picture, pixel, drawn_from, np.array((0.0, 0.0, 1.0)))
+    guess = np.array([projection(x, corner) for corner in fiducials]) + 0.7
+    S = np.tile(np.eye(2), (4, 1, 1))
+    found = search(CAMERA, FrontEndSettings().search(False), templates, image, x, np.arange(4), fiducials, guess, S)
+    return np.where(found.peaks[:, None] > 0, found.pixel[:, 0], np.nan)
+
+
+@pytest.mark.parametrize(
+    "place", [(0.0, 0.0, -1.0), (0.0, 0.0, -1.9), (0.7, 0.2, -1.7), (0.0, 0.0, -2.9), (-0.9, 0.1, -2.4)]
+)
+def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
+    """At every distance, up to the sensor's noise; and its corners are found without a bias, with looks that were drawn
+    for a view 0.06 rad off."""
+    eye = RoomCamera(SCENARIOS["pixels"], CAMERA, np.random.SeedSequence(4))
+    middle, errors = eye.fiducials.mean(axis=0), []
+    for k in range(12):  # twelve phases of the pixels
+        x = state(
+            middle + place + 0.01 * np.array((np.cos(k), np.sin(2 * k), np.sin(k))), (0.01 * k, 0.02 * np.cos(k), 0.0)
+        )
+        other = state(x[:3] + 0.06 * np.linalg.norm(place) * np.array((0.7, 0.1, 0.7)), (0.0, 0.03, 0.0))
+        image = eye.photograph(x, k + 1).astype(np.float32)
+        picture, corners = target_seen(CAMERA, middle, x[:7])
+        np.testing.assert_allclose(corners, [projection(x, corner) for corner in eye.fiducials], atol=1e-9)
+        seen = np.isfinite(picture)
+        contrast, black = np.polyfit(picture[seen], image[seen], 1)
+        assert np.std(image[seen] - contrast * picture[seen] - black) < 4.0  # of which 2 are noise
+        errors.append(found_corners(x, other, eye.fiducials, image) - corners)
+    assert np.isfinite(errors).all()
+    assert np.sqrt(np.mean(np.square(errors))) < 0.05 and np.abs(np.mean(errors, axis=0)).max() < 0.04
+
+
+def test_nobody_knows_what_is_beside_the_sheet() -> None:
+    middle = np.array((0.1, 0.2, 3.0))
+    picture, corners = target_seen(CAMERA, middle, state()[:7])
+    known = np.argwhere(np.isfinite(picture))[:, ::-1]
+    wide, size = known.max(axis=0) - known.min(axis=0), corners[3] - corners[0]
+    assert (1.6 * size < wide).all() and (wide < 2.0 * size).all()  # the sheet is twice the target, less its rim
+    with pytest.raises(ValueError, match="behind the camera"):
+        target_seen(CAMERA, middle, state((0.0, 0.0, 4.0))[:7])

@@ -27,8 +27,9 @@ from activeslam_gym.vision.room.camera import TARGET_CORNERS, RoomCamera, introd
 from activeslam_gym.vision.room.scene import BOX_COUNT
 
 SIGHTED = FrontEndSettings(
-    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.2, fiducial_std=0.3,
-    grain=500.0, most_change=0.7, most_residual=0.4, least_ratio=0.15,
+    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.75,
+    fiducial_std=0.025, fiducial_grain=7.0, looks=28.0, most_change=0.7, least_score=0.86, most_residual=0.25,
+    least_ratio=0.22,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""
 _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
@@ -60,7 +61,7 @@ class Eye:
         run.world.state.boxes = len(self._camera.scene.boxes)
         self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials, products_last=False)
         self._front_end = FrontEnd(self._filter, SIGHTED)
-        introduce_target(self._front_end, setting.scenario, self._camera.fiducials)
+        introduce_target(self._front_end, self._camera.fiducials)
         self.births, self.spare = np.zeros((len(run.owner), 3)), run.world.landmarks.copy()
         self.image = self._camera.photograph(run.world.state.camera, 0)
 

@@ -108,7 +108,7 @@ class RenderedRoom:
 
     def start(self, image: np.ndarray) -> FrontEnd:
         front_end = FrontEnd(Filter(self.scenario, fiducials=self.camera.fiducials), HELD)
-        introduce_target(front_end, self.scenario, self.camera.fiducials)
+        introduce_target(front_end, self.camera.fiducials)
         return front_end
 
 

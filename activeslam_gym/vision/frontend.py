@@ -7,12 +7,14 @@ alone which candidates it believes.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from activeslam_gym.kernels import Record
+from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.association import CANDIDATE, REJECTED
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
@@ -22,6 +24,7 @@ from activeslam_gym.vision.relocalisation import Views, locate, replace_camera, 
 from activeslam_gym.vision.search import FOUND, PEAKS, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF
+from activeslam_gym.vision.views import change_of_view, turn_between
 
 
 class FrameLog(NamedTuple):
@@ -49,6 +52,13 @@ class FrameLog(NamedTuple):
     """Of computation."""
 
 
+Drawn = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From a camera's pose (7,), the picture (h, w) float32 of the target, NaN where nobody knows, and the pixels (K, 2) of
+its fiducials; a ValueError: it is not before the camera."""
+
+_LEVER = 0.5 * TEMPLATE_HALF
+"""How far the edges of a corner's template are from the corner, in the mean: so far off is the corner found for each
+radian by which the template is turned against the image [px]."""
 MISSED, MATCHED, DOUBTED = 0, 1, 2
 """What became of a search: nothing like it was found; the filter believed it; the filter did not."""
 
@@ -103,6 +113,9 @@ class FrontEnd:
         self._found: list[np.ndarray] = []
         self._searched: list[Searched] = []
         self._views, self._blind = Views([]), 0
+        self._target: tuple[Drawn, np.ndarray] | None = None
+        self._drawn_from: np.ndarray | None = None
+        self._drawn_at = 0
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -125,6 +138,34 @@ class FrontEnd:
         (>= 7,) and shows a plane with ``normal`` (3,) (world, away from the camera)."""
         self._gallery.hang(-1 - k, picture, pixel, camera, normal, self._frame)
 
+    def show(self, target: Drawn, normal: np.ndarray) -> None:
+        """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
+        they are drawn anew as often as they are seen otherwise."""
+        self._target, self._drawn_from = (target, normal), None
+
+    def _draw_target(self, sight: Sight) -> None:
+        """Draw the fiducials as they should look now, if some are in ``sight`` and were drawn for another view."""
+        pose = self.filter.belief.state.camera[:7].copy()
+        if self._target is None or not (sight.thing["id"] < 0).any() or not self._is_new(pose):
+            return
+        target, normal = self._target
+        try:
+            picture, pixels = target(pose)
+        except ValueError:
+            return
+        for k, pixel in enumerate(pixels):
+            self.know(k, picture, pixel, pose, normal)
+        self._drawn_from, self._drawn_at = pose, self._frame
+
+    def _is_new(self, pose: np.ndarray) -> bool:
+        """Whether the target is seen otherwise from ``pose`` (7,) than from where it was drawn."""
+        last = self._drawn_from
+        if last is None:
+            return True
+        middle = self.filter.fiducials.mean(axis=0)[None]
+        change = float(change_of_view(last[:3], pose[:3], middle)[0])
+        return max(change, turn_between(last[3:], pose[3:])) > self.settings.redrawn
+
     # A frame ----------------------------------------------------------------------------------------------------------
 
     @property
@@ -146,7 +187,7 @@ class FrontEnd:
         self._frame += 1
         self._found, self._searched = [np.zeros(0, CANDIDATE)], []
         dt, self._time = time_s - self._time, time_s
-        self.filter.predict(u, dt)
+        self.filter.predict(u, dt, self.settings.drift / self.camera.focal)
         lost = self._blind >= self.settings.lost_after
         placed = lost and self.settings.recover and self._relocalise(grey)
         looked = self._look(grey)
@@ -204,6 +245,7 @@ class FrontEnd:
         a frame stays bounded, and a stranger has less room.
         """
         sight = self.filter.sight()
+        self._draw_target(sight)
         known = [int(id) for id in sight.thing["id"] if int(id) in self._gallery]
         scouts = self._scouts(sight) if self.settings.recover else []
         if not scouts:
@@ -267,12 +309,20 @@ class FrontEnd:
         out["pixel"] = findings.pixel[row, peak]
         s = self.settings
         out["R"] = findings.R[row, peak]
-        out["R"][out["id"] < 0] += (s.fiducial_std**2 - s.floor_std**2) * np.eye(2)
+        fiducial = out["id"] < 0
+        out["R"][fiducial] = self._noise_of_fiducials(out["R"][fiducial])
         radius = np.hypot(out["pixel"][:, 0] - self.camera.u0, out["pixel"][:, 1] - self.camera.v0)
         lens = s.lens_std * (2.0 * radius / self.camera.width) ** 2
         out["R"] += (lens**2)[:, None, None] * np.eye(2)
         out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score) if s.appearance else 0.0
         return out
+
+    def _noise_of_fiducials(self, R: np.ndarray) -> np.ndarray:
+        """R (n, 2, 2) of matched fiducials, from what it would be of features."""
+        s, turn = self.settings, np.trace(self.filter.belief.covariance[D_ROTATION, D_ROTATION]) / 3.0
+        fit = (s.fiducial_grain / s.grain) * (R - s.floor_std**2 * np.eye(2))
+        stare = (1.0 + (self._frame - self._drawn_at) / s.looks) ** 2  # then 1 / R sums up to looks / R
+        return stare * (fit + s.fiducial_std**2 * np.eye(2)) + _LEVER**2 * turn * np.eye(2)
 
     def change_of_view(self, ids: np.ndarray, points: np.ndarray, now: np.ndarray) -> np.ndarray:
         """(v,) how differently the features ``ids`` (v,) at ``points`` (v, 3) are seen from ``now`` (3,) and from where

@@ -42,11 +42,14 @@ class Gallery:
         self, id: int, grey: np.ndarray, pixel: np.ndarray, camera: np.ndarray, normal: np.ndarray, frame: int
     ) -> None:
         """Keep the looks of a feature or fiducial first seen at ``pixel`` (2,) of ``grey`` (h, w) float32 from
-        ``camera`` (>= 7,); ``normal`` (3,): its plane's in the world, away from the camera, or zeros if unknown."""
-        place = int(np.flatnonzero(self.templates.id == 0)[0])
-        self._place[id] = place
-        self._tried[place], self._matched[place], self._seen[place] = 0.0, 0.0, frame
-        self._residual[place] = 0.0
+        ``camera`` (>= 7,); ``normal`` (3,): its plane's in the world, away from the camera, or zeros if unknown. What
+        hangs already gets new looks, and keeps its record."""
+        if id not in self._place:
+            place = int(np.flatnonzero(self.templates.id == 0)[0])
+            self._place[id] = place
+            self._tried[place], self._matched[place], self._seen[place] = 0.0, 0.0, frame
+            self._residual[place] = 0.0
+        place = self._place[id]
         store(self._camera, self.templates, place, id, grey, np.asarray(pixel, float), camera, normal)
 
     def remove(self, id: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from activeslam_gym.kernels import Record, filled
@@ -33,7 +34,16 @@ class FrontEndSettings:
     grain: float = 10.0
     """Inflation of the covariance of the sub-pixel fit."""
     fiducial_std: float = 0.3
-    """The same of a fiducial, whose template is drawn [px]."""
+    """`floor_std` of a fiducial, whose template is drawn [px]."""
+    fiducial_grain: float = 10.0
+    """`grain` of a fiducial."""
+    looks: float = math.inf
+    """All images from one drawing of the target to the next together tell of its corners what so many would, if their
+    errors were not the same: a stare repeats them."""
+    drift: float = 0.0
+    """How far a feature's pixel wanders while its view changes by a radian; its square grows with the change [px]."""
+    redrawn: float = 0.1
+    """The target is drawn anew when its view has changed by so much, or the camera has turned by it [rad]."""
     lens_std: float = 1.0
     """What the lens model leaves at half the image's width from the centre, growing with the radius squared [px]."""
     most_change: float = 2.0

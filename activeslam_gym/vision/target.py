@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.camera import View, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotate_left, rotation_matrix
@@ -34,6 +35,10 @@ _ROUNDS = 4
 """Times that edges are sought from the corners found before."""
 _BLACK, _WHITE = 25.0, 225.0
 """Grey levels of a printed target."""
+_RIM = 1.5
+"""Pixels at the edge of its sheet in which there is something of what is behind it."""
+_AROUND = 22.0
+"""Pixels around a corner that its templates may need: half a patch, and what blurs into it."""
 _LEAST_CONTRAST = 25.0
 """Grey levels between the two sides of the target's edge."""
 RECTANGLE = "rectangle"
@@ -359,14 +364,33 @@ def drawn_target(
     return out, corners
 
 
-def printed_target(camera: Record, target: Rectangle, distance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The target as it is printed, seen straight from ``distance`` [m]: the image (h, w) float32, its corners (4, 2)
-    [px], and the camera's pose (7,) in the target's frame."""
-    pose = np.concatenate(((0.0, 0.0, distance), FACING))
-    x, y = np.arange(camera.width), np.arange(camera.height)
-    inside = _depth_inside(camera, target, pose, x, y) > 0.0
-    picture, corners = drawn_target(np.where(inside, _BLACK, _WHITE), camera, target, pose)
-    return picture, corners, pose
+def printed_target(
+    camera: Record, target: Rectangle, sheet: tuple[float, float], pose: np.ndarray, softness: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """The target as it is printed on a ``sheet`` (width, height [m]), seen from ``pose`` (>= 7,) in its frame: the
+    picture (h, w) float32 around its corners, NaN elsewhere and beside the sheet, and the corners (4, 2) [px].
+
+    ``softness``: deviation of the camera's blur [px]. A template that is sharper than the image is found inside of
+    the corner, and so is one that shows white where the sheet has ended.
+
+    Raises:
+        ValueError: a corner is behind the camera.
+    """
+    corners = projected(camera, pose, target.fiducials)
+    out = np.full((int(camera.height), int(camera.width)), np.nan, np.float32)
+    low, high = bounding_box(corners, _AROUND, out.shape)
+    if (high - low < 2).any():
+        return out, corners
+    X = plane_points(camera, pose, np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+    share, on = 1.0, True
+    for axis, half in enumerate((0.5 * target.width, 0.5 * target.height)):
+        from_middle = np.abs(X[..., axis])
+        per_pixel = np.hypot(*np.gradient(X[..., axis]))
+        share = share * np.clip((half - from_middle) / per_pixel + 0.5, 0.0, 1.0)
+        on = on & (from_middle < 0.5 * sheet[axis] - _RIM * per_pixel)
+    seen = gaussian_filter(_WHITE + (_BLACK - _WHITE) * share, softness)
+    out[low[1] : high[1], low[0] : high[0]] = np.where(on, seen, np.nan)
+    return out, corners
 
 
 def _depth_inside(camera: Record, target: Rectangle, pose: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -42,6 +42,11 @@ def bounding_box(pixels: np.ndarray, reach: float, shape: tuple[int, ...]) -> tu
     return low, high
 
 
+def turn_between(one: np.ndarray, other: np.ndarray) -> float:
+    """The angle of the turn from quaternion ``one`` (4,) to the ``other`` (4,) [rad]."""
+    return 2.0 * float(np.arccos(min(1.0, abs(one @ other))))
+
+
 def change_of_view(first: np.ndarray, now: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(n,) how differently ``points`` (n, 3) are seen from ``first`` (n, 3) and from ``now`` (3,): the angle [rad]
     between the sight lines and the logarithm of the distances' quotient, as the two sides of a right angle."""

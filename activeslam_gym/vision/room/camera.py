@@ -1,24 +1,26 @@
 """A camera in a room: the source of rendered images, each a function of the seed, the pose and the frame alone."""
 
+from functools import partial
+
 import numpy as np
 
-from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
+from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.geometry import Scene, scene_point
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
-from activeslam_gym.vision.room.scene import TARGET_SIZE, draw_scene
+from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
 from activeslam_gym.vision.room.sensor import Sensor, sensor_of
-from activeslam_gym.vision.target import Rectangle, printed_target
+from activeslam_gym.vision.target import FACING, Rectangle, printed_target
 
 TARGET_CORNERS = 4
 """Fiducials of a room: the corners of its target."""
 _AHEAD = np.array((0.0, 0.0, 1.0))
 """The target's normal, away from the camera."""
-_STRAIGHT = np.array((1.0, 0.0, 0.0, 0.0))
-"""q_WC of the camera that looks straight at it."""
+_SOFTNESS = 0.6
+"""Deviation by which pictures of it are blurred: the lens, and the filter of the texture [px]."""
 
 _AROUND = 2.0 * np.array([(0, 0), *((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)])
 """A pixel and its surroundings [px]."""
@@ -61,15 +63,12 @@ class RoomCamera:
         return state[:3] + ways[0] * (depths[before].min(initial=depths[0]) / depths[0])
 
 
-def introduce_target(front_end: FrontEnd, scenario: Scenario, fiducials: np.ndarray) -> None:
-    """Tell the front end what the ``fiducials`` (4, 3) of a room look like: the target as it is printed.
+def introduce_target(front_end: FrontEnd, fiducials: np.ndarray) -> None:
+    """Tell the front end what the ``fiducials`` (4, 3) of a room look like: corners of the target, as it is printed."""
+    front_end.show(partial(target_seen, front_end.camera, fiducials.mean(axis=0)), _AHEAD)
 
-    It is drawn as seen from the middle of the distances at which it may stand.
-    """
-    camera = camera_of(scenario)
-    target = Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2)))
-    distance = 0.5 * sum(scenario.fiducial_distance)
-    picture, corners, _ = printed_target(camera, target, distance)
-    pose = np.concatenate((fiducials.mean(axis=0) - distance * _AHEAD, _STRAIGHT))
-    for k, corner in enumerate(corners):
-        front_end.know(k, picture, corner, pose, _AHEAD)
+
+def target_seen(camera: Record, middle: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), and its corners, see `printed_target`."""
+    own = np.concatenate((rotation_matrix(FACING) @ (pose[:3] - middle), quaternion_product(FACING, pose[3:])))
+    return printed_target(camera, Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2))), SHEET_SIZE, own, _SOFTNESS)

@@ -9,6 +9,11 @@ from activeslam_gym.vision.room.textures import texture_library, texture_range
 
 TARGET_SIZE = (0.30, 0.21)
 """Width and height of the black rectangle [m]."""
+SHEET_SIZE = (
+    TARGET_SIZE[0] / (1.0 - 2.0 * patterns.TARGET_MARGIN),
+    TARGET_SIZE[1] / (1.0 - 2.0 * patterns.TARGET_MARGIN),
+)
+"""And of the white board that it is printed on."""
 BOX_COUNT = 7
 """With the cabinet that bears the target."""
 POSTER_COUNT = 20
@@ -31,7 +36,7 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, library: int = 0) -
     middle. Nothing else is within 1.3 m of it.
     """
     room = 0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size)
-    board = TARGET_SIZE / (1.0 - 2.0 * np.array(patterns.TARGET_MARGIN))
+    board = np.array(SHEET_SIZE)
     boxes = _draw_boxes(room, _draw_cabinet(room, scenario.fiducial_distance, board, rng), rng)
     walls = box_faces(room, inside=True)
     sides = [box_faces(box) for box in boxes]

@@ -170,3 +170,39 @@ def test_policies_and_compare_take_it() -> None:
     held = make_environment({"scenario": "hand-held-pixels", "duration": 1.0})
     assert held.spec is not None and held.spec.id == NAME and not held.unwrapped.scenario.command_known
     assert make_environment({"scenario": "paper"}).spec.id == "ActiveSLAM-v0"
+
+
+def test_a_stare_at_the_target_tells_less_and_less_until_it_is_seen_otherwise() -> None:
+    env = gym.make(NAME, gaze_period=0.05, motion_period=0.05)
+    core = env.unwrapped
+    env.reset(seed=4)
+    noise = []
+    for action in [(Motion.STAY, Gaze.STAY)] * 50 + [(Motion.STAY, Gaze.LEFT)] * 14:
+        env.step(action)
+        matched = core.match_errors()
+        noise.append(np.median(matched[matched[:, 0] < 0, 3]))
+    assert np.isfinite(noise).all()
+    assert noise[45] > 2.0 * noise[15]  # (1 + 45 / 28)^2 of (1 + 15 / 28)^2
+    assert min(noise[50:]) < 0.5 * noise[45]  # after 0.1 rad it is drawn anew
+
+
+def test_a_target_that_cannot_be_drawn_keeps_its_looks() -> None:
+    """It is drawn where it is seen otherwise, and only there; a corner behind the camera is no reason to fail."""
+    eye = gym.make(NAME).unwrapped
+    eye.reset(seed=3)
+    front_end, drawn = eye._eyes[0]._front_end, []
+    draw, normal = front_end._target
+
+    def counting(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        drawn.append(pose)
+        if len(drawn) == 2:
+            raise ValueError("a corner of the target is behind the camera")
+        return draw(pose)
+
+    front_end.show(counting, normal)
+    state, sight = front_end.filter.belief.state.camera, front_end.filter.sight()
+    for step, times in ((0.0, 1), (0.05, 1), (0.5, 2), (0.0, 3), (0.0, 3)):
+        state[0] += step
+        front_end._draw_target(sight)
+        assert len(drawn) == times
+    assert front_end._gallery.places([-1, -2, -3, -4]).min() >= 0

@@ -104,7 +104,7 @@ class _Sighted(Reads):
 
     def _reset_run(self, i: int, key: int) -> None:
         super()._reset_run(i, key)
-        seed = np.random.SeedSequence(key).spawn(5)[-1]  # the first four are the world's
+        seed = np.random.SeedSequence(key).spawn(5)[-1]  # the redraws use it, and not its children
         self._eyes[i] = Eye(self.setting, row(self._runs, i), seed)
 
     def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:

@@ -10,11 +10,14 @@ from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.geometry import rotate_left
-from activeslam_gym.motion import CAMERA_DIM, accelerations, turn_of
+from activeslam_gym.motion import accelerations, turn_of
 from activeslam_gym.slam.association import NEW
-from activeslam_gym.slam.belief import fiducial_id
+from activeslam_gym.slam.belief import INVERSE_DEPTH as INVERSE_DEPTH_KIND
+from activeslam_gym.slam.belief import POINT, fiducial_id, point_of
 from activeslam_gym.slam.filter import Filter, candidates_of
 from activeslam_gym.slam.initialisation import follow_tracks
+from activeslam_gym.slam.kalman import wander
+from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
 
 from .support import CAMERA, PAPER, joint_covariance, pixel_of, random_camera, random_spd, simulation_of
@@ -105,24 +108,35 @@ def test_time_steps_may_differ_from_call_to_call() -> None:
     np.testing.assert_array_equal(joint_covariance(default.belief), joint_covariance(frame.belief))
 
 
-def test_features_wander_across_their_sight_lines_as_the_view_changes() -> None:
-    """P of a feature's direction grows by drift^2 a radian, however the way is cut, and nothing else does."""
-    scenario = replace(PAPER, initialisation=INVERSE_DEPTH)
-    moving, resting = random_camera(np.random.default_rng(1)), random_camera(np.random.default_rng(1))
-    moving[7:13], resting[7:13] = (0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
-    angles = slice(CAMERA_DIM + 3, CAMERA_DIM + 5)
-    grown = []
-    for camera, frames in ((moving, 1), (moving, 10), (resting, 10)):
-        still, free = (Filter(scenario, camera=camera) for _ in range(2))
-        still.birth([150.0, 110.0]), free.birth([150.0, 110.0])
-        for _ in range(frames):
-            still.predict(dt=0.1 / frames), free.predict(dt=0.1 / frames, drift=0.01)
-        difference = joint_covariance(free.belief) - joint_covariance(still.belief)
-        grown.append(np.diag(difference)[angles])
-        assert np.count_nonzero(np.abs(difference) > 1e-15) == 2 * (camera is moving)
-    distance = np.linalg.norm(free.positions[0] - resting[:3])
-    np.testing.assert_allclose(grown[0], 0.01**2 * 0.02 / distance, rtol=0.02)
-    np.testing.assert_allclose(grown[1], grown[0], rtol=0.02)
+@pytest.mark.parametrize("turned", [0.0, 0.9])
+def test_features_wander_as_their_view_changes(turned) -> None:
+    """A direction's variance, *as the camera sees it*, grows by drift^2 a radian: from near and far of where it was
+    first seen, high above, and as a point too; at rest it stays, and nothing else of P grows."""
+    scenario, first = replace(PAPER, initialisation=INVERSE_DEPTH), np.zeros(13)
+    first[3:7] = rotate_left(np.array([-turned, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    for nearer in (0.0, 1.2, -2.0):
+        for kind in (INVERSE_DEPTH_KIND, POINT):
+            filter = Filter(scenario, camera=first)
+            filter.birth([190.0, 100.0])
+            y = filter.positions[0]
+            if kind == POINT:
+                convert_to_point(filter.belief, 0)
+            state = filter.belief.state.camera
+            state[:3] += nearer * y / np.linalg.norm(y)
+            before = joint_covariance(filter.belief).copy()
+            wander(filter.belief, 0.01, 0.1)
+            np.testing.assert_array_equal(joint_covariance(filter.belief), before)  # at rest
+            state[7:10] = (0.0, 0.3, 0.0)
+            wander(filter.belief, 0.01, 0.1)
+            grown = joint_covariance(filter.belief) - before
+            assert np.count_nonzero(grown) == (3 if kind == POINT else 2)
+            distance, sight = np.linalg.norm(y - state[:3]), y / np.linalg.norm(y)
+            T = np.zeros((3, 6))
+            point_of(filter.belief, 0, T)
+            width = 3 if kind == POINT else 6
+            spread = T[:, :width] @ grown[12:, 12:] @ T[:, :width].T / distance**2  # [rad^2]
+            across = np.linalg.svd(sight[None])[2][1:]
+            np.testing.assert_allclose(across @ spread @ across.T, 1e-4 * 0.03 / distance * np.eye(2), atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -186,23 +186,29 @@ def test_a_stare_at_the_target_tells_less_and_less_until_it_is_seen_otherwise() 
     assert min(noise[50:]) < 0.5 * noise[45]  # after 0.1 rad it is drawn anew
 
 
-def test_a_target_that_cannot_be_drawn_keeps_its_looks() -> None:
-    """It is drawn where it is seen otherwise, and only there; a corner behind the camera is no reason to fail."""
-    eye = gym.make(NAME).unwrapped
-    eye.reset(seed=3)
-    front_end, drawn = eye._eyes[0]._front_end, []
+def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_where_it_cannot_be() -> None:
+    core = gym.make(NAME).unwrapped
+    core.reset(seed=3)
+    front_end, drawn = core._eyes[0]._front_end, []
     draw, normal = front_end._target
 
     def counting(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         drawn.append(pose)
         if len(drawn) == 2:
             raise ValueError("a corner of the target is behind the camera")
-        return draw(pose)
+        picture, pixels = draw(pose)
+        if len(drawn) == 3:
+            picture[:] = np.nan  # nothing of it is in the image
+        return picture, pixels
 
     front_end.show(counting, normal)
     state, sight = front_end.filter.belief.state.camera, front_end.filter.sight()
-    for step, times in ((0.0, 1), (0.05, 1), (0.5, 2), (0.0, 3), (0.0, 3)):
+    looks = []
+    for step, times in ((0.0, 1), (0.05, 1), (0.5, 2), (0.0, 3), (0.0, 4), (0.0, 4)):
         state[0] += step
         front_end._draw_target(sight)
         assert len(drawn) == times
-    assert front_end._gallery.places([-1, -2, -3, -4]).min() >= 0
+        looks.append(front_end._gallery.templates.patch[front_end._gallery.places([-1, -2, -3, -4])].copy())
+    for kept in looks[:4]:
+        np.testing.assert_array_equal(kept, looks[0])
+    assert not np.array_equal(looks[4], looks[0], equal_nan=True)

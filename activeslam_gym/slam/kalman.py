@@ -29,6 +29,8 @@ from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 
 _NEAREST = 0.1
 """Nearer than that, a view changes no faster [m]."""
+_LEAST_LEVEL = 0.2
+"""Straight above or below, an azimuth tells nothing: the cosine of the elevation counts as at least so much."""
 
 
 @compiled
@@ -46,24 +48,29 @@ def predict(motion: Record, belief: Belief, u: np.ndarray, dt: float) -> None:
 
 @compiled
 def wander(belief: Belief, drift: float, dt: float) -> None:
-    """Each feature walks at random across its sight line, as the camera's view of it changes in ``dt`` seconds.
+    """Each feature's direction, as the camera sees it, walks at random while the camera's view of it changes.
 
-    Its variance there, as an angle, grows by ``drift``^2 [rad^2] for each radian by which the camera goes round it:
-    what a patch shows from another side is not quite the same point, and the less so the farther the camera went.
+    Its variance grows by ``drift``^2 [rad^2] for each radian, which is the way of ``dt`` seconds over the distance:
+    what a patch shows from another side, or from nearer, is not quite the same point. A POINT walks in depth too.
     """
     x, P, T = belief.state.camera, belief.covariance, np.empty((3, FEATURE_SIZE))
     speed = math.sqrt(x[VELOCITY.start] ** 2 + x[VELOCITY.start + 1] ** 2 + x[VELOCITY.start + 2] ** 2)
     for k in range(belief.state.count):
-        feature, point, square = belief.feature[k], point_of(belief, k, T), 0.0
+        feature, point, square, depth_square = belief.feature[k], point_of(belief, k, T), 0.0, 0.0
         for i in range(3):
             square += (point[i] - x[POSITION.start + i]) ** 2
+            depth_square += (point[i] - feature.mean[i]) ** 2
+        if not square < np.inf:
+            continue
         var = drift * drift * min(speed * dt / max(math.sqrt(square), _NEAREST), 1.0)
         if feature.kind == POINT:
             for row in range(feature.start, feature.start + 3):
                 P[row, row] += var * square
-        else:
-            for row in (feature.start + AZIMUTH, feature.start + ELEVATION):
-                P[row, row] += var
+        else:  # as its angles at the anchor
+            var *= square / max(depth_square, _NEAREST * _NEAREST)
+            level = max(math.cos(feature.mean[ELEVATION]), _LEAST_LEVEL)
+            P[feature.start + AZIMUTH, feature.start + AZIMUTH] += var / (level * level)
+            P[feature.start + ELEVATION, feature.start + ELEVATION] += var
 
 
 @borrowing

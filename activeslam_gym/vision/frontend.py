@@ -23,7 +23,7 @@ from activeslam_gym.vision.gallery import Gallery
 from activeslam_gym.vision.relocalisation import Views, locate, replace_camera, whole_image
 from activeslam_gym.vision.search import FOUND, PEAKS, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
-from activeslam_gym.vision.templates import TEMPLATE_HALF
+from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
 from activeslam_gym.vision.views import change_of_view, turn_between
 
 
@@ -144,7 +144,8 @@ class FrontEnd:
         self._target, self._drawn_from = (target, normal), None
 
     def _draw_target(self, sight: Sight) -> None:
-        """Draw the fiducials as they should look now, if some are in ``sight`` and were drawn for another view."""
+        """Draw the fiducials as they should look now, if some are in ``sight`` and were drawn for another view; those
+        that are not wholly in the image keep their looks."""
         pose = self.filter.belief.state.camera[:7].copy()
         if self._target is None or not (sight.thing["id"] < 0).any() or not self._is_new(pose):
             return
@@ -153,9 +154,11 @@ class FrontEnd:
             picture, pixels = target(pose)
         except ValueError:
             return
-        for k, pixel in enumerate(pixels):
-            self.know(k, picture, pixel, pose, normal)
-        self._drawn_from, self._drawn_at = pose, self._frame
+        whole = [shows_template(picture, pixel) for pixel in pixels]
+        for k in np.flatnonzero(whole).tolist():
+            self.know(k, picture, pixels[k], pose, normal)
+        if all(whole):
+            self._drawn_from, self._drawn_at = pose, self._frame
 
     def _is_new(self, pose: np.ndarray) -> bool:
         """Whether the target is seen otherwise from ``pose`` (7,) than from where it was drawn."""
@@ -320,8 +323,9 @@ class FrontEnd:
     def _noise_of_fiducials(self, R: np.ndarray) -> np.ndarray:
         """R (n, 2, 2) of matched fiducials, from what it would be of features."""
         s, turn = self.settings, np.trace(self.filter.belief.covariance[D_ROTATION, D_ROTATION]) / 3.0
-        fit = (s.fiducial_grain / s.grain) * (R - s.floor_std**2 * np.eye(2))
-        stare = (1.0 + (self._frame - self._drawn_at) / s.looks) ** 2  # then 1 / R sums up to looks / R
+        fit = (s.fiducial_grain / s.grain if s.grain > 0.0 else 0.0) * (R - s.floor_std**2 * np.eye(2))
+        age = 0 if self._target is None else self._frame - self._drawn_at
+        stare = (1.0 + age / s.looks) ** 2  # then 1 / R sums up to looks / R
         return stare * (fit + s.fiducial_std**2 * np.eye(2)) + _LEVER**2 * turn * np.eye(2)
 
     def change_of_view(self, ids: np.ndarray, points: np.ndarray, now: np.ndarray) -> np.ndarray:

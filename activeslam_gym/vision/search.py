@@ -25,6 +25,7 @@ PEAKS = 3
 UNSEARCHED, MISSING, FOUND = 0, 1, 2
 """What became of a row: it was not searched; nothing there is like it; it has a candidate."""
 _COUNT = TEMPLATE_SIDE * TEMPLATE_SIDE
+_INNER = (TEMPLATE_SIDE - 2) ** 2
 
 
 SEARCH = record(
@@ -290,7 +291,7 @@ def _gradient(T: np.ndarray, i: int, j: int) -> tuple[float, float]:
 
 @compiled
 def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float, float, float]:
-    """(J^T r as x and y, r^T r) of the image around ``pixel``, against ``T`` where it is seen."""
+    """(J^T r as x and y, r^T r) of the image around ``pixel``, against ``T`` where it is seen; r^T r as of all of T."""
     total, square, seen = 0.0, 0.0, 0
     column, row = math.floor(pixel[0]), math.floor(pixel[1])
     h, w = image.shape
@@ -312,7 +313,7 @@ def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float,
                 seen += 1
     mean = total / max(seen, 1)
     scale = 1.0 / math.sqrt(max(square - total * mean, 1.0))
-    g0, g1, residual = 0.0, 0.0, 0.0
+    g0, g1, residual, inner = 0.0, 0.0, 0.0, 0
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
             if T[i, j] != 0.0:
@@ -321,4 +322,5 @@ def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float,
                 g0 += gx * r
                 g1 += gy * r
                 residual += r * r
-    return g0, g1, residual
+                inner += 1
+    return g0, g1, residual * (_INNER / max(inner, 1))

@@ -35,6 +35,8 @@ _ROUNDS = 4
 """Times that edges are sought from the corners found before."""
 _BLACK, _WHITE = 25.0, 225.0
 """Grey levels of a printed target."""
+_LEAST_SLANT = 0.3
+"""Sine of the angle between the sight line and the target's plane under which it is not drawn."""
 _RIM = 1.5
 """Pixels at the edge of its sheet in which there is something of what is behind it."""
 _AROUND = 22.0
@@ -374,8 +376,10 @@ def printed_target(
     the corner, and so is one that shows white where the sheet has ended.
 
     Raises:
-        ValueError: a corner is behind the camera.
+        ValueError: a corner is behind the camera, or the target is seen from its edge or from behind.
     """
+    if pose[2] < _LEAST_SLANT * np.linalg.norm(pose[:3]):
+        raise ValueError("the target is not seen from before it")
     corners = projected(camera, pose, target.fiducials)
     out = np.full((int(camera.height), int(camera.width)), np.nan, np.float32)
     low, high = bounding_box(corners, _AROUND, out.shape)

@@ -100,6 +100,14 @@ def store(
             templates.patch[place, i, j] = sample(image, x, y)
 
 
+def shows_template(picture: np.ndarray, pixel: np.ndarray) -> bool:
+    """Whether ``picture`` (h, w) shows enough around ``pixel`` (2,) for a template, NaN being nothing."""
+    x, y = (round(float(value)) for value in pixel)
+    rows, columns = (slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
+    part = picture[rows, columns]
+    return bool(np.isfinite(part).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
+
+
 @compiled
 def predict_appearance(
     camera: Record,

@@ -393,5 +393,8 @@ def test_nobody_knows_what_is_beside_the_sheet() -> None:
     known = np.argwhere(np.isfinite(picture))[:, ::-1]
     wide, size = known.max(axis=0) - known.min(axis=0), corners[3] - corners[0]
     assert (1.6 * size < wide).all() and (wide < 2.0 * size).all()  # the sheet is twice the target, less its rim
+    for place in ((0.0, 0.0, 4.0), (2.0, 0.0, 2.9)):  # behind it, and beside its edge
+        with pytest.raises(ValueError, match="not seen from before it"):
+            target_seen(CAMERA, middle, state(place)[:7])
     with pytest.raises(ValueError, match="behind the camera"):
-        target_seen(CAMERA, middle, state((0.0, 0.0, 4.0))[:7])
+        target_seen(CAMERA, middle, state(turn=(0.0, np.pi, 0.0))[:7])

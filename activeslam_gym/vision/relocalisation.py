@@ -15,6 +15,7 @@ from activeslam_gym.kernels import Record
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.views import turn_between
 
 _TOLERANCE = 4.0
 """A pixel that is farther from where a pose has it does not support that pose [px]."""
@@ -45,8 +46,7 @@ class Views(NamedTuple):
 
 
 def _near(a: np.ndarray, b: np.ndarray, apart: float, turned: float) -> bool:
-    angle = 2.0 * np.arccos(min(abs(float(a[3:] @ b[3:])), 1.0))
-    return bool(np.linalg.norm(a[:3] - b[:3]) < apart and angle < turned)
+    return bool(np.linalg.norm(a[:3] - b[:3]) < apart and turn_between(a[3:], b[3:]) < turned)
 
 
 def whole_image(camera: Record, count: int, gate: float) -> tuple[np.ndarray, np.ndarray]:

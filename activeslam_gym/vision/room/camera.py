@@ -8,12 +8,13 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.printed import printed_target
 from activeslam_gym.vision.room.geometry import Scene, scene_point
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
 from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
 from activeslam_gym.vision.room.sensor import Sensor, sensor_of
-from activeslam_gym.vision.target import FACING, Rectangle, printed_target
+from activeslam_gym.vision.target import FACING, Rectangle
 
 TARGET_CORNERS = 4
 """Fiducials of a room: the corners of its target."""

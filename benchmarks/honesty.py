@@ -47,10 +47,10 @@ HEAD = (
 )
 
 
-def play(policy: str, association: str, seeds: Sequence[int]) -> Figures:
+def play(policy: str, association: str, seeds: Sequence[int], restarts: bool = False) -> Figures:
     """Figures of one policy in the rooms ``seeds``, by name: a number for each room."""
     made: dict[str, Any] = {"gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
-    made["scenario"] = {"association": association}
+    made["scenario"] = {"association": association, "restarts": restarts}
     env: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=len(seeds), autoreset_mode="DISABLED", **made)
     core, out = env.unwrapped, {name: np.zeros(len(seeds)) for name in ("wrong", "matches", "lost")}
     observations, infos = env.reset(seed=list(seeds))
@@ -101,15 +101,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--policies", nargs="+", default=POLICIES)
     parser.add_argument("--rooms", type=int, default=400)
     parser.add_argument("--seed", type=int, default=6_000_000, help="of the first room")
+    parser.add_argument("--restarts", action="store_true", help="a belief that the fiducials contradict is begun anew")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(arguments)
     results, rows = Results(args.out), []
     for policy in args.policies:
         for association, told in ((UNKNOWN, ""), (KNOWN, ", labels known")):
+            told += ", restarts" if args.restarts else ""
             one: Figures = {}
             for first in range(args.seed, args.seed + args.rooms, BATCH):
                 seeds = range(first, min(first + BATCH, args.seed + args.rooms))
-                part = results.of(association, f"{policy}, {seeds}", partial(play, policy, association, seeds))
+                part = results.of(
+                    association, f"{policy}{told}, {seeds}", partial(play, policy, association, seeds, args.restarts)
+                )
                 one = {name: one.get(name, []) + values for name, values in part.items()}
             rows.append(row_of(f"`{policy}`{told}", one))
     print("\n".join((HEAD, "|---" + "|---:" * 7 + "|---|", *rows)))

@@ -61,7 +61,8 @@ def open_step(run: Run, command: np.ndarray) -> None:
     episode, events = run.episode, run.episode.events
     if episode.steps % run.models.task.steps_per_motion == 0:
         begin_motion(run, command)
-    events.births, events.conversions, events.deletions, events.starvations, events.recoveries = 0, 0, 0, 0, 0
+    events.births, events.conversions, events.deletions, events.restarts = 0, 0, 0, 0
+    events.starvations, events.recoveries = 0, 0
     events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
     episode.steps += 1
 

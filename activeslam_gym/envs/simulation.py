@@ -94,6 +94,7 @@ EVENTS = record(
     rejected_matches="i8",
     starvations="i8",
     recoveries="i8",
+    restarts="i8",
     wrong_matches="i8",
     false_births="i8",
     wall_contacts="i8",

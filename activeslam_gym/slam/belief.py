@@ -50,6 +50,7 @@ STATE = record(
     count="i8",  # features in use
     serial="i8",  # births so far
     frame="i8",  # frames so far
+    fiducial_nis="f8",  # running mean of the fiducials' normalised innovations squared; see `restart`
 )
 """What a belief holds beside its features and its covariance."""
 
@@ -129,6 +130,7 @@ def reset_belief(belief: Belief, camera: np.ndarray, covariance: np.ndarray) -> 
     """Give the belief its prior: a ``camera`` (13,) with that ``covariance`` (12, 12), and no feature."""
     belief.state.camera[:] = camera
     belief.state.dim, belief.state.count, belief.state.serial, belief.state.frame = CAMERA_DIM, 0, 0, 0
+    belief.state.fiducial_nis = 1.0
     belief.covariance[...] = 0.0
     belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = covariance
     belief.track["hits"] = 0

@@ -45,9 +45,16 @@ from activeslam_gym.slam.initialisation import (
 )
 from activeslam_gym.slam.kalman import predict, wander
 from activeslam_gym.slam.map import remove_feature
+from activeslam_gym.slam.restart import RESTART, contradicted, restart, restart_of
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
 
-FILTER = record(association=ASSOCIATION, correction=CORRECTION, initialisation=INITIALISATION, particles=PARTICLES)
+FILTER = record(
+    association=ASSOCIATION,
+    correction=CORRECTION,
+    initialisation=INITIALISATION,
+    particles=PARTICLES,
+    restart=RESTART,
+)
 """Constants of the filter."""
 COUNTS = record(
     births="i8",
@@ -56,6 +63,7 @@ COUNTS = record(
     rejected_matches="i8",
     starvations="i8",  # frames in which most candidates, of two or more, were rejected
     recoveries="i8",  # frames in which joint matches alone, of two or more, kept this from happening
+    restarts="i8",  # times that the belief was given up
 )
 """What a frame did to the map: counters that it adds to."""
 
@@ -69,6 +77,7 @@ def filter_of(scenario: Scenario) -> Record:
         correction=correction_of(scenario),
         initialisation=initialisation_of(scenario),
         particles=particles_of(scenario, association),
+        restart=restart_of(scenario),
     )
 
 
@@ -114,7 +123,10 @@ def use_candidates(
     labelled: bool,
     counts: Record,
 ) -> None:
-    """Associate, update, count misses, turn features into points and delete those that failed."""
+    """Associate, update, count misses, turn features into points and delete those that failed.
+
+    Where the fiducials contradict the belief, it is begun anew instead.
+    """
     pixel_var, v, M = camera.pixel_std**2, sight.thing.shape[0], candidates.shape[0]
     waits, jointly = np.zeros(v, np.bool_), 0
     if labelled:
@@ -129,6 +141,13 @@ def use_candidates(
     counts.rejected_matches += rejected
     counts.starvations += M >= 2 and 2 * rejected > M
     counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
+    if contradicted(model.restart, belief, sight, candidates, of_thing, waits, pixel_var):
+        counts.deletions += belief.state.count
+        counts.restarts += 1
+        restart(model.restart, belief)
+        for i in range(M):
+            candidates[i].match = REJECTED
+        return
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
     _update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)

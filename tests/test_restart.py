@@ -1,0 +1,74 @@
+"""A belief that the fiducials contradict is begun anew, where the scenario says so, and no other is."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.filter import Filter, candidates_of
+from baselines import Stay
+
+FIDUCIALS = np.array([[x, y, 1.5] for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.3)])
+
+
+def played(seed: int, restarts: bool, association: str) -> dict[str, float]:
+    """Ten seconds of `stay`: the log score [bit], and how often the belief was begun anew."""
+    scenario = {"association": association, "restarts": restarts}
+    env: Any = gymnasium.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=10.0, end_when_lost=False)
+    policy, (observation, _), count = Stay(env), env.reset(seed=seed), 0
+    done = False
+    while not done:
+        observation, _, _, done, info = env.step(policy.predict(observation)[0])
+        count += info["events"]["restarts"]
+    return {"restarts": count, "score": info["log_score"]}
+
+
+@pytest.mark.parametrize("association", ["known", "unknown"])
+def test_depths_turned_inside_out_are_given_up(association: str) -> None:
+    """Room 6 000 243, with labels or without: see docs/HONESTY.md."""
+    wrong, mended = (played(6_000_243, restarts, association) for restarts in (False, True))
+    assert wrong["restarts"] == 0 and wrong["score"] < -1000.0
+    assert mended["restarts"] >= 1 and mended["score"] > -100.0
+
+
+def test_an_honest_belief_is_kept() -> None:
+    off, on = (played(5, restarts, "unknown") for restarts in (False, True))
+    assert on == off and on["restarts"] == 0
+
+
+def held(scenario: Scenario, away: float, frames: int) -> tuple[Filter, np.ndarray]:
+    """A filter that is sure to stand ``away`` [m] aside of where it stands, with labels; and its last answer."""
+    rng = np.random.default_rng(0)
+    camera = np.r_[away, 0.0, 0.0, 1.0, np.zeros(9)]
+    truth = Filter(scenario, fiducials=FIDUCIALS)
+    pixels = truth.sight().thing["z_hat"]
+    filter = Filter(scenario, fiducials=FIDUCIALS, camera=camera, covariance=1e-8 * np.eye(12))
+    for _ in range(frames):
+        filter.predict(dt=1e-3)
+        seen = candidates_of(pixels + 2.0 * rng.standard_normal(pixels.shape), ids=truth.sight().thing["id"])
+        answer = filter.update(seen, labelled=True)
+        if filter.counts.restarts:
+            break
+    return filter, answer
+
+
+def test_it_is_begun_anew_about_where_it_was_thought() -> None:
+    scenario = Scenario(restarts=True)
+    filter, answer = held(scenario, 0.2, 20)
+    assert filter.counts.restarts == 1 and (answer == REJECTED).all() and len(filter.ids) == 0
+    P = filter.points()[1]
+    np.testing.assert_allclose(np.sqrt(np.diag(P)), np.repeat([0.3, 0.1, 0.3, 0.2], 3))
+    assert abs(filter.belief.state.camera[0] - 0.2) < 0.05
+    truth = Filter(scenario, fiducials=FIDUCIALS).sight().thing
+    for _ in range(5):
+        filter.predict(dt=1e-3)
+        filter.update(candidates_of(truth["z_hat"], ids=truth["id"]), labelled=True)
+    assert abs(filter.belief.state.camera[0]) < 0.03 and filter.counts.restarts == 1
+
+
+def test_it_is_not_where_nobody_asked_or_nothing_is_wrong() -> None:
+    assert held(Scenario(), 0.2, 20)[0].counts.restarts == 0
+    assert held(Scenario(restarts=True), 0.0, 60)[0].counts.restarts == 0

@@ -2,9 +2,9 @@
 
 The fiducials are known; all else is the filter's own. An honest filter predicts them as it says it does: the mean of
 their normalised innovations squared (NIS), by degree of freedom, stays near 1. A map whose depths turned inside out,
-or that took one landmark for another, is held against them for good, and more surely with each frame: nothing that
-weighs its covariance against theirs can mend it. So a running mean of the NIS is kept, and where that is high the map
-is forgotten, and the camera is only known to be not far from where it was thought: what it sees next says where it is.
+or that took one landmark for another, is held against them frame after frame, and the update, which weighs
+one wrong covariance with another, does not mend it. So a running mean of the NIS is kept, and where that is high the
+map is forgotten, and the camera is only known to be not far from where it was thought: what it sees next says where.
 (The test of innovations: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
 2001, section 5.4. docs/HONESTY.md says how the constants were found.)
 """

@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
+from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import Scenario
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.filter import Filter, candidates_of
@@ -37,6 +38,25 @@ def test_depths_turned_inside_out_are_given_up(association: str) -> None:
 def test_an_honest_belief_is_kept() -> None:
     off, on = (played(5, restarts, "unknown") for restarts in (False, True))
     assert on == off and on["restarts"] == 0
+
+
+def test_a_batch_begins_anew_as_its_single_environments_do() -> None:
+    settings: dict[str, Any] = {"scenario": {"restarts": True}, "gaze_period": 0.5, "end_when_lost": False}
+    seeds, stay = [6_000_243, 5], [Motion.STAY, Gaze.STAY]
+    batch: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=2, **settings)
+    single: list[Any] = [gymnasium.make("ActiveSLAM-v0", **settings) for _ in seeds]
+    batch.reset(seed=seeds)
+    for env, seed in zip(single, seeds, strict=True):
+        env.reset(seed=seed)
+    count = 0
+    for _ in range(20):
+        observations, rewards, _, _, infos = batch.step(np.array([stay, stay]))
+        for k, env in enumerate(single):
+            observation, reward, _, _, info = env.step(stay)
+            np.testing.assert_array_equal(observation, observations[k])
+            assert reward == rewards[k] and info["events"]["restarts"] == infos["events"]["restarts"][k]
+            count += info["events"]["restarts"]
+    assert count >= 1
 
 
 def held(scenario: Scenario, away: float, frames: int) -> tuple[Filter, np.ndarray]:
@@ -72,3 +92,30 @@ def test_it_is_begun_anew_about_where_it_was_thought() -> None:
 def test_it_is_not_where_nobody_asked_or_nothing_is_wrong() -> None:
     assert held(Scenario(), 0.2, 20)[0].counts.restarts == 0
     assert held(Scenario(restarts=True), 0.0, 60)[0].counts.restarts == 0
+
+
+@pytest.mark.parametrize(("maximum_distance", "restarts"), [(None, 1), (1.7, 0)])
+def test_a_fiducial_that_is_not_seen_contradicts_unless_it_may_be_too_far(
+    maximum_distance: float | None, restarts: int
+) -> None:
+    """The fiducials are 1.5 m away or more: what stands beyond 0.85 of the greatest distance may be too far."""
+    filter = Filter(Scenario(restarts=True, maximum_distance=maximum_distance), fiducials=FIDUCIALS)
+    for _ in range(30):
+        filter.predict(dt=1e-3)
+        filter.update(candidates_of(np.empty((0, 2))))
+        if filter.counts.restarts:
+            break
+    assert filter.counts.restarts == restarts
+
+
+def test_detections_that_are_missed_by_chance_do_not_contradict() -> None:
+    """Seven in a hundred of three fiducials, for nearly two minutes, where the filter reckons with it."""
+    rng = np.random.default_rng(0)
+    filter = Filter(Scenario(restarts=True, detection_probability=0.93), fiducials=FIDUCIALS[:3])
+    truth = filter.sight().thing.copy()
+    for _ in range(3000):
+        seen = rng.random(len(truth)) < 0.93
+        pixels = truth["z_hat"][seen] + 2.0 * rng.standard_normal((seen.sum(), 2))
+        filter.predict(dt=1e-3)
+        filter.update(candidates_of(pixels, ids=truth["id"][seen]), labelled=True)
+    assert filter.counts.restarts == 0

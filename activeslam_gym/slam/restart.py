@@ -5,6 +5,8 @@ their normalised innovations squared (NIS), by degree of freedom, stays near 1. 
 or that took one landmark for another, is held against them frame after frame, and the update, which weighs
 one wrong covariance with another, does not mend it. So a running mean of the NIS is kept, and where that is high the
 map is forgotten, and the camera is only known to be not far from where it was thought: what it sees next says where.
+Half the NIS is a negative log likelihood, so a fiducial that should be seen and is not counts that of a miss,
+-log(1 - detection probability).
 (The test of innovations: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
 2001, section 5.4. docs/HONESTY.md says how the constants were found.)
 """
@@ -24,8 +26,8 @@ RESTART = record(
     gain="f8",  # of a frame in the running mean
     limit="f8",  # of the running mean: over it the belief is contradicted
     least="i8",  # fiducials that a frame must tell of
-    most="f8",  # that one fiducial counts, and that one counts where it should be and nothing is
-    counts_missing="b1",  # whether what is not there counts, for nothing can hide it
+    most="f8",  # that one fiducial counts
+    missing="f8",  # that one counts where it should be seen and is not; 0: something may hide it
     std=("f8", CAMERA_DIM),  # of the camera's tangent, once the belief is given up [m, rad, m/s, rad/s]
 )
 """Constants of the restart."""
@@ -33,10 +35,13 @@ MEMORY = 0.5
 """Of the running mean [s]."""
 LIMIT = 2.5
 """Of the running mean; of 2 800 runs in `paper`, those that were not wrong kept under 2.3 (docs/HONESTY.md)."""
+MOST = 10.0
+"""That one fiducial counts in a frame."""
 
 
 def restart_of(scenario: Scenario) -> Record:
     """The RESTART record of a scenario."""
+    may_be_hidden = scenario.miss_spacing > 0.0 or scenario.maximum_distance is not None
     std = np.empty(CAMERA_DIM)
     std[D_POSITION], std[D_ROTATION], std[D_VELOCITY], std[D_ANGULAR] = 0.3, 0.1, 0.3, 0.2
     return filled(
@@ -44,8 +49,8 @@ def restart_of(scenario: Scenario) -> Record:
         gain=min(scenario.frame_time / MEMORY, 1.0),
         limit=LIMIT if scenario.restarts else math.inf,
         least=3,
-        most=10.0,
-        counts_missing=scenario.miss_spacing == 0.0,
+        most=MOST,
+        missing=0.0 if may_be_hidden else -math.log(max(1.0 - scenario.detection_probability, math.exp(-MOST))),
         std=std,
     )
 
@@ -72,8 +77,8 @@ def contradicted(
         if of_thing[a] >= 0:
             total += min(0.5 * _squared(sight, a, candidates[of_thing[a]], pixel_var), model.most)
             count += 1
-        elif model.counts_missing and sight.thing[a].visibility == INSIDE and not waits[a]:
-            total += model.most
+        elif model.missing > 0.0 and sight.thing[a].visibility == INSIDE and not waits[a]:
+            total += model.missing
             count += 1
     if count >= model.least:
         belief.state.fiducial_nis += model.gain * (total / count - belief.state.fiducial_nis)

@@ -198,6 +198,13 @@ def log2_det_3(A: np.ndarray) -> float:
     return math.log2(det) if det > 0.0 else np.nan
 
 
+@borrowing
+def squared_distance(s00: float, s01: float, s11: float, u: float, v: float) -> tuple[float, float]:
+    """((u, v) S^-1 (u, v)^T, |S|) for the symmetric S = (s00, s01; s01, s11); |S| is at least 1e-300."""
+    det = max(s00 * s11 - s01 * s01, 1e-300)
+    return (s11 * u * u - 2.0 * s01 * u * v + s00 * v * v) / det, det
+
+
 @borrowing(fastmath=_FUSE)
 def add_product(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
     """out += A B, for A (n, >= k) and B (k, >= m), ``out`` (>= n, m). Zeros of A cost nothing."""

@@ -21,6 +21,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.linalg import squared_distance
 from activeslam_gym.slam.association import REJECTED, chi_square_2_quantile
 from activeslam_gym.slam.hypotheses import Predicted, condition, innovation_with
 from activeslam_gym.slam.sight import Sight
@@ -154,6 +155,5 @@ def _worth(
     model: Record, candidate: Record, x: float, y: float, s00: float, s01: float, s11: float
 ) -> tuple[float, float]:
     """d^2 of the innovation (x, y) and the worth; see the module."""
-    det = max(s00 * s11 - s01 * s01, 1e-12)
-    d2 = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / det
+    d2, det = squared_distance(s00, s01, s11, x, y)
     return d2, candidate.log_ratio + math.log(model.stranger_area / (2.0 * math.pi)) - 0.5 * (math.log(det) + d2)

@@ -12,7 +12,7 @@ import numpy as np
 from activeslam_gym.camera import View, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
-from activeslam_gym.linalg import copy_into, sum_of_squares
+from activeslam_gym.linalg import copy_into, squared_distance, sum_of_squares
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
@@ -193,8 +193,7 @@ def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S:
     """((z - z_hat)^T S^-1 (z - z_hat), |S|) of a candidate, with its own R in place of the camera's in ``S`` (2, 2)."""
     R, a, b = candidate.R, candidate.pixel[0] - z_hat[0], candidate.pixel[1] - z_hat[1]
     s00, s01, s11 = S[0, 0] + (R[0, 0] - pixel_var), S[0, 1] + R[0, 1], S[1, 1] + (R[1, 1] - pixel_var)
-    det = s00 * s11 - s01 * s01
-    return (s11 * a * a - 2.0 * s01 * a * b + s00 * b * b) / det, det
+    return squared_distance(s00, s01, s11, a, b)
 
 
 @borrowing

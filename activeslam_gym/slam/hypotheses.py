@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import Record, borrowing, compiled
-from activeslam_gym.linalg import cholesky_in_place, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, solve_transposed, squared_distance, subtract_gram
 
 
 class Predicted(NamedTuple):
@@ -52,11 +52,10 @@ def measure_distances(h: Hypotheses, candidates: np.ndarray, pixel_var: float) -
                 continue
             candidate, R = candidates[i], candidates[i].R
             s00, s01, s11 = innovation_with(h, a, candidate, pixel_var)
-            det = max(s00 * s11 - s01 * s01, 1e-300)
+            x, y = candidate.pixel[0] - h.z[2 * a], candidate.pixel[1] - h.z[2 * a + 1]
+            h.d2[a, i], det = squared_distance(s00, s01, s11, x, y)
             if math.isnan(log_det) or R[0, 0] != r00 or R[0, 1] != r01 or R[1, 1] != r11:
                 r00, r01, r11, log_det = R[0, 0], R[0, 1], R[1, 1], math.log(det)
-            x, y = candidate.pixel[0] - h.z[2 * a], candidate.pixel[1] - h.z[2 * a + 1]
-            h.d2[a, i] = (s11 * x * x - 2.0 * s01 * x * y + s00 * y * y) / det
             h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * candidate.log_ratio
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, filled, record
+from activeslam_gym.linalg import squared_distance
 from activeslam_gym.motion import CAMERA_DIM, D_ANGULAR, D_POSITION, D_ROTATION, D_VELOCITY
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.hypotheses import innovation_with
@@ -90,7 +91,7 @@ def _squared(sight: Sight, a: int, candidate: Record, pixel_var: float) -> float
     """The innovation of thing ``a`` squared, in its own covariance: nu^T S^-1 nu."""
     s00, s01, s11 = innovation_with(sight, a, candidate, pixel_var)
     u, v = candidate.pixel[0] - sight.thing[a].z_hat[0], candidate.pixel[1] - sight.thing[a].z_hat[1]
-    return (s11 * u * u - 2.0 * s01 * u * v + s00 * v * v) / max(s00 * s11 - s01 * s01, 1e-300)
+    return squared_distance(s00, s01, s11, u, v)[0]
 
 
 @borrowing

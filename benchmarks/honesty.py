@@ -2,13 +2,14 @@
 
     python -m benchmarks.honesty --policies orbit sweep --rooms 400 --seed 6000000 --out results/honesty.json
 
-Every run is flown to the end. Prints a Markdown table. Wrong matches are counted in every frame, all matches in the
+Every run is flown to the end. Prints a Markdown table, with how many runs were begun anew where any was. Wrong matches are counted in every frame, all matches in the
 last frame of each step of five, times five. What ``--out`` has already is not played again: measure in parts, and
 remove the file when the code has changed.
 """
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ import gymnasium
 import numpy as np
 
 import activeslam_gym  # noqa: F401  (registers the environment)
-from activeslam_gym.config import KNOWN, UNKNOWN
+from activeslam_gym.config import KNOWN, SCENARIOS, UNKNOWN, Scenario
 from activeslam_gym.slam.association import NEW, REJECTED
 from agents.tools.statistics import estimate
 from benchmarks.worlds import NEES, PERIOD, Figures, Results, named
@@ -47,12 +48,11 @@ HEAD = (
 )
 
 
-def play(policy: str, association: str, seeds: Sequence[int], restarts: bool = False) -> Figures:
+def play(policy: str, scenario: Scenario, seeds: Sequence[int]) -> Figures:
     """Figures of one policy in the rooms ``seeds``, by name: a number for each room."""
-    made: dict[str, Any] = {"gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
-    made["scenario"] = {"association": association, "restarts": restarts}
+    made: dict[str, Any] = {"scenario": scenario, "gaze_period": PERIOD, "end_when_lost": False, "num_threads": 1}
     env: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=len(seeds), autoreset_mode="DISABLED", **made)
-    core, out = env.unwrapped, {name: np.zeros(len(seeds)) for name in ("wrong", "matches", "lost")}
+    core, out = env.unwrapped, {name: np.zeros(len(seeds)) for name in ("wrong", "matches", "restarts")}
     observations, infos = env.reset(seed=list(seeds))
     choose, frames = named(policy)(env), int(core.setting.task.frames_per_step)
     out["sure"] = np.full(len(seeds), np.nan)
@@ -60,6 +60,7 @@ def play(policy: str, association: str, seeds: Sequence[int], restarts: bool = F
         observations, _, _, _, infos = env.step(choose(core, observations))
         out["wrong"] += infos["events"]["wrong_matches"]
         out["matches"] += frames * _matches(core)
+        out["restarts"] += infos["events"]["restarts"]
         lost = np.asarray(infos["lost"])
         now = lost & np.isnan(out["sure"])
         out["sure"][now] = infos["position_nees"][now] > SURE
@@ -79,10 +80,16 @@ def _matches(core: Any) -> np.ndarray:
 
 
 def row_of(name: str, one: Figures) -> str:
-    """A row of the table."""
+    """A row of the table; NEES of the times that a run reaches."""
+    if begun_anew := np.count_nonzero(one["restarts"]):
+        name += f", {begun_anew} begun anew"
     lost, sure, score = (np.array(one[key]) for key in ("lost", "sure", "score"))
     wrong = 100.0 * np.sum(one["wrong"]) / max(np.sum(one["matches"]), 1.0)
-    nees = " · ".join(", ".join(f"{np.nanmean(one[f'{part} {time:g}']):.2f}" for part in NEES) for time in TIMES)
+    nees = " · ".join(
+        ", ".join(f"{np.nanmean(one[f'{part} {time:g}']):.2f}" for part in NEES)
+        for time in TIMES
+        if f"{NEES[0]} {time:g}" in one
+    )
     cells = [
         name,
         estimate(lost, "share").text(100.0),
@@ -101,19 +108,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--policies", nargs="+", default=POLICIES)
     parser.add_argument("--rooms", type=int, default=400)
     parser.add_argument("--seed", type=int, default=6_000_000, help="of the first room")
+    parser.add_argument("--scenario", choices=list(SCENARIOS), default="paper")
     parser.add_argument("--restarts", action="store_true", help="a belief that the fiducials contradict is begun anew")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(arguments)
     results, rows = Results(args.out), []
+    fields = f"{args.scenario}{', restarts' if args.restarts else ''}"
     for policy in args.policies:
         for association, told in ((UNKNOWN, ""), (KNOWN, ", labels known")):
-            told += ", restarts" if args.restarts else ""
+            scenario = replace(SCENARIOS[args.scenario], association=association, restarts=args.restarts)
             one: Figures = {}
             for first in range(args.seed, args.seed + args.rooms, BATCH):
                 seeds = range(first, min(first + BATCH, args.seed + args.rooms))
-                part = results.of(
-                    association, f"{policy}{told}, {seeds}", partial(play, policy, association, seeds, args.restarts)
-                )
+                part = results.of(fields, f"{policy}{told}, {seeds}", partial(play, policy, scenario, seeds))
                 one = {name: one.get(name, []) + values for name, values in part.items()}
             rows.append(row_of(f"`{policy}`{told}", one))
     print("\n".join((HEAD, "|---" + "|---:" * 7 + "|---|", *rows)))

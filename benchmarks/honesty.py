@@ -2,9 +2,9 @@
 
     python -m benchmarks.honesty --policies orbit sweep --rooms 400 --seed 6000000 --out results/honesty.json
 
-Every run is flown to the end. Prints a Markdown table, with how many runs were begun anew where any was. Wrong matches are counted in every frame, all matches in the
-last frame of each step of five, times five. What ``--out`` has already is not played again: measure in parts, and
-remove the file when the code has changed.
+Every run is flown to the end. Prints a Markdown table, which tells how many runs were begun anew, if any. Wrong matches
+are counted in every frame, all matches in the last frame of each step of five, times five. What ``--out`` has already
+is not played again: measure in parts, and remove the file when the code has changed.
 """
 
 import argparse
@@ -21,7 +21,7 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import KNOWN, SCENARIOS, UNKNOWN, Scenario
 from activeslam_gym.slam.association import NEW, REJECTED
 from agents.tools.statistics import estimate
-from benchmarks.worlds import NEES, PERIOD, Figures, Results, named
+from benchmarks.worlds import NEES, PERIOD, PLACES, Figures, Results, named
 
 POLICIES = (
     "orbit",
@@ -108,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--policies", nargs="+", default=POLICIES)
     parser.add_argument("--rooms", type=int, default=400)
     parser.add_argument("--seed", type=int, default=6_000_000, help="of the first room")
-    parser.add_argument("--scenario", choices=list(SCENARIOS), default="paper")
+    parser.add_argument("--scenario", choices=("paper", "clutter", "hall", *PLACES), default="paper")
     parser.add_argument("--restarts", action="store_true", help="a belief that the fiducials contradict is begun anew")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(arguments)

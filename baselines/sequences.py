@@ -18,7 +18,6 @@ from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario
 from activeslam_gym.config import TRAINING_SEED
 
 from .constants import CONSTANTS, found_or_chosen
-from .constants import choose as best_constant_of
 from .policy import Actions, Environment, Policy
 
 TABLE = Path(__file__).with_name("best_sequences.json")
@@ -104,14 +103,15 @@ def sequence_from(entry: dict[str, Any]) -> Sequence:
 
 
 def choose_sequence(scenario: Scenario, gaze_period: float, motion_period: float, duration: float) -> dict[str, Any]:
-    """The sequence of the highest median log score: its actions and ends, and the medians of the finalists [bit].
+    """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
-    same rooms; at last those left and the best constant play new rooms, by which alone the best is told.
+    same rooms; at last those left and every constant play new rooms, by which alone the best is told.
     """
     play = partial(log_scores, scenario=scenario, times=(gaze_period, motion_period, duration))
     rng, first = np.random.default_rng(0), TRAINING_SEED
-    pool = [constant(tuple(action)) for action in CONSTANTS.tolist()] + [random_sequence(rng) for _ in range(RANDOM)]
+    constants = [constant(tuple(action)) for action in CONSTANTS.tolist()]
+    pool = constants + [random_sequence(rng) for _ in range(RANDOM)]
     scores = np.empty((len(pool), 0))
     for rooms, kept in HALVINGS:
         more = play(pool, seeds=range(first + scores.shape[1], first + scores.shape[1] + rooms))
@@ -123,10 +123,9 @@ def choose_sequence(scenario: Scenario, gaze_period: float, motion_period: float
         children, begun = _best(children, play(children, seeds=seeds[:tried]), kept)
         ended = play(children, seeds=seeds[tried:])
         pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
-    held = best_constant_of(scenario, gaze_period, motion_period, duration)
-    pool = list(dict.fromkeys([*pool, constant((int(Motion[held["motion"]]), int(Gaze[held["gaze"]])))]))
+    pool = list(dict.fromkeys([*pool, *constants]))
     last = play(pool, seeds=range(seeds.stop, seeds.stop + LAST_ROOMS))
-    pool, last = _best(pool, last, len(pool))
+    pool, last = _best(pool, last, HALVINGS[-1][1])
     medians = {one.told(): round(float(np.median(row)), 1) for one, row in zip(pool, last)}
     named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
     return {"scenario": scenario.name, "sequence": named, "rooms": LAST_ROOMS, "medians": medians}

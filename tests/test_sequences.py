@@ -84,7 +84,7 @@ def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest
     assert (found.plan(35) == wanted).mean() > 0.9 > max((plan == wanted).mean() for plan in constants)
 
 
-def test_the_best_constant_is_among_the_finalists_though_the_first_rooms_speak_against_it(
+def test_every_constant_is_among_the_finalists_though_the_first_rooms_speak_against_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     held = constant((int(Motion.UP), int(Gaze.LEFT)))
@@ -94,7 +94,6 @@ def test_the_best_constant_is_among_the_finalists_though_the_first_rooms_speak_a
         return np.repeat([[1.0 if (one == held) is last else 0.0] for one in pool], len(seeds), axis=1)
 
     monkeypatch.setattr(sequences, "log_scores", worths)
-    monkeypatch.setattr(sequences, "best_constant_of", lambda *_: {"motion": "UP", "gaze": "LEFT"})
     assert sequence_from(choose_sequence(Scenario(), 1.0, 1.0, 35.0)) == held
 
 

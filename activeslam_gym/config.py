@@ -282,7 +282,7 @@ class Scenario:
     """A feature predicted well inside the image and not matched in so many consecutive frames is deleted."""
     miss_spacing: NonNegativeFloat = 0.0
     """Misses from places nearer to each other than this count once: what hides a feature hides it from there [m]."""
-    restarts: Switch = False
+    restarts: Switch = True
     """Whether a belief that the fiducials contradict for a while is given up, and begun anew (`slam.restart`)."""
     particle_count: ParticleCount = 100
     """Depth particles of a ray."""

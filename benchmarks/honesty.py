@@ -109,11 +109,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--rooms", type=int, default=400)
     parser.add_argument("--seed", type=int, default=6_000_000, help="of the first room")
     parser.add_argument("--scenario", choices=("paper", "clutter", "hall", *PLACES), default="paper")
-    parser.add_argument("--restarts", action="store_true", help="a belief that the fiducials contradict is begun anew")
+    parser.add_argument(
+        "--restarts",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="a belief that the fiducials contradict is begun anew",
+    )
     parser.add_argument("--out", type=Path)
     args = parser.parse_args(arguments)
     results, rows = Results(args.out), []
-    fields = f"{args.scenario}{', restarts' if args.restarts else ''}"
+    fields = f"{args.scenario}{'' if args.restarts else ', no restarts'}"
     for policy in args.policies:
         for association, told in ((UNKNOWN, ""), (KNOWN, ", labels known")):
             scenario = replace(SCENARIOS[args.scenario], association=association, restarts=args.restarts)

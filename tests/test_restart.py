@@ -1,4 +1,4 @@
-"""A belief that the fiducials contradict is begun anew, where the scenario says so, and no other is."""
+"""A belief that the fiducials contradict is begun anew, unless the scenario says no, and no other is."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def test_an_honest_belief_is_kept() -> None:
 
 
 def test_a_batch_begins_anew_as_its_single_environments_do() -> None:
-    settings: dict[str, Any] = {"scenario": {"restarts": True}, "gaze_period": 0.5, "end_when_lost": False}
+    settings: dict[str, Any] = {"gaze_period": 0.5, "end_when_lost": False}
     seeds, stay = [6_000_243, 5], [Motion.STAY, Gaze.STAY]
     batch: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=2, **settings)
     single: list[Any] = [gymnasium.make("ActiveSLAM-v0", **settings) for _ in seeds]
@@ -76,7 +76,7 @@ def held(scenario: Scenario, away: float, frames: int) -> tuple[Filter, np.ndarr
 
 
 def test_it_is_begun_anew_about_where_it_was_thought() -> None:
-    scenario = Scenario(restarts=True)
+    scenario = Scenario()
     filter, answer = held(scenario, 0.2, 20)
     assert filter.counts.restarts == 1 and (answer == REJECTED).all() and len(filter.ids) == 0
     P = filter.points()[1]
@@ -89,9 +89,9 @@ def test_it_is_begun_anew_about_where_it_was_thought() -> None:
     assert abs(filter.belief.state.camera[0]) < 0.03 and filter.counts.restarts == 1
 
 
-def test_it_is_not_where_nobody_asked_or_nothing_is_wrong() -> None:
-    assert held(Scenario(), 0.2, 20)[0].counts.restarts == 0
-    assert held(Scenario(restarts=True), 0.0, 60)[0].counts.restarts == 0
+def test_it_is_not_where_it_is_switched_off_or_nothing_is_wrong() -> None:
+    assert held(Scenario(restarts=False), 0.2, 20)[0].counts.restarts == 0
+    assert held(Scenario(), 0.0, 60)[0].counts.restarts == 0
 
 
 @pytest.mark.parametrize(("maximum_distance", "restarts"), [(None, 1), (1.7, 0)])
@@ -99,7 +99,7 @@ def test_a_fiducial_that_is_not_seen_contradicts_unless_it_may_be_too_far(
     maximum_distance: float | None, restarts: int
 ) -> None:
     """The fiducials are 1.5 m away or more: what stands beyond 0.85 of the greatest distance may be too far."""
-    filter = Filter(Scenario(restarts=True, maximum_distance=maximum_distance), fiducials=FIDUCIALS)
+    filter = Filter(Scenario(maximum_distance=maximum_distance), fiducials=FIDUCIALS)
     for _ in range(30):
         filter.predict(dt=1e-3)
         filter.update(candidates_of(np.empty((0, 2))))
@@ -111,7 +111,7 @@ def test_a_fiducial_that_is_not_seen_contradicts_unless_it_may_be_too_far(
 def test_detections_that_are_missed_by_chance_do_not_contradict() -> None:
     """Seven in a hundred of three fiducials, for nearly two minutes, where the filter reckons with it."""
     rng = np.random.default_rng(0)
-    filter = Filter(Scenario(restarts=True, detection_probability=0.93), fiducials=FIDUCIALS[:3])
+    filter = Filter(Scenario(detection_probability=0.93), fiducials=FIDUCIALS[:3])
     truth = filter.sight().thing.copy()
     for _ in range(3000):
         seen = rng.random(len(truth)) < 0.93

@@ -72,10 +72,12 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
     assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
 
 
-def test_shipped_weights_were_trained_with_what_there_is_now() -> None:
+def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
+    """Weights of before stay where those made anew are no better in the rooms for validation: docs/worlds.md."""
     for name in pretrained.names():
         card = read_card(FOLDER / f"{name}.npz")
-        assert card["behaviour"] == activeslam_gym.BEHAVIOUR, f"{name}: train it anew: {card['command']}"
+        measured = card.get("measured_behaviour", card["behaviour"])
+        assert measured == activeslam_gym.BEHAVIOUR, f"{name}: train it anew: {card['command']}"
         recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe)})
         of_its_own = ["reward", "scenario", "seed", "total_steps"]
         if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/worlds.md
@@ -170,7 +172,7 @@ def test_training_begins_near_the_action_that_the_best_sequence_holds_longest(al
     env = algorithms.make_batch(recipe, 2, algorithms.training_seed(recipe))
     policy = algorithms.make_learner(recipe, env, None).policy
     drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
-    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.FORWARD, Gaze.STAY)}[scenario]
+    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.DOWN, Gaze.STAY)}[scenario]
     for part, held in zip(drawn, longest):
         others = (1.0 - 0.7) / (part.probs.shape[1] - 1)
         expected = np.where(np.arange(part.probs.shape[1]) == held, 0.7, others)

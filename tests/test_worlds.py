@@ -13,6 +13,8 @@ from activeslam_gym.config import ANYWHERE, CLUSTERS, CORNER, SURFACES, benchmar
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.slam.sight import INSIDE, NEAR
 from activeslam_gym.world import simulator
 from activeslam_gym.world.furniture import first_hits, inside_any, reachable
 from activeslam_gym.world.room import Room, draw_room, varied
@@ -260,6 +262,12 @@ def test_what_is_too_far_is_not_detected_and_its_absence_tells_nothing() -> None
     points = np.concatenate((near.unwrapped.truth.fiducials, near.unwrapped.truth.landmarks))
     distance = np.linalg.norm(points - near.unwrapped.truth.position, axis=1)
     assert set(seen) == {k for k in all_seen if distance[k] <= 2.0} and len(seen) < len(all_seen)
+
+
+def test_the_absence_of_a_fiducial_that_may_be_too_far_tells_nothing() -> None:
+    fiducials = np.array([[0.1, 0.0, distance] for distance in (1.5, 1.9, 2.5)])
+    near, far = (Filter(Scenario(maximum_distance=d), fiducials=fiducials).sight().thing for d in (2.0, None))
+    assert near["visibility"].tolist() == [INSIDE, NEAR, NEAR] and (far["visibility"] == INSIDE).all()
 
 
 def test_clearance_is_observed_where_there_are_boxes_and_nowhere_else() -> None:

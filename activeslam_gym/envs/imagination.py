@@ -280,7 +280,7 @@ def slowed(models: Record) -> tuple[Record, int]:
     for name in ("birth_detections", "maximum_misses", "memory_frames", "ray_age_frames"):
         counts[name] = max(1, round(int(counts[name]) / s))
     out.filter.particles.maximum_misses = counts.maximum_misses
-    out.filter.restart.gain = min(s * float(out.filter.restart.gain), 1.0)
+    out.filter.restart.limit = math.inf  # a truth that is drawn from the belief does not contradict it
     out.task.frames_per_step, out.task.steps_per_motion = frames // s, 1
     out.task.steps = math.ceil(task.steps / task.steps_per_motion)
     out.task.end_when_lost = False

@@ -42,7 +42,7 @@ MOST = 10.0
 
 def restart_of(scenario: Scenario) -> Record:
     """The RESTART record of a scenario."""
-    may_be_hidden = scenario.miss_spacing > 0.0 or scenario.maximum_distance is not None
+    may_be_hidden = scenario.miss_spacing > 0.0
     std = np.empty(CAMERA_DIM)
     std[D_POSITION], std[D_ROTATION], std[D_VELOCITY], std[D_ANGULAR] = 0.3, 0.1, 0.3, 0.2
     return filled(

@@ -223,7 +223,7 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
                 for j in range(2):
                     S[i, j] += thing.extra[i, j]
             thing.row, thing.visibility = row, visibility_of(camera, thing.z_hat, S)
-            if thing.visibility == INSIDE and row >= K and _may_be_too_far(view, belief, row - K):
+            if thing.visibility == INSIDE and _may_be_too_far(view, belief, fiducials, row):
                 thing.visibility = NEAR
             v += thing.visibility > 0
     return sight_with(things[:v], P, belief.state.dim, camera.pixel_std**2)
@@ -277,17 +277,19 @@ def _place_known(view: View, y: np.ndarray, thing: Record) -> bool:
 
 
 @borrowing
-def _may_be_too_far(view: View, belief: Belief, k: int) -> bool:
-    """Whether feature ``k`` may be beyond the camera's greatest distance, so that its absence tells nothing.
+def _may_be_too_far(view: View, belief: Belief, fiducials: np.ndarray, row: int) -> bool:
+    """Whether what ``row`` is may be beyond the camera's greatest distance, so that its absence tells nothing.
 
-    That is where it stands as a point, or, while its depth is vague, always.
+    That is where it stands, or, while its depth is vague, always.
     """
-    if view.camera.maximum_distance == math.inf:
+    greatest = view.camera.maximum_distance
+    if greatest == math.inf:
         return False
-    feature = belief.feature[k]
-    return feature.kind != POINT or distance_between(view.pose, feature.mean) > TELLING_SHARE * (
-        view.camera.maximum_distance
-    )
+    K = fiducials.shape[0]
+    if row < K:
+        return distance_between(view.pose, fiducials[row]) > TELLING_SHARE * greatest
+    feature = belief.feature[row - K]
+    return feature.kind != POINT or distance_between(view.pose, feature.mean) > TELLING_SHARE * greatest
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Record what `ActiveSLAM-v0` does, for `tests/test_frozen.py`: `python -m tests.record_frozen` in the clone.
+"""Record what the environments do, for `tests/test_frozen.py`: `python -m tests.record_frozen` in the clone.
 
 Six seconds of fixed, open-loop actions in each of some scenarios. Only behaviour that is meant to change is recorded
 anew, with `activeslam_gym.BEHAVIOUR` raised; a released environment then has a new id (see CONTRIBUTING.md).
@@ -17,12 +17,17 @@ FOLDER = Path(__file__).parent / "frozen"
 SECONDS = 6.0
 SIGHTS = 3
 """Observations and scores are recorded at the reset and so many times after it, evenly."""
-CASES = {  # scenario, seed, gaze period [s]
+POINTS, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
+CASES = {  # scenario, seed, gaze period [s] of ActiveSLAM-v0
     "paper": ("paper", 0, 0.25),
     "every-frame": ("paper", 1, 0.05),
     "paper-literal": ("paper-literal", 2, 0.25),
     "clutter": ("clutter", 3, 0.25),
     "hand-held": ("hand-held", 4, 0.2),
+}
+IMAGE_CASES = {  # the same of ActiveSLAMPixels-v0: seeds whose runs do not depend on the last digits
+    "pixels": ("pixels", 8, 0.25),
+    "hand-held-pixels": ("hand-held-pixels", 6, 0.2),
 }
 
 
@@ -33,7 +38,7 @@ def action(step: int) -> tuple[int, int]:
 
 def play(env_id: str, case: str) -> dict[str, np.ndarray]:
     """What an environment does in a case, as named arrays whose first axis is time (K + 1 moments with the reset)."""
-    scenario, seed, gaze_period = CASES[case]
+    scenario, seed, gaze_period = (CASES | IMAGE_CASES)[case]
     env: Any = gym.make(env_id, scenario=scenario, gaze_period=gaze_period, duration=SECONDS)
     observation, info = env.reset(seed=seed)
     moments, seen, scores = [(0.0, False, False, info)], [observation], [scores_of(env)]
@@ -67,7 +72,8 @@ def numbers(info: dict[str, Any], prefix: str = "") -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    for case in CASES:
-        recorded = play("ActiveSLAM-v0", case)
-        np.savez_compressed(FOLDER / f"ActiveSLAM-v0-{case}.npz", behaviour=activeslam_gym.BEHAVIOUR, **recorded)
-        print(f"recorded {case}")
+    for env_id, cases in ((POINTS, CASES), (IMAGES, IMAGE_CASES)):
+        for case in cases:
+            recorded = play(env_id, case)
+            np.savez_compressed(FOLDER / f"{env_id}-{case}.npz", behaviour=activeslam_gym.BEHAVIOUR, **recorded)
+            print(f"recorded {case}")

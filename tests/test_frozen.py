@@ -1,4 +1,4 @@
-"""The behaviour of `ActiveSLAM-v0` is frozen: the same seed and actions give the recorded run.
+"""The behaviour of the environments is frozen: the same seed and actions give the recorded run.
 
 The actions are fixed, not a policy's, so that a difference is not fed back; and the runs are short. The filter forgets
 a small difference as it is corrected by measurements, unless the difference decides a match: what another processor
@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import activeslam_gym
-from tests.record_frozen import CASES, FOLDER, action, play
+from tests.record_frozen import CASES, FOLDER, IMAGE_CASES, IMAGES, POINTS, action, play
 from tests.support import simulation_of
 
 TIGHT, LOOSE = 1e-7, 1e-5
 """Tolerance of the first two seconds, and of the others: relative, and absolute."""
 
-MEANING = """ActiveSLAM-v0 no longer does what it did: {what} of '{case}' differs first at moment {moment}
+MEANING = """{env_id} no longer does what it did: {what} of '{case}' differs first at moment {moment}
 (recorded {recorded}, now {now}).
 
 If that is not meant, the change is at fault. If it is: results with v0 that others have published can no longer be
@@ -26,23 +26,25 @@ ActiveSLAMEnv's docstring and in CHANGELOG.md, raise `activeslam_gym.BEHAVIOUR`,
 changed, a new release of NumPy may draw other numbers from the same seed.)"""
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_v0_does_what_it_did(case: str) -> None:
-    now = play("ActiveSLAM-v0", case)
-    with np.load(FOLDER / f"ActiveSLAM-v0-{case}.npz") as file:
+@pytest.mark.parametrize(("env_id", "case"), [(POINTS, case) for case in CASES] + [(IMAGES, c) for c in IMAGE_CASES])
+def test_v0_does_what_it_did(env_id: str, case: str) -> None:
+    if env_id == IMAGES:
+        pytest.importorskip("cv2")
+    now = play(env_id, case)
+    with np.load(FOLDER / f"{env_id}-{case}.npz") as file:
         recorded = dict(file)
     assert recorded.pop("behaviour") == activeslam_gym.BEHAVIOUR, "raise BEHAVIOUR, and then record"
     missing = sorted(recorded.keys() - now.keys())  # a new key of info changes nothing
-    assert not missing, f"ActiveSLAM-v0 no longer tells {', '.join(missing)}: that needs a new id, see CONTRIBUTING.md"
+    assert not missing, f"{env_id} no longer tells {', '.join(missing)}: that needs a new id, see CONTRIBUTING.md"
     for what, then in recorded.items():
         assert then.shape == now[what].shape, f"'{case}': {what} was of shape {then.shape}, is {now[what].shape}"
         period = (len(recorded["reward"]) - 1) / (len(then) - 1)  # steps between two of these moments
-        moments = np.arange(len(then)) * period * CASES[case][2]
+        moments = np.arange(len(then)) * period * (CASES | IMAGE_CASES)[case][2]
         tolerance = np.where(moments <= 2.0, TIGHT, LOOSE).reshape(-1, *(1,) * (then.ndim - 1))
         same = np.isclose(now[what], then, rtol=tolerance, atol=tolerance)
         if not same.all():
             at = tuple(np.argwhere(~same)[0])
-            pytest.fail(MEANING.format(what=what, case=case, moment=at[0], recorded=then[at], now=now[what][at]))
+            pytest.fail(MEANING.format(env_id=env_id, what=what, case=case, moment=at[0], recorded=then[at], now=now[what][at]))
 
 
 def test_the_records_hold_something() -> None:

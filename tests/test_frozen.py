@@ -44,7 +44,8 @@ def test_v0_does_what_it_did(env_id: str, case: str) -> None:
         same = np.isclose(now[what], then, rtol=tolerance, atol=tolerance)
         if not same.all():
             at = tuple(np.argwhere(~same)[0])
-            pytest.fail(MEANING.format(env_id=env_id, what=what, case=case, moment=at[0], recorded=then[at], now=now[what][at]))
+            at_fault = {"env_id": env_id, "what": what, "case": case, "moment": at[0]}
+            pytest.fail(MEANING.format(**at_fault, recorded=then[at], now=now[what][at]))
 
 
 def test_the_records_hold_something() -> None:

@@ -315,7 +315,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             gymnasium.error.ResetNeeded: no run has begun.
         """
-        if self._runs.belief.state["dim"][0] == 0:
+        if not self._runs.episode["begun"][0]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         return snapshot_of(self.setting, self._run, self._gaze, self._history)
 

@@ -12,7 +12,7 @@ from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.envs.episode import BEGIN, REST
 from activeslam_gym.envs.public import Reads
-from activeslam_gym.envs.sensed import account, begin, finish, move
+from activeslam_gym.envs.sensed import account, begin, enter, finish, move
 from activeslam_gym.envs.simulation import Run, Setting
 from activeslam_gym.envs.snapshot import Snapshot
 from activeslam_gym.geometry import rotation_matrix
@@ -62,27 +62,34 @@ class Eye:
         self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials, products_last=False)
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, self._camera.fiducials)
-        self.births, self.spare = np.zeros((len(run.owner), 3)), run.world.landmarks.copy()
+        self.spare = run.world.landmarks.copy()
+        self._scene_points: dict[int, np.ndarray] = {}
+        self.newest: set[int] = set()
+        """Ids of the features that the last image initialised."""
         self.image = self._camera.photograph(run.world.state.camera, 0)
 
     def look(self, run: Run, u: np.ndarray) -> None:
         """Photograph the room, and let the front end make what it can of it, under the known accelerations ``u``."""
         state, belief, counts = run.world.state.camera, run.belief, self._filter.counts
-        frame = int(belief.state.frame) + 1
+        frame = int(run.world.state.frame) + 1
         self.image = self._camera.photograph(state, frame)
         self._filter.belief = belief
         counts["conversions"] = 0
         log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
         found, events = self._front_end.candidates, run.episode.events
         born = found[len(found) - log.births :]
-        newest = belief.feature[int(belief.state.count) - log.births : int(belief.state.count)]
-        for slot, pixel in zip(newest["slot"], born["pixel"]):
-            self.births[slot] = self._camera.point(state, pixel)
+        self.newest = set(born["match"].tolist())
+        for id, pixel in zip(born["match"].tolist(), born["pixel"]):
+            self._scene_points[id] = self._camera.point(state, pixel)
         for name, count in zip(_COUNTED, (log.births, log.deletions, log.rejected, int(counts["conversions"]))):
             events[name] += count
         believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
         run.candidate[: len(believed_first)] = believed_first
         run.episode["detections"] = len(believed_first)
+
+    def scene_points(self, ids: np.ndarray) -> np.ndarray:
+        """(n, 3) of the features ``ids`` (n,): the scene point of the pixel that initialised each [m]."""
+        return np.array([self._scene_points[id] for id in ids.tolist()]).reshape(-1, 3)
 
 
 # The environments ---------------------------------------------------------------------------------------------------
@@ -120,8 +127,11 @@ class _Sighted(Reads):
             elif phases[i] != REST:
                 for frame in range(int(self.setting.task.frames_per_step)):
                     u = move(runs, i, commands[i], frame == 0)
-                    eye.look(row(runs, i), u)
-                    account(runs, i, eye.births, eye.spare)
+                    run = row(runs, i)
+                    eye.look(run, u)
+                    enter(runs, i)
+                    ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
+                    account(runs, i, eye.scene_points(ids), eye.spare)
                 finish(runs, i)
 
     def _seen(self, snapshot: Snapshot, i: int) -> Snapshot:
@@ -175,14 +185,13 @@ class ActiveSLAMPixelsEnv(_Sighted, ActiveSLAMEnv):
 
         The error is measured - true, by the scene point of the birth pixel. For referees, never for policies.
         """
-        run, births = self._run, self._eyes[0].births
-        pose, known = run.world.state.camera, run.belief.feature[: int(run.belief.state.count)]
-        slots = {int(f["serial"]): int(f["slot"]) for f in known if f["born"] != run.belief.state.frame}
+        run, eye = self._run, self._eyes[0]
+        pose, older = run.world.state.camera, set(self.belief.ids.tolist()) - eye.newest
         R_WC, z, out = rotation_matrix(pose[QUATERNION]), np.empty(2), []
         for one in run.candidate[: int(run.episode.detections)]:
             match, R = int(one["match"]), one["R"]
-            if match in slots or -len(run.world.fiducials) <= match < 0:
-                point = births[slots[match]] if match > 0 else run.world.fiducials[-1 - match]
+            if match in older or -len(run.world.fiducials) <= match < 0:
+                point = eye.scene_points(one["match"][None])[0] if match > 0 else run.world.fiducials[-1 - match]
                 pixel_from_camera_point(run.models.true_camera, camera_point(R_WC, pose, point), z)
                 out.append((match, *(one["pixel"] - z), R[0, 0], R[0, 1], R[1, 1]))
         return np.reshape(out, (-1, 6))

@@ -14,7 +14,7 @@ from activeslam_gym.envs.observation import (
 )
 from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, log2_density, owners_of
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, potential_of_number
-from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, run_at
+from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, present, run_at
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting, waiting_count
@@ -22,7 +22,7 @@ from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
-from activeslam_gym.slam.belief import as_points, depth_ratio
+from activeslam_gym.slam.estimate import mapped_of, points_of
 from activeslam_gym.world.simulator import find_clearance
 
 STEP, BEGIN, REST = 0, -1, -2
@@ -47,11 +47,13 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
             continue
         run = run_at(runs, i)
         if phases[i] == BEGIN:
+            present(run)
             begin_motion(run, commands[i])
         else:
             open_step(run, commands[i])
-            for _ in range(run.models.task.frames_per_step):
-                advance(run, commands[i, 3])
+            frames = run.models.task.frames_per_step
+            for frame in range(frames):
+                advance(run, commands[i, 3], frame == frames - 1)
         conclude(run, phases[i] == BEGIN)
 
 
@@ -70,13 +72,12 @@ def open_step(run: Run, command: np.ndarray) -> None:
 @compiled
 def conclude(run: Run, begins: bool) -> None:
     """After the frames: what they were worth, and what is seen of them."""
-    points, covariance = as_points(run.belief)
-    evaluate(run, points, covariance)
+    evaluate(run)
     if begins:
         _begin(run)
     else:
         _settle(run)
-    observe(run, points, covariance)
+    observe(run)
 
 
 @borrowing
@@ -111,27 +112,27 @@ def _settle(run: Run) -> None:
 
 
 @compiled
-def evaluate(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
-    """Bring the evaluation and the potentials up to date; ``points`` and ``covariance`` are the public belief.
+def evaluate(run: Run) -> None:
+    """Bring the evaluation and the potentials up to date, from the estimate.
 
-    Where that is not positive definite, the log score is UNSOUND_LOG_SCORE and the other potentials stay as they were.
+    Where its covariance is not positive definite, the log score is UNSOUND_LOG_SCORE and the other potentials keep
+    their values.
     """
-    belief, episode, var = run.belief, run.episode, run.models.landmark_var
-    e, N = episode.evaluation, run.expected.shape[0]
-    owners, counting = owners_of(run.owner, belief), find_counting(run.expected, belief)
+    estimate, episode, var = run.estimate, run.episode, run.models.landmark_var
+    e, N, covariance = episode.evaluation, run.expected.shape[0], estimate.covariance
+    owners, counting = owners_of(run.owner, estimate), find_counting(run.expected, estimate)
     of_landmark = features_of_landmarks(owners, N, counting)
     order, standing, counted = _ordered(counting, of_landmark)
     U = gathered(covariance, order[:standing], order[standing:])
     sound = cholesky_in_place(U)
-    _find_mapped(run)
-    _evaluate_errors(run, points, covariance, owners)
+    _evaluate_errors(run, owners)
     episode.lost_now = not (sound and e.position_error <= run.models.task.lost_position_error)  # NaN is lost too
     if sound:
         waiting = N - counted
         log2_dets(var, waiting, covariance, U, order[:counted], standing, e)
         e.landmarks = N
         e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
-        e.log_density = log2_density(run.world, belief, var, points, of_landmark, U)
+        e.log_density = log2_density(run.world, estimate, var, of_landmark, U)
         e.position_trace, e.trace = traces(var, waiting, covariance, order[:counted])
     else:
         e.log_density = episode.first_density + UNSOUND_LOG_SCORE
@@ -169,34 +170,17 @@ def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray,
     return order, standing, counted
 
 
-@borrowing
-def _find_mapped(run: Run) -> None:
-    """A feature is mapped when the deviation of its depth over its depth is under the scenario's ratio."""
-    for k in range(run.belief.state.count):
-        ratio = run.models.filter.initialisation.mapped_depth_ratio
-        run.belief.feature[k].mapped = depth_ratio(run.belief, k) < ratio
-
-
 @compiled
-def _mapped(run: Run) -> np.ndarray:
-    """(n,) bool, oldest first."""
-    out = np.empty(run.belief.state.count, np.bool_)
-    for k in range(out.shape[0]):
-        out[k] = run.belief.feature[k].mapped
-    return out
-
-
-@compiled
-def _evaluate_errors(run: Run, points: np.ndarray, covariance: np.ndarray, owners: np.ndarray) -> None:
+def _evaluate_errors(run: Run, owners: np.ndarray) -> None:
     """Errors against the truth, and counts of what is mapped; ``owners`` (n,) as in `referee.owners_of`."""
-    e, mapped = run.episode.evaluation, _mapped(run)
-    error = camera_error(run.world.state.camera, run.belief.state.camera)
+    e, mapped, covariance = run.episode.evaluation, mapped_of(run.estimate), run.estimate.covariance
+    error = camera_error(run.world.state.camera, run.estimate.state.camera)
     p, theta = error[D_POSITION], error[D_ROTATION]
     e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
     e.position_nees = nees(p, covariance[D_POSITION, D_POSITION])
     count, squares = 0, 0.0
-    for distance in landmark_distances(run, points, owners, mapped):
+    for distance in landmark_distances(run, owners, mapped):
         if not math.isnan(distance):
             count += 1
             squares += distance * distance
@@ -205,25 +189,25 @@ def _evaluate_errors(run: Run, points: np.ndarray, covariance: np.ndarray, owner
 
 
 @compiled
-def landmark_distances(run: Run, points: np.ndarray, owners: np.ndarray, mapped: np.ndarray) -> np.ndarray:
+def landmark_distances(run: Run, owners: np.ndarray, mapped: np.ndarray) -> np.ndarray:
     """(L,) distance [m] of each true landmark from its ``mapped`` (n,) feature; NaN where it has none."""
     of_landmark = features_of_landmarks(owners, run.world.landmarks.shape[0], mapped)
-    return landmark_errors(run.world.landmarks, points, of_landmark)
+    return landmark_errors(run.world.landmarks, points_of(run.estimate), of_landmark)
 
 
 @compiled
-def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
-    """Write the observation; it reads the belief, the task's rhythm and, where there are boxes, the range finders."""
-    models, belief, episode, task = run.models, run.belief, run.episode, run.models.task
+def observe(run: Run) -> None:
+    """Write the observation; it reads the estimate, the task's rhythm and, where there are boxes, the range finders."""
+    models, estimate, episode, task = run.models, run.estimate, run.episode, run.models.task
     N = run.expected.shape[0]
     flat, first_token = np.empty(run.observation.shape[0]), GLOBAL_SIZE
     observe_globals(
         models.motion,
-        belief,
+        estimate,
         episode.steps / task.steps,
         (episode.steps % task.steps_per_motion) / task.steps_per_motion,
         episode.control.command,
-        count_true(_mapped(run)),
+        count_true(mapped_of(estimate)),
         N - waiting_count(run.expected),
         N,
         episode.gain,
@@ -237,9 +221,8 @@ def observe(run: Run, points: np.ndarray, covariance: np.ndarray) -> None:
         first_token += MOTION_COUNT
     observe_tokens(
         models.camera,
-        belief,
-        points,
-        covariance,
+        estimate,
+        run.owner,
         run.expected,
         models.landmark_var,
         run.world.fiducials,

@@ -23,9 +23,9 @@ from activeslam_gym.envs.referee import NOBODY
 from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, row
-from activeslam_gym.motion import COMMANDS, POSITION, QUATERNION
-from activeslam_gym.slam.belief import ANCHOR, POINT, RAY, Belief, positions_of
-from activeslam_gym.slam.manifold import shift_mean
+from activeslam_gym.motion import COMMANDS, QUATERNION
+from activeslam_gym.slam.draws import count_in_longer_frames, drawn_from
+from activeslam_gym.slam.estimate import taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
@@ -76,10 +76,8 @@ class Imagination:
     @property
     def possible(self) -> bool:
         """Whether there is a belief to draw rooms from: one whose numbers are finite."""
-        belief = self._own().belief
-        dim, n = int(belief.state.dim), int(belief.state.count)
-        parts = belief.state.camera, belief.feature["mean"][:n], belief.covariance[:dim, :dim]
-        return all(np.isfinite(part).all() for part in parts)
+        estimate = taken_estimate(self._own().estimate)
+        return all(np.isfinite(part).all() for part in (estimate.camera, estimate.points, estimate.covariance))
 
     @property
     def periods(self) -> int:
@@ -96,7 +94,7 @@ class Imagination:
         if time < self._looked_at + LOOK_PERIOD - 1e-9:
             return
         self._looked_at = time
-        pose, z = run.belief.state.camera, np.empty(2)
+        pose, z = run.estimate.state.camera, np.empty(2)
         view = View(run.models.camera, pose, rotation_matrix(pose[QUATERNION]), known_boxes(run))
         seen = np.array([visible(view, place, -WELL_INSIDE_PX, z) for place in self._places])
         self._chances[seen] *= OVERLOOKED
@@ -116,7 +114,9 @@ class Imagination:
         self._rooms = empty_runs(self._env.scenario, count)
         self._rooms.models[:] = models
         self._rooms.candidate["R"] = models.camera.pixel_std**2 * np.eye(2)
-        _copy(row(self._env._runs.belief, slice(self._i, self._i + 1)), self._rooms.belief)
+        own = slice(self._i, self._i + 1)
+        _copy(row(self._env._runs.belief, own), self._rooms.belief)
+        _copy(row(self._env._runs.estimate, own), self._rooms.estimate)
         for m in range(count):
             self._furnish(run, row(self._rooms, m), stride)
 
@@ -159,7 +159,7 @@ class Imagination:
     def _furnish(self, run: Run, room: Run, stride: int) -> None:
         """Make ``room``, which has the belief of ``run``, one that may be; the run's truth is not read."""
         task = run.models.task
-        room.expected[:], room.viewpoint[:] = run.expected, run.viewpoint
+        room.expected[:], room.viewpoint[:], room.owner[:] = run.expected, run.viewpoint, run.owner
         room.episode.views, room.episode.steps = run.episode.views, run.episode.steps // task.steps_per_motion
         room.episode.redraw_key[:] = self._rng.integers(2**63)
         world = room.world
@@ -167,11 +167,12 @@ class Imagination:
         world.fiducials[:] = run.world.fiducials  # which are known
         world.state.boxes = len(known_boxes(run))
         world.boxes[: world.state.boxes] = known_boxes(run)
-        world.state.camera[:], points = sampled(room.belief, run.models.motion.half, self._rng)
+        world.state.camera[:], points = drawn_from(room.belief, run.models.motion.half, self._rng)
         own = _owned(room, points)
         chances, unfound = self._chances / self._chances.sum(), len(world.landmarks) - own
         world.landmarks[own:] = self._rng.choice(self._places, unfound, replace=False, p=chances)
-        _count_slowly(room.belief, stride)
+        count_in_longer_frames(room.belief, stride)
+        world.state.frame = run.world.state.frame // stride
 
 
 def _owned(room: Run, points: np.ndarray) -> int:
@@ -182,9 +183,7 @@ def _owned(room: Run, points: np.ndarray) -> int:
     N, K = len(room.world.landmarks), len(room.world.fiducials)
     room.world.landmarks[: len(points)] = points[:N]
     for k in range(len(points)):
-        feature = room.belief.feature[k]
-        owner = room.owner[feature.slot]
-        owner.serial = feature.serial
+        owner = room.owner[k]
         owner.label, owner.landmark = (K + k, k) if k < N else (CLUTTER_LABEL, NOBODY)
     return min(len(points), N)
 
@@ -196,50 +195,6 @@ class Hindsight(Imagination):
         super()._furnish(run, room, stride)
         room.world.state.camera[:], room.world.landmarks[:] = run.world.state.camera, run.world.landmarks
         room.owner[:] = run.owner
-
-
-# What may be true ---------------------------------------------------------------------------------------------------
-
-
-def sampled(belief: Belief, half: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """A camera (13,) and a point (n, 3) for each feature, drawn from the belief; points stay in the room ``half`` (3,).
-
-    mean ⊞ delta with delta ~ N(0, P); the depth of a ray is that of one of its particles.
-    """
-    dim, n = int(belief.state.dim), int(belief.state.count)
-    drawn = belief._replace(state=belief.state.copy(), feature=belief.feature.copy())
-    for k in range(n):
-        if drawn.feature[k].kind == RAY:
-            depths, weights = belief.particles[drawn.feature[k].slot].T
-            drawn.feature[k].depth = rng.choice(depths, p=weights / weights.sum())
-    shift_mean(drawn, _normal(belief.covariance[:dim, :dim], rng))
-    feature, camera = drawn.feature[:n], drawn.state.camera
-    origins = np.where((feature["kind"] == POINT)[:, None], camera[POSITION], feature["mean"][:, ANCHOR])
-    return camera, _kept_inside(origins, positions_of(drawn), half)
-
-
-def _normal(P: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A draw of N(0, P); of the nearest such P where it is not quite positive."""
-    values, vectors = np.linalg.eigh(P)
-    return vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(values)))
-
-
-def _kept_inside(origins: np.ndarray, points: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """``points`` (n, 3), those outside of the room moved back on their lines of sight from ``origins`` (n, 3)."""
-    way = points - origins
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(way == 0.0, 1.0, (np.copysign(half, way) - origins) / way).min(axis=1, initial=1.0)
-    return origins + np.maximum(share, 0.0)[:, None] * way
-
-
-def _count_slowly(belief: Belief, stride: int) -> None:
-    """Count in frames that are ``stride`` times as long."""
-    frame, feature = int(belief.state.frame), belief.feature[: int(belief.state.count)]
-    belief.state.frame = frame // stride
-    for name in ("born", "seen"):
-        feature[name] = frame // stride - (frame - feature[name]) // stride
-    feature["misses"] //= stride
-    belief.track["hits"] //= stride
 
 
 def _copy(source: tuple, target: tuple, rows: Any = ..., at: Any = ...) -> None:

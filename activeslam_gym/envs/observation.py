@@ -16,7 +16,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import Record, borrowing, compiled, inlined
-from activeslam_gym.linalg import copy_block, diagonal, log2_det_3
+from activeslam_gym.linalg import diagonal, log2_det_3
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -26,7 +26,8 @@ from activeslam_gym.motion import (
     VELOCITY,
     motion_shares,
 )
-from activeslam_gym.slam.belief import Belief, feature_capacity
+from activeslam_gym.slam.belief import feature_capacity
+from activeslam_gym.slam.estimate import EstimateArrays, copy_own_covariance
 
 GLOBAL_FEATURES = {
     "position": 3,
@@ -123,7 +124,7 @@ def _slices(lengths: dict[str, int]) -> dict[str, slice]:
 @compiled
 def observe_globals(
     motion: Record,
-    belief: Belief,
+    estimate: EstimateArrays,
     time: float,
     phase: float,
     command: np.ndarray,
@@ -137,7 +138,7 @@ def observe_globals(
 
     ``command`` (>= 3,) is the translation under way, see `motion.COMMANDS`.
     """
-    x, P = belief.state.camera, belief.covariance
+    x, P = estimate.state.camera, estimate.covariance
     p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
     R_WC = rotation_matrix(x[QUATERNION])
     for i in range(3):
@@ -150,16 +151,15 @@ def observe_globals(
         variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
         out[_GLOBAL.uncertainty + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
     out[_GLOBAL.mapped], out[_GLOBAL.counting] = mapped / landmarks, counting / landmarks
-    out[_GLOBAL.features] = belief.state.count / belief.feature.shape[0]
+    out[_GLOBAL.features] = estimate.state.count / estimate.landmark.shape[0]
     out[_GLOBAL.gain] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
 
 
 @compiled
 def observe_tokens(
     camera: Record,
-    belief: Belief,
-    points: np.ndarray,
-    covariance: np.ndarray,
+    estimate: EstimateArrays,
+    owner: np.ndarray,
     expected: np.ndarray,
     landmark_var: np.ndarray,
     fiducials: np.ndarray,
@@ -168,26 +168,26 @@ def observe_tokens(
 ) -> None:
     """Write the tokens into ``out`` (T W,), unclipped: fiducials, then slots.
 
-    A feature has its slot's token for life; waiting expected landmarks take the tokens of free slots, in order, as many
-    as there are. ``points``, ``covariance``: the public belief, by age.
+    A feature has the token of its slot in ``owner`` (F,) for life; waiting expected landmarks take the tokens of free
+    slots, in order, as many as there are.
     """
-    pose = belief.state.camera
+    pose = estimate.state.camera
     view = view_of(camera, pose, boxes)
-    K, F = fiducials.shape[0], belief.feature.shape[0]
+    K, F = fiducials.shape[0], estimate.landmark.shape[0]
     taken, z, P_y = np.zeros(F, np.bool_), np.empty(2), np.empty((3, 3))
     out[:] = 0.0
     for i in range(K):
         token = _token(out, i)
         _place(view, fiducials[i], z, token)
         token[_TOKEN.log_uncertainty], token[_TOKEN.log_depth_uncertainty], token[_TOKEN.fiducial] = -1.0, -1.0, 1.0
-    for k in range(belief.state.count):
-        feature, at = belief.feature[k], CAMERA_DIM + 3 * k
-        token = _token(out, K + feature.slot)
-        taken[feature.slot] = True
-        _place(view, points[k], z, token)
-        copy_block(covariance[at : at + 3, at : at + 3], P_y)
-        _uncertainty(pose, points[k], P_y, token)
-        token[_TOKEN.mapped if feature.mapped else _TOKEN.initialising] = 1.0
+    for k in range(estimate.state.count):
+        landmark, slot = estimate.landmark[k], owner[k].slot
+        token = _token(out, K + slot)
+        taken[slot] = True
+        _place(view, landmark.point, z, token)
+        copy_own_covariance(estimate, k, P_y)
+        _uncertainty(pose, landmark.point, P_y, token)
+        token[_TOKEN.mapped if landmark.mapped else _TOKEN.initialising] = 1.0
     slot, prior = 0, diagonal(landmark_var)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:

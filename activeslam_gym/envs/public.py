@@ -1,7 +1,7 @@
 """What policies read of an environment, and referees; the same names for one and for a batch."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import gymnasium
@@ -16,37 +16,19 @@ from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_PARTS, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
-from activeslam_gym.slam.belief import ANCHOR, POINT, as_points
+from activeslam_gym.slam.estimate import Estimate, mapped_of, points_of, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 
 _LONGEST_HORIZON = 4
 
 
 @dataclass(frozen=True)
-class PublicBelief:
-    """The belief with every feature as a point, oldest first; read-only copies."""
+class PublicBelief(Estimate):
+    """The estimate of an environment, and its entropies; read-only copies."""
 
-    position: np.ndarray
-    """(3,) [m]."""
-    quaternion: np.ndarray
-    """(4,) q_WC, scalar first."""
-    velocity: np.ndarray
-    """(3,) [m/s], world frame."""
-    angular_velocity: np.ndarray
-    """(3,) [rad/s], world frame."""
-    landmarks: np.ndarray
-    """(n, 3) [m]."""
-    mapped: np.ndarray
-    """(n,) bool: the deviation of the depth over the depth is under the scenario's ratio."""
-    ids: np.ndarray
-    """(n,) numbers of the features, in the order of their births: no two features of a run share one."""
-    converted: np.ndarray
-    """(n,) bool: the filter holds it as a point; the others it holds as lines of sight from `anchors`."""
-    anchors: np.ndarray
-    """(n, 3) where the line of sight of a feature that is no point yet begins, as it is estimated now [m]."""
-    covariance: np.ndarray
-    """(12 + 3 n, 12 + 3 n) of position, rotation (world-frame tangent), velocity, angular velocity, landmarks."""
-    log2_dets: dict[str, float]
+    anchors: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    """(n, 3) where the line of sight of a feature that is not converted yet begins, as it is estimated now [m]."""
+    log2_dets: dict[str, float] = field(default_factory=dict)
     """log2 |P| of ``camera``, ``map`` and ``total`` at the constant dimension."""
 
     def log2_det(self, part: str = "total") -> float:
@@ -102,29 +84,17 @@ class PublicBeliefs(tuple[PublicBelief, ...]):
 # Reading the arrays of a run ----------------------------------------------------------------------------------------
 
 
-def _frozen(array: np.ndarray) -> np.ndarray:
-    copy = np.array(array)
-    copy.flags.writeable = False
-    return copy
-
-
 def _parts_of(camera: np.ndarray) -> dict[str, np.ndarray]:
     """The parts of the mean of a camera (13,), or of a batch of them, by name."""
-    return {name: _frozen(camera[..., part]) for name, part in CAMERA_PARTS.items()}
+    return {name: read_only(camera[..., part]) for name, part in CAMERA_PARTS.items()}
 
 
-def public_belief(run: Run) -> PublicBelief:
-    """A read-only copy of the public belief."""
-    n, e = int(run.belief.state.count), run.episode.evaluation
-    feature, (points, covariance) = run.belief.feature[:n], as_points(run.belief)
+def public_belief(run: Run, time: float = 0.0) -> PublicBelief:
+    """A read-only copy of the estimate, at ``time`` [s]."""
+    e, given = run.episode.evaluation, taken_estimate(run.estimate, time)
     return PublicBelief(
-        **_parts_of(run.belief.state.camera),
-        landmarks=_frozen(points),
-        mapped=_frozen(feature["mapped"]),
-        ids=_frozen(feature["serial"]),
-        converted=_frozen(feature["kind"] == POINT),
-        anchors=_frozen(feature["mean"][:, ANCHOR]),
-        covariance=_frozen(covariance),
+        **{one.name: getattr(given, one.name) for one in fields(given)},
+        anchors=read_only(run.estimate.landmark["anchor"][: len(given.ids)]),
         log2_dets={part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")},
     )
 
@@ -133,29 +103,26 @@ def truth_of(runs: Run) -> Truth:
     """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
     world = runs.world
     parts = _parts_of(world.state["camera"])
-    points = {name: _frozen(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}
+    points = {name: read_only(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}
     return Truth(**parts, **points)
 
 
 def labels_of(run: Run) -> Labels:
     """A read-only copy of a run's hidden labels."""
-    owners, count = owners_of(run.owner, run.belief), int(run.episode.detections)
-    return Labels(_frozen(owners), _frozen(run.label[:count]), _frozen(run.candidate["match"][:count]))
+    owners, count = owners_of(run.owner, run.estimate), int(run.episode.detections)
+    return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.candidate["match"][:count]))
 
 
 def _landmark_errors(run: Run) -> np.ndarray:
     """(L,) distance of each true landmark from its mapped feature [m]; NaN where it has none."""
-    mapped = run.belief.feature["mapped"][: run.belief.state.count]
-    points, _ = as_points(run.belief)
-    return landmark_distances(run, points, owners_of(run.owner, run.belief), mapped)
+    return landmark_distances(run, owners_of(run.owner, run.estimate), mapped_of(run.estimate))
 
 
 def _nees_per_dof(run: Run) -> dict[str, float]:
     """NEES over its degrees of freedom; for landmarks the mean over the mapped ones, NaN if there are none."""
-    points, P = as_points(run.belief)
-    error = camera_error(run.world.state.camera, run.belief.state.camera)
-    mapped = run.belief.feature["mapped"][: run.belief.state.count]
-    of_landmark = features_of_landmarks(owners_of(run.owner, run.belief), len(run.world.landmarks), mapped)
+    points, P, mapped = points_of(run.estimate), run.estimate.covariance, mapped_of(run.estimate)
+    error = camera_error(run.world.state.camera, run.estimate.state.camera)
+    of_landmark = features_of_landmarks(owners_of(run.owner, run.estimate), len(run.world.landmarks), mapped)
     each = []
     for y, k in zip(run.world.landmarks, of_landmark.tolist(), strict=True):
         if k >= 0:
@@ -176,7 +143,7 @@ def prospect(run: Run) -> Prospect:
         gap = motion.goal_margin - motion.wall_margin
         for index in range(MOTION_COUNT):
             free[index] = min(max((run.episode.clearance[index] - gap) / motion.step_length, 0.0), 1.0)
-    return prospect_of(run.belief, run.expected, run.models.landmark_var, fiducials, known_boxes(run), free)
+    return prospect_of(run.estimate, run.expected, run.models.landmark_var, fiducials, known_boxes(run), free)
 
 
 @compiled
@@ -252,7 +219,7 @@ class Reads:
 
     def _scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
         number, out = criterion_number(criterion), np.empty((len(self._runs.episode), len(plans)))
-        if not self._runs.belief.state["dim"].all():
+        if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
         self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
         return self._given(out)

@@ -10,16 +10,20 @@ from activeslam_gym.linalg import copy_into
 from activeslam_gym.metrics import camera_error, log2_normal_of_factor
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.association import ANYTHING, REJECTED
-from activeslam_gym.slam.belief import Belief, fiducial_id, position_of
+from activeslam_gym.slam.belief import fiducial_id
+from activeslam_gym.slam.estimate import EstimateArrays, index_of
 from activeslam_gym.world.simulator import CLUTTER_LABEL, World
 
 OWNER = record(
-    serial="i8",  # id of the slot's feature, of which the rest is told
-    label="i8",  # of the detection that gave birth to it
+    id="i8",  # of the landmark of the estimate; 0: none
+    slot="i8",  # its place in the observation, for life
+    label="i8",  # of the detection that initialised it, or UNKNOWN
     landmark="i8",  # index of that true landmark, or NOBODY
 )
-"""What the feature in a slot was born of."""
+"""The data association, by hidden labels, of one landmark of the estimate."""
 NOBODY = -1
+UNKNOWN = -2
+"""The label of a landmark of which no detection is known yet."""
 
 
 @dataclass(frozen=True)
@@ -56,24 +60,53 @@ class Labels:
 
 
 @compiled
+def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
+    """After a frame: let entry k of ``owner`` (F,) be of landmark k of the estimate.
+
+    A landmark that stays keeps its entry. A new one takes the lowest free slot; nothing is known of it yet.
+    """
+    kept, count = 0, estimate.state.count
+    for k in range(owner.shape[0]):
+        if owner[k].id > 0 and index_of(estimate, owner[k].id) >= 0:
+            owner[kept] = owner[k]
+            kept += 1
+    for k in range(kept, owner.shape[0]):
+        entry = owner[k]
+        entry.id, entry.label, entry.landmark = 0, UNKNOWN, NOBODY
+        if k < count:
+            entry.id, entry.slot = estimate.landmark[k].id, _free_slot(owner, k)
+
+
+@compiled
+def _free_slot(owner: np.ndarray, count: int) -> int:
+    """The lowest slot that none of the first ``count`` entries has."""
+    taken = np.zeros(owner.shape[0], np.bool_)
+    for k in range(count):
+        taken[owner[k].slot] = True
+    slot = 0
+    while taken[slot]:
+        slot += 1
+    return slot
+
+
+@compiled
 def judge_matches(
-    owner: np.ndarray, belief: Belief, fiducial_count: int, candidates: np.ndarray, labels: np.ndarray
+    owner: np.ndarray, estimate: EstimateArrays, fiducial_count: int, candidates: np.ndarray, labels: np.ndarray
 ) -> tuple[int, int]:
     """How many of a frame's ``candidates`` (M,), with their true ``labels`` (M,), were wrong matches, and false births.
 
     A feature is what the detection of its birth was of, for life: no later match frees a false claim, and none takes a
     true one away. Wrong is a match with anything else, and every match of a feature that was born of clutter; its birth
-    is false. Call it after every frame, so that a feature of which nothing is known is one just born.
+    is false. Call it after every frame, after `reconcile`, so that a feature of which nothing is known is a new one.
     """
     wrong, false = 0, 0
     for i in range(candidates.shape[0]):
         match, label = candidates[i].match, labels[i]
-        k = position_of(belief, match) if match > 0 else -1
+        k = index_of(estimate, match) if match > 0 else -1
         if k >= 0:
-            feature = belief.feature[k]
-            known = owner[feature.slot]
-            if known.serial != feature.serial:
-                known.serial, known.label = feature.serial, label
+            known = owner[k]
+            if known.label == UNKNOWN:
+                known.label = label
                 known.landmark = label - fiducial_count if label >= fiducial_count else NOBODY
                 false += label == CLUTTER_LABEL
             else:
@@ -84,7 +117,7 @@ def judge_matches(
 
 
 @borrowing
-def true_id(owner: np.ndarray, belief: Belief, fiducial_count: int, label: int) -> int:
+def true_id(owner: np.ndarray, fiducial_count: int, label: int) -> int:
     """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature born of the point.
 
     ANYTHING where the point has no feature yet; REJECTED for clutter, of which nothing shall be made.
@@ -93,19 +126,18 @@ def true_id(owner: np.ndarray, belief: Belief, fiducial_count: int, label: int) 
         return REJECTED
     if label < fiducial_count:
         return fiducial_id(label)
-    for k in range(belief.state.count):
-        feature = belief.feature[k]
-        if owner[feature.slot].serial == feature.serial and owner[feature.slot].label == label:
-            return feature.serial
+    for entry in owner:
+        if entry.id > 0 and entry.label == label:
+            return entry.id
     return ANYTHING
 
 
 @compiled
-def owners_of(owner: np.ndarray, belief: Belief) -> np.ndarray:
-    """(n,) the landmark of each feature, oldest first, or NOBODY."""
-    out = np.empty(belief.state.count, np.int64)
+def owners_of(owner: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
+    """(n,) the true landmark of each landmark of the estimate, oldest first, or NOBODY."""
+    out = np.empty(estimate.state.count, np.int64)
     for k in range(out.shape[0]):
-        out[k] = owner[belief.feature[k].slot].landmark
+        out[k] = owner[k].landmark
     return out
 
 
@@ -132,7 +164,7 @@ def landmark_errors(landmarks: np.ndarray, points: np.ndarray, of_landmark: np.n
 
 @compiled
 def log2_density(
-    world: World, belief: Belief, landmark_var: np.ndarray, points: np.ndarray, of_landmark: np.ndarray, U: np.ndarray
+    world: World, estimate: EstimateArrays, landmark_var: np.ndarray, of_landmark: np.ndarray, U: np.ndarray
 ) -> float:
     """log2 N(truth | belief) over the camera and all true landmarks [bit]: a proper score.
 
@@ -146,10 +178,10 @@ def log2_density(
         y, k = world.landmarks[i], of_landmark[i]
         for axis in range(3):
             if k >= 0:
-                error[at] = y[axis] - points[k, axis]
+                error[at] = y[axis] - estimate.landmark[k].point[axis]
                 at += 1
             else:
                 variance = landmark_var[axis]
                 rest -= 0.5 * (math.log2(2.0 * math.pi * variance) + y[axis] ** 2 / variance * math.log2(math.e))
-    copy_into(error[at:], camera_error(world.state.camera, belief.state.camera))
+    copy_into(error[at:], camera_error(world.state.camera, estimate.state.camera))
     return rest + log2_normal_of_factor(error[: at + CAMERA_DIM], U)

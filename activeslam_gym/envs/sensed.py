@@ -4,14 +4,14 @@ import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.envs.episode import conclude, open_step
-from activeslam_gym.envs.referee import NOBODY
-from activeslam_gym.envs.simulation import Run, begin_motion, drive, expect, run_at
+from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
+from activeslam_gym.envs.simulation import Run, begin_motion, close_frame, drive, present, run_at
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
-from activeslam_gym.slam.belief import position_of
+from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 WRONG_PX = 4.0
@@ -22,6 +22,7 @@ WRONG_PX = 4.0
 def begin(runs: Run, i: int) -> None:
     """Evaluate run ``i``, which has just been reset."""
     run = run_at(runs, i)
+    present(run)
     begin_motion(run, np.zeros(3))
     conclude(run, True)
 
@@ -39,41 +40,48 @@ def move(runs: Run, i: int, command: np.ndarray, opens: bool) -> np.ndarray:
 
 
 @compiled
-def account(runs: Run, i: int, births: np.ndarray, spare: np.ndarray) -> None:
-    """After the filter: which matches were right, and which scene point each of the N slots of the score stands for.
-
-    ``births`` (F, 3): by slot, the scene point of each feature's birth pixel. The slot of the expected landmark that a
-    feature has retired is the feature's; of an empty one, ``spare`` (N, 3), anywhere in the room, is the truth.
-    """
+def enter(runs: Run, i: int) -> None:
+    """After the filter: write the estimate of run ``i``, and let each of its landmarks have its entry in ``owner``."""
     run = run_at(runs, i)
-    world, belief, expected, owner = run.world, run.belief, run.expected, run.owner
-    expect(run)
-    for k in range(belief.state.count):
-        feature = belief.feature[k]
-        owner[feature.slot].serial, owner[feature.slot].landmark = feature.serial, NOBODY
-    for e in range(expected.shape[0]):
-        k = position_of(belief, expected[e].serial) if expected[e].serial != WAITING else -1
-        if k >= 0:
-            owner[belief.feature[k].slot].landmark = e
-            copy_into(world.landmarks[e], births[belief.feature[k].slot])
-        else:
-            copy_into(world.landmarks[e], spare[e])
-    for c in range(run.episode.detections):
-        run.label[c] = _label(run, births, run.candidate[c].match, run.candidate[c].pixel)
+    present(run)
+    reconcile(run.owner, run.estimate)
 
 
 @compiled
-def _label(run: Run, births: np.ndarray, match: int, pixel: np.ndarray) -> int:
+def account(runs: Run, i: int, scene_points: np.ndarray, spare: np.ndarray) -> None:
+    """After `enter`: which matches were right, and which scene point each of the N slots of the score stands for.
+
+    ``scene_points`` (n, 3): of each landmark of the estimate, the scene point of the pixel that initialised it. The
+    slot of the expected landmark that a feature has retired is the feature's; of an empty one, ``spare`` (N, 3),
+    anywhere in the room, is the truth.
+    """
+    run = run_at(runs, i)
+    world, estimate, expected, owner = run.world, run.estimate, run.expected, run.owner
+    close_frame(run)
+    for k in range(estimate.state.count):
+        owner[k].label, owner[k].landmark = UNKNOWN, NOBODY
+    for e in range(expected.shape[0]):
+        k = index_of(estimate, expected[e].serial) if expected[e].serial != WAITING else -1
+        if k >= 0:
+            owner[k].landmark = e
+            copy_into(world.landmarks[e], scene_points[k])
+        else:
+            copy_into(world.landmarks[e], spare[e])
+    for c in range(run.episode.detections):
+        run.label[c] = _label(run, scene_points, run.candidate[c].match, run.candidate[c].pixel)
+
+
+@compiled
+def _label(run: Run, scene_points: np.ndarray, match: int, pixel: np.ndarray) -> int:
     """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
-    world, belief, K = run.world, run.belief, run.world.fiducials.shape[0]
+    world, K = run.world, run.world.fiducials.shape[0]
     k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
     if match > 0:
-        k = position_of(belief, match)
+        k = index_of(run.estimate, match)
     if k >= 0:
-        slot = belief.feature[k].slot
-        point = births[slot]
-        if run.owner[slot].landmark != NOBODY:
-            label = K + run.owner[slot].landmark
+        point = scene_points[k]
+        if run.owner[k].landmark != NOBODY:
+            label = K + run.owner[k].landmark
     elif -K <= match < 0:
         point, label = world.fiducials[-1 - match], -1 - match
     if k >= 0 or -K <= match < 0:

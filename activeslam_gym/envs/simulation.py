@@ -10,7 +10,7 @@ from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_ca
 from activeslam_gym.config import KNOWN, Scenario, positive_number, scenario_from, whole_multiple
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
-from activeslam_gym.envs.referee import OWNER, judge_matches, true_id
+from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.criteria import CRITERIA
@@ -35,7 +35,10 @@ from activeslam_gym.slam.belief import (
     feature_capacity,
     reset_belief,
     start_of,
+    write_estimate,
+    write_points,
 )
+from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates, estimate_at
 from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
 from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
@@ -112,6 +115,7 @@ EPISODE = record(
     gain="f8",  # entropy removed so far [bit]
     first_density="f8",  # log_density at the reset [bit]
     steps="i8",  # so far
+    begun="b1",  # there has been a reset
     lost="b1",  # in this step or before
     lost_now="b1",
     detections="i8",  # in the last frame
@@ -130,6 +134,9 @@ class Run(NamedTuple):
     world: World
     """The truth."""
     belief: Belief
+    """The arrays of the estimator `ekf`: only `slam` reads them."""
+    estimate: EstimateArrays
+    """What everything else reads of the estimator."""
     expected: np.ndarray
     """(N,) EXPECTED landmarks."""
     viewpoint: np.ndarray
@@ -139,7 +146,7 @@ class Run(NamedTuple):
     label: np.ndarray
     """(M,) of what each of them is; see `World`. For scoring alone."""
     owner: np.ndarray
-    """(F,) OWNER, by slot. For scoring alone."""
+    """(F,) OWNER, of the landmarks of the estimate in their order. For scoring alone."""
     episode: Record
     """EPISODE."""
     observation: np.ndarray
@@ -153,6 +160,7 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         runs.models[i],
         world_at(runs.world, i),
         belief_at(runs.belief, i),
+        estimate_at(runs.estimate, i),
         borrowed(runs.expected[i]),
         borrowed(runs.viewpoint[i]),
         borrowed(runs.candidate[i]),
@@ -273,6 +281,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         models=np.zeros(count, MODELS),
         world=empty_worlds(scenario, count),
         belief=empty_beliefs(scenario, count),
+        estimate=empty_estimates(features, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
         viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
         candidate=candidate,
@@ -302,25 +311,28 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
     run.expected[:] = np.zeros(1, EXPECTED)
     run.expected["point"] = expected_points(scenario, drawn, np.random.default_rng(expected))
     run.expected["serial"] = WAITING
-    run.owner["serial"] = 0
+    run.owner["id"] = 0
+    run.estimate.state.count = 0
     runs.episode[i] = np.zeros(1, EPISODE)[0]
+    run.episode.begun = True
     run.episode.redraw_key[:] = redraws.generate_state(1, np.uint64)
     mean, covariance = start_of(scenario)
     mean[: len(drawn.place)] = drawn.place
-    reset_belief(run.belief, mean, covariance)
     if scenario.labelled_first_match:
-        face_fiducials(run, np.random.default_rng(sight))
+        face_fiducials(run, mean, np.random.default_rng(sight))
+    reset_belief(run.belief, mean, covariance)
 
 
-def face_fiducials(run: Run, rng: np.random.Generator) -> None:
-    """Turn the mean so that labelled first sights of the fiducials point at them (Wahba's problem).
+def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None:
+    """Turn the ``mean`` (13,) of the camera so that labelled first sights of the fiducials point at them.
 
+    This is Wahba's problem.
     A prior of 45 degrees is too wide to linearise at its mean; this gives the first update a place to start from.
     Nothing is claimed of the covariance, whose isotropic rotation is the same about any mean.
     """
     from scipy.spatial.transform import Rotation
 
-    camera, pose, mean = run.models.camera, run.world.state.camera, run.belief.state.camera
+    camera, pose = run.models.camera, run.world.state.camera
     R_WC, z = rotation_matrix(pose[QUATERNION]), np.empty(2)
     sights, directions = [], []
     for fiducial in run.world.fiducials:
@@ -363,7 +375,7 @@ def felt(run: Run) -> np.ndarray:
 
     A person does not read the filter, and the filter does not know the person's commands.
     """
-    return run.belief.state.camera if run.models.motion.command_known else run.world.state.camera
+    return run.estimate.state.camera if run.models.motion.command_known else run.world.state.camera
 
 
 @compiled
@@ -379,11 +391,11 @@ def drive(run: Run, gaze: float) -> np.ndarray:
 
     ``gaze`` is a share of the turn rate. It feels a contact.
     """
-    motion, frame, control = run.models.motion, run.belief.state.frame, run.episode.control
-    turn = turn_by(motion, gaze, frame * motion.dt)
+    motion, control = run.models.motion, run.episode.control
+    turn = turn_by(motion, gaze, run.world.state.frame * motion.dt)
     seconds = control.frames * motion.dt
     u = accelerations(motion, felt(run), control.start, control.goal, seconds, turn)
-    contacts = move(motion, run.world, u, frame)
+    contacts = move(motion, run.world, u)
     run.episode.events.wall_contacts += contacts
     control.frames += 1
     if not motion.command_known:
@@ -394,37 +406,53 @@ def drive(run: Run, gaze: float) -> np.ndarray:
 
 
 @compiled
-def advance(run: Run, gaze: float) -> None:
-    """One frame: control, true motion, detection, prediction, association, update, initialisation."""
-    models, world, belief, events = run.models, run.world, run.belief, run.episode.events
-    motion, frame, K = models.motion, belief.state.frame, world.fiducials.shape[0]
+def advance(run: Run, gaze: float, ends: bool) -> None:
+    """One frame: control, true motion, detection, prediction, association, update, initialisation.
+
+    ``ends``: it is the last frame of a step, after which the whole estimate is written.
+    """
+    models, world, events = run.models, run.world, run.episode.events
+    motion, K = models.motion, world.fiducials.shape[0]
     u = drive(run, gaze)
-    count = detect(models.true_camera, models.sensor, world, frame, run.candidate, run.label)
+    count = detect(models.true_camera, models.sensor, world, run.candidate, run.label)
     candidates, labels = run.candidate[:count], run.label[:count]
     run.episode.detections = count
-    labelled = models.task.association_known or (models.task.labelled_first_match and frame == 0)
+    labelled = models.task.association_known or (models.task.labelled_first_match and world.state.frame == 0)
     for i in range(count):
-        candidates[i].id = true_id(run.owner, belief, K, labels[i]) if labelled else ANYTHING
+        candidates[i].id = true_id(run.owner, K, labels[i]) if labelled else ANYTHING
     boxes = known_boxes(run)
     filter_frame(
-        models.camera, motion, models.filter, belief, world.fiducials, boxes, u, motion.dt, candidates, labelled, events
-    )
-    wrong, false = judge_matches(run.owner, belief, K, candidates, labels)
+        models.camera, motion, models.filter, run.belief, world.fiducials, boxes, u, motion.dt, candidates, labelled,
+        events,
+    )  # fmt: skip
+    if ends:
+        present(run)
+    else:
+        write_points(run.belief, models.filter.initialisation.mapped_depth_ratio, run.estimate)
+    reconcile(run.owner, run.estimate)
+    wrong, false = judge_matches(run.owner, run.estimate, K, candidates, labels)
     events.wrong_matches += wrong
     events.false_births += false
-    expect(run)
+    close_frame(run)
 
 
 @compiled
-def expect(run: Run) -> None:
-    """After a frame: features retire expected landmarks, and what was looked at and not found is expected elsewhere."""
-    models, belief = run.models, run.belief
-    update_expectation(run.expected, models.landmark_var, belief)
+def present(run: Run) -> None:
+    """Write the whole estimate."""
+    write_estimate(run.belief, run.models.filter.initialisation.mapped_depth_ratio, run.estimate)
+
+
+@compiled
+def close_frame(run: Run) -> None:
+    """After a frame: features retire expected landmarks, and those looked at and not found are expected elsewhere."""
+    models, estimate = run.models, run.estimate
+    run.world.state.frame += 1
+    update_expectation(run.expected, models.landmark_var, estimate)
     if models.negative_information:
         run.episode.views = disprove(
             models.camera,
             known_boxes(run),
-            belief.state.camera,
+            estimate.state.camera,
             models.motion.half,
             models.filter.initialisation.birth_detections + 2,
             models.filter.association.detection_probability,

@@ -95,7 +95,7 @@ class History:
         evaluation = run.episode.evaluation
         self.times.append(time)
         self.true_positions.append(run.world.state.camera[POSITION].copy())
-        self.positions.append(run.belief.state.camera[POSITION].copy())
+        self.positions.append(run.estimate.state.camera[POSITION].copy())
         self.entropy.append(float(evaluation.entropy))
         mapped = int(evaluation.landmarks_mapped)
         self.landmark_times.extend([time] * (mapped - self._most_mapped))

@@ -29,7 +29,7 @@ from activeslam_gym.motion import (
     turn_of,
     turned_by,
 )
-from activeslam_gym.slam.belief import RAY, Belief, as_points, point_belief
+from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.kalman import propagate
 from activeslam_gym.slam.sight import Sight, sight_of_points
 
@@ -66,45 +66,31 @@ class Prospect(NamedTuple):
 
 @compiled
 def prospect_of(
-    belief: Belief,
+    estimate: EstimateArrays,
     expected: np.ndarray,
     landmark_var: np.ndarray,
     fiducials: np.ndarray,
     boxes: np.ndarray,
     free: np.ndarray,
 ) -> Prospect:
-    """The public belief without rays, and the waiting ones of ``expected`` (N,) with their variance (3,)."""
-    n, waiting, rays = belief.state.count, waiting_count(expected), 0
+    """The estimate without rays, and the waiting ones of ``expected`` (N,) with their variance (3,)."""
+    located, waiting, n = np.empty(estimate.state.count, np.int64), waiting_count(expected), 0
+    for k in range(located.shape[0]):
+        if estimate.landmark[k].located:
+            located[n] = k
+            n += 1
+    size = CAMERA_DIM + 3 * (n + waiting)
+    points, P = np.empty((n + waiting, 3)), np.zeros((size, size))
     for k in range(n):
-        rays += belief.feature[k].kind == RAY
-    size = CAMERA_DIM + 3 * (n - rays + waiting)
-    points, P = np.empty((n - rays + waiting, 3)), np.zeros((size, size))
-    if rays == 0:
-        point_belief(belief, points, P)
-    else:
-        _copy_without_rays(belief, points, P)
-    n -= rays
+        copy_into(points[k], estimate.landmark[located[k]].point)
+    copy_block(gathered(estimate.covariance, located[:0], located[:n]), P)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
             copy_into(points[n], expected[e].point)
             for i in range(3):
                 P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]
             n += 1
-    return Prospect(belief.state.camera.copy(), points, P, fiducials, boxes, waiting, free)
-
-
-@compiled
-def _copy_without_rays(belief: Belief, points: np.ndarray, P: np.ndarray) -> None:
-    """Write the public belief of all features but rays into the leading part of ``points`` and ``P``."""
-    all_points, covariance = as_points(belief)
-    keep = np.empty(belief.state.count, np.int64)
-    n = 0
-    for k in range(belief.state.count):
-        if belief.feature[k].kind != RAY:
-            keep[n] = k
-            copy_into(points[n], all_points[k])
-            n += 1
-    copy_block(gathered(covariance, keep[:0], keep[:n]), P)
+    return Prospect(estimate.state.camera.copy(), points, P, fiducials, boxes, waiting, free)
 
 
 @compiled

@@ -13,7 +13,7 @@ from activeslam_gym.linalg import (
     solve_transposed_vector,
     sum_of_squares,
 )
-from activeslam_gym.slam.belief import RAY, Belief, point_marginal, position_of
+from activeslam_gym.slam.estimate import EstimateArrays, copy_own_covariance, index_of
 
 VIEW = record(pose=("f8", 7), axis=("f8", 3))
 """A viewpoint: position and quaternion, and the optical axis."""
@@ -29,7 +29,7 @@ WAITING = 0
 
 
 @compiled
-def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, belief: Belief) -> None:
+def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, estimate: EstimateArrays) -> None:
     """Retire and bring back expected landmarks, so that exactly the counting features have retired one each.
 
     A feature counts from the first frame in which the log-determinant of its own point marginal is under the prior's;
@@ -37,19 +37,20 @@ def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, belief: B
     landmark back. Rays never count. To be called after every frame.
     """
     for e in range(expected.shape[0]):
-        if expected[e].serial != WAITING and position_of(belief, expected[e].serial) < 0:
+        if expected[e].serial != WAITING and index_of(estimate, expected[e].serial) < 0:
             expected[e].serial = WAITING
     bound = math.log2(landmark_var[0] * landmark_var[1] * landmark_var[2])
-    counting, P_y = find_counting(expected, belief), np.empty((3, 3))
-    for k in range(belief.state.count):
-        if belief.feature[k].kind == RAY or counting[k]:
+    counting, P_y = find_counting(expected, estimate), np.empty((3, 3))
+    for k in range(estimate.state.count):
+        landmark = estimate.landmark[k]
+        if counting[k] or not landmark.located:
             continue
-        y = point_marginal(belief, k, P_y)
+        copy_own_covariance(estimate, k, P_y)
         if log2_det_3(P_y) < bound:  # False for NaN
-            e = _nearest_expected(expected, landmark_var, y, P_y)
+            e = _nearest_expected(expected, landmark_var, landmark.point, P_y)
             if e < 0:
                 return
-            expected[e].serial = belief.feature[k].serial
+            expected[e].serial = landmark.id
 
 
 @compiled
@@ -69,12 +70,12 @@ def _nearest_expected(expected: np.ndarray, landmark_var: np.ndarray, y: np.ndar
 
 
 @compiled
-def find_counting(expected: np.ndarray, belief: Belief) -> np.ndarray:
+def find_counting(expected: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
     """(n,) bool: which features, oldest first, count: have retired an expected landmark."""
-    out = np.zeros(belief.state.count, np.bool_)
+    out = np.zeros(estimate.state.count, np.bool_)
     for e in range(expected.shape[0]):
         if expected[e].serial != WAITING:
-            k = position_of(belief, expected[e].serial)
+            k = index_of(estimate, expected[e].serial)
             if k >= 0:
                 out[k] = True
     return out

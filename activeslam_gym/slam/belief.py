@@ -21,7 +21,7 @@ import numpy as np
 from activeslam_gym import config
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
-from activeslam_gym.linalg import add_product, copy_block
+from activeslam_gym.linalg import add_product, copy_block, copy_into
 from activeslam_gym.motion import (
     CAMERA_DIM,
     CAMERA_SIZE,
@@ -32,6 +32,7 @@ from activeslam_gym.motion import (
     POSITION,
     QUATERNION,
 )
+from activeslam_gym.slam.estimate import EstimateArrays
 
 RAY, INVERSE_DEPTH, POINT = 1, 2, 3
 """Kinds of features."""
@@ -64,7 +65,6 @@ FEATURE = record(
     seen="i8",  # frame of the last match, or of the birth
     misses="i8",  # consecutive frames in which it should have been matched and was not
     missed_at=("f8", 3),  # where the camera was at the last of them that counted [m]
-    mapped="b1",  # whether the deviation of its depth over its depth is under the scenario's ratio
     depth="f8",  # of a RAY: mean of its particles [m]
     depth_var="f8",  # and their variance [m^2]
     weighed_at=("f8", 3),  # of a RAY: camera position at its last re-weighting [m]
@@ -304,6 +304,42 @@ def as_points(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     points, covariance = np.empty((n, 3)), np.empty((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n))
     point_belief(belief, points, covariance)
     return points, covariance
+
+
+@compiled
+def write_estimate(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
+    """Write the whole estimate: see `write_points`, and the joint covariance of camera and points."""
+    _write_landmarks(belief, mapped_depth_ratio, estimate)
+    points = np.empty((belief.state.count, 3))
+    point_belief(belief, points, estimate.covariance)
+    for k in range(belief.state.count):
+        copy_into(estimate.landmark[k].point, points[k])
+
+
+@compiled
+def write_points(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
+    """Write the estimate without the covariances between camera and points, and of points with each other.
+
+    A landmark is mapped where the deviation of its depth over its depth is under ``mapped_depth_ratio``.
+    """
+    _write_landmarks(belief, mapped_depth_ratio, estimate)
+    P_y = np.empty((3, 3))
+    for k in range(belief.state.count):
+        at = CAMERA_DIM + 3 * k
+        copy_into(estimate.landmark[k].point, point_marginal(belief, k, P_y))
+        copy_block(P_y, estimate.covariance[at : at + 3, at : at + 3])
+
+
+@borrowing
+def _write_landmarks(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
+    """Write the camera, and ids and flags of the landmarks."""
+    copy_into(estimate.state.camera, belief.state.camera)
+    estimate.state.count = belief.state.count
+    for k in range(belief.state.count):
+        feature, landmark = belief.feature[k], estimate.landmark[k]
+        landmark.id, landmark.converted, landmark.located = feature.serial, feature.kind == POINT, feature.kind != RAY
+        landmark.mapped = depth_ratio(belief, k) < mapped_depth_ratio
+        copy_into(landmark.anchor, feature.mean[ANCHOR])
 
 
 @borrowing

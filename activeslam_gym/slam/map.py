@@ -34,7 +34,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     feature = belief.feature[k]
     feature.slot = _free_slot(belief)
     copy_into(feature.mean, mean)
-    feature.kind, feature.start, feature.misses, feature.mapped = kind, at, 0, False
+    feature.kind, feature.start, feature.misses = kind, at, 0
     feature.born = feature.seen = state.frame
     state.dim, state.count, state.serial = at + width, k + 1, state.serial + 1
     feature.serial = state.serial

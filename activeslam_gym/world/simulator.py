@@ -27,6 +27,7 @@ CLUTTER_LABEL = -1
 TRUTH = record(
     camera=("f8", CAMERA_SIZE),  # position, quaternion, velocity, angular velocity
     noise_key=("u8", (1,)),  # the stream of all noise of the run
+    frame="i8",  # the world's clock: frames that are over
     boxes="i8",  # how many boxes the room has
 )
 """What is true of one run, beside where things are."""
@@ -82,7 +83,7 @@ def empty_worlds(scenario: Scenario, count: int) -> World:
 
 def put_room(world: World, room: Room) -> None:
     """Make a ``room`` that was drawn the truth of a run."""
-    world.state.camera[:] = room.camera
+    world.state.camera[:], world.state.frame = room.camera, 0
     world.fiducials[:], world.landmarks[:], world.normals[:] = room.fiducials, room.landmarks, room.normals
     world.state.boxes = len(room.boxes)
     world.boxes[:] = 0.0
@@ -102,12 +103,12 @@ def detection_capacity(scenario: Scenario) -> int:
 
 
 @compiled
-def move(motion: Record, world: World, u: np.ndarray, frame: int) -> int:
+def move(motion: Record, world: World, u: np.ndarray) -> int:
     """Advance the true camera by one frame under ``u`` (6,) and the disturbance; returns the walls and boxes touched.
 
     A wall zeroes the velocity into it. The disturbance of frame k is draws of (key, k) alone.
     """
-    noise = normals(world.state.noise_key, _draws(world) * frame, 6)
+    noise = normals(world.state.noise_key, _draws(world) * world.state.frame, 6)
     disturbed = np.empty(6)
     for i in range(3):
         disturbed[i] = u[i] + motion.acceleration_std * noise[i]
@@ -217,7 +218,7 @@ def _draws(world: World) -> int:
 
 
 @compiled
-def detect(camera: Record, sensor: Record, world: World, frame: int, candidates: np.ndarray, labels: np.ndarray) -> int:
+def detect(camera: Record, sensor: Record, world: World, candidates: np.ndarray, labels: np.ndarray) -> int:
     """The detections of the present true pose, in random order: visible points, noise, misses, clutter; how many.
 
     Writes ``candidates.pixel`` and their ``labels`` (M,). Labels are for scoring; a filter must not read them.
@@ -227,7 +228,8 @@ def detect(camera: Record, sensor: Record, world: World, frame: int, candidates:
     points = K + world.landmarks.shape[0]
     pose = world.state.camera
     view = view_of(camera, pose, boxes_of(world))
-    luck = uniforms(world.state.noise_key, _draws(world) * frame + 8, 4 * points + 4 * sensor.clutter_capacity + 1)
+    first = _draws(world) * world.state.frame + 8
+    luck = uniforms(world.state.noise_key, first, 4 * points + 4 * sensor.clutter_capacity + 1)
     order, z = np.empty(labels.shape[0]), np.empty(2)
     n = 0
     for i in range(points):

@@ -1,0 +1,197 @@
+"""The state estimate: all that anything outside the estimator reads of what it believes.
+
+An estimate presents every feature as a world point, oldest first, with one joint covariance of camera and points. Ids
+are positive, grow with the order of initialisation, and are never used twice within an episode.
+
+An estimator returns an `Estimate`. `EstimateArrays` holds the same in arrays of fixed capacity, for kernels and for
+batches.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
+from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
+
+CAMERA_ESTIMATE = record(
+    camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
+    count="i8",  # landmarks in use
+)
+"""The camera of an estimate, and the size of its map."""
+
+LANDMARK_ESTIMATE = record(
+    point=("f8", 3),  # world position [m]
+    anchor=("f8", 3),  # where the line of sight begins of a landmark that is not converted yet [m]
+    id="i8",
+    mapped="b1",  # the deviation of its depth over its depth is under the scenario's ratio
+    converted="b1",  # the estimator holds it as a point
+    located="b1",  # its depth has a Gaussian: false for a ray whose depth is a set of particles
+)
+"""One landmark of an estimate."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What an estimator believes at one time; n landmarks, oldest first. Arrays are read-only."""
+
+    camera: np.ndarray
+    """(13,) position [m], quaternion q_WC (scalar first), velocity [m/s], angular velocity [rad/s], world frame."""
+    ids: np.ndarray
+    """(n,) positive and increasing."""
+    points: np.ndarray
+    """(n, 3) world positions [m]."""
+    covariance: np.ndarray
+    """(12 + 3 n, 12 + 3 n) of position, rotation (world-frame tangent), velocity, angular velocity, points."""
+    mapped: np.ndarray
+    """(n,) bool: the deviation of the depth over the depth is under the scenario's ratio."""
+    converted: np.ndarray
+    """(n,) bool: the estimator holds it as a point."""
+    time: float = 0.0
+    """[s] since the reset."""
+
+    def __post_init__(self) -> None:
+        n = len(self.ids)
+        shapes = {"camera": (13,), "ids": (n,), "points": (n, 3), "mapped": (n,), "converted": (n,)}
+        shapes["covariance"] = (CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n)
+        for name, shape in shapes.items():
+            array = read_only(getattr(self, name))
+            if array.shape != shape:
+                raise ValueError(f"{name} of an Estimate of {n} landmarks must be of shape {shape}, got {array.shape}")
+            object.__setattr__(self, name, array)
+        if n and (self.ids[0] <= 0 or (np.diff(self.ids) <= 0).any()):
+            raise ValueError(f"ids of an Estimate must be positive and increasing, got {self.ids.tolist()}")
+
+    @property
+    def position(self) -> np.ndarray:
+        """(3,) [m]."""
+        return self.camera[POSITION]
+
+    @property
+    def quaternion(self) -> np.ndarray:
+        """(4,) q_WC, scalar first."""
+        return self.camera[QUATERNION]
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(3,) [m/s], world frame."""
+        return self.camera[VELOCITY]
+
+    @property
+    def angular_velocity(self) -> np.ndarray:
+        """(3,) [rad/s], world frame."""
+        return self.camera[ANGULAR_VELOCITY]
+
+    @property
+    def landmarks(self) -> np.ndarray:
+        """(n, 3) [m]: the points."""
+        return self.points
+
+
+def read_only(array: np.ndarray) -> np.ndarray:
+    """A copy that cannot be written to."""
+    copy = np.array(array)
+    copy.flags.writeable = False
+    return copy
+
+
+class EstimateArrays(NamedTuple):
+    """An estimate in arrays of fixed capacity, for F landmarks; a batch has a leading axis."""
+
+    state: Record
+    """CAMERA_ESTIMATE."""
+    landmark: np.ndarray
+    """(F,) LANDMARK_ESTIMATE, of which the leading ``state.count`` are in use."""
+    covariance: np.ndarray
+    """(12 + 3 F, 12 + 3 F), of which the leading 12 + 3 n are in use. Within a step of several frames only the blocks
+    of the camera and of each landmark by itself are up to date; at its end the whole is."""
+
+
+@inlined
+def estimate_at(estimates, i):  # type: ignore[no-untyped-def]
+    """Estimate ``i`` of a batch: views."""
+    return EstimateArrays(estimates.state[i], borrowed(estimates.landmark[i]), borrowed(estimates.covariance[i]))
+
+
+def empty_estimates(capacity: int, count: int) -> EstimateArrays:
+    """``count`` estimates with room for ``capacity`` landmarks each."""
+    size = CAMERA_DIM + 3 * capacity
+    return EstimateArrays(
+        state=np.zeros(count, CAMERA_ESTIMATE),
+        landmark=np.zeros((count, capacity), LANDMARK_ESTIMATE),
+        covariance=np.zeros((count, size, size)),
+    )
+
+
+def put_estimate(estimate: Estimate, arrays: EstimateArrays) -> None:
+    """Write an ``estimate`` into ``arrays`` of one run.
+
+    Raises:
+        ValueError: it has more landmarks than there is room for.
+    """
+    n, landmark = len(estimate.ids), arrays.landmark
+    if n > len(landmark):
+        raise ValueError(f"an Estimate may have {len(landmark)} landmarks in this scenario, got {n}")
+    arrays.state.camera[:], arrays.state.count = estimate.camera, n
+    size = CAMERA_DIM + 3 * n
+    arrays.covariance[:size, :size] = estimate.covariance
+    own = landmark[:n]
+    own["id"], own["point"], own["mapped"] = estimate.ids, estimate.points, estimate.mapped
+    own["converted"], own["located"], own["anchor"] = estimate.converted, True, estimate.points
+
+
+def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:
+    """The `Estimate` that ``arrays`` of one run hold; copies."""
+    n = int(arrays.state.count)
+    own, size = arrays.landmark[:n], CAMERA_DIM + 3 * n
+    return Estimate(
+        camera=arrays.state.camera,
+        ids=own["id"],
+        points=own["point"],
+        covariance=arrays.covariance[:size, :size],
+        mapped=own["mapped"],
+        converted=own["converted"],
+        time=time,
+    )
+
+
+@borrowing
+def index_of(estimate: EstimateArrays, id: int) -> int:
+    """Where the landmark with that ``id`` stands, or -1. Ids increase."""
+    low, high = 0, estimate.state.count
+    while low < high:
+        middle = (low + high) // 2
+        if estimate.landmark[middle].id < id:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < estimate.state.count and estimate.landmark[low].id == id else -1
+
+
+@compiled
+def points_of(estimate: EstimateArrays) -> np.ndarray:
+    """(n, 3) world positions of the landmarks [m]."""
+    points = np.empty((estimate.state.count, 3))
+    for k in range(points.shape[0]):
+        for i in range(3):
+            points[k, i] = estimate.landmark[k].point[i]
+    return points
+
+
+@compiled
+def mapped_of(estimate: EstimateArrays) -> np.ndarray:
+    """(n,) bool: which landmarks are mapped."""
+    out = np.empty(estimate.state.count, np.bool_)
+    for k in range(out.shape[0]):
+        out[k] = estimate.landmark[k].mapped
+    return out
+
+
+@borrowing
+def copy_own_covariance(estimate: EstimateArrays, k: int, P_y: np.ndarray) -> None:
+    """Write the covariance of landmark ``k`` by itself into ``P_y`` (3, 3)."""
+    at = CAMERA_DIM + 3 * k
+    for i in range(3):
+        for j in range(3):
+            P_y[i, j] = estimate.covariance[at + i, at + j]

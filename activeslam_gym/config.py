@@ -266,6 +266,10 @@ class Scenario:
     # The filter -----------------------------------------------------------------------------------------------------
     initialisation: Initialisation = INVERSE_DEPTH
     """``inverse_depth`` (undelayed, Montiel, Civera and Davison 2006) or ``depth_particles`` (the paper's)."""
+    estimator: String = "ekf"
+    """The estimator: `ekf`, or the name of a registered one (`slam.estimator`)."""
+    sensor: String = "points"
+    """The sensor: `points`, `images`, or the name of a registered one (`sensors`)."""
     association: Association = UNKNOWN
     """``unknown``; ``known``: every detection tells what it is of, the ceiling of all matching."""
     detection_probability: Probability = 0.98

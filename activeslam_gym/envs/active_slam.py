@@ -317,7 +317,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._runs.episode["begun"][0]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
-        return snapshot_of(self.setting, self._run, self._gaze, self._history)
+        return snapshot_of(self.setting, self._run, self._gaze, self._history, self._perceptions[0])
 
 
 class ActiveSLAMDiscreteEnv(ActiveSLAMEnv):

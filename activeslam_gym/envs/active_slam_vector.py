@@ -185,7 +185,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         if not self._begun[i]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         gaze = nearest_gaze(self._commands[i, 3])
-        return snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i])
+        return snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i], self._perceptions[i])
 
     # Beginnings and ends --------------------------------------------------------------------------------------------
 

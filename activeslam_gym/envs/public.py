@@ -8,16 +8,18 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.envs.episode import landmark_distances, play
-from activeslam_gym.envs.referee import Labels, Truth, features_of_landmarks, owners_of
+from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
+from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
 from activeslam_gym.envs.simulation import Run, Setting, known_boxes, reset_run, run_at
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
 from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
-from activeslam_gym.motion import CAMERA_DIM, CAMERA_PARTS, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.slam.estimate import Estimate, mapped_of, points_of, read_only, taken_estimate
 from activeslam_gym.threads import Workers
+from activeslam_gym.world.truth import Truth, truth_of
 
 _LONGEST_HORIZON = 4
 
@@ -84,11 +86,6 @@ class PublicBeliefs(tuple[PublicBelief, ...]):
 # Reading the arrays of a run ----------------------------------------------------------------------------------------
 
 
-def _parts_of(camera: np.ndarray) -> dict[str, np.ndarray]:
-    """The parts of the mean of a camera (13,), or of a batch of them, by name."""
-    return {name: read_only(camera[..., part]) for name, part in CAMERA_PARTS.items()}
-
-
 def public_belief(run: Run, time: float = 0.0) -> PublicBelief:
     """A read-only copy of the estimate, at ``time`` [s]."""
     e, given = run.episode.evaluation, taken_estimate(run.estimate, time)
@@ -97,14 +94,6 @@ def public_belief(run: Run, time: float = 0.0) -> PublicBelief:
         anchors=read_only(run.estimate.landmark["anchor"][: len(given.ids)]),
         log2_dets={part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")},
     )
-
-
-def truth_of(runs: Run) -> Truth:
-    """A read-only copy of the truth of a run, or of a batch of them: the same with a leading axis."""
-    world = runs.world
-    parts = _parts_of(world.state["camera"])
-    points = {name: read_only(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}
-    return Truth(**parts, **points)
 
 
 def labels_of(run: Run) -> Labels:
@@ -178,6 +167,8 @@ class Reads:
         """Steps in a motion period."""
         self._runs = runs
         self._workers = workers
+        self._compiled = is_compiled(setting)
+        self._perceptions: list[Any] = [None] * len(runs.episode)
         self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
         self._motion_plans = candidates.motion_plans(self._motion_frames)
         held = round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time)
@@ -190,11 +181,16 @@ class Reads:
 
     def _reset_run(self, i: int, key: int) -> None:
         """Begin run ``i`` anew from ``key``."""
-        reset_run(self.setting, self._runs, i, key)
+        prior = reset_run(self.setting, self._runs, i, key)
+        if not self._compiled:
+            self._perceptions[i] = perception_of(self.setting, row(self._runs, i), prior, key)
 
     def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
         """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.play` takes them."""
-        self._workers.call(play, self._runs, phases, commands)
+        if self._compiled:
+            self._workers.call(play, self._runs, phases, commands)
+        else:
+            self._workers.call(play_rows, self.setting, self._runs, self._perceptions, phases, commands)
 
     # For policies ---------------------------------------------------------------------------------------------------
 
@@ -310,7 +306,7 @@ class SingleReads(Reads):
 
     @property
     def truth(self) -> Truth:
-        return truth_of(self._run)
+        return truth_of(self._run.world)
 
     @property
     def labels(self) -> Labels:
@@ -348,7 +344,9 @@ class BatchReads(Reads):
         count = len(self._runs.episode)
         if i not in range(count):
             raise ValueError(f"i must be in 0 … {count - 1}, got {i!r}")
-        return SingleReads(self.setting, row(self._runs, slice(i, i + 1)), Workers(1))
+        one = SingleReads(self.setting, row(self._runs, slice(i, i + 1)), Workers(1))
+        one._perceptions = self._perceptions[i : i + 1]
+        return one
 
     @property
     def belief(self) -> PublicBeliefs:
@@ -357,7 +355,7 @@ class BatchReads(Reads):
 
     @property
     def truth(self) -> Truth:
-        return truth_of(self._runs)
+        return truth_of(self._runs.world)
 
     def nees(self) -> dict[str, np.ndarray]:
         """(B,) NEES per degree of freedom of ``position``, ``orientation``, ``landmarks``; see `SingleReads.nees`."""

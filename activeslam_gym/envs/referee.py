@@ -27,26 +27,6 @@ UNKNOWN = -2
 
 
 @dataclass(frozen=True)
-class Truth:
-    """What really is; for referees, never for policies. Read-only copies. Of a batch, with a leading axis."""
-
-    position: np.ndarray
-    """(3,) [m]."""
-    quaternion: np.ndarray
-    """(4,) q_WC, scalar first."""
-    velocity: np.ndarray
-    """(3,) [m/s], world frame."""
-    angular_velocity: np.ndarray
-    """(3,) [rad/s], world frame."""
-    landmarks: np.ndarray
-    """(L, 3) [m]."""
-    fiducials: np.ndarray
-    """(K, 3) [m]."""
-    boxes: np.ndarray
-    """(B, 2, 3) lowest and highest corners [m]; those that a room has less than others are zero."""
-
-
-@dataclass(frozen=True)
 class Labels:
     """Whose each feature is, and what was seen in the last frame; for referees, never for policies. Copies."""
 

@@ -27,6 +27,7 @@ from activeslam_gym.motion import (
     motion_of,
     turn_by,
 )
+from activeslam_gym.sensors.sensor import IMAGES, SENSORS
 from activeslam_gym.slam.association import ANYTHING, CANDIDATE
 from activeslam_gym.slam.belief import (
     Belief,
@@ -39,6 +40,7 @@ from activeslam_gym.slam.belief import (
     write_points,
 )
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates, estimate_at
+from activeslam_gym.slam.estimator import ESTIMATORS
 from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
 from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
@@ -222,6 +224,8 @@ def resolve(
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
+    for registry, name in ((ESTIMATORS, resolved.estimator), (SENSORS, resolved.sensor)):
+        registry[name]  # raises
     if resolved.motion_criterion not in CRITERIA:
         known = ", ".join(CRITERIA)
         raise ValueError(f"scenario.motion_criterion must be one of {known}, got {resolved.motion_criterion!r}")
@@ -279,7 +283,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
     candidate["R"] = scenario.pixel_std**2 * np.eye(2)
     return Run(
         models=np.zeros(count, MODELS),
-        world=empty_worlds(scenario, count),
+        world=empty_worlds(scenario, count, box_capacity(scenario)),
         belief=empty_beliefs(scenario, count),
         estimate=empty_estimates(features, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
@@ -292,8 +296,17 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
     )
 
 
-def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
-    """Begin run ``i`` of ``runs`` anew from ``key``, a non-negative integer.
+def box_capacity(scenario: Scenario) -> int:
+    """The most boxes that a room of the scenario can have; the rooms of images have their own."""
+    if scenario.sensor == IMAGES:
+        from activeslam_gym.vision.room.scene import BOX_COUNT
+
+        return BOX_COUNT
+    return scenario.box_capacity
+
+
+def reset_run(setting: Setting, runs: Run, i: int, key: int) -> tuple[np.ndarray, np.ndarray]:
+    """Begin a new episode of run ``i`` of ``runs`` from ``key``, a non-negative integer; its prior of the camera.
 
     Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
     """
@@ -321,6 +334,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> None:
     if scenario.labelled_first_match:
         face_fiducials(run, mean, np.random.default_rng(sight))
     reset_belief(run.belief, mean, covariance)
+    return mean, covariance
 
 
 def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None:
@@ -386,10 +400,10 @@ def known_boxes(run: Run) -> np.ndarray:
 
 
 @compiled
-def drive(run: Run, gaze: float) -> np.ndarray:
-    """One frame of control and true motion; (6,) what the filter knows of the accelerations.
+def drive(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
+    """One frame of control and true motion: (6,) the accelerations as the estimator knows them, and a contact.
 
-    ``gaze`` is a share of the turn rate. It feels a contact.
+    ``gaze`` is a share of the turn rate.
     """
     motion, control = run.models.motion, run.episode.control
     turn = turn_by(motion, gaze, run.world.state.frame * motion.dt)
@@ -400,9 +414,7 @@ def drive(run: Run, gaze: float) -> np.ndarray:
     control.frames += 1
     if not motion.command_known:
         u[:] = 0.0
-    if contacts > 0:
-        feel_contact(run.belief, u, motion.dt)
-    return u
+    return u, contacts > 0
 
 
 @compiled
@@ -412,14 +424,12 @@ def advance(run: Run, gaze: float, ends: bool) -> None:
     ``ends``: it is the last frame of a step, after which the whole estimate is written.
     """
     models, world, events = run.models, run.world, run.episode.events
-    motion, K = models.motion, world.fiducials.shape[0]
-    u = drive(run, gaze)
-    count = detect(models.true_camera, models.sensor, world, run.candidate, run.label)
-    candidates, labels = run.candidate[:count], run.label[:count]
-    run.episode.detections = count
-    labelled = models.task.association_known or (models.task.labelled_first_match and world.state.frame == 0)
-    for i in range(count):
-        candidates[i].id = true_id(run.owner, K, labels[i]) if labelled else ANYTHING
+    motion = models.motion
+    u, contact = drive(run, gaze)
+    labelled = sense(run)
+    candidates = run.candidate[: run.episode.detections]
+    if contact:
+        feel_contact(run.belief, u, motion.dt)
     boxes = known_boxes(run)
     filter_frame(
         models.camera, motion, models.filter, run.belief, world.fiducials, boxes, u, motion.dt, candidates, labelled,
@@ -430,10 +440,36 @@ def advance(run: Run, gaze: float, ends: bool) -> None:
     else:
         write_points(run.belief, models.filter.initialisation.mapped_depth_ratio, run.estimate)
     reconcile(run.owner, run.estimate)
-    wrong, false = judge_matches(run.owner, run.estimate, K, candidates, labels)
+    judge(run)
+    close_frame(run)
+
+
+@compiled
+def sense(run: Run) -> bool:
+    """The detections of the frame under way; whether their ids are the true ones."""
+    models, world = run.models, run.world
+    run.episode.detections = detect(models.true_camera, models.sensor, world, run.candidate, run.label)
+    return identify(run)
+
+
+@compiled
+def identify(run: Run) -> bool:
+    """Give the detections their true ids, where the scenario does; whether it does in this frame."""
+    task = run.models.task
+    labelled = task.association_known or (task.labelled_first_match and run.world.state.frame == 0)
+    for i in range(run.episode.detections):
+        run.candidate[i].id = true_id(run.owner, run.world.fiducials.shape[0], run.label[i]) if labelled else ANYTHING
+    return labelled
+
+
+@compiled
+def judge(run: Run) -> None:
+    """Count the wrong matches of a frame, and the features that were born of clutter."""
+    count, events = run.episode.detections, run.episode.events
+    matches, labels = run.candidate[:count], run.label[:count]
+    wrong, false = judge_matches(run.owner, run.estimate, run.world.fiducials.shape[0], matches, labels)
     events.wrong_matches += wrong
     events.false_births += false
-    close_frame(run)
 
 
 @compiled

@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.config import Scenario, whole_number
-from activeslam_gym.envs.public import public_belief, truth_of
+from activeslam_gym.envs.public import public_belief
 from activeslam_gym.envs.simulation import Run, Setting, known_boxes
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
+from activeslam_gym.slam.estimator import EKF
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.simulator import boxes_of
+from activeslam_gym.world.truth import truth_of
 
 SIZES = (64, 8192)
 """The least and the most pixels of a picture's side."""
@@ -102,12 +104,16 @@ class History:
         self._most_mapped = max(self._most_mapped, mapped)
 
 
-def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Snapshot:
-    """The present moment of a run."""
-    belief, truth = public_belief(run), truth_of(run)
-    scenario, episode = setting.scenario, run.episode
+def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, perception: Any = None) -> Snapshot:
+    """The present moment of a run.
+
+    With images it has the last one, and of the truth those scene points that features stand for.
+    """
+    belief, truth = public_belief(run), truth_of(run.world)
+    scenario, episode, image = setting.scenario, run.episode, getattr(perception, "image", None)
     things = sight_of_belief(run.models.camera, run.belief, run.world.fiducials, known_boxes(run))
-    own = 2 * np.arange(len(things.thing))[:, None, None] + np.arange(2)
+    drawn = len(things.thing) if scenario.estimator == EKF else 0  # another estimator's predictions are its own
+    own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
     return Snapshot(
         scenario=scenario,
         time=int(episode.steps) * setting.gaze_period,
@@ -118,7 +124,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Sna
         boxes=boxes_of(run.world).copy(),
         true_position=truth.position,
         true_quaternion=truth.quaternion,
-        true_landmarks=truth.landmarks,
+        true_landmarks=truth.landmarks if image is None else truth.landmarks[run.expected["serial"] != WAITING],
         fiducials=truth.fiducials,
         position=belief.position,
         quaternion=belief.quaternion,
@@ -127,7 +133,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Sna
         mapped=belief.mapped,
         expected_landmarks=run.expected["point"][run.expected["serial"] == WAITING],
         detections=run.candidate["pixel"][: episode.detections].copy(),
-        predicted=things.thing["z_hat"].copy(),
+        predicted=things.thing["z_hat"][:drawn].copy(),
         predicted_covariance=things.S[np.swapaxes(own, 1, 2), own],
         true_trajectory=np.reshape(history.true_positions, (-1, 3)),
         estimated_trajectory=np.reshape(history.positions, (-1, 3)),
@@ -135,4 +141,5 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History) -> Sna
         entropy=np.array(history.entropy),
         landmark_times=np.array(history.landmark_times),
         image_size=np.array([scenario.image_width, scenario.image_height], float),
+        image=image,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import SCENARIOS, Scenario
-from activeslam_gym.envs.active_slam_pixels import SIGHTED
+from activeslam_gym.envs.images import SIGHTED
 from activeslam_gym.live.advice import PERIOD
 from activeslam_gym.live.person import FOLLOW, Person
 from activeslam_gym.motion import CAMERA_SIZE, Motion, motion_of

@@ -4,13 +4,14 @@
 same steps for one belief of a batch.
 """
 
+import copy
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from activeslam_gym.camera import camera_of, distance_between
-from activeslam_gym.config import Scenario
+from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, filled, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import CAMERA_DIM, POSITION, motion_of
@@ -32,9 +33,12 @@ from activeslam_gym.slam.belief import (
     positions_of,
     reset_belief,
     start_of,
+    write_estimate,
 )
 from activeslam_gym.slam.correction import CORRECTION, correct, correction_of, product_frames
 from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
+from activeslam_gym.slam.estimate import Estimate, empty_estimates, taken_estimate
+from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
 from activeslam_gym.slam.initialisation import (
     INITIALISATION,
     delete_failed,
@@ -43,7 +47,7 @@ from activeslam_gym.slam.initialisation import (
     initialisation_of,
     mature,
 )
-from activeslam_gym.slam.kalman import predict, wander
+from activeslam_gym.slam.kalman import feel_contact, predict, wander
 from activeslam_gym.slam.map import remove_feature
 from activeslam_gym.slam.restart import RESTART, contradicted, restart, restart_of
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
@@ -103,6 +107,12 @@ def filter_frame(
     predict(motion, belief, u, dt)
     sight = sight_of_belief(camera, belief, fiducials, boxes)
     use_candidates(camera, model, belief, fiducials, boxes, sight, candidates, labelled, counts)
+    initialise(camera, model, belief, candidates, counts)
+
+
+@compiled
+def initialise(camera: Record, model: Record, belief: Belief, candidates: np.ndarray, counts: Record) -> None:
+    """Initialise features at candidates (M,) that nothing explained for several frames; sets their ``match``."""
     for i in follow_tracks(camera, model.initialisation, belief, candidates):
         candidate = candidates[i]
         candidate.match = give_birth(
@@ -322,12 +332,20 @@ class Filter:
             wander(self.belief, float(drift), step)
         self._sight = None
 
+    def forget_sight(self) -> None:
+        """Make `sight` anew at its next call."""
+        self._sight = None
+
     def sight(self) -> Sight:
         """What should be in view now: ``thing`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
         if self._sight is None:
             sight = sight_of_belief(self.camera, self.belief, self.fiducials, self.boxes)
             self._sight = sight._replace(thing=sight.thing.view(THING))  # a kernel's records have no attributes
         return self._sight
+
+    def feel_contact(self, u: np.ndarray, dt: float) -> None:
+        """The camera has touched something, before that frame's `predict`: see `kalman.feel_contact`."""
+        feel_contact(self.belief, u, dt)
 
     def update(self, candidates: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
         """Associate and update; (M,) the id that each candidate was taken for, or NEW (0) or REJECTED.
@@ -417,6 +435,55 @@ class Filter:
         if k < 0:
             raise KeyError(f"there is no feature with id {id}; there are {self.ids.tolist()}")
         return k
+
+
+@ESTIMATORS.register(EKF)
+class Ekf:
+    """The compiled filter as an `Estimator`, for registered sensors whose measurements are pixels."""
+
+    def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
+        if np.shape(sensor.noise) != (2, 2):
+            raise ValueError(
+                f"the estimator {EKF!r} takes measurements of two numbers, a pixel; those of scenario.sensor "
+                f"{scenario.sensor!r} have {len(sensor.noise)}: register an estimator for them"
+            )
+        self._scenario, self._filter = scenario, Filter(scenario, fiducials=fiducials)
+        self._known, self._time = scenario.association == KNOWN, 0.0
+        self._estimate = row(empty_estimates(self._filter.capacity, 1), 0)
+
+    def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Begin an episode."""
+        reset_belief(self._filter.belief, mean, covariance)
+        self._time = 0.0
+
+    def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
+        """Go on by ``dt`` seconds."""
+        if contact:
+            self._filter.feel_contact(u, dt)
+        self._filter.predict(u, dt)
+        self._time += dt
+
+    def update(self, measurements: Measurements) -> np.ndarray:
+        """Associate, update, and initialise features."""
+        filter = self._filter
+        given = candidates_of(measurements.values, measurements.noise, measurements.ids)
+        use_candidates(
+            filter.camera, filter.model, filter.belief, filter.fiducials, filter.boxes, filter.sight(), given,
+            self._known, filter.counts,
+        )  # fmt: skip
+        initialise(filter.camera, filter.model, filter.belief, given, filter.counts)
+        filter.forget_sight()
+        return given["match"].copy()
+
+    def estimate(self) -> Estimate:
+        """The present state estimate."""
+        ratio = float(self._filter.model.initialisation.mapped_depth_ratio)
+        write_estimate(self._filter.belief, ratio, self._estimate)
+        return taken_estimate(self._estimate, self._time)
+
+    def copy(self) -> "Ekf":
+        """An independent copy."""
+        return copy.deepcopy(self)
 
 
 def candidates_of(

@@ -70,14 +70,14 @@ def boxes_of(world: World) -> np.ndarray:
     return world.boxes[: world.state.boxes]
 
 
-def empty_worlds(scenario: Scenario, count: int) -> World:
-    """``count`` worlds of the scenario's size, with a leading axis."""
+def empty_worlds(scenario: Scenario, count: int, boxes: int) -> World:
+    """``count`` worlds of the scenario's size, with room for ``boxes`` boxes, with a leading axis."""
     return World(
         state=np.zeros(count, TRUTH),
         fiducials=np.zeros((count, scenario.fiducial_count, 3)),
         landmarks=np.zeros((count, scenario.landmark_count, 3)),
         normals=np.zeros((count, scenario.landmark_count if scenario.on_surfaces else 0, 3)),
-        boxes=np.zeros((count, scenario.box_capacity, 2, 3)),
+        boxes=np.zeros((count, boxes, 2, 3)),
     )
 
 

@@ -1,0 +1,138 @@
+"""The sensor `images`: a rendered camera and a front end, which searches it for the features of the filter."""
+
+import numpy as np
+
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
+from activeslam_gym.envs.simulation import Run, Setting, close_frame, present, run_at
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.information.expectation import WAITING
+from activeslam_gym.kernels import compiled, row
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import QUATERNION
+from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.estimate import index_of
+from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
+from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
+from activeslam_gym.world.simulator import CLUTTER_LABEL
+
+WRONG_PX = 4.0
+"""A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
+SIGHTED = FrontEndSettings(
+    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.6,
+    fiducial_std=0.025, fiducial_grain=7.0, looks=28.0, most_change=0.7, least_score=0.87, most_residual=0.22,
+    least_ratio=0.22,
+)  # fmt: skip
+"""The front end of a camera whose lens is known, in a room whose map should hold all of it."""
+_COUNTED = ("births", "deletions", "rejected_matches", "conversions")
+"""Events of the front end and the filter."""
+
+
+class Eye:
+    """The camera of one run, and the front end that feeds the run's belief with what it finds in the images."""
+
+    def __init__(self, setting: Setting, run: Run, seed: np.random.SeedSequence) -> None:
+        self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
+        run.world.fiducials[:] = self._camera.fiducials
+        run.world.boxes[:] = self._camera.scene.boxes
+        run.world.state.boxes = len(self._camera.scene.boxes)
+        self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials, products_last=False)
+        self._front_end = FrontEnd(self._filter, SIGHTED)
+        introduce_target(self._front_end, self._camera.fiducials)
+        self._spare = run.world.landmarks.copy()
+        self._scene_points: dict[int, np.ndarray] = {}
+        self.newest: set[int] = set()
+        """Ids of the features that the last image initialised."""
+        self.image = self._camera.photograph(run.world.state.camera, 0)
+
+    def begin(self, runs: Run, i: int) -> None:
+        """Write the prior."""
+        present_at(runs, i)
+
+    def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
+        """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
+        run = row(runs, i)
+        if contact:
+            self._filter.belief = run.belief
+            self._filter.feel_contact(u, float(run.models.motion.dt))
+        self._look(run, u)
+        present_at(runs, i)
+        ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
+        account_scene(runs, i, self.scene_points(ids), self._spare)
+
+    def _look(self, run: Run, u: np.ndarray) -> None:
+        state, belief, counts = run.world.state.camera, run.belief, self._filter.counts
+        frame = int(run.world.state.frame) + 1
+        self.image = self._camera.photograph(state, frame)
+        self._filter.belief = belief
+        counts["conversions"] = 0
+        log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
+        found, events = self._front_end.candidates, run.episode.events
+        born = found[len(found) - log.births :]
+        self.newest = set(born["match"].tolist())
+        for id, pixel in zip(born["match"].tolist(), born["pixel"]):
+            self._scene_points[id] = self._camera.point(state, pixel)
+        for name, count in zip(_COUNTED, (log.births, log.deletions, log.rejected, int(counts["conversions"]))):
+            events[name] += count
+        believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
+        run.candidate[: len(believed_first)] = believed_first
+        run.episode["detections"] = len(believed_first)
+
+    def scene_points(self, ids: np.ndarray) -> np.ndarray:
+        """(n, 3) of the features ``ids`` (n,): the scene point of the pixel that initialised each [m]."""
+        return np.array([self._scene_points[id] for id in ids.tolist()]).reshape(-1, 3)
+
+
+@compiled
+def present_at(runs: Run, i: int) -> None:
+    """Write the estimate of run ``i``."""
+    present(run_at(runs, i))
+
+
+@compiled
+def account_scene(runs: Run, i: int, scene_points: np.ndarray, spare: np.ndarray) -> None:
+    """After the front end: which matches were right, and which scene point each of the N slots of the score stands for.
+
+    ``scene_points`` (n, 3): of each landmark of the estimate, the scene point of the pixel that initialised it. The
+    slot of the expected landmark that a feature has retired is the feature's; of an empty one, ``spare`` (N, 3),
+    anywhere in the room, is the truth.
+    """
+    run = run_at(runs, i)
+    world, estimate, expected, owner = run.world, run.estimate, run.expected, run.owner
+    reconcile(run.owner, run.estimate)
+    close_frame(run)
+    for k in range(estimate.state.count):
+        owner[k].label, owner[k].landmark = UNKNOWN, NOBODY
+    for e in range(expected.shape[0]):
+        k = index_of(estimate, expected[e].serial) if expected[e].serial != WAITING else -1
+        if k >= 0:
+            owner[k].landmark = e
+            copy_into(world.landmarks[e], scene_points[k])
+        else:
+            copy_into(world.landmarks[e], spare[e])
+    for c in range(run.episode.detections):
+        run.label[c] = _label(run, scene_points, run.candidate[c].match, run.candidate[c].pixel)
+
+
+@compiled
+def _label(run: Run, scene_points: np.ndarray, match: int, pixel: np.ndarray) -> int:
+    """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
+    world, K = run.world, run.world.fiducials.shape[0]
+    k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
+    if match > 0:
+        k = index_of(run.estimate, match)
+    if k >= 0:
+        point = scene_points[k]
+        if run.owner[k].landmark != NOBODY:
+            label = K + run.owner[k].landmark
+    elif -K <= match < 0:
+        point, label = world.fiducials[-1 - match], -1 - match
+    if k >= 0 or -K <= match < 0:
+        z, pose = np.empty(2), world.state.camera
+        p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
+        seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
+        if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
+            run.episode.events.wrong_matches += 1
+            label = CLUTTER_LABEL
+    return label

@@ -1,0 +1,1 @@
+"""Sensors: what measures the true world, chosen by ``scenario.sensor``, and their models, which planners ask."""

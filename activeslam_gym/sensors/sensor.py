@@ -1,0 +1,56 @@
+"""The seam of sensors. A sensor sees the ground truth; its model never does, and is all that a policy has of it.
+
+`points` (simulated detections) is compiled; `images` runs the front end of `vision`. Another sensor is a class with the
+methods of `Sensor` in one file of its own, entered by ``@SENSORS.register("mine")``.
+"""
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.registry import Registry
+from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.world.truth import Truth
+
+POINTS, IMAGES = "points", "images"
+
+
+class Detections(NamedTuple):
+    """What a sensor measures in one frame: M detections of d numbers each. The first two are a pixel."""
+
+    values: np.ndarray
+    """(M, d)."""
+    labels: np.ndarray
+    """(M,) what each is of: k for fiducial k, K + l for landmark l, -1 for clutter. For scoring alone: an estimator
+    never sees them."""
+
+
+class SensorModel(Protocol):
+    """What an estimator and a planner may know of a sensor."""
+
+    noise: np.ndarray
+    """(d, d) covariance R of a measurement."""
+
+    def predict(self, camera: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The measurement (d,) of a world ``point`` (3,) from ``camera`` (13,), and its Jacobians by the camera's
+        position and rotation, (d, 6), and by the point, (d, 3). Rotation is perturbed in the world frame."""
+
+    def foresee(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(m,) bool: which of the ``points`` (m, 3) would be measured from ``camera`` (13,)."""
+
+
+class Sensor(Protocol):
+    """One run's sensor. ``Sensor(scenario, seed)`` makes one; ``seed`` is a `numpy.random.SeedSequence` of its own."""
+
+    def __init__(self, scenario: Scenario, seed: np.random.SeedSequence) -> None: ...
+
+    def measure(self, truth: Truth, time: float) -> Detections:
+        """What is measured at ``time`` [s]. Noise must depend on the seed and the time alone, not on earlier calls."""
+
+    def model(self) -> SensorModel:
+        """The model."""
+
+
+SENSORS: Registry[Any] = Registry("scenario.sensor", {POINTS: None, IMAGES: None})
+"""The sensors by name; the two of this package are made by the environment itself."""

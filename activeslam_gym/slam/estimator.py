@@ -1,0 +1,63 @@
+"""Estimators: what turns measurements into a state estimate, chosen by ``scenario.estimator``.
+
+`ekf` is compiled, and the default. Another estimator is a class with the methods of `Estimator` in one file of its own:
+
+    @ESTIMATORS.register("mine")
+    class Mine: ...
+
+and ``gymnasium.make("ActiveSLAM-v0", scenario={"estimator": "mine"})`` runs it.
+"""
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from activeslam_gym.config import Scenario
+from activeslam_gym.registry import Registry
+from activeslam_gym.slam.estimate import Estimate
+
+EKF = "ekf"
+"""The compiled estimator, of which the environments run whole steps in one kernel."""
+NO_MATCH = 0
+"""In place of an id: a measurement of no known landmark."""
+
+
+class Measurements(NamedTuple):
+    """The measurements of one frame: M of them, of d numbers each. The first two are a pixel."""
+
+    values: np.ndarray
+    """(M, d)."""
+    noise: np.ndarray
+    """(M, d, d) covariance R of each."""
+    ids: np.ndarray
+    """(M,) the landmark or fiducial (-1 - k) that each is of where the association is known, else 0."""
+
+
+class Estimator(Protocol):
+    """One run's estimator. ``Estimator(scenario, fiducials, sensor)`` makes one.
+
+    ``fiducials`` (K, 3) have known positions [m]. ``sensor`` is the `SensorModel` of the scenario's sensor.
+    """
+
+    def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None: ...
+
+    def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Begin an episode: the camera's prior ``mean`` (13,) and tangent ``covariance`` (12, 12), and no landmark."""
+
+    def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
+        """Go on by ``dt`` seconds under the known accelerations ``u`` (6,); ``contact``: the camera touched something,
+        so that any part of its velocity may be gone."""
+
+    def update(self, measurements: Measurements) -> np.ndarray:
+        """Associate, update, and initialise landmarks: (M,) the id that each measurement was used for, new ones
+        included, or `NO_MATCH`."""
+
+    def estimate(self) -> Estimate:
+        """The present state estimate."""
+
+    def copy(self) -> "Estimator":
+        """An independent copy, for imagination and planning."""
+
+
+ESTIMATORS: Registry[Any] = Registry("scenario.estimator")
+"""The estimators by name."""

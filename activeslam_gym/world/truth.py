@@ -1,0 +1,41 @@
+"""The ground truth as the evaluator and a sensor read it; never a policy, and never an estimator."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from activeslam_gym.motion import CAMERA_PARTS
+from activeslam_gym.world.simulator import World
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The ground truth of one run; read-only copies. Of a batch, with a leading axis."""
+
+    position: np.ndarray
+    """(3,) [m]."""
+    quaternion: np.ndarray
+    """(4,) q_WC, scalar first."""
+    velocity: np.ndarray
+    """(3,) [m/s], world frame."""
+    angular_velocity: np.ndarray
+    """(3,) [rad/s], world frame."""
+    landmarks: np.ndarray
+    """(L, 3) [m]."""
+    fiducials: np.ndarray
+    """(K, 3) [m]."""
+    boxes: np.ndarray
+    """(B, 2, 3) lowest and highest corners [m]; the entries of boxes that a room does not have are zero."""
+
+
+def truth_of(world: World) -> Truth:
+    """The ground truth of a world, or of a batch of them: the same with a leading axis."""
+    camera = world.state["camera"]
+    parts = {name: _read_only(camera[..., part]) for name, part in CAMERA_PARTS.items()}
+    return Truth(**parts, **{name: _read_only(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")})
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    copy = np.array(array)
+    copy.flags.writeable = False
+    return copy

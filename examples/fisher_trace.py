@@ -29,7 +29,7 @@ def main() -> list[tuple[float, float]]:
     rows = []
     for stds in STDS:
         P = np.diag(np.square([0.02] * 3 + [0.005] * 3 + [0.1] * 6 + list(stds)))
-        sight = sight_of_points(camera, boxes, pose, fiducials, landmark, P)
+        sight = sight_of_points(camera, boxes, pose, fiducials, landmark, np.ones(len(landmark), bool), P)
         trace, bits = (CRITERIA[name](P, sight, camera.pixel_std**2) for name in ("fisher_trace", "mutual_information"))
         rows.append((float(trace), float(bits)))
         print(f"{stds}: trace {trace:.0f}, mutual information {bits:.2f} bit")

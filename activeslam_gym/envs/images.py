@@ -13,18 +13,13 @@ from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
-from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
+from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
+from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 WRONG_PX = 4.0
 """A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
-SIGHTED = FrontEndSettings(
-    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.6,
-    fiducial_std=0.025, fiducial_grain=7.0, looks=28.0, most_change=0.7, least_score=0.87, most_residual=0.22,
-    least_ratio=0.22,
-)  # fmt: skip
-"""The front end of a camera whose lens is known, in a room whose map should hold all of it."""
 _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
 """Events of the front end and the filter."""
 
@@ -59,6 +54,7 @@ class Eye:
         self._look(run, u)
         present_at(runs, i)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
+        run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
         account_scene(runs, i, self.scene_points(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:

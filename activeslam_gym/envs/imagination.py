@@ -26,6 +26,7 @@ from activeslam_gym.kernels import Record, row
 from activeslam_gym.motion import COMMANDS, QUATERNION
 from activeslam_gym.slam.draws import count_in_longer_frames, drawn_from
 from activeslam_gym.slam.estimate import taken_estimate
+from activeslam_gym.slam.estimator import EKF
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
@@ -62,9 +63,14 @@ class Imagination:
     Call `look` at every step from the reset on, `draw` at the start of a motion period, then `play` plans in the rooms
     that were drawn. ``seed``: of everything that is drawn, anew in each episode. ``threads`` share the runs (None: one
     for each core).
+
+    Raises:
+        ValueError: the scenario's estimator is not `ekf`.
     """
 
     def __init__(self, env: Any, i: int = 0, seed: int = 0, threads: int | None = None) -> None:
+        if env.scenario.estimator != EKF:
+            raise ValueError(f"imagined runs need scenario.estimator {EKF!r}, got {env.scenario.estimator!r}")
         self._env, self._i, self._seed = env, i, seed
         self._batch = empty_runs(env.scenario, ROWS)
         self._workers = Workers(ROWS, threads)

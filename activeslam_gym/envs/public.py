@@ -14,9 +14,12 @@ from activeslam_gym.envs.simulation import Run, Setting, known_boxes, reset_run,
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
 from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.information.foresight import SensorLimits
+from activeslam_gym.information.registered import score_plans_with
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
+from activeslam_gym.sensors.sensor import IMAGES, POINTS
 from activeslam_gym.slam.estimate import Estimate, mapped_of, points_of, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.truth import Truth, truth_of
@@ -132,7 +135,9 @@ def prospect(run: Run) -> Prospect:
         gap = motion.goal_margin - motion.wall_margin
         for index in range(MOTION_COUNT):
             free[index] = min(max((run.episode.clearance[index] - gap) / motion.step_length, 0.0), 1.0)
-    return prospect_of(run.estimate, run.expected, run.models.landmark_var, fiducials, known_boxes(run), free)
+    models, boxes, first_seen = run.models, known_boxes(run), run.first_seen[: run.estimate.state.count]
+    var, limits = models.landmark_var, SensorLimits(models.greatest_change, models.wanted)
+    return prospect_of(run.estimate, run.expected, var, fiducials, boxes, free, limits, first_seen)
 
 
 @compiled
@@ -217,8 +222,18 @@ class Reads:
         number, out = criterion_number(criterion), np.empty((len(self._runs.episode), len(plans)))
         if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
-        self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
+        if self.scenario.sensor in (POINTS, IMAGES):
+            self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
+        else:
+            for i, run in enumerate(self._each()):
+                out[i] = self._scores_with(self._perceptions[i].model, run, plans, criterion)
         return self._given(out)
+
+    def _scores_with(self, model: Any, run: Run, plans: np.ndarray, criterion: str) -> np.ndarray:
+        """(A,) the scores of one run with the ``model`` of a registered sensor."""
+        estimate, time = taken_estimate(run.estimate), int(run.episode.steps) * self.gaze_period
+        var = float(run.models.camera.pixel_std**2)
+        return score_plans_with(model, run.models.motion, prospect(run), estimate, time, plans, criterion, var)
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.

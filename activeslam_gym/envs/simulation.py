@@ -15,6 +15,7 @@ from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, update_expectation
+from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import (
@@ -76,6 +77,8 @@ MODELS = record(
     true_camera=CAMERA,
     motion=MOTION,
     sensor=SENSOR,
+    greatest_change="f8",  # see `SensorLimits`
+    wanted="i8",
     filter=FILTER,
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
@@ -147,6 +150,9 @@ class Run(NamedTuple):
     """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
     label: np.ndarray
     """(M,) of what each of them is; see `World`. For scoring alone."""
+    first_seen: np.ndarray
+    """(F, 3) where the camera was when each landmark of the estimate was initialised [m]; (0, 3) where that does not
+    limit the sensor."""
     owner: np.ndarray
     """(F,) OWNER, of the landmarks of the estimate in their order. For scoring alone."""
     episode: Record
@@ -167,6 +173,7 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
         borrowed(runs.viewpoint[i]),
         borrowed(runs.candidate[i]),
         borrowed(runs.label[i]),
+        borrowed(runs.first_seen[i]),
         borrowed(runs.owner[i]),
         runs.episode[i],
         borrowed(runs.observation[i]),
@@ -265,6 +272,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         true_camera=true_camera,
         motion=motion_of(scenario, motion_period),
         sensor=sensor_of(scenario),
+        **sensor_limits(scenario)._asdict(),
         filter=filter_of(scenario),
         task=task,
         landmark_var=scenario.landmark_prior_variance,
@@ -290,10 +298,20 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
         candidate=candidate,
         label=np.zeros((count, detections), np.int64),
+        first_seen=np.zeros((count, features if scenario.sensor == IMAGES else 0, 3)),
         owner=np.zeros((count, features), OWNER),
         episode=np.zeros(count, EPISODE),
         observation=np.zeros((count, layout_of(scenario).size), np.float32),
     )
+
+
+def sensor_limits(scenario: Scenario) -> SensorLimits:
+    """The limits of the scenario's sensor."""
+    if scenario.sensor == IMAGES:
+        from activeslam_gym.vision.settings import SIGHTED
+
+        return SensorLimits(SIGHTED.most_change, SIGHTED.visible)
+    return UNLIMITED
 
 
 def box_capacity(scenario: Scenario) -> int:

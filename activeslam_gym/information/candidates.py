@@ -13,6 +13,7 @@ from activeslam_gym.geometry import rotate_left
 from activeslam_gym.information.criteria import NET, criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
+from activeslam_gym.information.foresight import UNLIMITED, SensorLimits, foresee
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, log2_det, solve_transposed, subtract_gram
 from activeslam_gym.motion import (
@@ -62,6 +63,10 @@ class Prospect(NamedTuple):
     """How many of the points, the last ones, are expected landmarks."""
     free: np.ndarray = np.ones(MOTION_COUNT)
     """(7,) share of each motion's step that is free of boxes, as it is sensed where the camera stands."""
+    limits: SensorLimits = UNLIMITED
+    """Those of the sensor."""
+    first_seen: np.ndarray = np.zeros((0, 3))
+    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `foresight.foresee`."""
 
 
 @compiled
@@ -72,8 +77,13 @@ def prospect_of(
     fiducials: np.ndarray,
     boxes: np.ndarray,
     free: np.ndarray,
+    limits: SensorLimits,
+    first_seen: np.ndarray,
 ) -> Prospect:
-    """The estimate without rays, and the waiting ones of ``expected`` (N,) with their variance (3,)."""
+    """The estimate without rays, and the waiting ones of ``expected`` (N,) with their variance (3,).
+
+    ``first_seen`` (k, 3) is of all landmarks of the estimate, rays included, or k is 0.
+    """
     located, waiting, n = np.empty(estimate.state.count, np.int64), waiting_count(expected), 0
     for k in range(located.shape[0]):
         if estimate.landmark[k].located:
@@ -81,8 +91,11 @@ def prospect_of(
             n += 1
     size = CAMERA_DIM + 3 * (n + waiting)
     points, P = np.empty((n + waiting, 3)), np.zeros((size, size))
+    own_first_seen = np.empty((n if first_seen.shape[0] > 0 else 0, 3))
     for k in range(n):
         copy_into(points[k], estimate.landmark[located[k]].point)
+        if own_first_seen.shape[0] > 0:
+            copy_into(own_first_seen[k], first_seen[located[k]])
     copy_block(gathered(estimate.covariance, located[:0], located[:n]), P)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
@@ -90,7 +103,7 @@ def prospect_of(
             for i in range(3):
                 P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]
             n += 1
-    return Prospect(estimate.state.camera.copy(), points, P, fiducials, boxes, waiting, free)
+    return Prospect(estimate.state.camera.copy(), points, P, fiducials, boxes, waiting, free, limits, own_first_seen)
 
 
 @compiled
@@ -125,7 +138,9 @@ def propagated(motion: Record, P: np.ndarray, turn: float, frames: int) -> np.nd
 @compiled
 def sight_after(camera: Record, prospect: Prospect, P: np.ndarray, pose: np.ndarray) -> Sight:
     """What is in view of ``pose`` (13,), with the covariance ``P``."""
-    return sight_of_points(camera, prospect.boxes, pose, prospect.fiducials, prospect.points, P)
+    boxes, fiducials, points = prospect.boxes, prospect.fiducials, prospect.points
+    seen = foresee(camera, prospect.limits, boxes, pose, fiducials, points, prospect.first_seen)
+    return sight_of_points(camera, boxes, pose, fiducials, points, seen, P)
 
 
 @compiled
@@ -201,7 +216,8 @@ def _without_looked_at(camera: Record, prospect: Prospect) -> Prospect:
     size = CAMERA_DIM + 3 * n  # expected landmarks have one covariance, so the first of them stand for any
     P = prospect.covariance[:size, :size].copy()
     waiting = prospect.waiting - (M - n)
-    return Prospect(pose, points[:n], P, prospect.fiducials, prospect.boxes, waiting, prospect.free)
+    boxes, free, limits = prospect.boxes, prospect.free, prospect.limits
+    return Prospect(pose, points[:n], P, prospect.fiducials, boxes, waiting, free, limits, prospect.first_seen)
 
 
 @compiled
@@ -220,6 +236,17 @@ def _stop_short(motion: Record, boxes: np.ndarray, share: float, before: np.ndar
     share = min(share, max(known, 0.0))
     for i in range(3):
         after[i] = before[i] + share * (after[i] - before[i])
+
+
+def goal_pose(
+    motion: Record, prospect: Prospect, pose: np.ndarray, action: Any, turn: float, first: bool
+) -> np.ndarray:
+    """The camera (13,) after an ``action`` of ACTION from ``pose`` (13,), short of boxes; ``first`` of its plan."""
+    after = pose_after(motion, pose, int(action["motion"]), turn, int(action["frames"]))
+    if motion.bodies and action["motion"] != REMAIN:
+        sensed = float(prospect.free[action["motion"]]) if first else 1.0
+        _stop_short(motion, prospect.boxes, sensed, pose, after)
+    return after
 
 
 # The plans of an environment's scores --------------------------------------------------------------------------------

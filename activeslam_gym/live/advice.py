@@ -3,12 +3,10 @@
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.information.candidates import motion_plans, pose_after, score_plans
+from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import criterion_number
-from activeslam_gym.live.foresight import foreseen
 from activeslam_gym.live.knowledge import Knowledge
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of
-from activeslam_gym.vision.frontend import FrontEnd
 
 PERIOD = 1.0
 """Time of a command [s]."""
@@ -25,8 +23,8 @@ class Adviser:
     motions, several share one.
     """
 
-    def __init__(self, scenario: Scenario, front_end: FrontEnd, knowledge: Knowledge) -> None:
-        self._front_end, self._knowledge = front_end, knowledge
+    def __init__(self, scenario: Scenario, knowledge: Knowledge) -> None:
+        self._knowledge = knowledge
         self._motion = motion_of(scenario, PERIOD)
         self.frames = max(2, round(PERIOD / scenario.frame_time))
         """Images between two commands."""
@@ -58,10 +56,9 @@ class Adviser:
 
     def score(self, motion: int) -> float:
         """What ``motion`` would teach of position and map [bit]; NaN where the belief is not positive definite."""
-        out, prospect = np.empty(1), self._knowledge.prospect()
-        pose = pose_after(self._motion, prospect.camera, int(motion), 0.0, self.frames)
-        prospect, plan = foreseen(prospect, self._front_end, pose), self._plans[motion : motion + 1]
-        score_plans(self._front_end.camera, self._motion, prospect, 0.0, plan, self._criterion, out)
+        out, plan = np.empty(1), self._plans[motion : motion + 1]
+        knowledge = self._knowledge
+        score_plans(knowledge.camera, self._motion, knowledge.prospect(), 0.0, plan, self._criterion, out)
         return float(out[0])
 
 

@@ -11,15 +11,19 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.information.candidates import Prospect, prospect_of
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
+from activeslam_gym.information.foresight import SensorLimits
 from activeslam_gym.motion import CAMERA_DIM, MOTION_COUNT
-from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.frontend import FrontEnd
 
 
 class Knowledge:
-    """Of ``filter`` in a room of the ``scenario``, whose expected landmarks are drawn from ``seed``."""
+    """Of the filter of ``front_end`` in a room of the ``scenario``; expected landmarks are drawn from ``seed``."""
 
-    def __init__(self, scenario: Scenario, filter: Filter, seed: np.random.SeedSequence) -> None:
-        self._filter = filter
+    def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
+        self._front_end, self._filter = front_end, front_end.filter
+        s = front_end.settings
+        self._limits = SensorLimits(s.most_change, s.visible)
+        self.camera = front_end.camera
         self._prior = np.array(scenario.landmark_prior_variance)
         self._expected = np.zeros(scenario.landmark_count, EXPECTED)
         room = np.array(scenario.room_size)
@@ -28,16 +32,17 @@ class Knowledge:
 
     def update(self) -> None:
         """After a frame: what has been found is expected no more."""
-        update_expectation(self._expected, self._prior, self._filter.belief)
+        update_expectation(self._expected, self._prior, self._filter.arrays())
 
     def prospect(self) -> Prospect:
         """What an adviser plans with."""
         filter, free = self._filter, np.ones(MOTION_COUNT)
-        return prospect_of(filter.belief, self._expected, self._prior, filter.fiducials, filter.boxes, free)
+        first_seen, places = self._front_end.first_seen(filter.ids), (filter.fiducials, filter.boxes)
+        return prospect_of(filter.arrays(), self._expected, self._prior, *places, free, self._limits, first_seen)
 
     def counting(self) -> np.ndarray:
         """Positions, in the filter's order, of the features that count: each has retired an expected landmark."""
-        return np.flatnonzero(find_counting(self._expected, self._filter.belief))
+        return np.flatnonzero(find_counting(self._expected, self._filter.arrays()))
 
     def log2_dets(self, covariance: np.ndarray) -> np.ndarray:
         """(3,) log2 |P| of camera (12), map (3 N) and total (12 + 3 N), of the joint ``covariance`` (12 + 3 n)^2.

@@ -88,10 +88,10 @@ class Session:
     def _begin(self, at: float, image: np.ndarray) -> None:
         source = self.source
         self.front_end = source.start(image)
-        filter, seed = self.front_end.filter, np.random.SeedSequence((self._seed, 1))
+        seed = np.random.SeedSequence((self._seed, 1))
         self._zero, self._time, self._good = at, 0.0, 0.0
-        self.knowledge = Knowledge(source.scenario, filter, seed)
-        self.adviser = Adviser(source.scenario, self.front_end, self.knowledge)
+        self.knowledge = Knowledge(source.scenario, self.front_end, seed)
+        self.adviser = Adviser(source.scenario, self.knowledge)
 
     def _track(self) -> None:
         assert self.front_end and self.knowledge and self.adviser
@@ -104,7 +104,7 @@ class Session:
 
     def _standing(self) -> str:
         assert self.front_end
-        vague = np.diag(self.front_end.filter.belief.covariance)[:3].max() > _VAGUE**2
+        vague = np.diag(self.front_end.filter.camera_covariance)[:3].max() > _VAGUE**2
         if self._time - self._good > _PATIENCE or vague:
             return LOST
         log = self.log
@@ -139,7 +139,7 @@ class Session:
         filter, searched = self.front_end.filter, self.front_end.searched
         points, P = filter.points()
         at = CAMERA_DIM + 3 * np.arange(len(points))[:, None, None] + np.arange(3)
-        covariances, camera = P[np.swapaxes(at, 1, 2), at], filter.belief.state.camera.copy()
+        covariances, camera = P[np.swapaxes(at, 1, 2), at], filter.mean
         mapped = _depth_ratios(points - camera[:3], covariances) < _MAPPED
         self._known.update(filter.ids[mapped].tolist())
         return {

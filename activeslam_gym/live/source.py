@@ -10,7 +10,6 @@ import numpy as np
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import SCENARIOS, Scenario
-from activeslam_gym.envs.images import SIGHTED
 from activeslam_gym.live.advice import PERIOD
 from activeslam_gym.live.person import FOLLOW, Person
 from activeslam_gym.motion import CAMERA_SIZE, Motion, motion_of
@@ -18,6 +17,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
+from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.vision.sources import CAMERA, Frame, open_images
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import HAND_HELD, start

@@ -29,6 +29,10 @@ class PointModel:
         return z, H_x, H_y
 
     def foresee(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(m,) bool: which of the ``points`` (m, 3) would be measured: those `in_view`."""
+        return self.in_view(camera, points)
+
+    def in_view(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(m,) bool: which of the ``points`` (m, 3) are inside the image of ``camera`` (13,), and not hidden."""
         view, z = self._view(camera), np.empty(2)
         return np.array([visible(view, point, 0.0, z) for point in points], bool)

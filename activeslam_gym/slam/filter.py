@@ -37,7 +37,7 @@ from activeslam_gym.slam.belief import (
 )
 from activeslam_gym.slam.correction import CORRECTION, correct, correction_of, product_frames
 from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
-from activeslam_gym.slam.estimate import Estimate, empty_estimates, taken_estimate
+from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
 from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
 from activeslam_gym.slam.initialisation import (
     INITIALISATION,
@@ -313,6 +313,7 @@ class Filter:
         self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))
         self.counts = np.zeros(1, COUNTS)[0]
         self._sight: Sight | None = None
+        self._arrays = row(empty_estimates(self.capacity, 1), 0)
         mean = _array("camera", camera, first, first.shape)
         reset_belief(self.belief, mean, _array("covariance", covariance, prior, prior.shape))
 
@@ -408,6 +409,34 @@ class Filter:
         remove_feature(self.belief, self._position(id))
         self._sight = None
 
+    def arrays(self) -> EstimateArrays:
+        """The present estimate, in arrays that the next call overwrites."""
+        write_estimate(self.belief, float(self.model.initialisation.mapped_depth_ratio), self._arrays)
+        return self._arrays
+
+    def estimate(self) -> Estimate:
+        """The present estimate."""
+        return taken_estimate(self.arrays())
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(13,) of the camera: position, quaternion, velocity, angular velocity; a copy."""
+        return self.belief.state.camera.copy()
+
+    @property
+    def camera_covariance(self) -> np.ndarray:
+        """(12, 12) of the camera's tangent; a copy."""
+        return self.belief.covariance[:CAMERA_DIM, :CAMERA_DIM].copy()
+
+    def place_camera(self, mean: np.ndarray, covariance: np.ndarray) -> None:
+        """Give the camera a ``mean`` (13,) and a ``covariance`` (12, 12) independent of the map, which stays."""
+        belief = self.belief
+        belief.state.camera[:] = mean
+        belief.covariance[:CAMERA_DIM, :] = 0.0
+        belief.covariance[:, :CAMERA_DIM] = 0.0
+        belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = covariance
+        self._sight = None
+
     @property
     def ids(self) -> np.ndarray:
         """(n,) of the features, oldest first."""
@@ -449,7 +478,6 @@ class Ekf:
             )
         self._scenario, self._filter = scenario, Filter(scenario, fiducials=fiducials)
         self._known, self._time = scenario.association == KNOWN, 0.0
-        self._estimate = row(empty_estimates(self._filter.capacity, 1), 0)
 
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         """Begin an episode."""
@@ -477,9 +505,7 @@ class Ekf:
 
     def estimate(self) -> Estimate:
         """The present state estimate."""
-        ratio = float(self._filter.model.initialisation.mapped_depth_ratio)
-        write_estimate(self._filter.belief, ratio, self._estimate)
-        return taken_estimate(self._estimate, self._time)
+        return taken_estimate(self._filter.arrays(), self._time)
 
     def copy(self) -> "Ekf":
         """An independent copy."""

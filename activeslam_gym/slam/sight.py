@@ -231,9 +231,16 @@ def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes
 
 @compiled
 def sight_of_points(
-    camera: Record, boxes: np.ndarray, pose: np.ndarray, fiducials: np.ndarray, points: np.ndarray, P: np.ndarray
+    camera: Record,
+    boxes: np.ndarray,
+    pose: np.ndarray,
+    fiducials: np.ndarray,
+    points: np.ndarray,
+    seen: np.ndarray,
+    P: np.ndarray,
 ) -> Sight:
-    """What lies in the image of ``pose`` (>= 7: position, quaternion): fiducials (K, 3) and points (M, 3).
+    """What lies in the image of ``pose`` (>= 7: position, quaternion): fiducials (K, 3), and the ``seen`` (M,) ones of
+    points (M, 3).
 
     ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
     """
@@ -241,6 +248,8 @@ def sight_of_points(
     things, v = np.empty(K + points.shape[0], THING), 0
     for row in range(K + points.shape[0]):
         thing = things[v]
+        if row >= K and not seen[row - K]:
+            continue
         if place_point(view, fiducials[row] if row < K else points[row - K], 0.0, thing):
             thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
             thing.extra[:] = 0.0

@@ -52,7 +52,7 @@ class Film:
     def _map(self, cv2: Any, front_end: FrontEnd, shape: tuple[int, ...]) -> np.ndarray:
         """X to the right and Z downwards, as seen from above: features with their ellipses (2 sigma), and the path."""
         points, P = front_end.filter.points()
-        self._track.append(front_end.filter.belief.state.camera[:3].copy())
+        self._track.append(front_end.filter.mean[:3])
         everything = np.concatenate((points, front_end.filter.fiducials, self._track))[:, [0, 2]]
         low, high = np.percentile(everything, [2, 98], axis=0)
         h, w = _SCALE * shape[0], _SCALE * shape[1]

@@ -128,7 +128,7 @@ class FrontEnd:
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         for k, corner in enumerate(corners):
-            self.know(k, drawn, corner, self.filter.belief.state.camera, normal)
+            self.know(k, drawn, corner, self.filter.mean, normal)
         self._time = time
         for _ in range(4):
             self._give_births(image, grey, corners)
@@ -146,7 +146,7 @@ class FrontEnd:
     def _draw_target(self, sight: Sight) -> None:
         """Draw the fiducials as they should look now, if some are in ``sight`` and were drawn for another view; those
         that are not wholly in the image keep their looks."""
-        pose = self.filter.belief.state.camera[:7].copy()
+        pose = self.filter.mean[:7]
         if self._target is None or not (sight.thing["id"] < 0).any() or not self._is_new(pose):
             return
         target, normal = self._target
@@ -218,7 +218,7 @@ class FrontEnd:
         s = self.settings
         if matched >= max(s.least_share * searched, 3):
             self._blind = 0
-            self._views.remember(self.filter.belief.state.camera[:7])
+            self._views.remember(self.filter.mean[:7])
         elif self._blind > 0 or searched >= s.constellation:
             self._blind += 1
         enough = matched >= max(s.clear * searched, s.least_clear)
@@ -238,7 +238,7 @@ class FrontEnd:
         row, peak = np.nonzero(np.arange(PEAKS) < found.peaks[:, None])
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is not None:
-            replace_camera(self.filter.belief, pose)
+            replace_camera(self.filter, pose)
         return pose is not None
 
     def _look(self, grey: np.ndarray) -> Looked:
@@ -270,7 +270,7 @@ class FrontEnd:
 
     def _search(self, sight: Sight, grey: np.ndarray, wanted: list[int], model: Record) -> Looked:
         """Search the rows of ``sight`` whose ids are ``wanted``, and update the filter by what is found."""
-        ids, pose = sight.thing["id"], self.filter.belief.state.camera
+        ids, pose = sight.thing["id"], self.filter.mean
         places = np.where(np.isin(ids, wanted), self._gallery.places(ids), -1)
         z_hat, S = np.ascontiguousarray(sight.thing["z_hat"]), _own_covariances(sight)
         points = self._points(ids)
@@ -322,16 +322,16 @@ class FrontEnd:
 
     def _noise_of_fiducials(self, R: np.ndarray) -> np.ndarray:
         """R (n, 2, 2) of matched fiducials, from what it would be of features."""
-        s, turn = self.settings, np.trace(self.filter.belief.covariance[D_ROTATION, D_ROTATION]) / 3.0
+        s, turn = self.settings, np.trace(self.filter.camera_covariance[D_ROTATION, D_ROTATION]) / 3.0
         fit = (s.fiducial_grain / s.grain if s.grain > 0.0 else 0.0) * (R - s.floor_std**2 * np.eye(2))
         age = 0 if self._target is None else self._frame - self._drawn_at
         stare = (1.0 + age / s.looks) ** 2  # then 1 / R sums up to looks / R
         return stare * (fit + s.fiducial_std**2 * np.eye(2)) + _LEVER**2 * turn * np.eye(2)
 
-    def change_of_view(self, ids: np.ndarray, points: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """(v,) how differently the features ``ids`` (v,) at ``points`` (v, 3) are seen from ``now`` (3,) and from where
-        they were first (see `views.change_of_view`) [rad]."""
-        return self._gallery.change_of_view(self._gallery.places(ids), points, now)
+    def first_seen(self, ids: np.ndarray) -> np.ndarray:
+        """(n, 3) where the camera was when each of the features ``ids`` (n,) was initialised [m]; NaN if unknown."""
+        places = self._gallery.places(ids)
+        return np.where((places < 0)[:, None], np.nan, self._gallery.templates.camera[places, :3])
 
     # The map ----------------------------------------------------------------------------------------------------------
 
@@ -355,7 +355,7 @@ class FrontEnd:
     def _occupied(self, sight: Sight) -> np.ndarray:
         """(m, 2) predicted pixels of what is in view and searched."""
         thing = sight.thing[[int(id) in self._gallery for id in sight.thing["id"]]]
-        points, now = self._points(thing["id"]), self.filter.belief.state.camera[:3]
+        points, now = self._points(thing["id"]), self.filter.mean[:3]
         change = self._gallery.change_of_view(self._gallery.places(thing["id"]), points, now)
         return thing["z_hat"][change <= self.settings.most_change]
 
@@ -377,7 +377,7 @@ class FrontEnd:
                 break
             id = self.filter.birth(pixel)
             if id > 0:
-                self._gallery.hang(id, grey, pixel, self.filter.belief.state.camera, np.zeros(3), self._frame)
+                self._gallery.hang(id, grey, pixel, self.filter.mean, np.zeros(3), self._frame)
                 born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
         self._found.append(born[:count])

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.kernels import Record
-from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.views import turn_between
 
@@ -80,10 +79,6 @@ def locate(camera: Record, ids: np.ndarray, points: np.ndarray, pixels: np.ndarr
     return np.array((*-R_CW.inv().apply(shift.ravel()), w, x, y, z))
 
 
-def replace_camera(belief: Belief, pose: np.ndarray) -> None:
+def replace_camera(filter: Filter, pose: np.ndarray) -> None:
     """The camera stands, nearly at rest, somewhere around the ``pose`` (7,); the map stays what it is."""
-    belief.state.camera[:] = 0.0
-    belief.state.camera[:7] = pose
-    belief.covariance[:CAMERA_DIM, :] = 0.0
-    belief.covariance[:, :CAMERA_DIM] = 0.0
-    belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = np.diag(_STDS**2)
+    filter.place_camera(np.concatenate((pose, np.zeros(6))), np.diag(_STDS**2))

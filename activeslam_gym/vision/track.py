@@ -138,17 +138,17 @@ def follow(
     source = iter(images)
     time, image = next(source)
     front_end = start(image, calibration, target, rate, settings, scenario_fields)
-    belief = front_end.filter.belief
-    times, cameras = [time], [belief.state.camera.copy()]
-    covariances, logs = [belief.covariance[:6, :6].copy()], []
+    filter = front_end.filter
+    times, cameras = [time], [filter.mean]
+    covariances, logs = [filter.camera_covariance[:6, :6]], []
     trouble = None
     try:
         for time, image in source:
             calibration.check_image(image)
             logs.append(front_end.step(image, time))
             times.append(time)
-            cameras.append(belief.state.camera.copy())
-            covariances.append(belief.covariance[:6, :6].copy())
+            cameras.append(filter.mean)
+            covariances.append(filter.camera_covariance[:6, :6])
             if watch is not None:
                 watch(front_end, image)
     except ValueError as error:

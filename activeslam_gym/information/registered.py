@@ -1,0 +1,61 @@
+"""Scores with the model of a registered sensor: the loop of `candidates.score_plans` in Python.
+
+Each measurement is whitened to the variance of the image noise, so that every criterion holds for any number of values
+a measurement and for any noise.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from activeslam_gym.information.candidates import Prospect, goal_pose, propagated, updated
+from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.kernels import Record
+from activeslam_gym.motion import CAMERA_DIM, turn_of
+from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_with
+
+
+def score_plans_with(
+    model: Any,
+    motion: Record,
+    prospect: Prospect,
+    estimate: Estimate,
+    time: float,
+    plans: np.ndarray,
+    criterion: str,
+    pixel_var: float,
+) -> np.ndarray:
+    """(A,) what each of ``plans`` (A, L) of ACTION would teach by the ``criterion``, with the ``model`` of a sensor."""
+    out = np.zeros(len(plans))
+    for a, plan in enumerate(plans):
+        P, pose = prospect.covariance, prospect.camera
+        for step, action in enumerate(plan):
+            turn = turn_of(motion, int(action["gaze"]), time)
+            P = propagated(motion, P, turn, int(action["frames"]))
+            pose = goal_pose(motion, prospect, pose, action, turn, step == 0)
+            sight = _sight_by(model, prospect, estimate, pose, P, pixel_var)
+            out[a] += CRITERIA[criterion](P, sight, pixel_var)
+            P = updated(P, sight)
+    return out
+
+
+def _sight_by(
+    model: Any, prospect: Prospect, estimate: Estimate, pose: np.ndarray, P: np.ndarray, pixel_var: float
+) -> Sight:
+    """The measurements foreseen from ``pose`` (13,), each as rows in pairs."""
+    K, points = len(prospect.fiducials), np.concatenate((prospect.fiducials, prospect.points))
+    seen = np.flatnonzero(model.foresee(estimate, pose, points)).tolist()
+    whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(model.noise))
+    pairs = (len(model.noise) + 1) // 2
+    things = np.zeros(pairs * len(seen), THING)
+    for a, row in enumerate(seen):
+        _, H_x, H_y = model.predict(pose, points[row])
+        for H, field in ((H_x, "H_camera"), (H_y, "H_feature")):
+            rows = np.zeros((2 * pairs, 6))
+            rows[: len(H), : H.shape[1]] = whitening @ H
+            things[field][pairs * a : pairs * (a + 1)] = rows.reshape(pairs, 2, 6)
+        own = things[pairs * a : pairs * (a + 1)]
+        own["row"], own["visibility"] = row, INSIDE
+        own["column"], own["width"] = (CAMERA_DIM + 3 * (row - K), 3) if row >= K else (0, 0)
+    return sight_with(things, P, len(P), pixel_var)

@@ -18,7 +18,7 @@ from agents.tools.files import alone_in, reading, writable_folder, write_csv, wr
 from agents.tools.machine import sources
 from agents.tools.parallel import run_all
 from agents.tools.sections import page_with, provenance, put_section, table
-from agents.tools.statistics import Estimate, Statistic, estimate
+from agents.tools.statistics import LEGEND, Estimate, Statistic, estimate
 
 NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
 """The same rooms, hands and gaze for each."""
@@ -44,12 +44,12 @@ class Measure(NamedTuple):
 
 
 MEASURES = (
-    Measure("log₂ \\|P\\| of everything", lambda now: float(now.log2_dets[2]), "mean", 1.0, 0),
-    Measure("of the camera", lambda now: float(now.log2_dets[0]), "mean", 1.0, 1),
+    Measure("log₂ \\|P\\| of everything", lambda now: float(now.log2_dets[2]), "median", 1.0, 0),
+    Measure("of the camera", lambda now: float(now.log2_dets[0]), "median", 1.0, 1),
     Measure("log score, bits", lambda now: now.log_score, "median", 1.0, 0),
     Measure("position error, cm", lambda now: now.position_error, "median", 100.0, 1),
     Measure("landmark RMSE, cm", lambda now: now.landmark_rmse, "median", 100.0, 1),
-    Measure("well placed", lambda now: now.mapped, "mean", 1.0, 1),
+    Measure("well placed", lambda now: now.mapped, "median", 1.0, 1),
     Measure("position NEES / dof", lambda now: now.position_nees, "median", 1.0, 2),
     Measure("lost, %", lambda now: float(now.lost), "share", 100.0, 0),
 )
@@ -193,9 +193,8 @@ def _second(row: dict[str, Any]) -> Second:
 
 def report(runs: Runs, times: Sequence[float]) -> str:
     """Everything as Markdown."""
-    parts = ["[ ]: 95 % interval over rooms, bootstrap; of a share, Wilson's."]
-    parts += [claims(runs, times), standings(runs, times), differences(runs, times), commands(runs), closures(runs)]
-    return "\n\n".join(parts)
+    told = (claims(runs, times), standings(runs, times), differences(runs, times), commands(runs), closures(runs))
+    return "\n\n".join([LEGEND, *told])
 
 
 def claims(runs: Runs, times: Sequence[float]) -> str:
@@ -207,7 +206,7 @@ def claims(runs: Runs, times: Sequence[float]) -> str:
         for other in (NEVER, STILL)
     ]
     found[0] = ("who follows the advice knows more", "V", found[0][2])
-    share = estimate(sideways(runs)["after births"], "mean")
+    share = estimate(sideways(runs)["after births"], "median")
     words = f"% of commands that are lateral, {AFTER} s after births"
     lateral = Finding("", "", words, share, judge(share, "above", CHANCE), 100.0, 0)
     found.append(("the commands are mostly up-down and left-right", "V, Fig. 5 b", lateral))
@@ -270,7 +269,7 @@ def commands(runs: Runs) -> str:
     """Are they mostly up-down and left-right, after births above all? The follower's first minute."""
     told = first_minute(runs[FOLLOW])
     text = ", ".join(f"{motion.name} {100.0 * n / max(told.sum(), 1):.0f} %" for motion, n in zip(Motion, told))
-    rows = [[name, estimate(values, "mean").text(100.0, 0)] for name, values in sideways(runs).items()]
+    rows = [[name, estimate(values, "median").text(100.0, 0)] for name, values in sideways(runs).items()]
     head = ["commands of the first minute", f"up, down, left or right, % (by chance {100.0 * CHANCE:.0f})"]
     return f"{table(head, rows)}\n\nAll commands of the first minute: {text}."
 
@@ -286,7 +285,7 @@ def closures(runs: Runs) -> str:
     rows = []
     for part, name in enumerate(("camera", "map", "everything")):
         with_one, without = changes_by_closure(runs, part)
-        rows.append([name, *(estimate(values, "mean").text() for values in (with_one, without, with_one - without))])
+        rows.append([name, *(estimate(values, "median").text() for values in (with_one, without, with_one - without))])
     return table(["change of log₂ \\|P\\| in a second", "with a loop closed", "without", "difference"], rows)
 
 

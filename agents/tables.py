@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from agents.summary import ERRORS, FEW_ROOMS, LEARNED, PAIRED, SPEED, Column, Summary, by_log_score
 from agents.tools import sections
-from agents.tools.statistics import CONFIDENCE, Estimate
+from agents.tools.statistics import LEGEND, Estimate
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def tables(summary: Summary) -> list[Table]:
     if summary.shares:
         rows = [[name, share.text(100.0, 0), str(share.rooms)] for name, share in summary.shares.items()]
         title = f"Share of the planner's lead over the best constant in the log score{star}"
-        result.append(Table(title, ["policy", "share, % (of means)", "rooms"], rows))
+        result.append(Table(title, ["policy", "share, % (of IQMs)", "rooms"], rows))
     for against, differences in summary.paired.items():
         best = ", the baseline with the most bits," if against == summary.best_baseline else ""
         result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))
@@ -55,20 +55,20 @@ def tables(summary: Summary) -> list[Table]:
 def text(summary: Summary) -> str:
     """The first table in aligned plain text, with the notes."""
     first = tables(summary)[0]
-    return "\n\n".join([f"{first.title}\n{aligned(first)}", legend(), *summary.notes])
+    return "\n\n".join([f"{first.title}\n{aligned(first)}", LEGEND, *summary.notes])
 
 
 def markdown(summary: Summary) -> str:
     """The same in Markdown."""
     parts = [f"### {table.title.replace('*', chr(92) + '*')}\n\n{pipes(table)}" for table in tables(summary)]
     notes = [note.replace("* ", "\\* ", 1) for note in summary.notes]
-    return "\n\n".join(["## Comparison", *parts, legend(), *notes]) + "\n"
+    return "\n\n".join(["## Comparison", *parts, LEGEND, *notes]) + "\n"
 
 
 def headline(summary: Summary) -> str:
     """One Markdown table, the highest log score first."""
     figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
-    return f"{pipes(_table('', figures, (*LEARNED, ERRORS[0])))}\n\n{legend()}"
+    return f"{pipes(_table('', figures, (*LEARNED, ERRORS[0])))}\n\n{LEGEND}"
 
 
 def _table(
@@ -102,8 +102,3 @@ def aligned(table: Table) -> str:
 def pipes(table: Table) -> str:
     """A Markdown table."""
     return sections.table(table.header, table.rows, "| --- |" + " ---: |" * (len(table.header) - 1))
-
-
-def legend() -> str:
-    """What the brackets are."""
-    return f"[ ]: {CONFIDENCE:.0%} interval over rooms, bootstrap; of a share, Wilson's."

@@ -16,32 +16,13 @@ from activeslam_gym.slam.map import convert_to_point
 from agents.__main__ import main
 from agents.evaluate import run_episode
 from agents.honesty import command
-from agents.honesty.calibration import Bar, chi2_bounds, depth_sums, judged, lost_bar, nees_bar
+from agents.honesty.calibration import Bar, chi2_bounds, judged, lost_bar, nees_bar
 from agents.honesty.command import Args
 from agents.honesty.witness import Witness, depth_error
-from agents.tools.statistics import estimate, estimate_from_sums
+from agents.tools.statistics import estimate
 from tests.support import joint_covariance, random_belief, scenario_for
 
 DURATION = 4.0
-
-
-def mean_of_sums(sums: np.ndarray) -> float:
-    return sums[1] / sums[0]
-
-
-def test_figures_and_intervals_of_sums_are_those_of_all_values() -> None:
-    rng = np.random.default_rng(1)
-    groups = [rng.normal(0.3, 2.0, size=n) for n in (0, 3, 40, 7, 25)]
-    rows, everything = [depth_sums(group) for group in groups], np.concatenate(groups)
-    mean = estimate_from_sums(rows, mean_of_sums)
-    std = estimate_from_sums(rows, lambda sums: np.sqrt(sums[2] / sums[0] - mean_of_sums(sums) ** 2))
-    assert (mean.value, std.value) == pytest.approx((everything.mean(), everything.std()))
-    assert mean.low < mean.value < mean.high and mean.statistic == "pooled"
-    assert estimate_from_sums([(0, 0)], lambda sums: sums[0] / sums[1]).text() == "–"
-    rng = np.random.default_rng(2)
-    samples = ([(1.0, value) for value in rng.normal(size=60)] for _ in range(100))
-    intervals = [estimate_from_sums(rows, mean_of_sums) for rows in samples]
-    assert 88 <= sum(one.low < 0.0 < one.high for one in intervals) <= 100
 
 
 def test_bars_are_those_of_the_issue_and_chi2_bounds_hold_as_often_as_they_say() -> None:
@@ -114,6 +95,10 @@ def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert [one["initialisation"] for one in results] == [INVERSE_DEPTH, DEPTH_PARTICLES] * 2
     of_mi_mi = [float(row["position_nees_4s"]) for row in rows[:2]]
     assert results[0]["nees"]["4"]["position"]["figure"]["value"] == pytest.approx(np.mean(of_mi_mi))
+    wrong, matches = (sum(float(row[name]) for row in rows[:2]) for name in ("wrong_matches", "matches"))
+    assert results[0]["wrong"]["figure"]["value"] == wrong / matches and results[0]["wrong"]["figure"]["low"] is None
+    count, mean = (np.array([float(row[name]) for row in rows[:2]]) for name in ("depth_errors", "depth_error_mean"))
+    assert results[0]["depth_mean"]["figure"]["value"] == pytest.approx(count @ mean / count.sum())
     report = (tmp_path / "report.md").read_text()
     assert report.startswith("# Consistency") and "| mi-mi, inverse_depth |" in report
 

@@ -56,11 +56,11 @@ def test_a_second_is_read_at_its_time() -> None:
 
 
 def test_rooms_whose_run_was_shorter_are_not_counted() -> None:
-    short = runs(3)
+    short = runs(7)
     for rooms in short.values():
         rooms[1] = rooms[1][:35]
     told = advising.standings(short, (35.0, 60.0))
-    assert "| 35 s, 3 rooms | follows |" in told and "| 60 s, 2 rooms | follows |" in told
+    assert "| 35 s, 7 rooms | follows |" in told and "| 60 s, 6 rooms | follows |" in told
     assert "| 60 s | follows − random | -360 [-360, -360] |" in advising.differences(short, (60.0,))
 
 

@@ -142,7 +142,7 @@ def write(args: Args, results: Mapping[str, Scores]) -> None:
 def bounds_table(found: Scores) -> str:
     """A row for each policy: its log score, its lead over the best constant, and its share of the planner's."""
     of_lead = shares(found, PLANNER, BASE)
-    header = ["policy", "log score, bits (median)", f"lead over {BASE} (mean)", "lead (median)", "share, %", "rooms"]
+    header = ["policy", "log score, bits (median)", f"lead over {BASE} (IQM)", "lead (median)", "share, %", "rooms"]
     rows = [
         [name, *_figures(own, found[BASE]), of_lead[name].text(100.0, 0), str(len(own))] for name, own in found.items()
     ]
@@ -150,7 +150,7 @@ def bounds_table(found: Scores) -> str:
 
 
 def _figures(own: Mapping[int, float], base: Mapping[int, float]) -> Sequence[str]:
-    """Median, and paired lead by mean and by median."""
+    """Median, and paired lead by interquartile mean and by median."""
     lead = np.array([own[seed] - base[seed] for seed in own])
-    leads = estimate(lead, "mean"), estimate(lead, "median")
+    leads = estimate(lead, "IQM"), estimate(lead, "median")
     return [estimate(list(own.values()), "median").text(digits=0), *(one.text() for one in leads)]

@@ -7,12 +7,12 @@ from pathlib import Path
 from activeslam_gym.config import SCENARIOS
 from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
-from agents.tables import Table, legend, pipes, shown, titled
+from agents.tables import Table, pipes, shown, titled
 from agents.task import check
 from agents.tools.arguments import Rooms, first_room
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
-from agents.tools.statistics import MISSING
+from agents.tools.statistics import LEGEND, MISSING
 
 CONDITIONS: dict[str, str] = {
     "default": "paper",
@@ -77,7 +77,7 @@ def main(args: Args) -> int:
             print("Interrupted; the same command goes on.")
             return 130
         summaries[name] = summary
-    text = f"{pipes(table(summaries))}\n\n{legend()}\n\n{SHARES}:\n\n{pipes(shares(summaries))}"
+    text = f"{pipes(table(summaries))}\n\n{LEGEND}\n\n{SHARES}:\n\n{pipes(shares(summaries))}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
     for page in args.report:

@@ -1,6 +1,6 @@
 """From watched runs to the figures of the consistency report, each beside the bar that it has to meet."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from agents.episode import honesty, outcome
 from agents.honesty.witness import WatchedRun
-from agents.tools.statistics import TAILS, Estimate, estimate, estimate_from_sums
+from agents.tools.statistics import TAILS, Estimate, estimate
 
 Array = NDArray[np.float64]
 QUANTITIES = {"position": "position_nees", "orientation": "orientation_nees", "landmarks": "landmark_nees"}
@@ -82,7 +82,7 @@ class Calibration:
     """Share of duplicates among the features that stand for a true landmark, all runs together."""
     lost: Finding
     log_score_gain: Estimate
-    """Mean over all runs [bit]."""
+    """Median over all runs [bit]."""
     counts: dict[str, int]
     """What the shares are of."""
 
@@ -148,7 +148,7 @@ def calibrate(runs: Sequence[WatchedRun], times: Sequence[float], scenario: str)
         chi2_bounds={t: {q: chi2_bounds(_alive(v)) for q, v in row.items()} for t, row in at.items()},
         curves={quantity: curve(runs, quantity) for quantity in QUANTITIES},
         lost=judged(estimate([run.episode.lost for run in runs], "share"), lost_bar(strategy, scenario)),
-        log_score_gain=estimate([outcome(run.episode, 1)["log_score_gain"] for run in runs], "mean"),
+        log_score_gain=estimate([outcome(run.episode, 1)["log_score_gain"] for run in runs], "median"),
         **_from_labels(runs, bars),
     )
 
@@ -176,30 +176,26 @@ def _alive(values: Array) -> int:
 
 
 def _from_labels(runs: Sequence[WatchedRun], bars: bool) -> dict[str, Any]:
-    """The fields that come from the hidden labels: figures of sums over all runs."""
+    """The fields that come from the hidden labels: figures of all runs together, which have no interval."""
     said = [run.testimony for run in runs]
-    errors = np.array([depth_sums(one.depth_errors) for one in said])
-    matches = np.array([(one.wrong_matches, one.matches) for one in said])
-    features = np.array([(one.duplicates, one.features) for one in said])
+    errors = np.concatenate([one.depth_errors for one in said])
     names = ("conversions", "matches", "wrong_matches", "features", "duplicates")
     counts = {name: sum(getattr(one, name) for one in said) for name in names}
 
-    def ratio(part: int, whole: int) -> Callable[[Array], Array]:
-        return lambda sums: sums[part] / sums[whole]
+    def share(part: int, whole: int) -> Estimate:
+        return pooled(part / whole if whole else np.nan, len(runs))
 
-    def std(sums: Array) -> Array:
-        return np.sqrt(np.maximum(sums[2] / sums[0] - (sums[1] / sums[0]) ** 2, 0.0))
-
+    mean, std = (errors.mean(), errors.std()) if len(errors) else (np.nan, np.nan)
     return {
-        "depth_mean": judged(estimate_from_sums(errors, ratio(1, 0)), DEPTH_MEAN_BAR if bars else None),
-        "depth_std": judged(estimate_from_sums(errors, std), DEPTH_STD_BAR if bars else None),
-        "depth_far": estimate_from_sums(errors, ratio(3, 0)),
-        "wrong": judged(estimate_from_sums(matches, ratio(0, 1)), WRONG_BAR if bars else None),
-        "duplicates": estimate_from_sums(features, ratio(0, 1)),
-        "counts": counts | {"depth_errors": int(errors[:, 0].sum())},
+        "depth_mean": judged(pooled(mean, len(runs)), DEPTH_MEAN_BAR if bars else None),
+        "depth_std": judged(pooled(std, len(runs)), DEPTH_STD_BAR if bars else None),
+        "depth_far": share(int(np.count_nonzero(np.abs(errors) > FAR)), len(errors)),
+        "wrong": judged(share(counts["wrong_matches"], counts["matches"]), WRONG_BAR if bars else None),
+        "duplicates": share(counts["duplicates"], counts["features"]),
+        "counts": counts | {"depth_errors": len(errors)},
     }
 
 
-def depth_sums(errors: Array) -> tuple[float, float, float, float]:
-    """Of one run: number of depth errors, their sum, their squares' sum, number beyond `FAR`."""
-    return len(errors), float(errors.sum()), float((errors**2).sum()), int(np.count_nonzero(np.abs(errors) > FAR))
+def pooled(value: float, rooms: int) -> Estimate:
+    """A figure of the values of all rooms together."""
+    return Estimate(float(value), np.nan, np.nan, rooms, "pooled")

@@ -7,8 +7,9 @@ import activeslam_gym
 from activeslam_gym.config import Scenario
 from agents.honesty.calibration import FAR, QUANTITIES, Calibration
 from agents.summary import FEW_ROOMS
-from agents.tables import Table, aligned, legend, pipes
+from agents.tables import Table, aligned, pipes
 from agents.tools.sections import listed
+from agents.tools.statistics import LEGEND
 
 MEASURED = (
     "NEES: eᵀ P⁻¹ e over its 3 degrees of freedom, of the position, of the orientation, and the mean over the mapped "
@@ -26,21 +27,21 @@ MEASURED = (
     "Duplicates: features that at some frame had their landmark in common with an older feature of the map, among all "
     "that stood for a landmark, all runs together.",
     "Lost: a true position error over 0.5 m, or a covariance that is not positive definite, at some time.",
-    "Log score: log₂ N(truth | belief), end minus start, mean over all runs, lost ones too.",
+    "Log score: log₂ N(truth | belief), end minus start, median over all runs, lost ones too.",
 )
 
 
 def text(calibrations: Sequence[Calibration]) -> str:
     """The tables in aligned plain text."""
     parts = [f"{table.title}\n{aligned(table)}" for table in tables(calibrations)]
-    return "\n\n".join([*parts, _verdict(calibrations), legend(), *_notes(calibrations)])
+    return "\n\n".join([*parts, _verdict(calibrations), LEGEND, *_notes(calibrations)])
 
 
 def markdown(calibrations: Sequence[Calibration], settings: dict[str, Any]) -> str:
     """The same in Markdown, with what was run and what is measured."""
     parts = [f"## {table.title}\n\n{pipes(table)}" for table in tables(calibrations)]
     notes = "\n".join(f"- {line}" for line in MEASURED)
-    verdict = "\n\n".join((_verdict(calibrations), legend(), *_notes(calibrations)))
+    verdict = "\n\n".join((_verdict(calibrations), LEGEND, *_notes(calibrations)))
     head = f"# Consistency\n\n{_what_was_run(settings)}\n\n![NEES over time](nees.png)"
     return "\n\n".join([head, *parts, "## Bars", verdict, "## What is measured", notes]) + "\n"
 

@@ -79,7 +79,7 @@ def unseen(weights: Path, rooms: int, recipe: Recipe) -> Summary:
 
 
 def results(weights: Path, summary: Summary, recipe: Recipe) -> dict[str, Any]:
-    """The figures of the weights and of the references for a card, with 95 % intervals."""
+    """The figures of the weights and of the references for a card, with their intervals."""
     figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
     own = figures.pop(str(weights))
     return {"first_seed": unseen_seed(recipe), "rooms": own["bits"]["rooms"], **own, "references": figures}

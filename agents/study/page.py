@@ -22,17 +22,18 @@ PICTURES = {
 }
 
 READING = """\
-**How to read it.** Each figure is over the same rooms with the same noise; a difference is taken room by room.
-Intervals are 95 % bootstrap intervals over rooms (Wilson's for shares). *Holds* and *does not hold* are said only where
-the whole interval, of {fewest} rooms or more, is on one side of the bound (zero for a difference); otherwise *not
-shown*. There are about {count} intervals here and no correction for their number: expect a few to miss. A number
-that the paper states is one run's: it is *within our spread* if it lies in the central 95 % of our rooms.
+**How to read it.** Each figure is a median over the same rooms with the same noise, or a share of the rooms; a
+difference is taken room by room. Intervals are exact 95 % intervals over rooms: of medians by order statistics, of
+shares by Clopper and Pearson. *Holds* and *does not hold* are said only where the whole interval, of {fewest} rooms or
+more, is on one side of the bound (zero for a difference); otherwise *not shown*. There are about {count} intervals
+here and no correction for their number: expect a few to miss. A number that the paper states is one run's: it is
+*within our spread* if it lies in the central 95 % of our rooms.
 
 **Lost runs** (position error over 0.5 m, or no positive definite covariance) are never dropped silently. The time of
 the 14th landmark, or of the first loop closure, counts as the full duration where it was not seen, be the run lost or
-just slow (restricted mean). log₂\\|P\\| at the 14th landmark is compared at the most landmarks, 14 at most, that both
-strategies reached in that room. Errors and entropies at the end leave out rooms in which one of the two was lost; the
-note says how many. Everything else is measured until the run's end.
+just slow. log₂\\|P\\| at the 14th landmark is compared at the most landmarks, 14 at most, that both strategies reached
+in that room. Errors and entropies at the end leave out rooms in which one of the two was lost; the note says how many.
+Everything else is measured until the run's end.
 
 **Measures.** *Visited alone*: log₂\\|P\\| of the camera and the oldest mapped landmarks, of the same dimension for both
 strategies; *unvisited counted*: with the others of the 27 at their prior. A *loop closure*: a fiducial or feature is
@@ -120,7 +121,7 @@ def _conditions_table(rows: Rows) -> str:
     """Lost runs and the usual figures of everything that was run."""
     pairs = [(choice.name, strategy) for choice in CHOICES for strategy in STRATEGIES]
     pairs += [(one.choice, one.policy) for one in SINGLES if (one.choice, one.policy) not in pairs]
-    header = ["Choice", "Policy", "% lost", "Landmarks mapped", "Log score, bits (median)"]
+    header = ["Choice", "Policy", "% lost", "Landmarks mapped", "Log score, bits"]
     header += ["Orientation RMS, ° (alive)", "`stay`, % of motions"]
     return table(header, [_condition_row(choice, policy, rows[choice, policy]) for choice, policy in pairs])
 
@@ -130,8 +131,8 @@ def _condition_row(choice: str, policy: str, runs: Sequence[Row]) -> list[str]:
         f"`{choice}`",
         "mi (gaze scripted)" if policy == LIVE else policy,
         estimate(column(runs, "lost"), "share").text(100.0, 0),
-        estimate(column(runs, "landmarks_mapped"), "mean").text(),
+        estimate(column(runs, "landmarks_mapped"), "median").text(),
         estimate(column(runs, "log_score_gain"), "median").text(1.0, 0),
-        estimate(np.degrees(while_alive(runs, "orientation_rms")), "mean").text(1.0, 2),
-        estimate(column(runs, "stay_share"), "mean").text(100.0, 0),
+        estimate(np.degrees(while_alive(runs, "orientation_rms")), "median").text(1.0, 2),
+        estimate(column(runs, "stay_share"), "median").text(100.0, 0),
     ]

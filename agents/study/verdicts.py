@@ -73,10 +73,7 @@ def while_alive(rows: Sequence[Row], name: str) -> Array:
 
 
 def restricted(rows: Sequence[Row], name: str, duration: float) -> Array:
-    """(rooms,) s until something happened, but `duration` where it was not seen: lost before, or never.
-
-    The mean of these is the restricted mean, the usual figure of times that are censored at the end of a study.
-    """
+    """(rooms,) s until something happened, but `duration` where it was not seen: lost before, or never."""
     times = column(rows, name)
     return np.where(np.isnan(times), duration, times)
 
@@ -114,7 +111,7 @@ def judged(
     bound: float = 0.0,
     scale: float = 1.0,
     digits: int = 1,
-    statistic: Statistic = "mean",
+    statistic: Statistic = "median",
 ) -> Finding:
     """The finding on a figure over rooms, which the claim puts on one `side` of a `bound`; NaN rooms are left out."""
     figure = estimate(values, statistic)

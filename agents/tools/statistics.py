@@ -1,8 +1,13 @@
-"""Estimates over rooms with their intervals. scipy.stats is imported where it is used, since it is slow to load."""
+"""Estimates over rooms with their intervals. scipy.stats is imported where it is used, since it is slow to load.
+
+A median and a share have intervals by the binomial distribution, which hold for every distribution of the values. An
+interquartile mean has one by the bootstrap, since it leaves out the tails. A mean has none: a sample without the rare
+failure does not show how far it lies from the true mean.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,18 +17,25 @@ TAILS = (1.0 - CONFIDENCE) / 2.0, 1.0 - (1.0 - CONFIDENCE) / 2.0
 """The quantiles at an interval's ends."""
 RESAMPLES = 2000
 """Bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each."""
+FEWEST = 6
+"""Rooms that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %."""
 
 MISSING = "–"
 """Stands for a figure that no room gave."""
+LEGEND = (
+    f"[ ]: {CONFIDENCE:.0%} interval over rooms: of a share, Clopper and Pearson's; from {FEWEST} rooms on, of a "
+    "median by order statistics, of an interquartile mean (IQM, over the middle half of the rooms) by the bootstrap."
+)
+"""What the brackets are."""
 
 Array = NDArray[np.float64]
-Statistic = Literal["mean", "median", "share", "pooled"]
-"""`pooled`: from sums over all rooms."""
+Statistic = Literal["median", "IQM", "share", "mean", "pooled"]
+"""`IQM`: interquartile mean. `pooled`: of the values of all rooms together. The last two have no interval."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A figure over rooms and its interval, which is NaN where it cannot be told (fewer than two rooms)."""
+    """A figure over rooms and its interval, which is NaN for a statistic without one and for too few rooms."""
 
     value: float
     low: float
@@ -40,56 +52,66 @@ class Estimate:
 
 
 def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
-    """Mean, median or share of `values` (one a room) with its 95 % interval; rooms whose value is NaN are left out."""
+    """A statistic of `values` (one a room) with its 95 % interval, if it has one; rooms with NaN are left out."""
     all_rooms: Array = np.asarray(values, dtype=float)
     rooms = all_rooms[~np.isnan(all_rooms)]
     if not len(rooms):
         return Estimate(np.nan, np.nan, np.nan, 0, statistic)
+    value, (low, high) = float(np.mean(rooms)), (np.nan, np.nan)
     if statistic == "share":
-        value, (low, high) = np.mean(rooms), _wilson(rooms)
-    else:
-        function: Callable[..., Any] = np.mean if statistic == "mean" else np.median
-        value, (low, high) = function(rooms), _bootstrap(rooms, function)
-    return Estimate(float(value), low, high, len(rooms), statistic)
+        low, high = _exact(rooms)
+    elif statistic == "median":
+        value, (low, high) = float(np.median(rooms)), _order_statistics(rooms)
+    elif statistic == "IQM":
+        value, (low, high) = float(_iqm(rooms)), _bootstrap(rooms, _iqm)
+    return Estimate(value, low, high, len(rooms), statistic)
 
 
-def estimate_from_sums(rows: ArrayLike, figure: Callable[[Array], Array]) -> Estimate:
-    """`figure` of the sums over all rooms of `rows` (rooms, k), with its percentile bootstrap interval over rooms.
+def estimate_ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
+    """IQM of `parts` (rooms,) over that of `wholes` (rooms,), in pairs; NaN where the latter is not positive.
 
-    `figure` takes sums (k, ...) and returns (...): a ratio of sums, a mean, a standard deviation. Rooms keep together
-    what is in them. NaN where the sums give no figure.
+    The interval is NaN where a resample of the rooms gives no ratio: the whole may be zero.
     """
-    rooms: Array = np.asarray(rows, dtype=float)
-    n = len(rooms)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        value = float(figure(rooms.sum(axis=0)))
-        how_often = np.random.default_rng(0).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)  # each room is in
-        resampled = figure((how_often @ rooms).T)
-    known = resampled[np.isfinite(resampled)]
-    if n < 2 or not np.isfinite(value) or not len(known):
-        return Estimate(value if np.isfinite(value) else np.nan, np.nan, np.nan, n, "pooled")
-    low, high = np.quantile(known, TAILS)
-    return Estimate(value, float(low), float(high), n, "pooled")
+    rooms: Array = np.stack([np.asarray(one, dtype=float) for one in (parts, wholes)], axis=-1)
+    value = float(_ratio(rooms)) if len(rooms) else np.nan
+    return Estimate(value, *_bootstrap(rooms, _ratio), len(rooms), "IQM")
 
 
-def _bootstrap(values: Array, function: Callable[..., Any]) -> tuple[float, float]:
-    """Percentile bootstrap over rooms, the same at each call; equal values have an interval of no width."""
-    if len(values) < 2 or not np.isfinite(values).all():
+def _iqm(rooms: Array) -> Array:
+    """(..., rooms) -> (...)."""
+    from scipy.stats import trim_mean
+
+    return np.asarray(trim_mean(rooms, 0.25, axis=-1))
+
+
+def _ratio(rooms: Array) -> Array:
+    """(..., rooms, 2) -> (...)."""
+    part, whole = _iqm(rooms[..., 0]), _iqm(rooms[..., 1])
+    return np.divide(part, whole, out=np.full_like(part, np.nan), where=whole > 0.0)
+
+
+def _bootstrap(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
+    """Percentile bootstrap over rooms (the first axis), the same at each call; NaN where a resample has no figure."""
+    if len(rooms) < FEWEST:
         return np.nan, np.nan
-    if np.ptp(values) == 0.0:
-        return float(values[0]), float(values[0])
-    from scipy.stats import bootstrap
+    drawn = np.random.default_rng(0).integers(len(rooms), size=(RESAMPLES, len(rooms)))
+    low, high = np.quantile(figure(rooms[drawn]), TAILS)
+    return float(low), float(high)
 
-    how: dict[str, Any] = {"confidence_level": CONFIDENCE, "n_resamples": RESAMPLES, "method": "percentile"}
-    interval = bootstrap((values,), function, **how, random_state=np.random.default_rng(0)).confidence_interval
+
+def _order_statistics(rooms: Array) -> tuple[float, float]:
+    """Interval of the median between two of the values; NaN for fewer than `FEWEST`."""
+    from scipy.stats import quantile_test
+
+    interval = quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
     return float(interval.low), float(interval.high)
 
 
-def _wilson(values: Array) -> tuple[float, float]:
-    """Wilson's interval of the share of ones, which holds for none and for all too."""
+def _exact(rooms: Array) -> tuple[float, float]:
+    """Clopper and Pearson's interval of the share of ones."""
     from scipy.stats import binomtest
 
-    interval = binomtest(int(values.sum()), len(values)).proportion_ci(CONFIDENCE, method="wilson")
+    interval = binomtest(int(rooms.sum()), len(rooms)).proportion_ci(CONFIDENCE)
     return float(interval.low), float(interval.high)
 
 

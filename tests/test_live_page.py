@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,12 +55,21 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
     return value
 
 
+@contextmanager
+def serving(host: str = "127.0.0.1") -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
+    """A page in this process, and the wishes that it hears."""
+    wishes: list[tuple[str, Any]] = []
+    made = Page(ABOUT, host, 0, lambda name, value: wishes.append((name, value)))
+    try:
+        yield made, wishes
+    finally:
+        made.close()
+
+
 @pytest.fixture
 def page() -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
-    wishes: list[tuple[str, Any]] = []
-    made = Page(ABOUT, "127.0.0.1", 0, lambda name, value: wishes.append((name, value)))
-    yield made, wishes
-    made.close()
+    with serving() as made:
+        yield made
 
 
 @pytest.fixture(scope="module")

@@ -198,7 +198,7 @@ class Page:
         self._set(self._standing, drawing.standing(state, self._paused))
 
     def _show_map(self, state: State) -> None:
-        if not np.isfinite(state.camera).all():
+        if not (np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all()):
             return
         p, q = state.camera[:3], state.camera[3:7]
         self._frustum.position, self._frustum.wxyz = p, quaternion_product(q, _HALF_TURN)

@@ -84,7 +84,9 @@ def _add_live(commands: Any) -> None:
         choices=("always", "never"),
         help="whether the simulated person follows the advice, or moves at random (default: %(default)s)",
     )
-    showing.add_argument("--host", default="127.0.0.1", help="where the page is served (default: %(default)s)")
+    showing.add_argument(
+        "--host", default="127.0.0.1", help="where it is served; beyond loopback with a token (default: %(default)s)"
+    )
     showing.add_argument("--port", type=int, default=8080, help="0: any free one (default: %(default)s)")
     showing.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
     showing.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")

@@ -11,6 +11,9 @@ from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import cholesky_in_place, log2_det_of_factor, solve_transposed_vector, sum_of_squares
 from activeslam_gym.motion import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 
+LOST_POSITION_ERROR = 0.5
+"""A run is lost where the true position error is over this [m], unless an environment is told another limit."""
+
 
 @compiled
 def camera_error(true_camera: np.ndarray, camera: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,28 +22,13 @@ from websockets.sync.client import connect  # noqa: E402
 
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.live import drawing  # noqa: E402
-from activeslam_gym.live.link import MARK, PAUSE, SAVE, About, Link, check_address  # noqa: E402
+from activeslam_gym.live.link import MARK, PAUSE, SAVE, Link, check_address  # noqa: E402
 from activeslam_gym.live.page import Page  # noqa: E402
-from activeslam_gym.live.state import TRACKING, State  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
 
+from .live_scene import ABOUT, a_state  # noqa: E402
+
 ROOT = Path(__file__).resolve().parents[1]
-ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True, True, False)
-
-
-def a_state(frame: int = 1, n: int = 12) -> State:
-    rng = np.random.default_rng(frame)
-    eye = np.zeros(13)
-    eye[3] = 1.0
-    return State(
-        frame=frame, time=frame / 15, image=rng.integers(0, 255, (240, 320)).astype(np.uint8), standing=TRACKING,
-        words="Tracking.", camera=eye, camera_covariance=1e-4 * np.eye(3), ids=np.arange(1, n + 1),
-        points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)), mapped=np.arange(n) % 2 == 0,
-        fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1), pixels=rng.uniform(20, 220, (n, 2)),
-        ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3, command=int(Motion.UP),
-        scores=np.arange(7.0), told=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)), landmarks=n, births=0,
-        milliseconds=8.0, follows=True,
-    )  # fmt: skip
 
 
 def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
@@ -54,12 +40,21 @@ def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
     return value
 
 
+@contextmanager
+def serving(host: str = "127.0.0.1") -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
+    """A page in this process, and the wishes that it hears."""
+    wishes: list[tuple[str, Any]] = []
+    made = Page(ABOUT, host, 0, lambda name, value: wishes.append((name, value)))
+    try:
+        yield made, wishes
+    finally:
+        made.close()
+
+
 @pytest.fixture
 def page() -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
-    wishes: list[tuple[str, Any]] = []
-    made = Page(ABOUT, "127.0.0.1", 0, lambda name, value: wishes.append((name, value)))
-    yield made, wishes
-    made.close()
+    with serving() as made:
+        yield made
 
 
 @pytest.fixture(scope="module")
@@ -256,6 +251,8 @@ def test_states_of_all_kinds_are_shown(page: Any) -> None:
         a_state(6, 100),
         replace(plain, frame=7, marked=3),
         replace(plain, frame=8, ellipses=np.tile(np.diag((1e12, -1.0)), (12, 1, 1))),
+        replace(plain, frame=9, ellipses=np.full((12, 2, 2), np.nan)),
+        replace(plain, frame=10, camera_covariance=np.full((3, 3), np.nan)),
     ]
     for state in kinds:
         served.show(state)

@@ -1,5 +1,7 @@
 """`python -m agents live`: its tables say what the runs say, and its referee sees the truth."""
 
+from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +11,14 @@ import pytest
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("tyro", reason="the extra `compare` is not installed")
 
-from activeslam_gym import Motion  # noqa: E402
+from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, Motion  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL  # noqa: E402
-from activeslam_gym.live.trial import Second, trial  # noqa: E402
+from activeslam_gym.live.session import Session  # noqa: E402
+from activeslam_gym.live.source import RenderedRoom  # noqa: E402
+from activeslam_gym.live.trial import Referee, Second, trial  # noqa: E402
 from agents import advising  # noqa: E402
 from agents.__main__ import main  # noqa: E402
+from agents.compare.command import Args  # noqa: E402
 
 
 def second(time: float, total: float, command: Motion = Motion.UP, births: int = 0, closures: int = 0) -> Second:
@@ -104,6 +109,22 @@ def test_the_referee_sees_the_truth() -> None:
     assert told[0].births > 0 and told[-1].matched > 0.5
     still = trial(5, STILL, 1.0)
     assert still[0].log2_dets[2] == pytest.approx(told[0].log2_dets[2], abs=1e-6)  # nobody was told anything yet
+
+
+def test_lost_is_in_the_live_study_what_it_is_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = [
+        signature(made).parameters["lost_position_error"].default for made in (ActiveSLAMEnv, ActiveSLAMVectorEnv, Args)
+    ]
+    room = RenderedRoom(5)
+    session = Session(room, 5)
+    state, referee = session.step(), Referee(room)
+    monkeypatch.setattr(referee, "_log_score", lambda *_: 0.0)
+    for share, lost in ((0.98, False), (1.02, True), (0.0, True)):
+        camera = state.truth.copy()
+        camera[0] += share * told[0]
+        referee.look(session, replace(state, camera=camera, births=0))
+        assert referee.second().lost == lost
+    assert set(told) == {0.5}
 
 
 def test_the_command_writes_its_files_and_its_section_and_makes_no_run_twice(

@@ -23,6 +23,7 @@ from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
 from activeslam_gym.envs.simulation import empty_runs, resolve
 from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
 from activeslam_gym.threads import Workers
 
@@ -195,7 +196,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         motion_period: float = 1.0,
         duration: float | None = None,
         reward: str = "entropy",
-        lost_position_error: float = 0.5,
+        lost_position_error: float = LOST_POSITION_ERROR,
         end_when_lost: bool = True,
         render_mode: str | None = None,
         render_size: tuple[int, int] = (960, 640),

@@ -27,6 +27,7 @@ from activeslam_gym.envs.public import BatchReads
 from activeslam_gym.envs.simulation import empty_runs, resolve
 from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
 from activeslam_gym.kernels import row
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS, nearest_gaze
 from activeslam_gym.threads import Workers
 
@@ -66,7 +67,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         motion_period: float = 1.0,
         duration: float | None = None,
         reward: str = "entropy",
-        lost_position_error: float = 0.5,
+        lost_position_error: float = LOST_POSITION_ERROR,
         end_when_lost: bool = True,
         render_mode: str | None = None,
         num_threads: int | None = None,

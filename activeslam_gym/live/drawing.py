@@ -57,8 +57,10 @@ def view(state: State) -> np.ndarray:
 
 def _ellipse(cv2: Any, picture: np.ndarray, pixel: np.ndarray, covariance: np.ndarray, colour: Any, width: int) -> None:
     """A Gaussian's contour, unless it is larger than the picture; never so small that nobody sees it."""
+    if not (np.isfinite(pixel).all() and np.isfinite(covariance).all()):
+        return
     squares, axes = np.linalg.eigh(covariance)
-    if not (np.isfinite(pixel).all() and 0.0 < squares[0] and squares[1] < picture.shape[1] ** 2):
+    if not (0.0 < squares[0] and squares[1] < picture.shape[1] ** 2):
         return
     angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
     whole = np.maximum(2.0 * _SIGMAS * SCALE * np.sqrt(squares[::-1]), 10.0)

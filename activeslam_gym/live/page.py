@@ -1,7 +1,8 @@
 """The page, in a process of its own: the map in three dimensions, the camera's view, the command, and why.
 
-It is served by viser (the extra `live`), to every browser the same. A page can be asked for a public tunnel to it:
-that is refused. Nothing on it writes a file of this machine, but for the recording's folder, which the tracker does.
+It is served by viser (the extra `live`), to every browser the same, behind a `guard`. A page can be asked for a public
+tunnel to it: that is refused. Nothing on it writes a file of this machine, but for the recording's folder, which the
+tracker does.
 """
 
 import logging
@@ -16,6 +17,7 @@ import numpy as np
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.live import drawing
 from activeslam_gym.live.drawing import BLUE, NAMES, ORANGE, SIGNS, SKY, VERMILLION, rgb
+from activeslam_gym.live.guard import Guard, guarding
 from activeslam_gym.live.history import History
 from activeslam_gym.live.link import FOLLOW, MARK, PAUSE, RESTART, SAVE, STEP, About
 from activeslam_gym.live.state import State
@@ -62,6 +64,7 @@ class Page:
 
     Raises:
         ModuleNotFoundError: viser is not installed.
+        OSError: what is installed cannot be guarded.
     """
 
     def __init__(self, about: About, host: str, port: int, wish: Callable[[str, Any], None]) -> None:
@@ -70,10 +73,10 @@ class Page:
         self._state: State | None = None
         self._shown, self._drawn = 0.0, 0.0
         self._told: int | None = None
-        self._server = _quiet_server(host, port)
-        bound = self._server.get_port()
-        self.address = f"http://{'localhost' if host in ('127.0.0.1', 'localhost') else host}:{bound}"
-        """Where the page is."""
+        guard = Guard.of(host)
+        self._server = _quiet_server(host, port, guard)
+        self.address = guard.address(host, self._server.get_port())
+        """Where the page is, with its token."""
         gui = self._server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=rgb(BLUE), control_width="large")
         gui.set_panel_label("Where to move")
@@ -195,7 +198,7 @@ class Page:
         self._set(self._standing, drawing.standing(state, self._paused))
 
     def _show_map(self, state: State) -> None:
-        if not np.isfinite(state.camera).all():
+        if not (np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all()):
             return
         p, q = state.camera[:3], state.camera[3:7]
         self._frustum.position, self._frustum.wxyz = p, quaternion_product(q, _HALF_TURN)
@@ -307,8 +310,8 @@ class Page:
         self._wish(SAVE, True)
 
 
-def _quiet_server(host: str, port: int) -> Any:
-    """A server that says nothing on the terminal and opens no tunnel."""
+def _quiet_server(host: str, port: int, guard: Guard) -> Any:
+    """A server that says nothing on the terminal, opens no tunnel, and answers only those that ``guard`` lets in."""
     made = viser()
 
     class Private(made.ViserServer):  # type: ignore[name-defined, misc]
@@ -320,7 +323,8 @@ def _quiet_server(host: str, port: int) -> Any:
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # strangers that talk nonsense
     stdout, sys.stdout = sys.stdout, open("/dev/null", "w")  # noqa: SIM115
     try:
-        return Private(host, port, verbose=False)
+        with guarding(guard):
+            return Private(host, port, verbose=False)
     finally:
         sys.stdout = stdout
 

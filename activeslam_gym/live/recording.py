@@ -8,13 +8,15 @@ asked.
 import csv
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
+
+import numpy as np
 
 from activeslam_gym.files import demand_writable, written_whole
 from activeslam_gym.live.link import About
-from activeslam_gym.live.state import OVER, WAITING, State, plain, state_of
+from activeslam_gym.live.state import OVER, WAITING, State, plain, scalar, state_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.opencv import opencv
@@ -23,6 +25,10 @@ from activeslam_gym.vision.track import log_row, pose_line, write_map
 ABOUT, STATES = "live.json", "states.jsonl"
 _FAST = 1
 """PNG's compression: 0 … 9."""
+_LONGEST = 2**24
+"""Characters that are read of a line, or of `live.json`."""
+_RANGES = {"image_size": (1, 8192), "focal": (1e-3, 1e9), "rate": (1e-6, 1e6), "room_size": (1e-3, 1e6)}
+"""Least and greatest numbers of an `About`."""
 
 
 def check_folder(folder: Path) -> None:
@@ -101,12 +107,27 @@ def read_about(folder: str | Path) -> About:
     path = Path(folder) / ABOUT
     if not path.is_file():
         raise FileNotFoundError(f"{folder} holds no live recording ({ABOUT} is missing)")
+    kinds = {field.name: field.type for field in fields(About)}
     try:
-        values = json.loads(path.read_text())
-        sizes = {name: tuple(values[name]) for name in ("image_size", "room_size")}
-        return About(**{**values, **sizes, "replay": True, "recorded": False})
+        with path.open() as file:
+            values = _object(file.read(_LONGEST))
+        values = {name: _of_about(name, kinds[name], value) for name, value in values.items()}
+        return About(**{**values, "replay": True, "recorded": False})
     except (ValueError, TypeError, KeyError) as error:
         raise ValueError(f"{path} is damaged ({error})") from None
+
+
+def _of_about(name: str, kind: Any, value: Any) -> Any:
+    """The field ``name`` of an `About`, of ``kind``: a `scalar`, or a tuple of them."""
+    many = get_args(kind)
+    if many and not (isinstance(value, list) and len(value) == len(many)):
+        raise ValueError(f"{name}: {value!r:.40}; allowed: a list of {len(many)} numbers")
+    numbers = value if many else [value]
+    made = tuple(scalar(name, one, number) for one, number in zip(many or (kind,), numbers))
+    low, high = _RANGES.get(name, (None, None))
+    if low is not None and not all(low <= number <= high for number in made):
+        raise ValueError(f"{name}: {value!r:.40}; allowed: {low:g} to {high:g}")
+    return made if many else made[0]
 
 
 def read_states(folder: str | Path) -> Iterator[State]:
@@ -117,19 +138,29 @@ def read_states(folder: str | Path) -> Iterator[State]:
         ValueError: a line or an image is damaged.
     """
     cv2, home = opencv(), Path(folder)
-    with (home / STATES).open() as lines:
-        for k, line in enumerate(lines):
-            if not line.endswith("\n"):
+    with (home / STATES).open(errors="replace") as lines:
+        for k, line in enumerate(iter(lambda: lines.readline(_LONGEST), "")):
+            if not line.endswith("\n") and len(line) < _LONGEST:
                 return
             path = home / "images" / f"{k:06d}.png"
             image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
             if image is None:
                 raise ValueError(f"{path} cannot be read as a picture")
-            yield state_of(_object(line, home / STATES, k), image)
+            if image.ndim != 2 or image.dtype != np.uint8:
+                raise ValueError(f"{path} is no 8-bit grey picture")
+            try:
+                state = state_of(_object(line), image)
+            except ValueError as error:
+                raise ValueError(f"line {k + 1} of {home / STATES} is damaged ({error})") from None
+            yield state
 
 
-def _object(line: str, path: Path, k: int) -> dict[str, Any]:
+def _object(text: str) -> dict[str, Any]:
+    """The JSON object in ``text``."""
     try:
-        return json.loads(line)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"line {k + 1} of {path} is damaged ({error})") from None
+        value = json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    if not isinstance(value, dict):
+        raise ValueError("no JSON object")
+    return value

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from activeslam_gym.live.guard import is_loopback
 from activeslam_gym.live.link import FOLLOW, MARK, PAUSE, RESTART, SAVE, STEP, About, Link
 from activeslam_gym.live.person import FOLLOW as ALWAYS
 from activeslam_gym.live.person import NEVER
@@ -19,7 +20,6 @@ from activeslam_gym.live.state import OVER, State
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrameLog
 
-LOCAL = "127.0.0.1", "localhost", "::1"
 _NAP = 0.02
 """Between two looks for wishes while nothing moves [s]."""
 _LATELY = 15
@@ -185,10 +185,10 @@ def live(args: Namespace) -> str | None:
 
 
 def _welcome(address: str, host: str) -> str:
-    if host in LOCAL:
+    if is_loopback(host):
         reach = "Only this machine can open it (--host says otherwise)."
     else:
-        reach = "Everybody who reaches this machine can open it and press its buttons: there is no password."
+        reach = "Whoever has this whole address can open it and press its buttons; it travels unencrypted."
     return f"Open {address} in a browser. {reach} Ctrl-C ends."
 
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.motion import MOTION_COUNT, Motion
+from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
+from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED
 
 WAITING, TRACKING, UNSURE, LOST, OVER = "waiting", "tracking", "unsure", "lost", "over"
 """How it goes: no target seen yet; well; hardly anything is found; nothing is found for a second; no image is left."""
@@ -79,8 +80,14 @@ class State:
 ARRAYS = {"camera", "camera_covariance", "ids", "points", "covariances", "mapped", "fiducials", "searched", "pixels",
           "ellipses", "outcomes", "scores", "told", "log2_dets", "truth"}  # fmt: skip
 """Fields of `State` that are arrays, but for the image."""
-_SHAPES = {"points": (-1, 3), "covariances": (-1, 3, 3), "fiducials": (-1, 3), "pixels": (-1, 2),
-           "ellipses": (-1, 2, 2), "scores": (MOTION_COUNT,)}  # fmt: skip
+_SHAPES = {"camera": (CAMERA_SIZE,), "camera_covariance": (3, 3), "points": (-1, 3), "covariances": (-1, 3, 3),
+           "fiducials": (-1, 3), "pixels": (-1, 2), "ellipses": (-1, 2, 2), "scores": (MOTION_COUNT,),
+           "told": (MOTION_COUNT,), "log2_dets": (3,), "truth": (CAMERA_SIZE,)}  # fmt: skip
+_ALIKE = ("ids", "points", "covariances", "mapped"), ("searched", "pixels", "ellipses", "outcomes")
+"""Arrays of n rows, and of m."""
+_ALLOWED = {"standing": (WAITING, TRACKING, UNSURE, LOST, OVER), "command": range(MOTION_COUNT)}
+_LARGEST = 1e30
+"""Whose square is still a number."""
 
 
 def plain(state: State) -> dict[str, Any]:
@@ -98,13 +105,36 @@ def state_of(values: dict[str, Any], image: np.ndarray) -> State:
     Raises:
         ValueError: they are not of a state.
     """
+    kinds = {field.name: field.type for field in fields(State)}
     try:
         made: dict[str, Any] = {
-            name: _array(name, value) if name in ARRAYS else value for name, value in values.items()
+            name: _array(name, value) if name in ARRAYS else scalar(name, kinds[name], value)
+            for name, value in values.items()
         }
-        return State(image=image, **made)
-    except (TypeError, AttributeError) as error:
+        state = State(image=image, **made)
+    except (TypeError, KeyError) as error:
         raise ValueError(f"this is no state of a live recording ({error})") from None
+    for names in _ALIKE:
+        if len({len(getattr(state, name)) for name in names}) > 1:
+            raise ValueError(f"{', '.join(names)} have different lengths")
+    return state
+
+
+def scalar(name: str, kind: Any, value: Any) -> Any:
+    """``value``, read from JSON, of a field ``name`` that is annotated as ``kind``.
+
+    Raises:
+        ValueError: it is of another type, not finite, too large, or not allowed in `State`.
+    """
+    if kind is float:
+        fits = type(value) in (int, float) and abs(value) <= _LARGEST
+    elif kind is int:
+        fits = type(value) is int and abs(value) < 2**63
+    else:
+        fits = isinstance(value, kind)
+    if not fits or value not in _ALLOWED.get(name, (value,)):
+        raise ValueError(f"{name}: {value!r:.40}; allowed: {_ALLOWED.get(name, getattr(kind, '__name__', kind))}")
+    return value
 
 
 def _plain(value: Any) -> Any:
@@ -118,7 +148,15 @@ def _plain(value: Any) -> Any:
 
 
 def _array(name: str, value: Any) -> np.ndarray | None:
-    if value is None:
+    if value is None and name == "truth":
         return None
     kind = {"ids": int, "searched": int, "outcomes": int, "told": int, "mapped": bool}.get(name, float)
-    return np.array(value, kind).reshape(_SHAPES.get(name, (-1,)) if name != "camera_covariance" else (3, 3))
+    shape = _SHAPES.get(name, (-1,))
+    try:
+        made: np.ndarray = np.array(value, kind).reshape(shape)
+        fits = isinstance(value, list) and not (np.abs(made) > _LARGEST).any()
+    except (TypeError, ValueError, OverflowError):
+        fits = False
+    if not fits or (name == "outcomes" and not np.isin(made, (MISSED, MATCHED, DOUBTED)).all()):
+        raise ValueError(f"{name}: {value!r:.40}; allowed: {kind.__name__} in the shape {shape}")
+    return made

@@ -8,14 +8,12 @@ import numpy as np
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.live.state import State
-from activeslam_gym.metrics import camera_error
+from activeslam_gym.metrics import LOST_POSITION_ERROR, camera_error
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.vision.frontend import MATCHED
 
 CLOSURE_GAP = 5.0
 """A loop closes when something known is matched again after so long without a match [s]. The paper names no number."""
-LOST_ERROR = 1.0
-"""A camera that is farther from where it believes to be is lost [m], as in `ActiveSLAM-v0`."""
 
 
 class Second(NamedTuple):
@@ -45,7 +43,7 @@ class Second(NamedTuple):
     matched: float
     """Share of the searched, in the last second; NaN if nothing was."""
     lost: bool
-    """Now or before."""
+    """Now or at an earlier command: the position error is over `LOST_POSITION_ERROR`."""
     milliseconds: float
     """Of an image, in the last second: the mean."""
 
@@ -98,7 +96,7 @@ class Referee:
         assert truth is not None
         error = state.camera[:3] - truth[:3]
         distance = float(np.linalg.norm(error))
-        self._lost = self._lost or not distance <= LOST_ERROR
+        self._lost = self._lost or not distance <= LOST_POSITION_ERROR
         there = np.array([self._points[id] for id in state.ids.tolist()]).reshape(-1, 3)
         squares = np.sum((state.points - there)[state.mapped] ** 2, axis=1)
         out = Second(

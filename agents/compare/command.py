@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from activeslam_gym.config import scenario_from
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents import policies, tables
 from agents.episode import Episode, outcome
 from agents.figures import draw_all
@@ -42,7 +43,7 @@ class Args(Rooms):
     """Seconds between motion commands."""
     duration: float | None = None
     """Seconds of an episode; the scenario's if not given."""
-    lost_position_error: float = 0.5
+    lost_position_error: float = LOST_POSITION_ERROR
     """Metres of true position error at which a belief counts as lost."""
     reference: str = "mi-fisher"
     """Paired differences are taken against this policy, and against the best baseline."""

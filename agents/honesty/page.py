@@ -5,6 +5,7 @@ from typing import Any
 
 import activeslam_gym
 from activeslam_gym.config import Scenario
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents.honesty.calibration import FAR, QUANTITIES, Calibration
 from agents.summary import FEW_ROOMS
 from agents.tables import Table, aligned, pipes
@@ -26,7 +27,8 @@ MEASURED = (
     "of (all, if that was clutter), among all matches but births, all runs together.",
     "Duplicates: features that at some frame had their landmark in common with an older feature of the map, among all "
     "that stood for a landmark, all runs together.",
-    "Lost: a true position error over 0.5 m, or a covariance that is not positive definite, at some time.",
+    f"Lost: a true position error over {LOST_POSITION_ERROR} m, or a covariance that is not positive definite, at some "
+    "time.",
     "Log score: log₂ N(truth | belief), end minus start, median over all runs, lost ones too.",
 )
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents.study.claims import CLAIMS
 from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES
 from agents.study.runs import Row, Rows
@@ -29,7 +30,7 @@ more, is on one side of the bound (zero for a difference); otherwise *not shown*
 here and no correction for their number: expect a few to miss. A number that the paper states is one run's: it is
 *within our spread* if it lies in the central 95 % of our rooms.
 
-**Lost runs** (position error over 0.5 m, or no positive definite covariance) are never dropped silently. The time of
+**Lost runs** (position error over {lost} m, or no positive definite covariance) are never dropped silently. The time of
 the 14th landmark, or of the first loop closure, counts as the full duration where it was not seen, be the run lost or
 just slow. log₂\\|P\\| at the 14th landmark is compared at the most landmarks, 14 at most, that both strategies reached
 in that room. Errors and entropies at the end leave out rooms in which one of the two was lost; the note says how many.
@@ -63,7 +64,7 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
             _what_was_run(settings),
             "## Claims",
             _claims_table(findings),
-            READING.format(count=round(len(findings), -1), fewest=FEWEST_ROOMS),
+            READING.format(count=round(len(findings), -1), fewest=FEWEST_ROOMS, lost=LOST_POSITION_ERROR),
             PIXELS,
             "## Pictures",
             f"Chosen by rule, not by beauty: {settings['chosen']}",

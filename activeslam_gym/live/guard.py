@@ -1,0 +1,151 @@
+"""Which requests the live page's server answers.
+
+A browser sends the address that it asks (`Host`) and, where a page asks, the origin of that page (`Origin`). A page of
+another site has another origin; after DNS rebinding, which leads its name to this machine, that name is the host.
+The guard refuses both, for HTTP requests and websocket handshakes. Beyond loopback the path must begin with a token.
+"""
+
+import hmac
+import ipaddress
+import secrets
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+_LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
+_HTTP = 80
+"""The port that browsers leave out."""
+_UNGUARDED = "this version of viser lets pages of other sites in; install another 1.x"
+
+
+def _addresses(host: str) -> list[Any]:
+    """Of ``host``, none where it is unknown; of an empty one, as servers take it, those of every interface."""
+    try:
+        found = socket.getaddrinfo(host or None, 0, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    except OSError:
+        return []
+    return [ipaddress.ip_address(address[0]) for *_, address in found]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a server at ``host`` is reached from this machine alone."""
+    addresses = _addresses(host)
+    return bool(addresses) and all(address.is_loopback for address in addresses)
+
+
+def _bracketed(host: str) -> str:
+    """As it stands in addresses: ``::1`` is ``[::1]``."""
+    return f"[{host}]" if ":" in host else host
+
+
+@dataclass(frozen=True)
+class Guard:
+    """Judges the requests to a page."""
+
+    names: frozenset[str]
+    """Under which the page is reached, without ports and in lower case, beside the address of each connection."""
+    token: str
+    """That addresses must hold; empty: none."""
+
+    @classmethod
+    def of(cls, host: str) -> "Guard":
+        """The guard of a page at ``host``; it has a new token where that is not loopback."""
+        if is_loopback(host):
+            return cls(frozenset((*_LOOPBACK, _bracketed(host.lower()))), "")
+        machine = socket.gethostname().lower()
+        names = (*_LOOPBACK, _bracketed(host.lower()), machine, f"{machine}.local")
+        return cls(frozenset(names), secrets.token_urlsafe(16))
+
+    @property
+    def _prefix(self) -> str:
+        return f"/{self.token}" if self.token else ""
+
+    @property
+    def root(self) -> str:
+        """The path of the page."""
+        return f"{self._prefix}/"
+
+    def address(self, host: str, port: int) -> str:
+        """Where a page at ``host`` and ``port`` is opened, with its token."""
+        if any(address.is_unspecified for address in _addresses(host)):
+            host = socket.gethostname()
+        name = "localhost" if host == "127.0.0.1" else _bracketed(host)
+        return f"http://{name}:{port}{self.root if self.token else ''}"
+
+    def refusal(self, path: str, hosts: Sequence[str], origins: Sequence[str], local: Sequence[Any]) -> str | None:
+        """Why a request is refused, or None.
+
+        Args:
+            path: That is asked for, without its query.
+            hosts, origins: Every `Host` and every `Origin` of its headers.
+            local: Address and port at which it arrived.
+        """
+        names, port = {*self.names, _bracketed(local[0])}, local[1]
+        own = {f"{name}:{port}" for name in names} | (names if port == _HTTP else set())
+        if not (self.token or ipaddress.ip_address(local[0]).is_loopback):
+            return "This page is served to its own machine alone."
+        if len(hosts) != 1 or hosts[0].lower() not in own:
+            return "The Host of this request is not an address of this page."
+        if origins and list(origins) != [f"http://{hosts[0].lower()}"]:
+            return "A page of another site asked."
+        given, rest = path[: len(self._prefix)], path[len(self._prefix) :]
+        same = hmac.compare_digest(given.encode(errors="replace"), self._prefix.encode())
+        if not same or (self.token and rest[:1] not in ("", "/")):
+            return "The token is missing or wrong: open the whole address that the start printed."
+        return None
+
+    def inner(self, path: str) -> str:
+        """``path`` without the token."""
+        return path[len(self._prefix) :] or "/"
+
+
+@contextmanager
+def guarding(guard: Guard) -> Iterator[None]:
+    """Servers that `websockets` makes in this block ask ``guard`` before anything else is asked about a request.
+
+    viser takes no such function, but makes its server, of HTTP and of websockets, by this one.
+
+    Raises:
+        OSError: none was made, so that what was begun in the block is not guarded.
+    """
+    from websockets.asyncio import server
+
+    plain, guarded = server.serve, []
+
+    def serve(*args: Any, process_request: Any = None, **options: Any) -> Any:
+        guarded.append(True)
+        return plain(*args, process_request=_asking(guard, process_request), **options)
+
+    server.serve = serve  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        server.serve = plain  # type: ignore[misc]
+    if not guarded:
+        raise OSError(_UNGUARDED)
+
+
+def _asking(guard: Guard, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """``answer``, a `process_request` of websockets, of what ``guard`` does not refuse.
+
+    A query is left out: viser's page would take an address from it, and show, and run, all that comes from there.
+    """
+
+    def first(connection: Any, request: Any) -> Any:
+        path, query, _ = request.path.partition("?")
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        trouble = guard.refusal(path, hosts, origins, connection.local_address)
+        if trouble:
+            return connection.respond(403, f"{trouble}\n")
+        if query:
+            response = connection.respond(302, "")
+            response.headers["Location"] = guard.root
+        else:
+            response = answer(connection, replace(request, path=guard.inner(path)))
+        if response is not None:
+            response.headers["Content-Security-Policy"] = "frame-ancestors 'none'"  # no clicks through a frame
+        return response
+
+    return first

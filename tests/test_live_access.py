@@ -1,0 +1,119 @@
+"""The live page's server refuses the pages of other sites, and from other machines it demands a token."""
+
+import socket
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from .test_live_page import serving, until, visitor
+
+viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
+
+from websockets.exceptions import InvalidStatus  # noqa: E402
+
+from activeslam_gym.live.guard import Guard, guarding  # noqa: E402
+from activeslam_gym.live.link import PAUSE  # noqa: E402
+from activeslam_gym.live.page import Page  # noqa: E402
+
+PROTOCOL = f"viser-v{viser.__version__}"
+HANDSHAKE = (
+    "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: {PROTOCOL}",
+)  # fmt: skip
+
+
+@pytest.fixture
+def page() -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
+    with serving() as made:
+        yield made
+
+
+def pressing(button: Any) -> list[bytes]:
+    """The messages of a browser that comes and presses ``button``."""
+    from msgspec.msgpack import encode
+
+    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0), "look_at": (0.0, 0.0, 1.0)}
+    lens = {"fov": 1.0, "near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "up_direction": (0.0, 1.0, 0.0)}
+    return [
+        encode({"type": "ViewerCameraMessage", **pose, **lens}),
+        encode({"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}),
+    ]
+
+
+def place_of(page: Page) -> tuple[str, int]:
+    """Where a stranger on this machine reaches it."""
+    return "127.0.0.1", page._server.get_port()
+
+
+def answers(place: tuple[str, int], *headers: str, path: str = "/") -> tuple[int, int]:
+    """The status of an HTTP request and of a websocket handshake with these ``headers``."""
+    http, websocket = (said(place, *headers, *more, path=path) for more in ((), HANDSHAKE))
+    return int(http.split()[1]), int(websocket.split()[1])
+
+
+def said(place: tuple[str, int], *headers: str, path: str = "/") -> str:
+    with socket.create_connection(place, timeout=30.0) as stranger:
+        stranger.sendall("\r\n".join((f"GET {path} HTTP/1.1", *headers, "", "")).encode())
+        return stranger.recv(4096).decode(errors="replace")
+
+
+def test_a_page_of_another_site_neither_reads_nor_steers_it(page: Any) -> None:
+    served, wishes = page
+    place = place_of(served)
+    own = f"Host: localhost:{place[1]}"
+    for origin in ("https://evil.example", "null", "http://localhost:1", f"http://127.0.0.1:{place[1]}"):
+        assert answers(place, own, f"Origin: {origin}") == (403, 403), origin
+    twice = f"Origin: http://localhost:{place[1]}"
+    assert answers(place, own, twice, twice) == answers(place, own, twice, "Origin: null") == (403, 403)
+    with pytest.raises(InvalidStatus, match="403"):
+        visitor(served.address, origin="https://evil.example")
+    assert wishes == []
+    with visitor(served.address, origin=f"http://127.0.0.1:{place[1]}") as client:
+        for message in pressing(served._pause):
+            client.send(message)
+        until(lambda: wishes == [(PAUSE, True)])
+
+
+def test_a_rebound_name_neither_reads_nor_steers_it(page: Any) -> None:
+    place = place_of(page[0])
+    hosts = ("evil.example", f"evil.example:{place[1]}", f"localhost.:{place[1]}", "localhost:1", "localhost", "")
+    for host in hosts:
+        assert answers(place, f"Host: {host}") == (403, 403), host
+        assert answers(place, f"Host: {host}", f"Origin: http://{host}") == (403, 403), host
+    own = f"Host: localhost:{place[1]}"
+    assert answers(place) == answers(place, own, own) == answers(place, own, "Host: evil.example") == (403, 403)
+
+
+def test_the_own_page_is_answered(page: Any) -> None:
+    place = place_of(page[0])
+    for name in ("localhost", "127.0.0.1", "[::1]", "LOCALHOST"):
+        host = f"{name}:{place[1]}"
+        assert answers(place, f"Host: {host}") == (200, 101)
+        assert answers(place, f"Host: {host}", f"Origin: http://{host.lower()}") == (200, 101)
+
+
+def test_no_address_for_the_page_to_connect_to_is_taken_and_no_frame_shows_it(page: Any) -> None:
+    place = place_of(page[0])
+    own = f"Host: localhost:{place[1]}"
+    for query in ("websocket=ws://evil.example", "playbackPath=https://evil.example/x.viser", "darkMode"):
+        answer = said(place, own, path=f"//evil.example/?{query}")
+        assert answer.startswith("HTTP/1.1 302") and "Location: /\r\n" in answer
+    assert "Content-Security-Policy: frame-ancestors 'none'\r\n" in said(place, own)
+
+
+def test_from_afar_the_token_of_the_address_is_needed() -> None:
+    with serving("0.0.0.0") as (served, _):
+        place, token = place_of(served), served.address.split("/")[3]
+        own = f"Host: 127.0.0.1:{place[1]}"
+        for path in ("/", f"/{token[:-1]}", f"/{token}x/", f"/?{token}", "/index.html"):
+            assert answers(place, own, path=path) == (403, 403), path
+        assert answers(place, own, path=f"/{token}/") == answers(place, own, path=f"/{token}") == (200, 101)
+        for foreign in (("Host: evil.example",), (own, "Origin: https://evil.example"), (own, "Origin: null")):
+            assert answers(place, *foreign, path=f"/{token}/") == (403, 403)
+        assert f"Location: /{token}/\r\n" in said(place, own, path=f"/{token}/?websocket=ws://evil.example")
+
+
+def test_a_server_that_cannot_be_guarded_is_not_used() -> None:
+    with pytest.raises(OSError, match="this version of viser"), guarding(Guard.of("127.0.0.1")):
+        pass

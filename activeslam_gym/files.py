@@ -1,4 +1,4 @@
-"""Files that are whole or absent, whenever the program is stopped."""
+"""Files that are whole or absent, whenever the program is stopped, and texts of bounded length."""
 
 import os
 from collections.abc import Iterator
@@ -21,6 +21,23 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         unfinished.replace(target)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def text_of(path: str | os.PathLike[str], most: int = 2**20) -> str:
+    """The text in a file of at most ``most`` characters; no more is read.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is longer, or is not in UTF-8.
+    """
+    with open(path, encoding="utf-8") as file:
+        try:
+            text = file.read(most + 1)
+        except UnicodeDecodeError:
+            raise ValueError(f"{path} must be text in UTF-8, and is not") from None
+    if len(text) > most:
+        raise ValueError(f"{path} must have at most {most} characters, and has more")
+    return text
 
 
 def demand_writable(folder: Path) -> None:

@@ -1,6 +1,7 @@
 """`python -m activeslam_gym play`, `live`, `track`, `ablate` and `calibrate`: the environment's own command line."""
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -104,7 +105,8 @@ def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command: the exit status.
 
-    1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 130: Ctrl-C.
+    1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 130: Ctrl-C
+    or SIGTERM.
     """
     args = parser().parse_args(arguments)
     try:
@@ -175,4 +177,5 @@ def _said(args: argparse.Namespace, message: object, status: int) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends a command as Ctrl-C does
     sys.exit(main())

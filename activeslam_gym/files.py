@@ -1,4 +1,4 @@
-"""Files that are whole or absent, whenever the program is stopped."""
+"""Files that are whole or absent, whenever the program is stopped, files that grow, and texts of bounded length."""
 
 import os
 from collections.abc import Iterator
@@ -21,6 +21,53 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         unfinished.replace(target)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+class Lines:
+    """A text file that grows: what is written is on the disk at once, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written to.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file = path.open("wb", buffering=0)
+
+    def write(self, text: str) -> None:
+        """Append the ``text``, whole lines.
+
+        Raises:
+            OSError: the disk is full, or gone; the message names the file.
+        """
+        begin, rest = self._file.tell(), text.encode()
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            self._file.truncate(begin)
+            raise OSError(f"{self._path} cannot be written ({error.strerror})") from error
+
+    def close(self) -> None:
+        """Nothing more is written."""
+        self._file.close()
+
+
+def text_of(path: str | os.PathLike[str], most: int = 2**20) -> str:
+    """The text in a file of at most ``most`` characters; no more is read.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is longer, or is not in UTF-8.
+    """
+    with open(path, encoding="utf-8") as file:
+        try:
+            text = file.read(most + 1)
+        except UnicodeDecodeError:
+            raise ValueError(f"{path} must be text in UTF-8, and is not") from None
+    if len(text) > most:
+        raise ValueError(f"{path} must have at most {most} characters, and has more")
+    return text
 
 
 def demand_writable(folder: Path) -> None:

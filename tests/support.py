@@ -18,6 +18,7 @@ from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import KIND_DIM, POINT, RAY, Belief
 from activeslam_gym.slam.map import append_feature
+from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates
 from activeslam_gym.slam.sight import Sight, sight_of_belief
 
 PAPER = Scenario()
@@ -143,6 +144,13 @@ def random_belief(
 def scenario_for(kinds: Sequence[int]) -> Scenario:
     """The paper's scenario with the initialiser that makes such features."""
     return Scenario(initialisation=DEPTH_PARTICLES if RAY in kinds else INVERSE_DEPTH)
+
+
+def estimate_of(belief: Belief, ratio: float = PAPER.mapped_depth_ratio) -> EstimateArrays:
+    """The estimate of a belief."""
+    estimate = row(empty_estimates(len(belief.feature), 1), 0)
+    layout.write_estimate(belief, ratio, estimate)
+    return estimate
 
 
 def features_of(belief: Belief) -> np.ndarray:

@@ -190,7 +190,6 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
         np.testing.assert_array_equal(candidates["match"], run.candidate["match"][: run.episode.detections])
         assert filter.belief.state == run.belief.state
     assert filter.belief.state.serial > 5
-    filter.belief.feature["mapped"] = run.belief.feature["mapped"]  # which is the environment's to say
     for own, its in zip(filter.belief, run.belief, strict=True):
         np.testing.assert_array_equal(own, its)
     points, P = filter.points()

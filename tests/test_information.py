@@ -260,9 +260,10 @@ def expectation(count: int, seed: int = 0) -> Any:
 
 def retired(expected: np.ndarray, belief: Belief) -> list[int]:
     """Ids of the features that have retired one, after an update."""
-    update_expectation(expected, VARIANCE, belief)
+    estimate = support.estimate_of(belief)
+    update_expectation(expected, VARIANCE, estimate)
     ids = sorted(expected["serial"][expected["serial"] > 0].tolist())
-    assert support.features_of(belief)["serial"][find_counting(expected, belief)].tolist() == ids
+    assert support.features_of(belief)["serial"][find_counting(expected, estimate)].tolist() == ids
     assert waiting_count(expected) == len(expected) - len(ids)
     return ids
 

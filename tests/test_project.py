@@ -2,8 +2,10 @@
 
 import json
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,19 @@ def test_the_hints_install_what_there_is() -> None:
 
 def test_the_project_has_addresses() -> None:
     assert all(url.startswith("https://") for url in PYPROJECT["project"]["urls"].values())
+
+
+def test_the_source_distribution_is_the_package_without_tests(tmp_path: Path) -> None:
+    """The tests need `agents`, `baselines` and modules of their own, and run in the clone."""
+    pytest.importorskip("setuptools", minversion="77")
+    unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist", "docs", "results")
+    shutil.copytree(ROOT, tmp_path / "clone", ignore=unwanted)
+    run_elsewhere("from setuptools import build_meta; build_meta.build_sdist('..')", tmp_path / "clone")
+    with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as file:
+        held = {Path(*Path(member.name).parts[1:]) for member in file.getmembers() if member.isfile()}
+    assert {path.parts[0] for path in held if path.suffix == ".py"} == {"activeslam_gym"}
+    ours = {path.relative_to(ROOT) for path in (ROOT / "activeslam_gym").rglob("*.py")}
+    assert held >= ours | set(map(Path, ("LICENSE", "README.md", "pyproject.toml", "activeslam_gym/py.typed")))
 
 
 def test_what_is_installed_and_its_version(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.episode import LOSS, UNSOUND_LOG_SCORE
-from activeslam_gym.envs.referee import NOBODY, OWNER, features_of_landmarks, judge_matches, owners_of, true_id
+from activeslam_gym.envs.referee import NOBODY, OWNER, UNKNOWN, features_of_landmarks, judge_matches, owners_of, reconcile, true_id
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
 from activeslam_gym.slam.belief import POINT, fiducial_id
@@ -16,7 +16,7 @@ from activeslam_gym.slam.filter import candidates_of
 from activeslam_gym.slam.map import append_feature, remove_feature
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
-from .support import PAPER, random_belief, simulation_of
+from .support import PAPER, estimate_of, random_belief, simulation_of
 
 K = 2
 
@@ -89,19 +89,22 @@ class Referee:
     def __init__(self) -> None:
         self.belief = random_belief(PAPER, [POINT] * 3, np.random.default_rng(0))
         self.owner = np.zeros(len(self.belief.feature), OWNER)
+        self.estimate = estimate_of(self.belief)
 
     def frame(self, *matches: tuple[int, int]) -> tuple[int, int]:
         """(wrong matches, false births) of a frame of (match, label)."""
         candidates, labels = candidates_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
         candidates["match"] = [m[0] for m in matches]
-        return judge_matches(self.owner, self.belief, K, candidates, labels)
+        self.estimate = estimate_of(self.belief)
+        reconcile(self.owner, self.estimate)
+        return judge_matches(self.owner, self.estimate, K, candidates, labels)
 
     def ids(self, *labels: int) -> list[int]:
-        return [true_id(self.owner, self.belief, K, label) for label in labels]
+        return [true_id(self.owner, K, label) for label in labels]
 
     @property
     def owners(self) -> list[int]:
-        return owners_of(self.owner, self.belief).tolist()
+        return owners_of(self.owner, self.estimate).tolist()
 
 
 @pytest.mark.parametrize(
@@ -118,7 +121,7 @@ class Referee:
 def test_a_fiducial_is_itself_and_what_is_not_matched_is_not_wrong(match: int, label: int, wrong: int) -> None:
     referee = Referee()
     assert referee.frame((match, label)) == (wrong, 0)
-    assert not referee.owner["serial"].any()
+    assert (referee.owner["label"] == UNKNOWN).all()
 
 
 def test_a_feature_is_what_it_was_born_of_for_life() -> None:
@@ -131,13 +134,14 @@ def test_a_feature_is_what_it_was_born_of_for_life() -> None:
     assert referee.owners == [2, NOBODY, NOBODY]
 
 
-def test_a_slots_next_feature_is_born_anew() -> None:
+def test_a_new_feature_takes_the_lowest_free_slot() -> None:
     referee = Referee()
     referee.frame((1, K + 2), (2, K), (3, K))
     remove_feature(referee.belief, 0)
     append_feature(referee.belief, POINT, np.zeros(6), np.zeros((3, 12)), np.eye(3))
     assert referee.frame((4, K + 1)) == (0, 0)
     assert referee.owners == [0, 0, 1]
+    assert referee.owner["slot"][:3].tolist() == [1, 2, 0]
 
 
 def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:

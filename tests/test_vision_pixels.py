@@ -106,7 +106,7 @@ def test_an_image_is_of_its_seed_frame_and_state_whatever_was_photographed_befor
     here = env._run.world.state.camera.copy()
     there = here.copy()
     there[:3] += 0.2
-    straight, roundabout = (copy.deepcopy(env._eyes[0]._camera) for _ in range(2))
+    straight, roundabout = (copy.deepcopy(env._perceptions[0]._camera) for _ in range(2))
     roundabout.photograph(there, 4)
     first = straight.photograph(here, 5)
     assert (first == roundabout.photograph(here, 5)).all()
@@ -158,7 +158,7 @@ def test_boxes_stop_the_camera_and_motions_keep_off_them() -> None:
         simulator.keep_off(motion, world, shortened)
         np.testing.assert_allclose(shortened, (0.0, 0.0, wanted), atol=1e-9)
     world.state.camera[2] = side[2] - 0.5 * motion.wall_margin
-    assert simulator.move(motion, world, np.zeros(6), 1) > 0
+    assert simulator.move(motion, world, np.zeros(6)) > 0
     assert world.state.camera[2] <= side[2] - motion.wall_margin + 1e-9
 
 
@@ -189,7 +189,7 @@ def test_a_stare_at_the_target_tells_less_and_less_until_it_is_seen_otherwise() 
 def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_where_it_cannot_be() -> None:
     core = gym.make(NAME).unwrapped
     core.reset(seed=3)
-    front_end, drawn = core._eyes[0]._front_end, []
+    front_end, drawn = core._perceptions[0]._front_end, []
     draw, normal = front_end._target
 
     def counting(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

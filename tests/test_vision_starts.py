@@ -98,7 +98,7 @@ def test_fiducials_are_few_and_far_apart() -> None:
         (CHARUCO, {"rows": 4.0}, "rows must be a whole number"),
         (CHARUCO, {"dictionary": "9x9"}, "dictionary must be one of OpenCV's, 4x4_50"),
         (CHARUCO, {"columns": 20, "rows": 20}, "the board has 200 markers, the dictionary 4x4_50 only 50"),
-        (CHARUCO, {"tag": 1.0}, "has no field tag"),
+        (CHARUCO, {"tag": 1.0}, "has no field 'tag'"),
         (APRILTAG, {"gap": 0.0}, "gap must be a positive number of metres"),
         (APRILTAG, {"tag": "1"}, "tag must be a positive number"),
         (APRILTAG, {"columns": 1, "rows": 1}, "two tags or more"),

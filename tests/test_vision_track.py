@@ -1,7 +1,13 @@
 """The target and its pose, the sources' errors, and a short track of a rendered plane."""
 
 import json
+import signal
+import subprocess
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import chain, islice, repeat
 from pathlib import Path
 
 import numpy as np
@@ -201,6 +207,73 @@ def test_a_film_shows_the_image_beside_the_map(sequence, tmp_path) -> None:
     coloured = np.ptp(picture.astype(int), axis=2) > 60
     assert coloured[:, :640].any() and (picture[:, 640:] > 200).mean() > 0.5
     assert int(film.get(cv2.CAP_PROP_FRAME_COUNT)) == len(list((sequence / "images").iterdir())) - 1
+
+
+@contextmanager
+def small_files(most: int) -> Iterator[None]:
+    """No file may grow beyond so many bytes: as on a full disk, a write fails."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_film_on_a_full_disk_is_removed_and_the_track_kept(sequence, tmp_path, capsys) -> None:
+    files = [f"--{name}={sequence / name}.json" for name in ("calibration", "target")]
+    line = ["track", "--images", str(sequence / "images"), *files]
+    assert main([*line, "--film", "--out", str(tmp_path / "whole")]) == 0
+    capsys.readouterr()
+    with small_files((tmp_path / "whole" / "film.mp4").stat().st_size // 2):
+        assert main([*line, "--film", "--out", str(tmp_path / "full")]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith(f"python -m activeslam_gym track: {tmp_path / 'full' / 'film.mp4'} cannot be written")
+    assert sorted(path.name for path in (tmp_path / "full").iterdir()) == ["frames.csv", "map.csv", "trajectory.tum"]
+    assert len(np.loadtxt(tmp_path / "full" / "trajectory.tum")) == 25
+
+
+def test_a_track_on_a_full_disk_keeps_whole_lines(sequence, tmp_path, capsys) -> None:
+    files = [f"--{name}={sequence / name}.json" for name in ("calibration", "target")]
+    line = ["track", "--images", str(sequence / "images"), "--film", *files, "--out"]
+    assert main([*line, str(tmp_path / "whole")]) == 0  # kernels are compiled, and written, in the meantime
+    with small_files(1000):
+        assert main([*line, str(tmp_path / "full")]) == 2
+    assert "trajectory.tum cannot be written" in capsys.readouterr().err
+    assert sorted(path.name for path in (tmp_path / "full").iterdir()) == ["frames.csv", "trajectory.tum"]
+    assert 5 < len(np.loadtxt(tmp_path / "full" / "trajectory.tum")) < 25
+    assert (tmp_path / "full" / "trajectory.tum").read_text().endswith("\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_sigterm_loses_no_track(sequence, tmp_path, number) -> None:
+    """SIGTERM ends it as Ctrl-C does, with map, film and summary; even SIGKILL leaves the lines written so far."""
+    there = sorted((sequence / "images").iterdir())
+    (tmp_path / "images").mkdir()
+    for k, path in enumerate(islice(chain.from_iterable(repeat(there + there[::-1])), 3000)):  # half a minute or more
+        (tmp_path / "images" / f"{k:04}.png").symlink_to(path)
+    files = [f"--{name}={sequence / name}.json" for name in ("calibration", "target")]
+    line = ["track", "--images", str(tmp_path / "images"), *files, "--film", "--out", str(tmp_path / "out")]
+    frames, poses = (tmp_path / "out" / name for name in ("frames.csv", "trajectory.tum"))
+    command = [sys.executable, "-m", "activeslam_gym", *line]
+    root = Path(__file__).resolve().parents[1]
+    with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None and not (frames.exists() and frames.read_text().count("\n") > 10):
+            time.sleep(0.05)
+        running = process.poll() is None
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    written = np.loadtxt(poses)
+    assert running and 10 < len(written) < 3000 and poses.read_text().endswith("\n")
+    assert abs(frames.read_text().count("\n") - len(written)) <= 1  # the last image may have one of the two
+    if number == signal.SIGKILL:
+        return
+    assert process.returncode == 1 and err.endswith("track: ended early: interrupted\n")
+    assert int(out.split(" images; ")[0]) - len(written) in (0, 1) and f"results in {tmp_path / 'out'}" in out
+    assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
+    film = cv2.VideoCapture(str(tmp_path / "out" / "film.mp4"))
+    assert film.isOpened() and abs(film.get(cv2.CAP_PROP_FRAME_COUNT) - len(written)) <= 2
 
 
 def test_what_was_tracked_before_trouble_is_kept(sequence, tmp_path, capsys) -> None:

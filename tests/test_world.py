@@ -39,7 +39,8 @@ def look(scenario: Scenario, truth: simulator.World, frame: int) -> tuple[np.nda
     """Pixels (M, 2) and labels (M,) of one image."""
     candidates = candidates_of(np.zeros((simulator.detection_capacity(scenario), 2)))
     labels = np.zeros(len(candidates), np.int64)
-    n = simulator.detect(camera_of(scenario), simulator.sensor_of(scenario), truth, frame, candidates, labels)
+    truth.state.frame = frame
+    n = simulator.detect(camera_of(scenario), simulator.sensor_of(scenario), truth, candidates, labels)
     return candidates["pixel"][:n], labels[:n]
 
 
@@ -100,22 +101,24 @@ def test_draws_are_uniform_and_normal() -> None:
 def test_the_camera_moves_by_the_model_and_by_its_disturbance() -> None:
     truth, u = world(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 0.0])
     expected = transition(truth.state.camera, u, MOTION.dt)
-    assert simulator.move(CALM, truth, u, 0) == 0
+    assert simulator.move(CALM, truth, u) == 0
     np.testing.assert_array_equal(truth.state.camera, expected)
     truth, speeds = world(), []
     for frame in range(2000):
-        truth.state.camera[:] = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6
-        simulator.move(MOTION, truth, np.zeros(6), frame)
+        truth.state.camera[:], truth.state.frame = [0.0, 0, 0, 1, 0, 0, 0] + [0.0] * 6, frame
+        simulator.move(MOTION, truth, np.zeros(6))
         speeds.append(truth.state.camera[7:] / MOTION.dt)
     np.testing.assert_allclose(np.std(speeds, axis=0), [0.5] * 6, rtol=0.07)
     np.testing.assert_allclose(np.mean(speeds, axis=0), 0.0, atol=0.05)
     one, other = world(), world()
     for frame in range(10):
-        simulator.move(MOTION, one, np.ones(6), frame)
+        one.state.frame = frame
+        simulator.move(MOTION, one, np.ones(6))
         other.state.camera[7:] = one.state.camera[7:]
     before = one.state.camera[7:].copy()
-    simulator.move(MOTION, one, np.zeros(6), 10)
-    simulator.move(MOTION, other, np.zeros(6), 10)
+    one.state.frame = other.state.frame = 10
+    simulator.move(MOTION, one, np.zeros(6))
+    simulator.move(MOTION, other, np.zeros(6))
     np.testing.assert_array_equal(one.state.camera[7:] - before, other.state.camera[7:] - before)
 
 
@@ -126,11 +129,11 @@ def test_a_wall_stops_what_runs_into_it_alone(axis: int, reach: float, side: flo
     p, v = truth.state.camera[:3], truth.state.camera[7:10]
     p[:], v[:] = 0.0, 0.1
     p[axis], v[axis] = side * (reach - 0.001), side
-    assert simulator.move(CALM, truth, np.zeros(6), 0) == 1
+    assert simulator.move(CALM, truth, np.zeros(6)) == 1
     assert p[axis] == pytest.approx(side * reach)
     np.testing.assert_allclose(v, [0.0 if i == axis else 0.1 for i in range(3)])
     v[axis] = -side
-    assert simulator.move(CALM, truth, np.zeros(6), 1) == 0
+    assert simulator.move(CALM, truth, np.zeros(6)) == 0
     assert v[axis] == -side
 
 

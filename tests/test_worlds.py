@@ -177,7 +177,7 @@ def test_a_room_that_is_too_full_is_refused_in_words() -> None:
 
 def world_with(boxes: np.ndarray, camera: np.ndarray, scenario: Scenario) -> simulator.World:
     scenario = replace(scenario, boxes=tuple(tuple(map(tuple, box)) for box in boxes.tolist()))
-    world = row(simulator.empty_worlds(scenario, 1), 0)
+    world = row(simulator.empty_worlds(scenario, 1, scenario.box_capacity), 0)
     none = np.zeros((0, 3))
     room = Room(camera[:7], camera, np.zeros((6, 3)), np.zeros((27, 3)), none, boxes)
     simulator.put_room(world, room)
@@ -193,23 +193,24 @@ def test_a_box_stops_the_camera_and_only_into_it() -> None:
     motion = motion_of(calm, 1.0)
     world = world_with(BOX, camera_at(0.89, 0.0, 0.0), calm)
     world.state.camera[7:10] = 0.4, 0.1, 0.0
-    assert simulator.move(motion, world, np.zeros(6), 0) == 1
+    assert simulator.move(motion, world, np.zeros(6)) == 1
     np.testing.assert_allclose(world.state.camera[:3], [0.9, 0.005, 0.0])
     np.testing.assert_allclose(world.state.camera[7:10], [0.0, 0.1, 0.0])
-    assert simulator.move(motion, world, np.zeros(6), 1) == 0
+    assert simulator.move(motion, world, np.zeros(6)) == 0
     world.state.camera[7] = -0.4
-    assert simulator.move(motion, world, np.zeros(6), 2) == 0 and world.state.camera[7] == -0.4
+    assert simulator.move(motion, world, np.zeros(6)) == 0 and world.state.camera[7] == -0.4
 
 
 def test_no_way_leads_into_a_box() -> None:
     """Cameras that are pushed about at random never end up inside, and never leave the room."""
     scenario, room = drawn("office", 3)
     wild = replace(scenario, acceleration_std=30.0, angular_acceleration_std=1.0)
-    motion, world = motion_of(wild, 1.0), row(simulator.empty_worlds(scenario, 1), 0)
+    motion, world = motion_of(wild, 1.0), row(simulator.empty_worlds(scenario, 1, scenario.box_capacity), 0)
     simulator.put_room(world, room)
     touched = 0
     for frame in range(1500):
-        touched += simulator.move(motion, world, np.zeros(6), frame)
+        world.state.frame = frame
+        touched += simulator.move(motion, world, np.zeros(6))
         world.state.camera[7:10] *= 0.7
         p = world.state.camera[None, :3]
         assert not inside_any(p, room.boxes, scenario.wall_margin - 1e-9).any()

@@ -5,7 +5,6 @@ A folder with ``images/`` (PNG, by number), ``live.json`` (what it is of), ``sta
 asked.
 """
 
-import csv
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, fields
@@ -14,13 +13,13 @@ from typing import Any, get_args
 
 import numpy as np
 
-from activeslam_gym.files import demand_writable, written_whole
+from activeslam_gym.files import Lines, demand_writable, written_whole
 from activeslam_gym.live.link import About
 from activeslam_gym.live.state import OVER, WAITING, State, plain, scalar, state_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.track import log_row, pose_line, write_map
+from activeslam_gym.vision.track import TrackFiles
 
 ABOUT, STATES = "live.json", "states.jsonl"
 _FAST = 1
@@ -57,11 +56,7 @@ class Recording:
         (self.folder / "images").mkdir(parents=True, exist_ok=True)
         with written_whole(self.folder / ABOUT) as unfinished:
             unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")
-        self._states = (self.folder / STATES).open("w")
-        self._poses = (self.folder / "trajectory.tum").open("w")
-        self._frames = (self.folder / "frames.csv").open("w", newline="")
-        self._rows = csv.writer(self._frames)
-        self._rows.writerow(FrameLog._fields)
+        self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
         self.count = 0
         """Images kept."""
 
@@ -78,23 +73,19 @@ class Recording:
             raise OSError(f"{path} cannot be written")
         self._states.write(json.dumps(plain(state)) + "\n")
         if state.standing != WAITING:
-            self._poses.write(pose_line(state.time, state.camera))
-        if log is not None:
-            self._rows.writerow(log_row(log))
+            self._track.add(state.time, state.camera, log)
         self.count += 1
-        for file in (self._states, self._poses, self._frames):
-            file.flush()
 
     def save(self, filter: Filter | None) -> None:
         """Write the map as it is."""
         if filter is not None:
-            write_map(self.folder / "map.csv", filter)
+            self._track.save(filter)
 
     def close(self, filter: Filter | None) -> None:
         """Write the map and finish."""
         self.save(filter)
-        for file in (self._states, self._poses, self._frames):
-            file.close()
+        self._states.close()
+        self._track.close()
 
 
 def read_about(folder: str | Path) -> About:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from activeslam_gym.files import text_of
 from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.frontend import FrontEndSettings
 from activeslam_gym.vision.sources import Frame, open_images
@@ -21,6 +22,10 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "no recovery": {"recover": False},
 }
 """What each variant leaves out: fields of `FrontEndSettings`."""
+
+
+_LONGEST = 2**26
+"""Characters of a reference: hours of poses."""
 
 
 class Outcome(NamedTuple):
@@ -71,8 +76,9 @@ def _every(frames: Iterator[Frame], every: int) -> Iterator[Frame]:
 
 def _positions(path: Path) -> np.ndarray:
     """(n, 4) times [s] and positions [m] of a file in TUM's format."""
+    lines = text_of(path, _LONGEST).splitlines()
     try:
-        rows = np.loadtxt(path, ndmin=2)
+        rows = np.loadtxt(lines, ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path} is no trajectory in TUM's format: {error}") from None
     if rows.shape[1] != 8 or len(rows) < 3:

@@ -6,6 +6,7 @@ lens. Axes are those of image files here, x right and y down, in which equation 
 
 import json
 import math
+import reprlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -21,8 +22,12 @@ from activeslam_gym.vision.sources import open_images
 
 KINDS = ("chessboard", "charuco")
 LEAST_PICTURES = 3
+_SIDES = (3, 100)
+"""The fewest and the most columns and rows of a board."""
 _MARKER_SHARE = 0.75
-"""Side of a ChArUco board's markers, in squares; they are of the dictionary 4x4_50."""
+"""Side of a ChArUco board's markers, in squares."""
+_MARKERS = 50
+"""Markers of its dictionary, 4x4_50: a board has at most as many."""
 _FOCALS = (0.45, 0.65, 0.9, 1.3)
 """Focal lengths from which the fit starts, in widths of the image."""
 
@@ -125,8 +130,12 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     """
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}")
-    if min(columns, rows) < 3:
-        raise ValueError(f"the board must have 3 columns and 3 rows or more, got {columns} x {rows}")
+    least, most = _SIDES
+    if not least <= min(columns, rows) <= max(columns, rows) <= most:
+        sizes = " x ".join(map(reprlib.repr, (columns, rows)))
+        raise ValueError(f"the board must have {least} to {most} columns and rows, got {sizes}")
+    if kind == "charuco" and columns * rows // 2 > _MARKERS:
+        raise ValueError(f"a charuco board must have at most {_MARKERS} markers, got {columns} x {rows} squares")
     views, shape = [], (0, 0)
     for _, image in open_images(images, 1.0):
         shape = image.shape

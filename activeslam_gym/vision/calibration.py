@@ -2,15 +2,14 @@
 
 import json
 import math
+import reprlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.config import Scenario
-
-_WHOLE = ("image_width", "image_height")
-_NUMBERS = ("focal_px", "principal_x_px", "principal_y_px", "distortion")
+from activeslam_gym.config import Scenario, is_number
+from activeslam_gym.files import text_of
 
 
 class Calibration(NamedTuple):
@@ -65,16 +64,14 @@ def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> 
         ValueError: a field is missing, unknown or out of range.
     """
     check_names(fields, set(Calibration._fields), where)
-    for name in _WHOLE:
-        if not isinstance(fields[name], int) or isinstance(fields[name], bool) or fields[name] < 1:
-            raise ValueError(f"{where}: {name} must be a whole number of 1 or more, got {fields[name]!r}")
-    for name in _NUMBERS:
-        value = fields[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise ValueError(f"{where}: {name} must be a number, got {value!r}")
-    if fields["focal_px"] <= 0 or fields["distortion"] < 0:
-        raise ValueError(f"{where}: focal_px must be positive and distortion not negative")
-    found = Calibration(*(fields[name] for name in Calibration._fields))
+    for name, value in fields.items():
+        if not is_number(value):
+            raise ValueError(f"{where}: {name} must be a finite number, got {reprlib.repr(value)}")
+    found = Calibration(**fields)
+    try:
+        found.scenario()
+    except ValueError as error:
+        raise ValueError(f"{where}: {str(error).removeprefix('scenario.')}") from None
     radius = math.hypot(
         max(found.principal_x_px, found.image_width - 1 - found.principal_x_px),
         max(found.principal_y_px, found.image_height - 1 - found.principal_y_px),
@@ -89,12 +86,15 @@ def read_object(path: str | Path) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it holds no JSON object.
+        ValueError: it holds no JSON object, or is too long.
     """
+    text = text_of(path)
     try:
-        value = json.loads(Path(path).read_text())
-    except json.JSONDecodeError as error:
+        value = json.loads(text)
+    except ValueError as error:
         raise ValueError(f"{path} is no JSON: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{path} is nested too deeply") from None
     if not isinstance(value, dict):
         raise ValueError(f"{path} must hold a JSON object")
     return value
@@ -109,4 +109,4 @@ def check_names(fields: dict[str, Any], names: set[str], where: str) -> None:
     if missing := sorted(names - set(fields)):
         raise ValueError(f"{where} lacks {', '.join(missing)}")
     if unknown := sorted(set(fields) - names):
-        raise ValueError(f"{where} has no field {', '.join(unknown)}; its fields are {', '.join(sorted(names))}")
+        raise ValueError(f"{where} has no field {reprlib.repr(unknown[0])}; its fields are {', '.join(sorted(names))}")

@@ -1,10 +1,12 @@
 """A film of a track: the image with what was searched and found, beside the map from above."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from activeslam_gym.files import written_whole
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.vision.frontend import FrontEnd
@@ -17,15 +19,19 @@ _BELIEVED, _MISSED, _PATH, _GREY = (80, 200, 80), (60, 60, 230), (0, 94, 213), (
 
 
 class Film:
-    """Writes a picture an image to the video ``path`` (.mp4 or .avi), ``rate`` [Hz].
+    """Writes a picture an image to the video ``path`` (.mp4 or .avi), ``rate`` [Hz]: a context, at whose end the file
+    is there, whole or not at all.
 
     Raises:
-        ValueError: the video cannot be written.
+        ValueError: ``path`` ends otherwise.
+        OSError: at the end, the video cannot be read again: the disk is full.
     """
 
     def __init__(self, path: str | Path, rate: float) -> None:
         self._path, self._rate = Path(path), float(rate)
         self._writer: Any = None
+        self._at_close = ExitStack()
+        self._written = 0
         self._track: list[np.ndarray] = []
         kinds = {".mp4": "mp4v", ".avi": "MJPG"}
         if self._path.suffix not in kinds:
@@ -37,17 +43,27 @@ class Film:
         cv2 = opencv()
         picture = np.hstack((_seen(cv2, front_end, image), self._map(cv2, front_end, image.shape)))
         if self._writer is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._unfinished = self._at_close.enter_context(written_whole(self._path))
             code = cv2.VideoWriter_fourcc(*self._kind)
-            self._writer = cv2.VideoWriter(str(self._path), code, self._rate, picture.shape[1::-1])
-            if not self._writer.isOpened():
-                raise ValueError(f"{self._path} cannot be written as a video")
+            self._writer = cv2.VideoWriter(str(self._unfinished), code, self._rate, picture.shape[1::-1])
+            self._at_close.push(self._finish)
         self._writer.write(picture)
+        self._written += 1
 
-    def close(self) -> None:
-        """Finish the file."""
-        if self._writer is not None:
-            self._writer.release()
+    def __enter__(self) -> "Film":
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._at_close.__exit__(*error)
+
+    def _finish(self, *error: Any) -> None:
+        """Demand that each picture is in the file: OpenCV does not tell that it could not write one."""
+        cv2 = opencv()
+        self._writer.release()
+        if any(error):
+            return  # which `written_whole` sees too
+        if cv2.VideoCapture(str(self._unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < self._written:
+            raise OSError(f"{self._path} cannot be written as a video (is the disk full?)")
 
     def _map(self, cv2: Any, front_end: FrontEnd, shape: tuple[int, ...]) -> np.ndarray:
         """X to the right and Z downwards, as seen from above: features with their ellipses (2 sigma), and the path."""

@@ -102,7 +102,10 @@ def _pictures(files: list[Path], nothing: str) -> Iterator[tuple[str, np.ndarray
         raise SourceError(nothing)
     cv2 = opencv()
     for file in files:
-        image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        try:
+            image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        except cv2.error:  # it has more pixels than OpenCV reads
+            image = None
         if image is None:
             raise SourceError(f"{file} cannot be read as a picture")
         yield file.name, image

@@ -6,12 +6,14 @@ The target's frame is the world: origin at its centre, X to the right and Y up a
 """
 
 import math
+import reprlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from activeslam_gym.camera import View, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.config import is_number
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotate_left, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.slam.sight import point_measurement
@@ -37,6 +39,10 @@ _LEAST_CONTRAST = 25.0
 RECTANGLE = "rectangle"
 _FIDUCIALS = 8
 """Corners of a board that are searched in every image: those that are farthest from each other."""
+_METRES = (1e-6, 1e6)
+"""The least and the greatest length of a target [m]."""
+_FARTHEST = 1e5
+"""The greatest coordinate of a corner in the first image [px]."""
 _FIELDS = {
     RECTANGLE: {"kind", "width", "height", "corners_px"},
     CHARUCO: {"kind", "columns", "rows", "square", "marker", "dictionary"},
@@ -95,8 +101,8 @@ def target_from(fields: dict[str, Any], where: str = "the target") -> Target:
         ModuleNotFoundError: it is a board, and OpenCV is not installed.
     """
     kind = fields.get("kind", RECTANGLE)
-    if kind not in _FIELDS:
-        raise ValueError(f"{where}: kind must be {', '.join(_FIELDS)}, got {kind!r}")
+    if not isinstance(kind, str) or kind not in _FIELDS:
+        raise ValueError(f"{where}: kind must be {', '.join(_FIELDS)}, got {reprlib.repr(kind)}")
     check_names(fields, _FIELDS[kind], where)
     return _rectangle_from(fields, where) if kind == RECTANGLE else _board_from(fields, where)
 
@@ -109,10 +115,10 @@ def _rectangle_from(fields: dict[str, Any], where: str) -> Rectangle:
     check_names(corners, set(CORNERS), f"{where}: corners_px")
     try:
         pixels = np.array([corners[name] for name in CORNERS], float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         pixels = np.empty(0)
-    if pixels.shape != (4, 2) or not np.isfinite(pixels).all():
-        raise ValueError(f"{where}: each of corners_px must be two numbers [x, y]")
+    if pixels.shape != (4, 2) or not (np.abs(pixels) <= _FARTHEST).all():
+        raise ValueError(f"{where}: each of corners_px must be two numbers [x, y] of at most {_FARTHEST:g} pixels")
     return Rectangle(width, height, pixels)
 
 
@@ -122,7 +128,7 @@ def _board_from(fields: dict[str, Any], where: str) -> Board:
     for name in ("columns", "rows"):
         value = fields[name]
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise ValueError(f"{where}: {name} must be a whole number of {least} or more, got {value!r}")
+            raise ValueError(f"{where}: {name} must be a whole number of {least} or more, got {reprlib.repr(value)}")
     columns, rows = fields["columns"], fields["rows"]
     if squares:
         pitch, marker = (_metres(fields, name, where) for name in ("square", "marker"))
@@ -133,25 +139,28 @@ def _board_from(fields: dict[str, Any], where: str) -> Board:
         pitch = marker + gap
         if columns * rows < 2:
             raise ValueError(f"{where}: an AprilTag board must have two tags or more")
-    name = str(fields["dictionary"]).upper()
-    dictionary = f"DICT_{name}" if squares else f"DICT_APRILTAG_{name}"
+    name = fields["dictionary"]
+    dictionary = f"{'DICT' if squares else 'DICT_APRILTAG'}_{name.upper() if isinstance(name, str) else ''}"
     try:
         there = len(markers_of(dictionary).bytesList)
     except AttributeError:
         example = "4x4_50" if squares else "36h11"
         raise ValueError(
-            f"{where}: dictionary must be one of OpenCV's, {example} for example, got {fields['dictionary']!r}"
+            f"{where}: dictionary must be one of OpenCV's, {example} for example, got {reprlib.repr(name)}"
         ) from None
     needed = columns * rows // 2 if squares else columns * rows
     if needed > there:
-        raise ValueError(f"{where}: the board has {needed} markers, the dictionary {fields['dictionary']} only {there}")
+        raise ValueError(f"{where}: the board has {reprlib.repr(needed)} markers, the dictionary {name} only {there}")
     return Board(fields["kind"], columns, rows, pitch, marker, dictionary)
 
 
 def _metres(fields: dict[str, Any], name: str, where: str) -> float:
     value = fields[name]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 < value < math.inf:
-        raise ValueError(f"{where}: {name} must be a positive number of metres, got {value!r}")
+    least, greatest = _METRES
+    if not is_number(value) or not least <= value <= greatest:
+        raise ValueError(
+            f"{where}: {name} must be a positive number of metres, {least:g} to {greatest:g}, got {reprlib.repr(value)}"
+        )
     return float(value)
 
 

@@ -10,6 +10,7 @@ free: lengths are in a unit that only the prior of depth has chosen, and that ma
 
 import csv
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
-from activeslam_gym.files import written_whole
+from activeslam_gym.files import Lines, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
@@ -124,33 +125,43 @@ def follow(
     rate: float,
     settings: FrontEndSettings | None = None,
     scenario_fields: dict[str, Any] | None = None,
-    watch: Callable[[FrontEnd, np.ndarray], None] | None = None,
 ) -> Track:
     """Track ``images``; trouble with an image ends the track, and what was tracked until then is kept.
 
     Without a ``target`` the scale is free; see the module.
 
-    ``watch`` is called after each image but the first, with the front end and the image.
-
     Raises:
         SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target.
     """
     source = iter(images)
-    time, image = next(source)
-    front_end = start(image, calibration, target, rate, settings, scenario_fields)
-    filter = front_end.filter
-    times, cameras = [time], [filter.mean]
-    covariances, logs = [filter.camera_covariance[:6, :6]], []
-    trouble = None
+    first = next(source)
+    front_end = start(first[1], calibration, target, rate, settings, scenario_fields)
+    return _followed(front_end, first, source, calibration, lambda frame, log: None)
+
+
+def _followed(
+    front_end: FrontEnd,
+    first: Frame,
+    rest: Iterable[Frame],
+    calibration: Calibration,
+    watch: Callable[[Frame, FrameLog | None], None],
+) -> Track:
+    """The track of a ``front_end`` that has seen the ``first`` image; ``watch`` is called after each."""
+    filter, trouble = front_end.filter, None
+    times, cameras, covariances, logs = [], [], [], []
+
+    def took(frame: Frame, log: FrameLog | None) -> None:
+        times.append(frame[0])
+        cameras.append(filter.mean)
+        covariances.append(filter.camera_covariance[:6, :6])
+        watch(frame, log)
+
     try:
-        for time, image in source:
+        took(first, None)
+        for time, image in rest:
             calibration.check_image(image)
             logs.append(front_end.step(image, time))
-            times.append(time)
-            cameras.append(filter.mean)
-            covariances.append(filter.camera_covariance[:6, :6])
-            if watch is not None:
-                watch(front_end, image)
+            took((time, image), logs[-1])
     except ValueError as error:
         trouble = str(error)
     except KeyboardInterrupt:
@@ -166,8 +177,8 @@ def track(
     out: str | Path,
     film: bool = False,
 ) -> Track:
-    """Track the images that ``images`` means and write trajectory.tum, map.csv and frames.csv into the folder ``out``,
-    and with ``film`` the images with their ellipses beside the map, film.mp4.
+    """Track the images that ``images`` means and write `TrackFiles` into the folder ``out``, and with ``film`` the
+    images with their ellipses beside the map, film.mp4.
 
     Ctrl-C ends it early, as trouble with an image does.
 
@@ -180,14 +191,20 @@ def track(
     lens, known = read_calibration(calibration), None if target is None else read_target(target)
     frames, folder = open_images(images, rate), Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    painter = Film(folder / "film.mp4", rate) if film else None
-    shown = _with_progress(frames, image_count(images))
-    done = follow(shown, lens, known, rate, watch=painter.add if painter else None)
-    if painter:
-        painter.close()
-    write_trajectory(folder / "trajectory.tum", done)
-    write_map(folder / "map.csv", done.filter)
-    write_log(folder / "frames.csv", done.logs)
+    source = iter(_with_progress(frames, image_count(images)))
+    first = next(source)
+    front_end = start(first[1], lens, known, rate)
+    with ExitStack() as at_close:
+        painter = at_close.enter_context(Film(folder / "film.mp4", rate)) if film else None
+        files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
+
+        def keep(frame: Frame, log: FrameLog | None) -> None:
+            files.add(frame[0], front_end.filter.belief.state.camera, log)
+            if painter is not None and log is not None:
+                painter.add(front_end, frame[1])
+
+        done = _followed(front_end, first, source, lens, keep)
+        files.save(done.filter)
     return done
 
 
@@ -209,22 +226,51 @@ def summary(done: Track) -> str:
     return line if done.metric else f"{line}; {FREE}"
 
 
-def write_trajectory(path: Path, done: Track) -> None:
-    """The camera's poses, one a line, in TUM's format; see the module."""
-    with written_whole(path) as unfinished, unfinished.open("w") as file:
-        if not done.metric:
-            file.write(f"# {FREE}\n")
-        for time, camera in zip(done.times, done.cameras):
-            file.write(pose_line(time, camera))
+class TrackFiles:
+    """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
+
+    The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+
+    def __init__(self, folder: Path, metric: bool) -> None:
+        self._map = folder / "map.csv"
+        self._map.unlink(missing_ok=True)  # of a track before
+        self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
+        self._rows = csv.writer(self._frames)
+        self._rows.writerow(FrameLog._fields)
+        if not metric:
+            self._poses.write(f"# {FREE}\n")
+
+    def add(self, time: float, camera: np.ndarray, log: FrameLog | None) -> None:
+        """The pose of ``camera`` (>= 7,) at ``time`` [s], and the ``log`` of the image, which the first has not.
+
+        Raises:
+            OSError: the disk is full, or gone.
+        """
+        self._poses.write(_pose_line(time, camera))
+        if log is not None:
+            self._rows.writerow(_log_row(log))
+
+    def save(self, filter: Filter) -> None:
+        """Write the map as it is."""
+        _write_map(self._map, filter)
+
+    def close(self) -> None:
+        """Nothing more is written."""
+        self._poses.close()
+        self._frames.close()
 
 
-def pose_line(time: float, camera: np.ndarray) -> str:
+def _pose_line(time: float, camera: np.ndarray) -> str:
     """A line of a trajectory in TUM's format: the pose of ``camera`` (>= 7,) at ``time`` [s]; see the module."""
     w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
     return f"{time:.6f} " + " ".join(f"{number:.7f}" for number in (*camera[:3], x, y, z, w)) + "\n"
 
 
-def write_map(path: Path, filter: Filter) -> None:
+def _write_map(path: Path, filter: Filter) -> None:
     """The features at the end: id, position and its standard deviations [m]."""
     positions, P = filter.points()
     stds = np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3)
@@ -235,14 +281,6 @@ def write_map(path: Path, filter: Filter) -> None:
             writer.writerow((id, *(f"{value:.6f}" for value in (*position, *std))))
 
 
-def write_log(path: Path, logs: list[FrameLog]) -> None:
-    """What happened in each frame after the first."""
-    with written_whole(path) as unfinished, unfinished.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(FrameLog._fields)
-        writer.writerows(map(log_row, logs))
-
-
-def log_row(log: FrameLog) -> tuple[str | int, ...]:
+def _log_row(log: FrameLog) -> tuple[str | int, ...]:
     """A row of frames.csv."""
     return f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"

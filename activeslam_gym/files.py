@@ -1,5 +1,6 @@
-"""Files that are whole or absent, whenever the program is stopped, files that grow, and texts of bounded length."""
+"""Files: whole or absent, growing by lines, sealed against damage, and texts of bounded length."""
 
+import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -68,6 +69,26 @@ def text_of(path: str | os.PathLike[str], most: int = 2**20) -> str:
     if len(text) > most:
         raise ValueError(f"{path} must have at most {most} characters, and has more")
     return text
+
+
+def write_sealed(path: Path, data: bytes) -> None:
+    """Write ``data`` behind its SHA-256 digest, whole or not at all, for `read_sealed`."""
+    with written_whole(path) as unfinished:
+        unfinished.write_bytes(_sealed(data))
+
+
+def read_sealed(path: Path) -> bytes | None:
+    """The data that `write_sealed` wrote to ``path``; None where the file is absent, unreadable or damaged."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    data = content[hashlib.sha256().digest_size :]
+    return data if content == _sealed(data) else None
+
+
+def _sealed(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest() + data
 
 
 def demand_writable(folder: Path) -> None:

@@ -9,6 +9,7 @@ import contextlib
 import functools
 import hashlib
 import os
+import pickle
 import shutil
 import sys
 import time
@@ -16,17 +17,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numba
 import numpy as np
 from numba import config as _numba_config
 from numba import njit, types
-from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+from numba.core.caching import FunctionCache, NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.datamodel.models import OpaqueModel
 from numba.core.errors import TypingError
+from numba.core.serialize import dumps
 from numba.core.targetconfig import ConfigStack
 from numba.core.typing.templates import infer_global
 from numba.extending import intrinsic, lower_cast, register_model
+
+from .files import read_sealed, write_sealed
 
 Tree = TypeVar("Tree", bound=tuple)
 
@@ -262,8 +267,11 @@ _UPPER_FLOOR = _PACKAGE / "vision"
 
 @functools.cache
 def _content(upper_floor: bool) -> str:
-    """A number for the content of all modules that kernels are made of, with or without the upper floor's."""
-    digest = hashlib.sha256()
+    """A number for the content of all modules that kernels are made of, with or without the upper floor's.
+
+    The versions of Numba and NumPy, which compile and are compiled in, count as content.
+    """
+    digest = hashlib.sha256(f"numba {numba.__version__}, numpy {np.__version__}".encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
         content = source.read_bytes()
         if any(sign in content for sign in _SIGNS) and (upper_floor or not source.is_relative_to(_UPPER_FLOOR)):
@@ -271,8 +279,31 @@ def _content(upper_floor: bool) -> str:
     return digest.hexdigest()[:16]
 
 
+class _Files:
+    """A file for each kernel, with a checksum, in the place of Numba's own files, which have none.
+
+    A flipped bit in a file of Numba's can crash the process. Here a damaged file counts as absent.
+    """
+
+    def __init__(self, folder: str, name: str, stamp: Any) -> None:
+        self._stamp, self._path = stamp, os.path.join(folder, name)
+
+    def load(self, key: Any) -> Any:
+        """The kernel that was saved under ``key``, or None."""
+        data = read_sealed(self._file(key))
+        identity, kernel = (None, None) if data is None else pickle.loads(data)
+        return kernel if identity == (self._stamp, key) else None
+
+    def save(self, key: Any, kernel: Any) -> None:
+        """Keep a kernel under ``key``."""
+        write_sealed(self._file(key), dumps(((self._stamp, key), kernel)))
+
+    def _file(self, key: Any) -> Path:
+        return Path(f"{self._path}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc")
+
+
 class _Cache(FunctionCache):
-    """Numba's own cache in a folder named after the `_content`. What is damaged or cannot be kept is compiled anew."""
+    """Numba's own cache in a folder named after the `_content`. A kernel that cannot be loaded is compiled again."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -280,15 +311,13 @@ class _Cache(FunctionCache):
         content = _content(source.is_relative_to(_UPPER_FLOOR))
         stamp = content if source.is_relative_to(_PACKAGE) else (content, self._impl.locator.get_source_stamp())
         self._cache_path = os.path.join(self._cache_path, f"kernels-{content}")
-        self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these types, or None where it has to be compiled."""
-        try:
+        found = None
+        with contextlib.suppress(Exception):  # an undamaged file may name a module that is no longer installed
             found = super().load_overload(sig, target_context)
-        except Exception:  # whatever a damaged file makes of the reading
-            shutil.rmtree(self._cache_path, ignore_errors=True)
-            found = None
         if found is None:
             _announce(kept=True)
         return found

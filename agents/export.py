@@ -35,9 +35,9 @@ def export(policy: str, out: Path) -> dict:
     from agents.learn.weights import read
 
     path = Path(policy) if policy.endswith(".npz") else pretrained.FOLDER / f"{policy}.npz"
-    if not (path.is_file() and path.with_suffix(".json").is_file()):
+    if not path.is_file():
         shipped = ", ".join(pretrained.names())
-        raise ValueError(f"policy: {policy!r} has no weights with a card; allowed: {shipped}, a file (policy.npz)")
+        raise ValueError(f"policy: {policy!r} has no weights; allowed: {shipped}, a file (policy.npz)")
     weights, card = read(path.stem, path.parent)
     learner = learner_of(weights, card)
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -30,8 +30,8 @@ def factory(name: str) -> Factory:
         make = _imported(name)
         return lambda env, seed: _made(name, make, env)
     if path.suffix == ".npz":
-        if not (path.is_file() and path.with_suffix(".json").is_file()):
-            raise ValueError(f"policy: {name!r} is no file with its card ({path.stem}.json) beside it")
+        if not path.is_file():
+            raise ValueError(f"policy: {name!r} is no file of weights")
         return lambda env, seed: load(path.stem, env, path.parent)
     if name in baselines.names():
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
@@ -44,11 +44,12 @@ def factory(name: str) -> Factory:
 
 
 def content(name: str) -> str:
-    """Digest of what a policy is made of beside the code: weights and their card, or a module and its imports."""
+    """Digest of a policy's files: weights and the card beside them, or a module and its imports."""
     if ":" in name:
         return module_sources(name.partition(":")[0])
     path = pretrained.FOLDER / f"{name}.npz" if name in pretrained.names() else Path(name)
-    return digest(path, path.with_suffix(".json")) if path.suffix == ".npz" else ""
+    files = (path, path.with_suffix(".json"))
+    return digest(*filter(Path.exists, files)) if path.suffix == ".npz" else ""
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:

@@ -119,6 +119,8 @@ class Keeper:
         self.learner = learner
         self.path = args.out / WEIGHTS
         self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
+        if self.path.exists():  # a process that was killed may have left no card beside the weights
+            write_json(self.path.with_suffix(".json"), read_card(self.path))
 
     def seconds(self) -> float:
         """Wall-clock of training, earlier calls included [s]."""

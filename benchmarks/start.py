@@ -33,11 +33,11 @@ def run(quick: bool) -> Section:
         return section
     with tempfile.TemporaryDirectory() as cache:
         first = json.loads(_fresh(_START, cache))
-        kernels = len(list(Path(cache).rglob("*.nbi")))
+        kernels = len(list(Path(cache).rglob("*.nbc")))
         if kernels == 0:
             raise RuntimeError(f"nothing was compiled into the empty cache {cache}")
         cached = sorted((json.loads(_fresh(_START, cache)) for _ in range(5)), key=sum)[2]
-        if len(list(Path(cache).rglob("*.nbi"))) != kernels:
+        if len(list(Path(cache).rglob("*.nbc"))) != kernels:
             raise RuntimeError("a cached start compiled something")
     section.rows += [_row("first run, empty cache", first), _row("cached", cached)]
     section.bars += [
@@ -45,7 +45,7 @@ def run(quick: bool) -> Section:
         Bar("cached start: import, make, reset, first step", sum(cached), 2.0, "s"),
     ]
     section.notes.append(
-        f"Fresh processes, median of 5 (the first run: one). It filled an empty NUMBA_CACHE_DIR with {kernels} indices "
+        f"Fresh processes, median of 5 (the first run: one). It filled an empty NUMBA_CACHE_DIR with {kernels} files "
         "of kernels; the cached starts added none."
     )
     return section

@@ -17,8 +17,8 @@ from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import KIND_DIM, POINT, RAY, Belief
-from activeslam_gym.slam.map import append_feature
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates
+from activeslam_gym.slam.map import append_feature
 from activeslam_gym.slam.sight import Sight, sight_of_belief
 
 PAPER = Scenario()

@@ -19,6 +19,7 @@ from numba.core.errors import NumbaError
 
 from activeslam_gym import kernels
 from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.files import read_sealed, write_sealed
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.kernels import borrowing, compiled, filled, inlined, one_of, record, row
 
@@ -266,15 +267,54 @@ def test_contents_that_were_not_used_for_long_are_forgotten(copy: Path) -> None:
 
 
 @compiles
-@pytest.mark.parametrize("ending", ["nbc", "nbi"])
 @pytest.mark.parametrize("size", [0, 40])
-def test_a_damaged_file_is_made_anew(copy: Path, ending: str, size: int) -> None:
+def test_a_damaged_file_is_made_anew(copy: Path, size: int) -> None:
     said(copy)
-    for path in kept_in(copy, ending):
+    for path in kept_in(copy):
         os.truncate(path, size)
     (line,) = said(copy).splitlines()
     assert "compiling" in line
     assert said(copy) == ""
+
+
+@compiles
+def test_a_flipped_bit_in_the_cache_crashed_python_at_every_start(copy: Path) -> None:
+    """Segmentation faults and aborts, where the machine code or its headers were damaged."""
+    said(copy)
+    sound = {path: path.read_bytes() for path in kept_in(copy, "nb?")}
+    for path, content in sound.items():
+        for place in (0.03, 0.16, 0.72):
+            damaged = bytearray(content)
+            damaged[int(place * len(content))] ^= 1
+            path.write_bytes(damaged)
+            assert "compiling" in said(copy)
+    assert said(copy) == ""  # the kernel compiled anew took its place
+
+
+def test_of_a_sealed_file_every_flipped_bit_and_every_lost_byte_is_noticed(tmp_path: Path) -> None:
+    path, data = tmp_path / "sealed", b"machine code"
+    assert read_sealed(path) is None
+    write_sealed(path, data)
+    assert read_sealed(path) == data
+    content = path.read_bytes()
+    flipped = [bytes(b ^ (place == k) << bit for k, b in enumerate(content))
+               for place in range(len(content)) for bit in range(8)]  # fmt: skip
+    for damaged in flipped + [content[:size] for size in range(len(content))]:
+        path.write_bytes(damaged)
+        assert read_sealed(path) is None
+
+
+@compiles
+def test_a_damaged_file_deleted_the_files_of_other_processes(copy: Path) -> None:
+    """The whole folder was removed where one file could not be read."""
+    said(copy)
+    (folder,) = {path.parent for path in kept_in(copy)}
+    other = folder / "of-another-process.nbc"
+    other.write_bytes(b"not yet whole")
+    for path in set(kept_in(copy, "nb?")) - {other}:
+        os.truncate(path, 0)
+    assert "compiling" in said(copy)
+    assert other.read_bytes() == b"not yet whole"
 
 
 @compiles

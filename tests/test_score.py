@@ -8,7 +8,16 @@ import pytest
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.episode import LOSS, UNSOUND_LOG_SCORE
-from activeslam_gym.envs.referee import NOBODY, OWNER, UNKNOWN, features_of_landmarks, judge_matches, owners_of, reconcile, true_id
+from activeslam_gym.envs.referee import (
+    NOBODY,
+    OWNER,
+    UNKNOWN,
+    features_of_landmarks,
+    judge_matches,
+    owners_of,
+    reconcile,
+    true_id,
+)
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
 from activeslam_gym.slam.belief import POINT, fiducial_id

@@ -1,11 +1,17 @@
 """Training and the learned policies: small, but all the way."""
 
 import base64
+import contextlib
 import io
+import itertools
 import json
+import os
 import pickle
 import re
 import shutil
+import signal
+import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -31,7 +37,7 @@ from agents.learn.algorithms import save_learner  # noqa: E402
 from agents.learn.card import read_card  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
-from agents.learn.weights import load, save  # noqa: E402
+from agents.learn.weights import load, read, save  # noqa: E402
 from agents.pretrained import FOLDER  # noqa: E402
 from agents.tools.files import alone_in  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
@@ -113,8 +119,8 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
     for name in "ab":
         train(Args(out=tmp_path / name, total_steps=40, seed=3, **SMALL))
-    a, b = (np.load(tmp_path / name / "policy.npz") for name in "ab")
-    for key in a.files:
+    (a, _), (b, _) = (read("policy", tmp_path / name) for name in "ab")
+    for key in a:
         np.testing.assert_array_equal(a[key], b[key])
 
 
@@ -149,7 +155,7 @@ def test_what_does_not_fit_is_said(trained: Path) -> None:
         load("policy", quick, trained)
     with pytest.raises(ValueError, match="total_steps must be positive and finite, got 0"):
         Args(total_steps=0).check()
-    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file with its card"):
+    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file of weights"):
         policies.factory("absent.npz")
 
 
@@ -273,6 +279,59 @@ def test_a_stranger_s_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> 
     with pytest.raises(ValueError, match="holds more than tensors and numbers, which could run code"):
         train(Args(out=folder, total_steps=steps + 80, **SMALL))
     assert not hit.exists()
+
+
+def killed_at(event: int, action: Callable[[], Any]) -> bool:
+    """Do the ``action`` in a child process that is killed before this change of a file, if it comes so far."""
+    changes = iter(range(event, -1, -1))
+
+    def audit(name: str, arguments: tuple[Any, ...]) -> None:
+        writes = name == "open" and arguments[2] & (os.O_WRONLY | os.O_RDWR)
+        if (writes or name in ("os.rename", "os.remove")) and next(changes) == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    if (child := os.fork()) == 0:
+        sys.addaudithook(audit)
+        with contextlib.suppress(BaseException):
+            action()
+            os._exit(0)
+        os._exit(1)
+    status = os.waitpid(child, 0)[1]
+    assert status in (0, signal.SIGKILL)
+    return status != 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="a child process is killed the POSIX way")
+def test_a_kill_between_weights_and_card_left_new_weights_with_the_old_card_or_none(
+    trained: Path, tmp_path: Path
+) -> None:
+    policy, card = torch.nn.Linear(1, 1), read_card(trained / "policy.npz")
+
+    def numbered(number: float) -> None:
+        torch.nn.init.constant_(policy.weight, number)
+        save(tmp_path / "policy.npz", policy, card | {"held_out_return": number})
+
+    for event in itertools.count():
+        numbered(1.0)
+        killed = killed_at(event, lambda: numbered(2.0))
+        weights, found = read("policy", tmp_path)
+        assert weights["weight"] == found["held_out_return"], f"killed before change {event}"
+        assert pretrained.names(tmp_path) == ["policy"]
+        if not killed:
+            break
+    assert event > 3 and weights["weight"] == 2.0
+
+
+def test_a_training_that_was_killed_between_weights_and_card_could_not_go_on(trained: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "killed"
+    shutil.copytree(trained, folder)
+    weights, _ = read("policy", trained)
+    (folder / "policy.json").unlink()
+    policies.resolve(str(folder / "policy.npz"), gym.make("ActiveSLAM-v0", gaze_period=0.25))
+    train(Args(out=folder, total_steps=40, **SMALL))  # which is already done
+    assert read_card(folder / "policy.npz") == json.loads((folder / "policy.json").read_text("utf-8"))
+    for name, values in read("policy", folder)[0].items():
+        np.testing.assert_array_equal(values, weights[name])
 
 
 def test_a_damaged_folder_of_a_training_is_told(trained: Path, tmp_path: Path) -> None:

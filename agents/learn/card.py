@@ -5,6 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import benchmark_seed
 from agents.learn.recipe import ALGORITHMS, Recipe
@@ -27,6 +29,8 @@ COLUMNS = (
     "position_error",
     "lost",
 )
+CARD = "card"
+"""Name of the card among the arrays of a file of weights."""
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
     "Trained in this scenario alone: other rooms, noise, motions and durations are outside what it has seen. "
@@ -54,14 +58,27 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
 
 
 def read_card(weights: Path) -> dict[str, Any]:
-    """The card of the weights in a file (.npz). Raises ValueError where it is damaged, or lacks what makes a policy."""
+    """The card of the weights in a file (.npz): the one beside it (.json), and else the one that the file holds.
+
+    Raises ValueError where it is absent or damaged, or lacks what makes a policy.
+    """
     path = weights.with_suffix(".json")
+    if not path.exists():
+        path = weights
     with reading(path):
-        card = json.loads(path.read_text(encoding="utf-8"))
+        text = _held_card(path) if path == weights else path.read_text(encoding="utf-8")
+        card = json.loads(text)
         int(card["width"]), float(card["decision_period"])
         if card["algorithm"] not in ALGORITHMS:
             raise ValueError(f"algorithm: {card['algorithm']!r}; allowed: {', '.join(ALGORITHMS)}")
         return card
+
+
+def _held_card(weights: Path) -> str:
+    with np.load(weights, allow_pickle=False) as file:
+        if CARD not in file:
+            raise ValueError(f"it holds no card, and there is no {weights.with_suffix('.json').name} beside it")
+        return str(file[CARD])
 
 
 def unseen_seed(recipe: Recipe) -> int:

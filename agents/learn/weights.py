@@ -1,7 +1,7 @@
 """Learned policies: how they are built, kept and used.
 
-Weights are kept as plain arrays (``.npz``, read without unpickling) beside a card (``.json``) that says how they came
-to be; the network is built anew for the environment at hand.
+Weights are kept as plain arrays (``.npz``, read without unpickling) with a card that says how they came to be, in the
+same file and as ``.json`` beside it; the network is built anew for the environment at hand.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,9 +21,9 @@ from activeslam_gym.config import whole_multiple
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import MOTION_COUNT
 from agents import pretrained
-from agents.learn.card import read_card
+from agents.learn.card import CARD, read_card
 from agents.learn.encoder import SetEncoder
-from agents.tools.files import reading, write_json
+from agents.tools.files import json_text, reading, write_json
 from baselines.policy import Environment
 
 FREE = -1
@@ -42,15 +42,18 @@ def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
 
 
 def save(path: Path, policy: torch.nn.Module, card: dict[str, Any]) -> None:
-    """Write a policy's weights to ``path`` (.npz) and its card beside it (.json), each whole or not at all.
+    """Write a policy's weights and its card to ``path`` (.npz), and the card beside it (.json).
 
-    Raises ValueError for weights that are not finite.
+    Wherever the process is killed, the weights that are there have their own card: the new file holds both, and takes
+    its place when the card of the old weights is gone. Raises ValueError for weights that are not finite.
     """
-    weights = {name: value.cpu().numpy() for name, value in policy.state_dict().items()}
+    weights: dict[str, Any] = {name: value.cpu().numpy() for name, value in policy.state_dict().items()}
     require_finite(weights)
+    beside = path.with_suffix(".json")
     with written_whole(path) as unfinished:
-        np.savez(unfinished, **weights)
-    write_json(path.with_suffix(".json"), card)
+        np.savez(unfinished, **(weights | {CARD: json_text(card)}))
+        beside.unlink(missing_ok=True)
+    write_json(beside, card)
 
 
 def require_finite(weights: Mapping[str, np.ndarray]) -> None:
@@ -179,7 +182,7 @@ def read(name: str, folder: Path = pretrained.FOLDER) -> tuple[dict[str, np.ndar
         )
     path = folder / f"{name}.npz"
     with reading(path), np.load(path, allow_pickle=False) as file:
-        weights = {key: file[key] for key in file.files}
+        weights = {key: file[key] for key in file.files if key != CARD}
         require_finite(weights)
     return weights, read_card(path)
 

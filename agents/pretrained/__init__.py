@@ -8,7 +8,7 @@ FOLDER = Path(__file__).parent
 
 def names(folder: Path = FOLDER) -> list[str]:
     """Names of the learned policies in a folder."""
-    return sorted(path.stem for path in folder.glob("*.npz"))
+    return sorted(path.stem for path in folder.glob("[!.]*.npz"))  # not the unfinished file of a killed process
 
 
 def trained_in(scenario: str) -> list[str]:

@@ -21,7 +21,12 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 def write_json(path: Path, value: Any) -> None:
     """Write `value` as JSON; a number that is not finite becomes null."""
-    write_text(path, json.dumps(_plain(value, None), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    write_text(path, json_text(value))
+
+
+def json_text(value: Any) -> str:
+    """`value` as JSON; a number that is not finite becomes null."""
+    return json.dumps(_plain(value, None), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:

@@ -21,6 +21,7 @@ MATHEMATICS = {"kernels", "config", "geometry", "linalg", "camera", "motion"}
 MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "files": set(),
+    "registry": set(),
     "kernels": {"files"},
     "config": set(),
     "threads": {"config"},
@@ -30,10 +31,11 @@ MAY_IMPORT: dict[str, set[str]] = {
     "camera": {"kernels", "config", "geometry", "motion"},
     "metrics": MATHEMATICS | {"files"},
     "world": MATHEMATICS,
-    "slam": MATHEMATICS,
-    "information": MATHEMATICS | {"slam.belief", "slam.sight", "slam.kalman"},
+    "slam": MATHEMATICS | {"registry"},
+    "information": MATHEMATICS | {"slam.estimate", "slam.sight", "slam.kalman"},
+    "sensors": MATHEMATICS | {"registry", "world", "slam.estimate", "slam.sight"},  # sees the truth
     "rendering": {"envs.snapshot"},  # draws a snapshot
-    "envs": MATHEMATICS | {"threads", "metrics", "world", "slam", "information", "rendering", "vision"},
+    "envs": MATHEMATICS | {"threads", "metrics", "world", "sensors", "slam", "information", "rendering", "vision"},
     "vision": MATHEMATICS | {"files", "slam", "world.noise"},  # beside envs; of the world the counted noise alone
     "wrappers": {"envs", "__init__"},  # for clients; nothing of ours needs them
     "play": {"motion", "rendering"},
@@ -178,10 +180,33 @@ def test_imports_go_down(module: str) -> None:
     assert not faults, "\n".join(faults)
 
 
-def test_truth_and_belief_meet_in_envs_alone() -> None:
+def test_truth_and_estimator_meet_in_envs_alone() -> None:
+    """A sensor sees the truth, and its model reads an `Estimate`; but no estimator."""
     reach = {name: allowed | {name} for name, allowed in MAY_IMPORT.items()}
-    meet = [name for name, all in reach.items() if "world" in all and any(is_under(one, "slam") for one in all)]
-    assert meet == ["envs"]
+    assert [name for name, all in reach.items() if {"world", "slam"} <= all] == ["envs"]
+
+
+OUTSIDE_SLAM = [name for name in SOURCES if not is_under(name, f"{GYM}.slam")]
+"""They pass the filter's arrays on, `Run.ekf`, and read an `Estimate`."""
+
+
+@pytest.mark.parametrize("module", OUTSIDE_SLAM)
+def test_the_arrays_of_the_filter_are_read_in_slam_alone(module: str) -> None:
+    lines = filter_reads(ast.parse(SOURCES[module].read_text(encoding="utf-8")))
+    assert not lines, f"{module} reads arrays of the filter in lines {lines}"
+
+
+def filter_reads(tree: ast.AST) -> list[int]:
+    """Lines that read an attribute of ``x.ekf``, or ``filter.belief`` of a `Filter`."""
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
+    arrays = [node for node in found if isinstance(node.value, ast.Attribute) and node.value.attr == "ekf"]
+    own = [node for node in found if node.attr == "belief" and ast.unparse(node.value).endswith("filter")]
+    return sorted(node.lineno for node in arrays + own)
+
+
+def test_a_read_of_the_filters_arrays_is_caught() -> None:
+    source = "run.ekf.state.dim; front_end.filter.belief\nself._filter.belief.feature[0]\nf(run.ekf, env.belief.landmarks)"
+    assert filter_reads(ast.parse(source)) == [1, 1, 2]
 
 
 SECRETS = {
@@ -211,6 +236,7 @@ VIOLATIONS = {
         from activeslam_gym.metrics import nees; from activeslam_gym.information.entropy import gathered;
         from activeslam_gym.vision import search""",
     "activeslam_gym.world.simulator": "from activeslam_gym.slam.belief import Belief",
+    "activeslam_gym.sensors.points": "from activeslam_gym.slam.filter import Filter",
     "activeslam_gym.information.criteria": """from activeslam_gym.slam.filter import filter_frame;
         from activeslam_gym.slam import belief, filter""",
     "activeslam_gym.information.candidates": "from activeslam_gym.envs.reward import EVALUATION",
@@ -251,7 +277,8 @@ ALLOWED = {
     "baselines.greedy": "from activeslam_gym import Motion; from . import policy",
     "activeslam_gym.camera": "import numpy; from . import kernels; from .config import Scenario",
     "activeslam_gym.slam.filter": "from .belief import Belief; from ..camera import project",
-    "activeslam_gym.information.candidates": "from activeslam_gym.slam import belief, kalman, sight",
+    "activeslam_gym.information.candidates": "from activeslam_gym.slam import estimate, kalman, sight",
+    "activeslam_gym.sensors.points": "from ..world.truth import Truth; from ..slam.estimate import Estimate",
     "activeslam_gym.envs.active_slam": "def render(): from activeslam_gym import rendering",
     "activeslam_gym.envs.simulation": "from ..world import room; from ..slam import filter",
     "activeslam_gym.rendering.picture": """def draw(): import matplotlib.pyplot as plt;

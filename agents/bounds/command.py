@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from activeslam_gym.config import scenario_from
+from activeslam_gym.evaluation import Episode
 from agents import pretrained
 from agents.bounds.ceiling import ceiling
 from agents.bounds.drawing import draw
 from agents.bounds.planners import BUDGETS
 from agents.bounds.share import BASE, shares
 from agents.compare.command import Args as Comparison
-from agents.compare.command import compare
-from agents.episode import Episode
-from agents.task import check, file_name
+from agents.compare.command import compare, tasks_of
+from agents.task import check
 from agents.tools.arguments import Rooms, first_room, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
@@ -84,6 +84,7 @@ class Args(Rooms):
             duration=self.duration,
             reference=BASE,
             out=self.out / scenario,
+            store=self.store or self.out / "episodes",
             resume=True,
             figures=False,
         )
@@ -95,32 +96,32 @@ def main(args: Args) -> int:
     for one in comparisons.values():
         check(one.names, [one.environment])
     args.prepare("bounds")
-    results: dict[str, Scores] = {}
+    found: dict[str, Scores] = {}
     for scenario, one in comparisons.items():
         print(f"{scenario}: {len(one.names)} policies, {args.episodes} rooms each")
         summary = compare(one)
         if summary is None or not summary.settings["complete"]:
             print("Interrupted; the same command goes on.")
             return 130
-        results[scenario] = scores(args, scenario)
-    write(args, results)
+        found[scenario] = scores(one)
+    write(args, found)
     return 0
 
 
-def scores(args: Args, scenario: str) -> Scores:
-    """The log scores that the comparison left in its folder, and the loose bound on the largest planner's path."""
-    folder, first = args.out / scenario / "episodes", first_room(scenario, args.seed)
-    seeds = range(first, first + args.episodes)
-    episodes = {
-        name: {seed: Episode.load(folder / f"{file_name(SOURCES.get(name, name))}-{seed}.npz") for seed in seeds}
-        for name in args.names(scenario)
-    }
-    out = {
-        name: {seed: float(run.log_score[-1] - run.log_score[0]) for seed, run in runs.items()}
-        for name, runs in episodes.items()
-    }
-    settings = scenario_from(scenario)
-    return out | {CEILING: {seed: ceiling(run, settings) for seed, run in episodes[PLANNER].items()}}
+def scores(comparison: Comparison) -> Scores:
+    """The log scores of the comparison's episodes, which are in its store, and the loose bound on the largest
+    planner's paths."""
+    called = {source: name for name, source in SOURCES.items()}
+    settings = scenario_from(comparison.scenario)
+    found: Scores = {called.get(name, name): {} for name in (*comparison.names, CEILING)}
+    for task in tasks_of(comparison):
+        kept = comparison.episode_store.load(task.label, task.key)
+        assert kept is not None
+        run = Episode.of(kept)
+        found[called.get(task.policy, task.policy)][task.seed] = float(run.log_score[-1] - run.log_score[0])
+        if task.policy == SOURCES[PLANNER]:
+            found[CEILING][task.seed] = ceiling(run, settings)
+    return found
 
 
 def write(args: Args, results: Mapping[str, Scores]) -> None:

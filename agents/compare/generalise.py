@@ -115,4 +115,5 @@ def _comparison(args: Args, name: str, scenario: str) -> command.Args:
     same = {key: getattr(args, key) for key in ("policies", "episodes", "jobs")}
     seed = first_room(name, args.seed) if name in args.scenarios else args.seed
     out = args.out / name.replace(" ", "-")
-    return command.Args(**same, seed=seed, out=out, scenario=scenario, resume=True, figures=False)
+    store = args.store or args.out / "episodes"
+    return command.Args(**same, seed=seed, out=out, store=store, scenario=scenario, resume=True, figures=False)

@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion
-from agents.episode import Episode, gaze_counts, motion_counts, outcome
-from agents.study.observer import Notes
+from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts, outcome
+from agents.study.observer import Notes, Observer
 
 Array = NDArray[Any]
 
-VERSION = 2
-"""To be raised with the meaning of a measure, so that kept rows of the old meaning are not taken."""
 TARGET = 14
 """The landmark whose time the paper tells."""
 LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)
@@ -23,6 +21,16 @@ FIRST_MINUTE = 60.0
 """What figure 5 b shows [s]."""
 POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02
 """Half heights of figure 3's axes: m, and a quaternion's component."""
+
+
+class Numbers(Observer):
+    """The measure of the study: a row of numbers, from the whole episode and what was noted of it."""
+
+    whole = True
+
+    def result(self, episode: Episode) -> dict[str, Any]:
+        """See `measures`."""
+        return measures(episode, self.notes)
 
 
 def measures(episode: Episode, notes: Notes) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from activeslam_gym.evaluation import matched_ids
 from activeslam_gym.motion import CAMERA_DIM
-from agents.evaluate import matched_ids
 
 Array = NDArray[Any]
 
@@ -35,17 +35,13 @@ class Observer:
     """Takes notes after each step; see `look`."""
 
     def __init__(self) -> None:
-        self._begin()
-
-    def _begin(self) -> None:
         self._steps: list[tuple[int, int, int, float]] = []
         self._visited: list[float] = []
         self._last_match: dict[int, float] = {}
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
-        """See what there is to note of a step; a reset begins anew."""
+        """See what there is to note of a step."""
         if core.time == 0.0:
-            self._begin()
             return
         matches = matched_ids(core)
         fiducials = sum(id < 0 for id in matches)

@@ -5,9 +5,11 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from activeslam_gym.config import benchmark_seed
+from activeslam_gym.evaluation import Store
 from agents.tools.files import writable_folder
 from agents.tools.sections import page_with
 
@@ -23,6 +25,8 @@ class Rooms:
     """Episode j is reset(seed=seed + j)."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
+    store: Path | None = None
+    """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for a number outside of what it may be."""
@@ -33,6 +37,13 @@ class Rooms:
         for page in getattr(self, "report", ()):
             page_with(page, *sections)
         writable_folder("out", self.out)  # type: ignore[attr-defined]
+        if self.store:
+            writable_folder("store", self.store)
+
+    @property
+    def episode_store(self) -> Store:
+        """Where episodes are kept."""
+        return Store(self.store or self.out / "episodes")  # type: ignore[attr-defined]
 
 
 def at_least(args: Any, **least: int) -> None:

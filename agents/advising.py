@@ -15,7 +15,7 @@ from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
 from agents.study.verdicts import Finding, Side, judge, judged
-from agents.tools.arguments import SEEDS, given, within
+from agents.tools.arguments import SEEDS, command_line, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
 from agents.tools.sections import page_with, provenance, put_section, table
 from agents.tools.statistics import Estimate, Statistic, estimate
@@ -98,12 +98,6 @@ class Args:
             page_with(page, SECTION, CLAIMS)
 
     @property
-    def command(self) -> str:
-        """What runs this."""
-        rooms, times = (" ".join(f"{value:g}" for value in values) for values in (self.rooms, self.seconds))
-        return f"python -m agents live --rooms {rooms} --seed {self.seed} --seconds {times}"
-
-    @property
     def lasting(self) -> dict[int, float]:
         """Seed of each room → how long its runs last [s]."""
         counts = self.rooms * len(self.seconds) if len(self.rooms) == 1 else self.rooms
@@ -125,8 +119,8 @@ def main(args: Args) -> int:
         print("Interrupted; the runs that are over are kept, and the same command goes on from them.")
         return 130
     for page in args.report:
-        put_section(page, SECTION, f"{provenance(args.command)}\n\n{text}")
-        put_section(page, CLAIMS, f"{provenance(args.command)}\n\n{claims(runs, args.seconds)}")
+        put_section(page, SECTION, f"{provenance(command_line('live', args))}\n\n{text}")
+        put_section(page, CLAIMS, f"{provenance(command_line('live', args))}\n\n{claims(runs, args.seconds)}")
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 
@@ -312,7 +306,7 @@ def write(runs: Runs, text: str, args: Args) -> None:
         row(habit, seed, now) for habit, rooms in runs.items() for seed, seconds in rooms.items() for now in seconds
     ]
     write_csv(args.out / "seconds.csv", rows)
-    write_json(args.out / "settings.json", {"command": args.command})
+    write_json(args.out / "settings.json", {"command": command_line("live", args)})
     write_text(args.out / "live.md", text + "\n")
     if args.figures:
         draw(runs, args.out / "figure5.png")

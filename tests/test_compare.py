@@ -374,7 +374,7 @@ def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytes
 def test_missing_matplotlib_costs_the_figures_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("agents.compare.command.find_spec", lambda name: None)
+    monkeypatch.setattr("agents.tools.arguments.find_spec", lambda name: None)
     monkeypatch.setattr(tasks, "play_tasks", lambda group: [episode(one.policy, one.seed).arrays() for one in group])
     command = ["compare", "--policies", "stay", "--policy", "sweep", "--episodes", "2", "--jobs", "1"]
     assert main([*command, "--out", str(tmp_path)]) == 0

@@ -299,7 +299,7 @@ def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main([*arguments, str(tmp_path)]) == 0
     assert "Written to" in capsys.readouterr().out
     page = (tmp_path / "STUDY.md").read_text(encoding="utf-8")
-    assert "python -m agents study --episodes 2 --choice-episodes 1 --seed 1000000 --duration 1" in page
+    assert "python -m agents study --episodes 2 --choice-episodes 1 --duration 1 --seed 1000000" in page
     for claim in CLAIMS:
         assert claim.words in page
     study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))

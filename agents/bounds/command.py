@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +15,9 @@ from agents.bounds.drawing import draw
 from agents.bounds.planners import BUDGETS
 from agents.bounds.share import BASE, shares
 from agents.compare.command import Args as Comparison
-from agents.compare.command import compare, tasks_of
+from agents.compare.command import compare_each, tasks_of
 from agents.task import check
-from agents.tools.arguments import Rooms, first_room, given
+from agents.tools.arguments import Rooms, command_line, first_room, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
 from agents.tools.statistics import estimate
@@ -60,12 +59,6 @@ class Args(Rooms):
         super().__post_init__()
         given(self, "scenarios")
 
-    @property
-    def command(self) -> str:
-        """What runs this."""
-        scenarios = " ".join(self.scenarios)
-        return f"python -m agents bounds --scenarios {scenarios} --episodes {self.episodes} --seed {self.seed}"
-
     def names(self, scenario: str) -> tuple[str, ...]:
         """The policies that are run there, as the tables call them."""
         learned = self.learned or (*pretrained.trained_in(scenario), GENERAL)
@@ -96,15 +89,9 @@ def main(args: Args) -> int:
     for one in comparisons.values():
         check(one.names, [one.environment])
     args.prepare("bounds")
-    found: dict[str, Scores] = {}
-    for scenario, one in comparisons.items():
-        print(f"{scenario}: {len(one.names)} policies, {args.episodes} rooms each")
-        summary = compare(one)
-        if summary is None or not summary.settings["complete"]:
-            print("Interrupted; the same command goes on.")
-            return 130
-        found[scenario] = scores(one)
-    write(args, found)
+    if compare_each(comparisons) is None:
+        return 130
+    write(args, {scenario: scores(one) for scenario, one in comparisons.items()})
     return 0
 
 
@@ -127,15 +114,14 @@ def scores(comparison: Comparison) -> Scores:
 def write(args: Args, results: Mapping[str, Scores]) -> None:
     """Everything into `args.out`, and into the pages of `args.report`."""
     texts = [f"### `{scenario}`\n\n{bounds_table(found)}" for scenario, found in results.items()]
-    drawn = args.figures and find_spec("matplotlib") is not None
-    text = "\n\n".join([*texts, *(["![bounds](images/bounds.png)"] if drawn else [])])
+    text = "\n\n".join([*texts, *(["![bounds](images/bounds.png)"] if args.drawn else [])])
     write_text(args.out / "bounds.md", text + "\n")
     write_json(args.out / "bounds.json", {"settings": json.loads(json.dumps(asdict(args), default=str)), **results})
-    if drawn:
+    if args.drawn:
         draw(results, args.out / "images" / "bounds.png")
     for page in args.report:
-        put_section(page, "bounds", f"{provenance(args.command)}\n\n{text}")
-        if drawn:
+        put_section(page, "bounds", f"{provenance(command_line('bounds', args))}\n\n{text}")
+        if args.drawn:
             draw(results, page.parent / "images" / "bounds.png")
     print(f"\n{text}\n\nWritten to {args.out}/")
 

@@ -1,10 +1,8 @@
 """Compare policies in the same unseen rooms: episodes, table, CSV, JSON and figures."""
 
 import json
-import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from agents import policies, tables
 from agents.figures import draw_all
 from agents.summary import Summary, summarise
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Rooms, at_least, given, scenario_argument, times, times_within
+from agents.tools.arguments import Rooms, at_least, command_line, given, scenario_argument, times, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text, written
 from agents.tools.sections import provenance, put_section
 
@@ -74,15 +72,6 @@ class Args(Rooms):
         names = ("scenario", "gaze_period", "motion_period", "duration", "lost_position_error")
         return {name: getattr(self, name) for name in names} | {"scenario": scenario_argument(self.scenario)}
 
-    @property
-    def command(self) -> str:
-        """What runs this comparison."""
-        given = f"--policies {' '.join(self.names)} --episodes {self.episodes} --seed {self.seed}"
-        other = [name for name in ("scenario", "gaze_period") if getattr(self, name) != getattr(Args, name)]
-        return f"python -m agents compare {given}" + "".join(
-            f" --{name.replace('_', '-')} {shlex.quote(str(getattr(self, name)))}" for name in other
-        )
-
 
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
@@ -109,6 +98,19 @@ def compare(args: Args) -> Summary | None:
         return _compare(args)
 
 
+def compare_each(comparisons: Mapping[str, Args]) -> dict[str, Summary] | None:
+    """The figures of several comparisons by their names; None where one was interrupted, which is said."""
+    summaries = {}
+    for name, args in comparisons.items():
+        print(f"{name}: {len(args.names)} policies, {args.episodes} rooms each")
+        summary = compare(args)
+        if summary is None or not summary.settings["complete"]:
+            print("Interrupted; the same command goes on.")
+            return None
+        summaries[name] = summary
+    return summaries
+
+
 def _compare(args: Args) -> Summary | None:
     tasks = tasks_of(args)
     episodes = _play(tasks, args)
@@ -118,17 +120,16 @@ def _compare(args: Args) -> Summary | None:
     duration = args.duration or scenario_from(args.environment["scenario"]).duration
     honest_at = times_within(args.honesty_times, duration)
     summary = summarise(episodes, args.reference, args.target_landmarks, honest_at, settings)
-    drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
-    if args.figures and not drawn:
+    if args.figures and not args.drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", tables.markdown(summary))
     for page in args.report:
-        put_section(page, "compare", f"{provenance(args.command)}\n\n{tables.markdown(summary)}")
+        put_section(page, "compare", f"{provenance(command_line('compare', args))}\n\n{tables.markdown(summary)}")
         put_section(page, "headline", tables.headline(summary))
-    if drawn:
+    if args.drawn:
         draw_all(episodes, args.out)
     return summary
 

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from agents.honesty import drawing, page
 from agents.honesty.calibration import Calibration, calibrate, initialisation_of
 from agents.honesty.witness import Witness
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Rooms, given, times, times_within
+from agents.tools.arguments import Rooms, command_line, given, times, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text, written
 from agents.tools.sections import provenance, put_section
 
@@ -48,15 +47,6 @@ class Args(Rooms):
         super().__post_init__()
         given(self, "policies", "initialisations")
         times(self, "times")
-
-    @property
-    def command(self) -> str:
-        """What runs this."""
-        command = (
-            f"python -m agents consistency --episodes {self.episodes} --seed {self.seed} --scenario {self.scenario}"
-        )
-        chosen = self.initialisations != Args.initialisations
-        return command + (f" --initialisations {' '.join(self.initialisations)}" if chosen else "")
 
     @property
     def environments(self) -> list[dict[str, Any]]:
@@ -146,11 +136,10 @@ def _write(
     write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
     text = page.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)
-    drawn = args.figures and find_spec("matplotlib") is not None
-    if drawn:
+    if args.drawn:
         drawing.draw(calibrations, args.out / "nees.png")
     for path in args.report:
         section = text.replace("# ", "## ").replace("(nees.png)", "(images/nees.png)")
-        put_section(path, "consistency", f"{provenance(args.command)}\n\n{section}")
-        if drawn:
+        put_section(path, "consistency", f"{provenance(command_line('consistency', args))}\n\n{section}")
+        if args.drawn:
             drawing.draw(calibrations, path.parent / "images" / "nees.png")

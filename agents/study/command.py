@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from agents.study.conditions import DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Con
 from agents.study.runs import Row, Rows, run_conditions, task_of
 from agents.study.verdicts import Finding
 from agents.task import check, rehearse, results
-from agents.tools.arguments import Rooms, at_least
+from agents.tools.arguments import Rooms, at_least, command_line
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.machine import machine, versions
 
@@ -124,7 +123,7 @@ def write(study: Study, args: Args) -> None:
     write_csv(args.out / "rows.csv", [{k: v for k, v in row.items() if not isinstance(v, list)} for row in named])
     for name, episode in (study.drawn.strategies | study.drawn.live).items():
         episode.write_trajectories(args.out / "trajectories", name)
-    if args.figures and find_spec("matplotlib") is not None:
+    if args.drawn:
         drawing.draw_all(study.rows, study.findings, study.drawn, args.out / "images" / "study")
     write_text(args.out / "STUDY.md", page.markdown(study.rows, study.findings, study.settings))
 
@@ -137,11 +136,8 @@ def _flat(finding: Finding) -> dict[str, Any]:
 
 def _settings(args: Args, room: int) -> dict[str, Any]:
     """What was run, where and with which versions, as plain values."""
-    names = ("episodes", "choice_episodes", "seed")
-    changed = [f"--{name.replace('_', '-')} {getattr(args, name)}" for name in names]
-    changed += [] if args.duration is None else [f"--duration {args.duration:g}"]
     return {
-        "command": " ".join(["python -m agents study", *changed]),
+        "command": command_line("study", args),
         "episodes": args.episodes,
         "seed": args.seed,
         "duration": args.duration,

@@ -71,27 +71,26 @@ def play(
         raise ValueError(f"seeds: {len(seeds)} of them; allowed: {len(rows)}, as many as environments")
     if batched and core.autoreset_mode is not AutoresetMode.DISABLED:
         raise ValueError(f"env: autoreset_mode {core.autoreset_mode.name}; allowed: DISABLED")
-    recorders = [_Recorder(row, looks[i] if looks else (), period) for i, row in enumerate(rows)]
+    recorder = _Recorder(rows, batched, looks, period)
     observation, infos = env.reset(seed=list(seeds) if batched else seeds[0])  # type: ignore[arg-type]
-    for i, recorder in enumerate(recorders):
-        recorder.see(info_at(infos, i) if batched else infos, False)
+    recorder.see(infos, False)
     state, first, over = None, True, np.zeros(len(rows), bool)
     while not over.any():
-        reads, clock = np.atleast_1d(core.motion_phase) == 0, [perf_counter()]
+        reads, clock = np.atleast_1d(core.motion_phase == 0), [perf_counter()]
         start = np.full(len(rows), first)
         action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
         clock.append(perf_counter())
         observation, reward, terminated, truncated, infos = env.step(action)
         clock.append(perf_counter())
         first, over = False, np.atleast_1d(np.logical_or(terminated, truncated))
-        spent = tuple(np.diff(clock) * 1e6 / len(rows))
-        for i, recorder in enumerate(recorders):
-            now = (action[i], reads[i], reward[i]) if batched else (action, reads[0], reward)  # type: ignore[index]
-            recorder.steps.append((_motion_and_gaze(now[0]), bool(now[1]), float(now[2]), *spent))
-            recorder.see(info_at(infos, i) if batched else infos, bool(over[i]))
+        spent = np.diff(clock) * 1e6 / len(rows)
+        recorder.steps.append(
+            (_motions_and_gazes(action, batched), reads, np.atleast_1d(np.asarray(reward, float)), *spent)
+        )
+        recorder.see(infos, bool(over.any()))
     if not over.all():
         raise ValueError("env: its episodes do not end together; allowed: a batch with end_when_lost=False")
-    return [recorder.episode(name, seed, settings) for recorder, seed in zip(recorders, seeds)]
+    return recorder.episodes(name, seeds, settings)
 
 
 def matched_ids(core: Any) -> list[int]:
@@ -101,53 +100,55 @@ def matched_ids(core: Any) -> list[int]:
 
 
 class _Recorder:
-    """Takes down one episode; ``core`` is a single environment, or what a batch lets read of one."""
+    """Takes down episodes; ``rows`` are single environments, or what a batch lets read of each."""
 
-    def __init__(self, core: Any, looks: Sequence[Look], period: float) -> None:
-        self._core, self._looks = core, looks
-        times = np.arange(round(core.duration / core.gaze_period) + 1) * core.gaze_period
+    def __init__(self, rows: list[Any], batched: bool, looks: Sequence[Sequence[Look]], period: float) -> None:
+        self._rows, self._batched, self._looks = rows, batched, looks or [()] * len(rows)
+        times = np.arange(round(rows[0].duration / rows[0].gaze_period) + 1) * rows[0].gaze_period
         self._sampled = set(nearest(times, period).tolist()) if period else None
-        self._samples: list[dict[str, Any]] = []
-        self._marks: list[tuple[float, float]] = []
-        self._events: list[dict[str, int]] = []
-        self._lost_from = np.nan
+        self._samples: list[list[dict[str, Any]]] = [[] for _ in rows]
+        self._marks: list[list[tuple[float, float]]] = [[] for _ in rows]
+        self._events: list[dict[str, Array]] = []
+        self._lost_from = np.full(len(rows), np.nan)
         self.steps: list[tuple[Any, ...]] = []
 
-    def see(self, info: dict[str, Any], over: bool) -> None:
+    def see(self, infos: dict[str, Any], over: bool) -> None:
         """After the reset, and after every step, which is then in `steps`."""
-        for look in self._looks:
-            look(self._core, info)
-        time = self._core.time
-        if self._sampled is None or over or len(self.steps) in self._sampled:
-            self._samples.append(_sample(self._core, info))
-        while info["landmarks_mapped"] > len(self._marks):
-            self._marks.append((time, info["log2_det"]["total"]))
+        due, time = self._sampled is None or over or len(self.steps) in self._sampled, self._rows[0].time
+        for i, (core, looks) in enumerate(zip(self._rows, self._looks)):
+            if due or looks:
+                info = info_at(infos, i) if self._batched else infos
+                for look in looks:
+                    look(core, info)
+                if due:
+                    self._samples[i].append(_sample(core, info))
+        mapped, log2_det = np.atleast_1d(infos["landmarks_mapped"]), np.atleast_1d(infos["log2_det"]["total"])
+        for i, marks in enumerate(self._marks):
+            marks.extend([(time, float(log2_det[i]))] * max(int(mapped[i]) - len(marks), 0))
+        self._lost_from[np.atleast_1d(infos["lost"]) & np.isnan(self._lost_from)] = time
         if self.steps:
-            self._events.append(info["events"])
-        if info["lost"] and np.isnan(self._lost_from):
-            self._lost_from = time
+            self._events.append(infos["events"])
 
-    def episode(self, name: str, seed: int, settings: str) -> Episode:
-        """The record, when the episode is over."""
-        names = ("actions", "motion_read", "rewards", "decision_us", "step_us")
-        columns = (np.array(column) for column in zip(*self.steps, strict=True))
-        marks = np.reshape(self._marks, (-1, 2))
-        record: dict[str, Any] = {
-            **_stacked(self._samples),
-            **dict(zip(names, columns)),
-            **{"landmark_times": marks[:, 0], "landmark_log2_det": marks[:, 1]},
-            **_final(self._core),
-            "events": {name: np.array([one[name] for one in self._events], np.int32) for name in self._events[0]},
-        }
-        return Episode(
-            policy=name,
-            seed=seed,
-            settings=settings,
-            lost=bool(not np.isnan(self._lost_from)),
-            lost_from=float(self._lost_from),
-            room_size=np.array(self._core.scenario.room_size, dtype=float),
-            **record,
-        )
+    def episodes(self, name: str, seeds: Sequence[int], settings: str) -> list[Episode]:
+        """The records, when the episodes are over."""
+        actions, reads, rewards, decisions, steps = (np.array(column) for column in zip(*self.steps, strict=True))
+        names = [key for key in self._events[0] if not key.startswith("_")]
+        counts = {key: np.array([np.atleast_1d(one[key]) for one in self._events], np.int32) for key in names}
+        records = []
+        for i, (core, seed) in enumerate(zip(self._rows, seeds)):
+            marks = np.reshape(self._marks[i], (-1, 2))
+            record: dict[str, Any] = {
+                **_stacked(self._samples[i]),
+                **{"actions": actions[:, i], "motion_read": reads[:, i], "rewards": rewards[:, i]},
+                **{"decision_us": decisions, "step_us": steps},
+                **{"landmark_times": marks[:, 0], "landmark_log2_det": marks[:, 1]},
+                **_final(core),
+                **{"lost_from": float(self._lost_from[i]), "lost": not np.isnan(self._lost_from[i])},
+                "events": {key: value[:, i] for key, value in counts.items()},
+                "room_size": np.array(core.scenario.room_size, dtype=float),
+            }
+            records.append(Episode(policy=name, seed=seed, settings=settings, **record))
+        return records
 
 
 def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
@@ -200,7 +201,7 @@ def _final(core: Any) -> dict[str, Array]:
     }
 
 
-def _motion_and_gaze(action: Any) -> tuple[int, int]:
-    """Motion and gaze of an action, a pair or the one integer of the discrete action space."""
-    motion, gaze = divmod(int(action), len(Gaze)) if np.ndim(action) == 0 else action
-    return int(motion), int(gaze)
+def _motions_and_gazes(action: Any, batched: bool) -> Array:
+    """(R, 2) motions and gazes of an action, pairs or the integers of the discrete action space."""
+    is_index = np.ndim(action) == int(batched)
+    return np.reshape(np.stack(np.divmod(action, len(Gaze)), axis=-1) if is_index else action, (-1, 2)).astype(int)

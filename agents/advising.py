@@ -14,6 +14,7 @@ from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, package_versions
 from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
+from agents.study.measures import FIRST_MINUTE, LATERAL
 from agents.study.verdicts import Finding, Side, judge, judged
 from agents.tools.arguments import SEEDS, command_line, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
@@ -22,11 +23,7 @@ from agents.tools.statistics import Estimate, Statistic, estimate
 
 NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
 """The same rooms, hands and gaze for each."""
-SIDEWAYS = (Motion.UP, Motion.DOWN, Motion.LEFT, Motion.RIGHT)
-"""What the paper saw most of, after births."""
-CHANCE = len(SIDEWAYS) / len(Motion)
-FIRST_MINUTE = 60.0
-"""Of the paper's figure 5 (b) [s]."""
+CHANCE = len(LATERAL) / len(Motion)
 AFTER = 2
 """Commands after a birth, in seconds."""
 SECTION, CLAIMS = "live", "live-claims"
@@ -241,7 +238,7 @@ def sideways(runs: Runs) -> dict[str, list[float]]:
         minute = [now for now in seconds if now.time <= FIRST_MINUTE]
         born = [any(now.births for now in minute[max(k - AFTER + 1, 0) : k + 1]) for k in range(len(minute))]
         for name, wanted in (("after births", True), ("otherwise", False)):
-            chosen = [now.command in SIDEWAYS for now, fresh in zip(minute, born) if fresh is wanted]
+            chosen = [now.command in LATERAL for now, fresh in zip(minute, born) if fresh is wanted]
             shares[name].append(float(np.mean(chosen)) if chosen else np.nan)
     return shares
 

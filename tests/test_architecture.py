@@ -237,7 +237,7 @@ VIOLATIONS = {
     "activeslam_gym.vision.frontend": "from activeslam_gym.envs.public import Reads",
     "baselines.greedy": """from agents.learn.encoder import Encoder; from activeslam_gym import world;
         import torch.nn as nn""",
-    "agents.study.observer": "from activeslam_gym.slam.belief import POINT",
+    "agents.study.measures": "from activeslam_gym.slam.belief import POINT",
     "agents.compare.command": """from activeslam_gym.envs.simulation import Run;
         from activeslam_gym.envs.episode import info_at""",
 }

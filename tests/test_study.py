@@ -25,8 +25,7 @@ from agents.study import runs, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
 from agents.study.command import median_alive, median_room
 from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, conditions
-from agents.study.measures import measures
-from agents.study.observer import CLOSURE_GAP, Notes, Observer
+from agents.study.measures import CLOSURE_GAP, Notes, Observer, measures
 from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
 from agents.task import Task
 from agents.tools.statistics import Estimate

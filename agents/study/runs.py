@@ -5,7 +5,7 @@ from typing import Any
 
 from activeslam_gym.evaluation import Episode, Store
 from agents.study.conditions import Condition
-from agents.study.measures import Numbers
+from agents.study.measures import Observer
 from agents.task import Task, results
 
 Row = dict[str, Any]
@@ -23,7 +23,7 @@ class Rows(dict[tuple[str, str], list[Row]]):
 
 def task_of(condition: Condition, seed: int) -> Task:
     """The episode of a condition in a room."""
-    return Task(condition.source, seed, condition.settings(), measures=(Numbers,))
+    return Task(condition.source, seed, condition.settings(), measures=(Observer,))
 
 
 def run_conditions(plan: Mapping[Condition, Sequence[int]], store: Store, jobs: int) -> Rows:

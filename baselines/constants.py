@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation import play
-from activeslam_gym.evaluation.code import package_sources
+from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
 from .policy import Actions, Environment, Policy
@@ -136,7 +136,7 @@ def log_scores(
     What ``store`` has is not played again.
     """
     key = {"plans": plans.tolist(), "scenario": asdict(scenario), "seeds": list(seeds), "times": times}
-    key["baselines"] = package_sources("baselines")
+    key["code"] = digest(*(Path(__file__).with_name(f"{module}.py") for module in ("constants", "policy")))
 
     def scores() -> dict[str, NDArray[Any]]:
         each, rooms = np.repeat(plans, len(seeds), axis=0), np.tile(seeds, len(plans))

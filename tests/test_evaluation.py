@@ -1,6 +1,7 @@
 """The evaluator and its store: a batch plays what single episodes play, and a key holds all that a result rests on."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import baselines
-from activeslam_gym.evaluation import Episode, Store, code, play
+from activeslam_gym.evaluation import Episode, Store, code, play, run_episode
 from agents import policies
 from agents.task import Task, make_environment, play_tasks, run_policy
 
@@ -94,13 +95,20 @@ def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypa
     """`ModuleFinder` failed at namespace packages."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "loose").mkdir()
-    (tmp_path / "loose" / "mine.py").write_text("from loose.other import make\n")
+    (tmp_path / "loose" / "mine.py").write_text("from loose.other import make\nfrom . import other\n")
     found = []
-    for line in ("make = 1\n", "make = 2\n"):
+    for line in ("make = 1\nraise ImportError\n", "make = 2\n"):  # nothing is imported for a digest
         (tmp_path / "loose" / "other.py").write_text(line)
         code.module_sources.cache_clear()
         found.append(code.module_sources("loose.mine"))
-    assert found[0] != found[1]
+    assert found[0] != found[1] and "loose.other" not in sys.modules
+
+
+def test_the_old_home_of_the_evaluator_still_works_and_says_so() -> None:
+    sys.modules.pop("agents.evaluate", None)
+    with pytest.warns(DeprecationWarning, match="use activeslam_gym.evaluation"):
+        from agents.evaluate import run_episode as old
+    assert old is run_episode
 
 
 def test_a_damaged_result_is_made_again_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,7 @@
 """`best-sequence`: what a sequence plays, how it is searched, and what is shipped."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -9,7 +10,8 @@ import pytest
 
 import baselines
 from activeslam_gym import Gaze, Motion, Scenario
-from baselines import sequences
+from activeslam_gym.evaluation import Store, code
+from baselines import constants, sequences
 from baselines.constants import key_of
 from baselines.constants import log_scores as scores_of_plans
 from baselines.sequences import (
@@ -58,6 +60,18 @@ def test_scores_of_a_constant_are_those_of_the_constant_action() -> None:
     (alone,) = scores_of_plans(np.array([[(4, 0)]]), Scenario(), range(3), TIMES)
     np.testing.assert_array_equal(found[0], alone)
     assert (found[1] != alone).all()
+
+
+def test_a_search_goes_on_though_the_tables_that_it_writes_have_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, asked = Store(tmp_path), ([BACK_THEN_ORBIT], Scenario(), range(2), (1.0, 1.0, 2.0))
+    first = log_scores(*asked, store)
+    monkeypatch.setattr(code, "package_sources", lambda package: "other tables")
+    monkeypatch.setattr(constants, "_final_scores", lambda *_: pytest.fail("played again"))
+    np.testing.assert_array_equal(log_scores(*asked, store), first)
+    with pytest.raises(pytest.fail.Exception, match="played again"):
+        log_scores([constant((2, 1))], *asked[1:], store)
 
 
 def test_the_policy_plays_the_sequence() -> None:

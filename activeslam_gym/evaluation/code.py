@@ -6,6 +6,7 @@ import sysconfig
 from collections.abc import Iterator
 from functools import cache
 from importlib import metadata
+from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from uuid import uuid4
@@ -63,7 +64,7 @@ def _collect(name: str, files: dict[str, Path | None]) -> None:
     if name in files or top in COUNTED:
         return
     files[name] = None
-    if (home := _origin(top)) and _is_installed(home):  # before its submodules, whose search would import it
+    if (home := _origin(top)) and _is_installed(home):
         return
     if name != top:
         _collect(name.rpartition(".")[0], files)
@@ -87,11 +88,13 @@ def _imports(path: Path, package: str) -> Iterator[str]:
 
 
 def _origin(name: str) -> Path | None:
-    """File of a module, or None: it is built in, a folder without ``__init__.py``, or no module."""
-    try:
-        spec = find_spec(name)
-    except Exception:  # a parent that is no package, or whose own code fails
-        return None
+    """File of a module, which is not imported; None: it is built in, a folder without ``__init__.py``, or no module."""
+    first, *rest = name.split(".")
+    spec = find_spec(first) if first not in ("", "__main__") else None
+    for part in rest:
+        if spec is None or spec.submodule_search_locations is None:
+            return None
+        spec = PathFinder.find_spec(f"{spec.name}.{part}", spec.submodule_search_locations)
     return Path(spec.origin) if spec and spec.origin and spec.has_location else None
 
 

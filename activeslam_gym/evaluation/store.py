@@ -88,36 +88,33 @@ class Store:
         batch: int = 1,
         anew: bool = False,
     ) -> Generator[tuple[J, Arrays], None, None]:
-        """Yield every job with its result: those that are kept first, then the others as they finish.
+        """Yield every job with its result: the kept ones first, whose number is printed, then others as they finish.
 
         ``play`` makes the results of up to ``batch`` jobs of one group, in one of several ``processes``. With ``anew``
         kept results are replaced. Close the generator (or exhaust it) to end the processes.
         """
-        kept: dict[J, Arrays] = {} if anew else self._kept(jobs)
-        yield from kept.items()
-        if not (missing := [job for job in jobs if job not in kept]):
+        missing, damaged = [], 0
+        for job in jobs:
+            try:
+                arrays = None if anew else self.load(job.label, job.key)
+            except ValueError:
+                arrays, damaged = None, damaged + 1
+            if arrays is None:
+                missing.append(job)
+            else:
+                yield job, arrays
+        if (kept := len(jobs) - len(missing)) or damaged:
+            again = f"; {damaged} damaged, played again" if damaged else ""
+            print(f"{kept} of {len(jobs)} episodes are kept from an earlier command{again}.", flush=True)
+        if not missing:
             return
         groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
         parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
-        with closing(run_all(play, parts, processes, len(kept), len)) as finished:
+        with closing(run_all(play, parts, processes, kept, len)) as finished:
             for part, results in finished:
                 for job, arrays in zip(part, results, strict=True):
                     self.save(job.label, job.key, arrays)
                     yield job, arrays
-
-    def _kept(self, jobs: Sequence[J]) -> dict[J, Arrays]:
-        """Results of earlier commands, whose number is printed."""
-        kept, damaged = {}, 0
-        for job in jobs:
-            try:
-                if (arrays := self.load(job.label, job.key)) is not None:
-                    kept[job] = arrays
-            except ValueError:
-                damaged += 1
-        if kept or damaged:
-            again = f"; {damaged} damaged, played again" if damaged else ""
-            print(f"{len(kept)} of {len(jobs)} episodes are kept from an earlier command{again}.", flush=True)
-        return kept
 
     def _path(self, label: str, key: Key) -> Path | None:
         if self.folder is None:

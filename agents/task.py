@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -66,7 +66,7 @@ def results(
     """Yield every task with its episode; see `Store.gather`."""
     with closing(store.gather(tasks, play_tasks, jobs, batch, anew)) as finished:
         for task, arrays in finished:
-            yield task, Episode.of(arrays)
+            yield task, replace(Episode.of(arrays), settings=task.settings)  # another command may have put it otherwise
 
 
 def play_until_interrupted(
@@ -118,6 +118,8 @@ def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
     place, scenario = given.pop("expected", None), given.get("scenario")
     name = IMAGES if (scenario.get("name") if isinstance(scenario, dict) else scenario) in SIGHTED else ENVIRONMENT
     if count > 1:
+        if place:
+            raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")
         return gym.make_vec(name, num_envs=count, autoreset_mode="DISABLED", num_threads=1, **given)
     env = gym.make(name, **given)
     return Placed(env, place) if place else env

@@ -58,6 +58,8 @@ def test_a_batch_that_cannot_be_judged_is_refused() -> None:
     env = gym.make_vec("ActiveSLAM-v0", num_envs=2)
     with pytest.raises(ValueError, match="autoreset_mode NEXT_STEP; allowed: DISABLED"):
         play(env, baselines.make("stay", env), [1, 2])
+    with pytest.raises(ValueError, match="expected: 'nowhere' in a batch of 2"):
+        make_environment({"expected": "nowhere"}, 2)
     with pytest.raises(ValueError, match="seeds: 1 of them; allowed: 2"):
         play(env, baselines.make("stay", env), [1])
 

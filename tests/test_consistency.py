@@ -103,19 +103,20 @@ def test_witness_sees_every_conversion(initialisation: str) -> None:
 
 def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = ["consistency", "--policies", "mi-mi", "sweep", "--episodes", "2", "--duration", f"{DURATION}"]
-    assert main([*line, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert main([*line, "--jobs", "1", "--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]) == 0
     printed = capsys.readouterr().out
     assert "bars met" in printed and "fewer than 20" in printed
-    files = {"report.md", "report.json", "runs.csv", "nees.png"}
-    assert {path.name for path in tmp_path.iterdir()} == {*files, "episodes"}
-    rows = list(csv.DictReader((tmp_path / "runs.csv").open()))
+    out = tmp_path / "out"
+    assert {path.name for path in out.iterdir()} == {"report.md", "report.json", "runs.csv", "nees.png"}
+    assert len(list((tmp_path / "store").iterdir())) == 8
+    rows = list(csv.DictReader((out / "runs.csv").open()))
     assert len(rows) == 8 and {row["seed"] for row in rows} == {"2000000", "2000001"}
-    results = json.loads((tmp_path / "report.json").read_text())["results"]
+    results = json.loads((out / "report.json").read_text())["results"]
     assert [one["strategy"] for one in results] == ["mi-mi", "mi-mi", "sweep", "sweep"]
     assert [one["initialisation"] for one in results] == [INVERSE_DEPTH, DEPTH_PARTICLES] * 2
     of_mi_mi = [float(row["position_nees_4s"]) for row in rows[:2]]
     assert results[0]["nees"]["4"]["position"]["figure"]["value"] == pytest.approx(np.mean(of_mi_mi))
-    report = (tmp_path / "report.md").read_text()
+    report = (out / "report.md").read_text()
     assert report.startswith("# Consistency") and "| mi-mi, inverse_depth |" in report
 
 

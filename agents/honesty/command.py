@@ -131,8 +131,8 @@ def _write(
     """Everything into `args.out`: runs.csv, report.json, report.md and, where matplotlib is, nees.png."""
     ordered = [run for group in grouped(runs, args) for run in group]
     write_csv(args.out / "runs.csv", [row(run, times) for run in ordered])
-    paths = {"out": str(args.out), "report": [str(path) for path in args.report]}
-    settings = {**asdict(args), **paths, "complete": complete, "versions": package_versions(LIBRARIES)}
+    plain = json.loads(json.dumps(asdict(args), default=str))
+    settings = {**plain, "complete": complete, "versions": package_versions(LIBRARIES)}
     write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
     text = page.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)

@@ -1,8 +1,8 @@
 """The top floor: what compares policies, and the policies that learn. `python -m agents --help` lists the commands.
 
-Every episode is run by `evaluate.run_episode` into an `episode.Episode`. On these stand `compare` (policies in the same
-rooms), `learn` (training, and learned weights as a policy), `honesty` (is the filter consistent?), `study` (the paper's
-claims) and `watching`; `tools` is what they share.
+Every episode is a `task.Task`, which `activeslam_gym.evaluation` plays and keeps. On these stand `compare` (policies in
+the same rooms), `learn` (training, and learned weights as a policy), `honesty` (is the filter consistent?), `study`
+(the paper's claims) and `watching`; `tools` is what they share.
 """
 
 from __future__ import annotations

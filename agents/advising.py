@@ -1,6 +1,5 @@
 """`python -m agents live`: the paper's live system from rendered pixels. Is its advice worth following?"""
 
-import json
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -10,23 +9,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym import Motion
+from activeslam_gym.evaluation import Store
+from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, package_versions
+from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
+from agents.study.measures import FIRST_MINUTE, LATERAL
 from agents.study.verdicts import Finding, Side, judge, judged
-from agents.tools.arguments import SEEDS, given, within
-from agents.tools.files import alone_in, reading, writable_folder, write_csv, write_json, write_text
-from agents.tools.machine import sources
-from agents.tools.parallel import run_all
+from agents.tools.arguments import SEEDS, command_line, given, within
+from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
 from agents.tools.sections import page_with, provenance, put_section, table
 from agents.tools.statistics import LEGEND, Estimate, Statistic, estimate
 
 NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
 """The same rooms, hands and gaze for each."""
-SIDEWAYS = (Motion.UP, Motion.DOWN, Motion.LEFT, Motion.RIGHT)
-"""What the paper saw most of, after births."""
-CHANCE = len(SIDEWAYS) / len(Motion)
-FIRST_MINUTE = 60.0
-"""Of the paper's figure 5 (b) [s]."""
+CHANCE = len(LATERAL) / len(Motion)
 AFTER = 2
 """Commands after a birth, in seconds."""
 SECTION, CLAIMS = "live", "live-claims"
@@ -98,12 +95,6 @@ class Args:
             page_with(page, SECTION, CLAIMS)
 
     @property
-    def command(self) -> str:
-        """What runs this."""
-        rooms, times = (" ".join(f"{value:g}" for value in values) for values in (self.rooms, self.seconds))
-        return f"python -m agents live --rooms {rooms} --seed {self.seed} --seconds {times}"
-
-    @property
     def lasting(self) -> dict[int, float]:
         """Seed of each room → how long its runs last [s]."""
         counts = self.rooms * len(self.seconds) if len(self.rooms) == 1 else self.rooms
@@ -125,67 +116,53 @@ def main(args: Args) -> int:
         print("Interrupted; the runs that are over are kept, and the same command goes on from them.")
         return 130
     for page in args.report:
-        put_section(page, SECTION, f"{provenance(args.command)}\n\n{text}")
-        put_section(page, CLAIMS, f"{provenance(args.command)}\n\n{claims(runs, args.seconds)}")
+        put_section(page, SECTION, f"{provenance(command_line('live', args))}\n\n{text}")
+        put_section(page, CLAIMS, f"{provenance(command_line('live', args))}\n\n{claims(runs, args.seconds)}")
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 
 
 def play(args: Args) -> Runs:
-    """Every habit in every room; each run is kept in a file as soon as it is over."""
+    """Every habit in every room; each run is kept as soon as it is over."""
     tasks = [Task(seed, habit, lasts) for seed, lasts in args.lasting.items() for habit in HABITS]
-    kept = {task: seconds for task in tasks if (seconds := task.kept(args.out)) is not None}
-    missing = [task for task in tasks if task not in kept]
-    with closing(run_all(Task.run, missing, args.jobs, finished=len(kept))) as finished:
-        for task, seconds in finished:
-            task.keep(seconds, args.out)
-            kept[task] = seconds
-    return {habit: {task.seed: kept[task] for task in tasks if task.habit == habit} for habit in HABITS}
+    with closing(Store(args.out / "runs").gather(tasks, play_tasks, args.jobs)) as finished:
+        runs = {task: seconds_of(arrays) for task, arrays in finished}
+    return {habit: {task.seed: runs[task] for task in tasks if task.habit == habit} for habit in HABITS}
 
 
 class Task(NamedTuple):
-    """A run."""
+    """A run; a `Job` of the store."""
 
     seed: int
     habit: str
     lasts: float
     """[s]"""
 
-    def run(self) -> list[Second]:
-        """Play it."""
-        return trial(self.seed, self.habit, self.lasts)
+    @property
+    def label(self) -> str:
+        return f"{self.seed}-{self.habit}"
 
-    def path(self, folder: Path) -> Path:
-        """Its file."""
-        return folder / "runs" / f"{self.seed}-{self.habit}.json"
+    @property
+    def group(self) -> Any:
+        return self
 
-    def keep(self, seconds: Sequence[Second], folder: Path) -> None:
-        """Write its file."""
-        path = self.path(folder)
-        path.parent.mkdir(exist_ok=True)
-        rows = [now._asdict() | {"log2_dets": now.log2_dets.tolist()} for now in seconds]
-        write_json(path, {"sources": sources(), "seconds": rows})
-
-    def kept(self, folder: Path) -> list[Second] | None:
-        """The run of an earlier command with the same code that lasts as long; null is NaN again."""
-        path = self.path(folder)
-        if not path.exists():
-            return None
-        try:
-            with reading(path):
-                kept = json.loads(path.read_text(encoding="utf-8"))
-                seconds = [_second(row) for row in kept["seconds"] if row["time"] <= self.lasts + 1e-6]
-                same = kept["sources"] == sources() and seconds[-1].time > self.lasts - 1.0
-        except ValueError as damaged:
-            print(f"Run again: {damaged}")
-            return None
-        return seconds if same else None
+    @property
+    def key(self) -> dict[str, Any]:
+        return {"live": self, "versions": package_versions(IMAGE_LIBRARIES)}
 
 
-def _second(row: dict[str, Any]) -> Second:
-    """What `Task.keep` wrote."""
-    full = {name: np.nan if value is None else value for name, value in row.items()}
-    return Second(**full | {"log2_dets": np.array(row["log2_dets"], float)})
+def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
+    """Play one run after the other."""
+    told = [trial(*task) for task in tasks]
+    return [{name: np.array([getattr(now, name) for now in one]) for name in Second._fields} for one in told]
+
+
+def seconds_of(arrays: Arrays) -> list[Second]:
+    """What `play_tasks` told of one run."""
+    columns = (
+        list(column) if column.ndim > 1 else column.tolist() for column in (arrays[name] for name in Second._fields)
+    )
+    return [Second(*values) for values in zip(*columns, strict=True)]
 
 
 # What came of it ------------------------------------------------------------------------------------------------------
@@ -260,7 +237,7 @@ def sideways(runs: Runs) -> dict[str, list[float]]:
         minute = [now for now in seconds if now.time <= FIRST_MINUTE]
         born = [any(now.births for now in minute[max(k - AFTER + 1, 0) : k + 1]) for k in range(len(minute))]
         for name, wanted in (("after births", True), ("otherwise", False)):
-            chosen = [now.command in SIDEWAYS for now, fresh in zip(minute, born) if fresh is wanted]
+            chosen = [now.command in LATERAL for now, fresh in zip(minute, born) if fresh is wanted]
             shares[name].append(float(np.mean(chosen)) if chosen else np.nan)
     return shares
 
@@ -325,7 +302,7 @@ def write(runs: Runs, text: str, args: Args) -> None:
         row(habit, seed, now) for habit, rooms in runs.items() for seed, seconds in rooms.items() for now in seconds
     ]
     write_csv(args.out / "seconds.csv", rows)
-    write_json(args.out / "settings.json", {"command": args.command})
+    write_json(args.out / "settings.json", {"command": command_line("live", args)})
     write_text(args.out / "live.md", text + "\n")
     if args.figures:
         draw(runs, args.out / "figure5.png")

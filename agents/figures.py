@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from activeslam_gym import Gaze, Motion
+from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
 from activeslam_gym.rendering.scene import FIDUCIAL
-from agents.episode import Episode, gaze_counts, motion_counts
 from agents.summary import grouped
 
 if TYPE_CHECKING:

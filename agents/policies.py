@@ -1,21 +1,26 @@
 """From a policy's name to the policy, wherever it lives."""
 
 import importlib
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any
 
 import baselines
+from activeslam_gym.evaluation import Predictor
+from activeslam_gym.evaluation.code import digest, module_sources, package_versions
 from agents import load, pretrained
-from agents.tools.machine import digest, module_sources
-from baselines.policy import Environment, Predictor
+from baselines.policy import Environment
 
-Factory = Callable[[Environment, int], Predictor]
-"""(environment, seed) -> a policy bound to that environment; the seed serves those that draw."""
+Factory = Callable[[Environment, int | Sequence[int]], Predictor]
+"""(environment, seed) -> a policy bound to that environment; the seed, of a batch one for each, serves those that draw.
+"""
+LEARNED = Path(__file__).with_name("learn")
+LEARNING_LIBRARIES = ("stable-baselines3", "torch")
 
 
-def resolve(name: str, env: Environment, seed: int = 0) -> Predictor:
+def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
     """Return the policy `name` bound to `env`. Raises ValueError as `factory` does."""
     return factory(name)(env, seed)
 
@@ -44,12 +49,15 @@ def factory(name: str) -> Factory:
 
 
 def content(name: str) -> str:
-    """Digest of a policy's files: weights and the card beside them, or a module and its imports."""
+    """Digest of what a policy is made of beside the baselines: weights and the network, or a module and its imports."""
     if ":" in name:
-        return module_sources(name.partition(":")[0])
-    path = pretrained.FOLDER / f"{name}.npz" if name in pretrained.names() else Path(name)
-    files = (path, path.with_suffix(".json"))
-    return digest(*filter(Path.exists, files)) if path.suffix == ".npz" else ""
+        made_of = module_sources(name.partition(":")[0])
+    elif (path := pretrained.FOLDER / f"{name}.npz" if name in pretrained.names() else Path(name)).suffix == ".npz":
+        network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "weights")]
+        made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)
+    else:
+        return ""
+    return f"{made_of} {json.dumps(package_versions(LEARNING_LIBRARIES))}"
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:

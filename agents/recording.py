@@ -16,6 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym import Scenario
+from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
 from activeslam_gym.rendering.scene import (
@@ -31,8 +32,6 @@ from activeslam_gym.rendering.scene import (
     command_text,
     predicted_pixels,
 )
-from agents.episode import Episode
-from agents.evaluate import run_episode
 
 if TYPE_CHECKING:
     import gymnasium

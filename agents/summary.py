@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import baselines
+from activeslam_gym.evaluation import Episode, honesty, outcome
 from agents.bounds.share import BASE, PLANNER, shares
-from agents.episode import Episode, honesty, outcome
 from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
 
 MOST_LOST = 0.25

@@ -1,55 +1,106 @@
-"""An episode to run, by names: of the policy, of the environment's arguments, of the file that keeps it."""
+"""Episodes to play, by names: of the policy, of the environment's arguments, of what is measured beside the record."""
 
 import hashlib
 import json
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from functools import cache
 from typing import Any
 
 import gymnasium as gym
 
 import activeslam_gym  # noqa: F401  (registers the environment)
+from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
+from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, module_sources, package_sources, package_versions
+from activeslam_gym.evaluation.store import Arrays
 from agents import policies
-from agents.episode import Episode
-from agents.evaluate import Look, run_episode
-from agents.tools.machine import sources
+from agents.places import Placed
 
-ENVIRONMENT = "ActiveSLAM-v0"
-IMAGES = dict.fromkeys(("pixels", "hand-held-pixels"), "ActiveSLAMPixels-v0")
+ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
+SIGHTED = ("pixels", "hand-held-pixels")
 """The scenarios whose sensor is a camera in a textured room."""
+SAMPLE_PERIOD = 1.0
+"""Between the samples of an episode that is not kept whole [s]."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One episode to run."""
+    """One episode to play; it is a `Job` of the store."""
 
     policy: str
     seed: int
-    settings: str
-    """Arguments of the environment, as JSON: what episodes must share to be compared."""
+    settings: str = "{}"
+    """Arguments of `make_environment`, as JSON: what episodes must share to be compared."""
     whole: bool = False
     """Keep every sample (the room that is drawn) instead of one a second."""
-    content: str = ""
-    """See `policies.content`; an episode that is kept has it."""
+    measures: tuple[type[Measure], ...] = ()
+    """Classes of what is measured beside the record."""
+    content: str | None = None
+    """See `policies.content`, when the command began."""
 
     @property
-    def key(self) -> str:
-        """What an episode of an earlier run must share to be this one."""
-        return " ".join([self.settings, sources(), *filter(None, [self.content])])
+    def label(self) -> str:
+        return f"{file_name(self.policy)}-{self.seed}"
 
-    def path(self, folder: Path) -> Path:
-        """Where the finished episode is kept."""
-        return folder / "episodes" / f"{file_name(self.policy)}-{self.seed}.npz"
+    @property
+    def group(self) -> Any:
+        return self.policy, self.settings, self.whole, self.measures
 
-    def run(self, looks: Sequence[Look] = ()) -> Episode:
-        """Run it, in whichever process."""
-        env = make_environment(json.loads(self.settings))
-        episode = run_policy(self.policy, env, self.seed, settings=self.key, looks=looks)
-        if self.content and policies.content(self.policy) != self.content:
-            raise ValueError(f"policy: {self.policy!r} was changed while it was being compared")
-        return episode if self.whole else episode.thinned()
+    @property
+    def key(self) -> dict[str, Any]:
+        content = policies.content(self.policy) if self.content is None else self.content
+        return {
+            "policy": [self.policy, content, package_sources("baselines")],
+            "seed": self.seed,
+            "environment": _resolved(self.settings),
+            "whole": self.whole,
+            "measures": [[one.__name__, module_sources(one.__module__)] for one in self.measures],
+        }
+
+
+def results(
+    tasks: Sequence[Task], store: Store, jobs: int = 1, batch: int = 1, anew: bool = False
+) -> Generator[tuple[Task, Episode], None, None]:
+    """Yield every task with its episode; see `Store.gather`."""
+    with closing(store.gather(tasks, play_tasks, jobs, batch, anew)) as finished:
+        for task, arrays in finished:
+            yield task, replace(Episode.of(arrays), settings=task.settings)  # another command may have put it otherwise
+
+
+def play_until_interrupted(
+    tasks: Sequence[Task],
+    store: Store,
+    jobs: int,
+    anew: bool = False,
+    note: Callable[[list[Episode]], None] = lambda episodes: None,
+) -> list[Episode]:
+    """The episodes of `results`, or those that were over at Ctrl-C; `note` gets them after each."""
+    episodes: list[Episode] = []
+    try:
+        with closing(results(tasks, store, jobs, anew=anew)) as finished:
+            for _, episode in finished:
+                episodes.append(episode)
+                note(episodes)
+    except KeyboardInterrupt:
+        print("Interrupted; the episodes that are over are kept.")
+    return episodes
+
+
+def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
+    """Play tasks of one group, as a batch where they are several."""
+    first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
+    env = make_environment(json.loads(first.settings), len(tasks))
+    looks = [[one.look for one in of_task] for of_task in measures]
+    period = 0.0 if first.whole or any(one.whole for one in first.measures) else SAMPLE_PERIOD
+    episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, looks, period)
+    if first.content is not None and policies.content(first.policy) != first.content:
+        raise ValueError(f"policy: {first.policy!r} was changed while it was being compared")
+    for episode, of_task in zip(episodes, measures):
+        for one in of_task:
+            episode.notes.update(one.result(episode))
+    return [(one if first.whole else one.thinned(SAMPLE_PERIOD)).arrays() for one in episodes]
 
 
 def file_name(policy: str) -> str:
@@ -58,31 +109,55 @@ def file_name(policy: str) -> str:
     return plain if plain == policy else f"{plain}-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
 
 
-def make_environment(arguments: dict[str, Any]) -> gym.Env:
-    """The environment of every study. A lost run goes on, or its score would stop where it falls."""
-    scenario = arguments.get("scenario")
-    name = scenario.get("name") if isinstance(scenario, dict) else scenario
-    return gym.make(IMAGES.get(str(name), ENVIRONMENT), **{"end_when_lost": False, **arguments})
+def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
+    """The environment of every study, or a batch of ``count``. A lost run goes on, or its score would stop there.
+
+    Beside its own arguments: ``expected``, a name in `places.PLACES`, where the expected landmarks stand.
+    """
+    given = {"end_when_lost": False, **{name: value for name, value in arguments.items() if value is not None}}
+    place, scenario = given.pop("expected", None), given.get("scenario")
+    name = IMAGES if (scenario.get("name") if isinstance(scenario, dict) else scenario) in SIGHTED else ENVIRONMENT
+    if count > 1:
+        if place:
+            raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")
+        return gym.make_vec(name, num_envs=count, autoreset_mode="DISABLED", num_threads=1, **given)
+    env = gym.make(name, **given)
+    return Placed(env, place) if place else env
+
+
+@cache
+def _resolved(settings: str) -> dict[str, Any]:
+    """The arguments of `make_environment` with every field of the scenario, and with the times that are not given."""
+    given = json.loads(settings)
+    env = make_environment(given)
+    core = env.unwrapped
+    times = {name: getattr(core, name) for name in ("gaze_period", "motion_period", "duration")}
+    plain = {"end_when_lost": False, "lost_position_error": 0.5, "reward": "entropy"}
+    known = {name: value for name, value in given.items() if value is not None}
+    images = package_versions(IMAGE_LIBRARIES) if env.spec.id == IMAGES else {}
+    env.close()
+    return {**plain, **known, **times, "id": env.spec.id, "scenario": asdict(core.scenario), "images": images}
 
 
 def run_policy(
     source: str,
-    env: gym.Env,
-    seed: int,
-    name: str | None = None,
+    env: Any,
+    seeds: Sequence[int],
     settings: str = "{}",
-    looks: Sequence[Look] = (),
-) -> Episode:
-    """The episode of `seed` of the policy that `source` names (see `policies.factory`); `env` is closed at its end.
+    looks: Sequence[Sequence[Look]] = (),
+    period: float = 0.0,
+) -> list[Episode]:
+    """Episodes of the policy that `source` names (see `policies.factory`), as `play` plays them; `env` is then closed.
 
-    `name` is what the record calls it, `source` if not given.
+    Raises ValueError where the policy cannot be made, or fails.
     """
     try:
-        policy = policies.resolve(source, env, seed)
+        policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
         policy = policies.Own(source, policy) if ":" in source else policy
-        return run_episode(env, policy, seed, name or source, settings, looks)
+        return play(env, policy, seeds, source, settings, looks, period)
     except ValueError as error:
-        raise ValueError(str(error) if source in str(error) else f"policy: {source!r}, room {seed}: {error}") from error
+        told = f"policy: {source!r}, room {seeds[0]}: {error}"
+        raise ValueError(str(error) if source in str(error) else told) from error
     finally:
         env.close()
 
@@ -99,4 +174,4 @@ def rehearse(names: Sequence[str], environments: Sequence[dict[str, Any]], seed:
     """One step of every policy in every environment, so that kernels are compiled once, before processes start."""
     for arguments in environments:
         for name in names:
-            run_policy(name, gym.wrappers.TimeLimit(make_environment(arguments), 1), seed)
+            run_policy(name, gym.wrappers.TimeLimit(make_environment(arguments), 1), [seed])

@@ -9,8 +9,7 @@ from typing import Any
 
 from .constants import BestConstant
 from .fixed import Orbit, Random, Stay, Sweep
-from .greedy import JointGreedy, greedy
-from .lookahead import Lookahead
+from .greedy import JointGreedy, Lookahead, greedy
 from .policy import Environment, Policy, Predictor, best
 from .rollout import Rollout
 from .sequences import BestSequence

@@ -1,7 +1,7 @@
 """`python -m baselines`: choose the best constant and the best sequence of every named scenario anew.
 
 In the scenarios' default times. With names of scenarios it does so for them alone, and keeps what the tables hold of
-the others.
+the others. What an interrupted call has played is kept in `results/baselines`.
 """
 
 import json
@@ -13,10 +13,13 @@ from typing import Any
 import gymnasium as gym
 
 from activeslam_gym import SCENARIOS
+from activeslam_gym.evaluation import Store
 from activeslam_gym.files import written_whole
 
 from . import constants, sequences
 from .constants import Choose, key_of
+
+STORE = Store(Path("results/baselines"))
 
 
 def main(names: Sequence[str]) -> int:
@@ -36,7 +39,7 @@ def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
     table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] not in names}
     for name in names or SCENARIOS:
         env: Any = gym.make("ActiveSLAM-v0", scenario=name).unwrapped
-        table[key_of(env)] = entry = choose(SCENARIOS[name], env.motion_period, env.motion_period, env.duration)
+        table[key_of(env)] = entry = choose(SCENARIOS[name], env.motion_period, env.motion_period, env.duration, STORE)
         print(f"{name}: {entry['medians']}", flush=True)
         with written_whole(path) as unfinished:
             unfinished.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")

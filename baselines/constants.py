@@ -5,9 +5,10 @@ when it is first asked for, which takes a minute or so and is said.
 """
 
 import json
+import math
 import sys
-from collections.abc import Callable
-from dataclasses import fields
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario
+from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.evaluation import play
+from activeslam_gym.evaluation.code import digest
+from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
 from .policy import Actions, Environment, Policy
 
@@ -28,24 +32,42 @@ FINALISTS = 4
 MORE_ROOMS = 24
 """in so many more."""
 
-Choose = Callable[[Scenario, float, float, float], dict[str, Any]]
-"""(scenario, gaze period, motion period, duration) -> an entry of a table."""
+BATCH = 64
+"""Episodes at a time."""
+Choose = Callable[..., dict[str, Any]]
+"""(scenario, gaze period, motion period, duration, store) -> an entry of a table."""
+Times = tuple[float, float, float]
+"""Gaze period, motion period and duration [s]."""
 CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])
 """(21, 2) the constant actions."""
 
 
-class BestConstant(Policy):
+class Planned(Policy):
+    """Plays a plan (T, 2), motion and gaze of each motion period, or one for each environment of a batch (B, T, 2).
+
+    The last action is held.
+    """
+
+    def __init__(self, env: Environment, plan: Any) -> None:
+        super().__init__(env)
+        self._plans: Actions = np.broadcast_to(plan, (self.num_envs, *np.shape(plan)[-2:]))
+
+    def _now(self) -> Actions:
+        period = np.floor(self.per_env(self.env.time) / self.env.motion_period + 1e-9).astype(np.int64)
+        return self._plans[np.arange(self.num_envs), np.minimum(period, self._plans.shape[1] - 1)]
+
+    def choose_motion(self) -> Actions:
+        return self._now()[:, 0]
+
+    def choose_gaze(self) -> Actions:
+        return self._now()[:, 1]
+
+
+class BestConstant(Planned):
     """The best constant action of the scenario, by the median log score: what decides has to beat it."""
 
     def __init__(self, env: Environment) -> None:
-        super().__init__(env)
-        self.action = best_constant(self.env)
-
-    def choose_motion(self) -> Actions:
-        return self.always(self.action[0])
-
-    def choose_gaze(self) -> Actions:
-        return self.always(self.action[1])
+        super().__init__(env, [best_constant(core_of(env))])
 
 
 def best_constant(env: Any) -> tuple[Motion, Gaze]:
@@ -87,16 +109,18 @@ def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dic
     return choose(scenario, *times)
 
 
-def choose(scenario: Scenario, gaze_period: float, motion_period: float, duration: float) -> dict[str, Any]:
+def choose(
+    scenario: Scenario, gaze_period: float, motion_period: float, duration: float, store: Store = NOT_KEPT
+) -> dict[str, Any]:
     """The constant action of the highest median log score: its names, and the medians of the finalists [bit].
 
     All constants play `ROOMS` rooms, the best `FINALISTS` of them `MORE_ROOMS` more.
     """
-    times = {"gaze_period": gaze_period, "motion_period": motion_period, "duration": duration}
-    first = np.array([log_scores(action, scenario, TRAINING_SEED, ROOMS, **times) for action in CONSTANTS])
+    times, split = (gaze_period, motion_period, duration), TRAINING_SEED + ROOMS
+    plans = CONSTANTS[:, None]
+    first = log_scores(plans, scenario, range(TRAINING_SEED, split), times, store)
     finalists = np.argsort(-np.median(first, axis=1), kind="stable")[:FINALISTS]
-    seed = TRAINING_SEED + ROOMS
-    more = [log_scores(CONSTANTS[k], scenario, seed, MORE_ROOMS, **times) for k in finalists]
+    more = log_scores(plans[finalists], scenario, range(split, split + MORE_ROOMS), times, store)
     medians = np.median(np.concatenate((first[finalists], more), axis=1), axis=1)
     ranked = sorted(zip(medians.tolist(), CONSTANTS[finalists].tolist()), reverse=True)
     named = {f"{Motion(motion).name} {Gaze(gaze).name}": round(median, 1) for median, (motion, gaze) in ranked}
@@ -104,12 +128,29 @@ def choose(scenario: Scenario, gaze_period: float, motion_period: float, duratio
     return {"scenario": scenario.name, "motion": motion, "gaze": gaze, "rooms": ROOMS + MORE_ROOMS, "medians": named}
 
 
-def log_scores(action: Any, scenario: Scenario, seed: int, rooms: int, **times: float) -> NDArray[np.float64]:
-    """(rooms,) log score [bit] at the end of runs in which nothing but ``action`` (2,) is done, from ``seed`` on."""
-    env = ActiveSLAMVectorEnv(rooms, scenario, end_when_lost=False, autoreset_mode="DISABLED", **times)  # type: ignore[arg-type]
-    env.reset(seed=seed)
-    actions, over = np.tile(action, (rooms, 1)), np.zeros(rooms, bool)
-    while not over.all():
-        _, _, _, over, infos = env.step(actions)
+def log_scores(
+    plans: Actions, scenario: Scenario, seeds: Sequence[int], times: Times, store: Store = NOT_KEPT
+) -> NDArray[np.float64]:
+    """(s, r) log score [bit] at the end of episodes in which each of ``plans`` (s, T, 2) is played with each seed (r,).
+
+    What ``store`` has is not played again.
+    """
+    key = {"plans": plans.tolist(), "scenario": asdict(scenario), "seeds": list(seeds), "times": times}
+    key["code"] = digest(*(Path(__file__).with_name(f"{module}.py") for module in ("constants", "policy")))
+
+    def scores() -> dict[str, NDArray[Any]]:
+        each, rooms = np.repeat(plans, len(seeds), axis=0), np.tile(seeds, len(plans))
+        parts = np.array_split(np.arange(len(rooms)), math.ceil(len(rooms) / BATCH))
+        ends = [_final_scores(each[part], scenario, rooms[part].tolist(), times) for part in parts]
+        return {"log_scores": np.concatenate(ends).reshape(len(plans), len(seeds))}
+
+    return store.of(f"{scenario.name}-{len(plans)}-plans", key, scores)["log_scores"]
+
+
+def _final_scores(plans: Actions, scenario: Scenario, seeds: list[int], times: Times) -> NDArray[np.float64]:
+    """(r,) log score [bit] at the end of the episodes of ``plans`` (r, T, 2)."""
+    how: dict[str, Any] = dict(zip(("gaze_period", "motion_period", "duration"), times))
+    env = ActiveSLAMVectorEnv(len(seeds), scenario, end_when_lost=False, autoreset_mode="DISABLED", **how)
+    episodes = play(env, Planned(env, plans), seeds, period=env.duration)
     env.close()
-    return infos["log_score"]
+    return np.array([episode.log_score[-1] for episode in episodes])

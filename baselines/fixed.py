@@ -1,5 +1,7 @@
 """Policies that do not look at the belief: `random`, `stay`, `sweep`, `orbit`."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from activeslam_gym import Gaze, Motion
@@ -8,17 +10,25 @@ from .policy import Actions, Environment, Policy
 
 
 class Random(Policy):
-    """Uniform over the motions once a motion period, and over the gazes once a gaze period."""
+    """Uniform over the motions once a motion period, and over the gazes once a gaze period.
 
-    def __init__(self, env: Environment, seed: int | None = None) -> None:
+    ``seed``: of all that is drawn; several, one for each environment of a batch: each draws as a single one would.
+    """
+
+    def __init__(self, env: Environment, seed: int | Sequence[int] | None = None) -> None:
         super().__init__(env)
-        self._generator = np.random.default_rng(seed)
+        several = isinstance(seed, Sequence)
+        self._generators = [np.random.default_rng(one) for one in (seed if several else [seed])]  # type: ignore[union-attr]
+        self._size = 1 if several else self.num_envs
+
+    def _draw(self, count: int) -> Actions:
+        return np.concatenate([one.integers(count, size=self._size) for one in self._generators])
 
     def choose_motion(self) -> Actions:
-        return self._generator.integers(len(Motion), size=self.num_envs)
+        return self._draw(len(Motion))
 
     def choose_gaze(self) -> Actions:
-        return self._generator.integers(len(Gaze), size=self.num_envs)
+        return self._draw(len(Gaze))
 
 
 class Stay(Policy):

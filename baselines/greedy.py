@@ -80,6 +80,17 @@ class JointGreedy(Greedy):
         return best(self.per_env(self.env.joint_scores(self.motion_criterion)).max(axis=-1))
 
 
+class Lookahead(Greedy):
+    """The first motion of the best sequence of `horizon` of them, with the covariance propagated along it; MI gaze."""
+
+    def __init__(self, env: Environment, horizon: int = 2) -> None:
+        super().__init__(env, gaze_criterion="mutual_information")
+        self.horizon = horizon
+
+    def choose_motion(self) -> Actions:
+        return best(self.per_env(self.env.lookahead_scores(self.horizon)))
+
+
 def greedy(env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None) -> Greedy:
     """`AmortisedGreedy` in a scenario that spreads its decisions over the period, `Greedy` elsewhere."""
     cls = AmortisedGreedy if core_of(env).scenario.amortised_decision else Greedy

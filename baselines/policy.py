@@ -1,13 +1,14 @@
 """What every computing policy shares: `predict`, the held motion, and how scores become an action."""
 
 from abc import ABC, abstractmethod
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from activeslam_gym import Gaze, Motion, core_of
+from activeslam_gym.evaluation import Predictor as Predictor
 from activeslam_gym.motion import COMMANDS
 
 TIE = 1e-9
@@ -15,15 +16,6 @@ TIE = 1e-9
 
 Actions = NDArray[np.int64]
 Environment = gym.Env | gym.vector.VectorEnv
-
-
-class Predictor(Protocol):
-    """Whatever has `predict`: our policies, Stable-Baselines3's models and the users' own."""
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        """Return the action for `observation`, and the recurrent state."""
 
 
 def best(scores: ArrayLike) -> Actions:

@@ -14,11 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario
+from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
-from .constants import CONSTANTS, found_or_chosen
-from .policy import Actions, Environment, Policy
+from . import constants
+from .constants import CONSTANTS, Planned, Times, found_or_chosen
+from .policy import Environment
 
 TABLE = Path(__file__).with_name("best_sequences.json")
 LONGEST = 4
@@ -35,10 +37,6 @@ TRIALS = (8, 5)
 """which play so many of the same rooms, and so many of them the others."""
 LAST_ROOMS = 40
 """The best of those kept is told in so many new rooms."""
-BATCH = 64
-"""Runs at a time."""
-Times = tuple[float, float, float]
-"""Gaze period, motion period and duration [s]."""
 
 
 class Sequence(NamedTuple):
@@ -66,26 +64,16 @@ class Sequence(NamedTuple):
         return ", ".join([*parts, f"then {names[-1]}" if parts else names[-1]])
 
 
-class BestSequence(Policy):
+class BestSequence(Planned):
     """The best sequence of the scenario, by the median log score, or a given ``sequence``.
 
     What a search found: better ones may exist.
     """
 
     def __init__(self, env: Environment, sequence: Sequence | None = None) -> None:
-        super().__init__(env)
-        periods = math.ceil(self.env.duration / self.env.motion_period - 1e-9)
-        self._plan = (sequence or best_sequence(self.env)).plan(periods)
-
-    def _now(self) -> Actions:
-        period = np.floor(self.per_env(self.env.time) / self.env.motion_period + 1e-9).astype(np.int64)
-        return self._plan[np.minimum(period, len(self._plan) - 1)]
-
-    def choose_motion(self) -> Actions:
-        return self._now()[:, 0]
-
-    def choose_gaze(self) -> Actions:
-        return self._now()[:, 1]
+        core = core_of(env)
+        periods = math.ceil(core.duration / core.motion_period - 1e-9)
+        super().__init__(env, (sequence or best_sequence(core)).plan(periods))
 
 
 def best_sequence(env: Any) -> Sequence:
@@ -102,16 +90,18 @@ def sequence_from(entry: dict[str, Any]) -> Sequence:
 # The search ---------------------------------------------------------------------------------------------------------
 
 
-def choose_sequence(scenario: Scenario, gaze_period: float, motion_period: float, duration: float) -> dict[str, Any]:
+def choose_sequence(
+    scenario: Scenario, gaze_period: float, motion_period: float, duration: float, store: Store = NOT_KEPT
+) -> dict[str, Any]:
     """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
     same rooms; at last those left and every constant play new rooms, by which alone the best is told.
     """
-    play = partial(log_scores, scenario=scenario, times=(gaze_period, motion_period, duration))
+    play = partial(log_scores, scenario=scenario, times=(gaze_period, motion_period, duration), store=store)
     rng, first = np.random.default_rng(0), TRAINING_SEED
-    constants = [constant(tuple(action)) for action in CONSTANTS.tolist()]
-    pool = constants + [random_sequence(rng) for _ in range(RANDOM)]
+    held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
+    pool = held + [random_sequence(rng) for _ in range(RANDOM)]
     scores = np.empty((len(pool), 0))
     for rooms, kept in HALVINGS:
         more = play(pool, seeds=range(first + scores.shape[1], first + scores.shape[1] + rooms))
@@ -123,7 +113,7 @@ def choose_sequence(scenario: Scenario, gaze_period: float, motion_period: float
         children, begun = _best(children, play(children, seeds=seeds[:tried]), kept)
         ended = play(children, seeds=seeds[tried:])
         pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
-    pool = list(dict.fromkeys([*pool, *constants]))
+    pool = list(dict.fromkeys([*pool, *held]))
     last = play(pool, seeds=range(seeds.stop, seeds.stop + LAST_ROOMS))
     pool, last = _best(pool, last, HALVINGS[-1][1])
     medians = {one.told(): round(float(np.median(row)), 1) for one, row in zip(pool, last)}
@@ -177,29 +167,9 @@ def _random_action(rng: np.random.Generator) -> tuple[int, int]:
     return int(rng.integers(len(Motion))), int(rng.integers(len(Gaze)))
 
 
-def log_scores(sequences: Many[Sequence], scenario: Scenario, seeds: Many[int], times: Times) -> NDArray[np.float64]:
-    """(s, r) log score [bit] at the end of runs that play each of ``sequences`` in each of the rooms ``seeds``."""
+def log_scores(
+    sequences: Many[Sequence], scenario: Scenario, seeds: Many[int], times: Times, store: Store = NOT_KEPT
+) -> NDArray[np.float64]:
+    """(s, r) log score [bit] at the end of episodes that play each of ``sequences`` with each of ``seeds``."""
     periods = math.ceil(times[2] / times[1] - 1e-9)
-    plans = np.repeat([one.plan(periods) for one in sequences], len(seeds), axis=0)
-    rooms = np.tile(seeds, len(sequences))
-    parts = np.array_split(np.arange(len(plans)), math.ceil(len(plans) / BATCH))
-    return np.concatenate([_played(plans[part], scenario, rooms[part], times) for part in parts]).reshape(
-        len(sequences), len(seeds)
-    )
-
-
-def _played(plans: NDArray[np.int64], scenario: Scenario, seeds: Actions, times: Times) -> NDArray[np.float64]:
-    """(R,) log score of the ``plans`` (R, T, 2), each in its own of the rooms ``seeds`` (R,)."""
-    gaze_period, motion_period, duration = times
-    env = ActiveSLAMVectorEnv(
-        len(plans), scenario, gaze_period=gaze_period, motion_period=motion_period, duration=duration,
-        end_when_lost=False, autoreset_mode="DISABLED",
-    )  # fmt: skip
-    env.reset(seed=seeds.tolist())
-    over, step = np.zeros(len(plans), bool), 0
-    while not over.all():
-        period = int(step * gaze_period / motion_period + 1e-9)
-        _, _, _, over, infos = env.step(plans[:, period])
-        step += 1
-    env.close()
-    return infos["log_score"]
+    return constants.log_scores(np.array([one.plan(periods) for one in sequences]), scenario, seeds, times, store)

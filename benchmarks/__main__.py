@@ -17,8 +17,8 @@ from agents.tools.sections import page_with
 from .report import Section, put_report, write_report
 from .timing import machine
 
-Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "start", "memory", "dgemm"]
-PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "peers", "dgemm", "memory", "start")
+Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "start", "memory"]
+PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "peers", "memory", "start")
 """Each is a module of this package with `run(quick) -> Section`."""
 
 

@@ -5,8 +5,9 @@ import numpy as np
 from activeslam_gym.envs.simulation import Run, advance, begin_motion, run_at
 from activeslam_gym.kernels import compiled
 from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.filter import Filter
-from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.sight import sight_of_belief
 
 from .setups import SEEN, fill_with_points, map_scenario, points_around
@@ -34,7 +35,10 @@ def predict_and_update(
         predict(motion, belief, np.zeros(6), motion.dt)
         sight = sight_of_belief(camera, belief, fiducials, boxes)
         seen = sight.thing.shape[0]
-        update(belief, sight.HP, sight.S, np.zeros(2 * seen))
+        pixels = np.empty(2 * seen)
+        for r in range(2 * seen):
+            pixels[r] = sight.thing[r // 2].z_hat[r % 2]
+        correct(camera, belief, fiducials, sight, pixels)
     return seen
 
 

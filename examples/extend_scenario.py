@@ -6,7 +6,7 @@ import gymnasium as gym
 
 import baselines
 from activeslam_gym import SCENARIOS, Scenario
-from agents.evaluate import run_episode
+from activeslam_gym.evaluation import run_episode
 
 # --8<-- [start:fields]
 tunnel = Scenario(

@@ -12,20 +12,20 @@ import pytest
 
 import baselines
 from activeslam_gym import SCENARIOS, Gaze, Motion, Scenario
+from activeslam_gym.evaluation import Episode
 from agents.__main__ import main
 from agents.bounds.ceiling import ceiling
 from agents.bounds.command import BASE, PLANNER, bounds_table
 from agents.bounds.share import shares
-from agents.episode import Episode
 from agents.summary import summarise
 from agents.tables import markdown
 from agents.task import make_environment, run_policy
 from baselines import __main__ as table
 from baselines import constants, sequences
-from baselines.constants import TABLE, best_constant, choose, key_of, log_scores
+from baselines.constants import CONSTANTS, TABLE, best_constant, choose, key_of, log_scores
 
 ORBITS = {(Motion.RIGHT, Gaze.LEFT), (Motion.LEFT, Gaze.RIGHT)}
-SECOND: dict[str, Any] = {"gaze_period": 1.0, "motion_period": 1.0, "duration": 3.0}
+SECOND = (1.0, 1.0, 3.0)
 
 
 def bare(**arguments: Any) -> Any:
@@ -73,12 +73,9 @@ def test_where_nothing_is_shipped_it_is_chosen_once_and_said(
 def test_the_choice_has_the_highest_median_in_rooms_of_training(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, rooms in (("ROOMS", 3), ("FINALISTS", 21), ("MORE_ROOMS", 2)):
         monkeypatch.setattr(constants, name, rooms)
-    chosen = choose(Scenario(), **SECOND)
-    medians = {
-        f"{Motion(m).name} {Gaze(g).name}": np.median(log_scores((m, g), Scenario(), 2**32, 5, **SECOND))
-        for m in Motion
-        for g in Gaze
-    }
+    chosen = choose(Scenario(), *SECOND)
+    scores = log_scores(CONSTANTS[:, None], Scenario(), range(2**32, 2**32 + 5), SECOND)
+    medians = {f"{Motion(m).name} {Gaze(g).name}": np.median(row) for (m, g), row in zip(CONSTANTS, scores)}
     assert f"{chosen['motion']} {chosen['gaze']}" == max(medians, key=lambda name: medians[name])
     assert chosen["medians"] == {name: pytest.approx(median, abs=0.06) for name, median in medians.items()}
 
@@ -112,7 +109,7 @@ def test_shares_of_the_planners_lead() -> None:
 
 
 def test_compare_tells_the_shares_where_planner_and_best_constant_were_run() -> None:
-    run = run_policy("stay", make_environment({"gaze_period": 0.5, "duration": 1.0}), 1)
+    (run,) = run_policy("stay", make_environment({"gaze_period": 0.5, "duration": 1.0}), [1])
 
     def scored(policy: str, gain: float) -> Episode:
         return dataclasses.replace(run, policy=policy, log_score=np.linspace(0.0, gain, len(run.times)))
@@ -139,7 +136,7 @@ def test_the_table_tells_lead_and_share_of_every_policy() -> None:
 
 def test_the_loose_bound_is_above_a_real_run_and_below_it_with_a_worse_camera() -> None:
     settings = {"gaze_period": 0.25, "duration": 10.0}
-    episode = run_policy("orbit", make_environment(settings), 1)
+    (episode,) = run_policy("orbit", make_environment(settings), [1])
     gained = episode.log_score[-1] - episode.log_score[0]
     best, worse = ceiling(episode, Scenario()), ceiling(episode, Scenario(pixel_std=4.0))
     assert best > gained

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +20,18 @@ from scipy.spatial.transform import Rotation
 
 import baselines
 from activeslam_gym import Motion
+from activeslam_gym.evaluation import Episode, Store, code, honesty, outcome, run_episode
+from activeslam_gym.evaluation.episode import SAMPLED
+from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
 from agents import figures, policies, pretrained, tables
+from agents import task as tasks
 from agents.__main__ import main
 from agents.compare import Args, compare
-from agents.episode import SAMPLED, Episode, honesty, outcome
-from agents.evaluate import _rotation_offset, run_episode
 from agents.figures import over_rooms, quaternion_error
 from agents.pretrained import FOLDER
 from agents.summary import summarise
-from agents.task import Task
-from agents.tools import machine
+from agents.task import Task, play_tasks
 from agents.tools.files import alone_in, write_csv, write_json
 
 ROOT = Path(__file__).parents[1]
@@ -53,20 +54,24 @@ def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: 
     values |= {"landmark_times": times[2:3], "landmark_log2_det": np.array([-20.0])}
     values |= {"estimated_landmarks": np.full((1, 3), 0.02), "landmark_covariance": np.eye(3)[None] * 1e-4}
     values |= {"actions": np.array([[2, 1]] * 4), "motion_read": np.array([True, False, True, False])}
-    values |= {"rewards": np.full(4, bits / 4), "decision_us": np.full(4, 7.0)}
+    values |= {"rewards": np.full(4, bits / 4), "decision_us": np.full(4, 7.0), "step_us": np.full(4, 9.0)}
     return Episode(**(values | changes))
 
 
 def assert_same(one: Episode, other: Episode, skip: tuple[str, ...] = ()) -> None:
-    for field in fields(Episode):
-        if field.name not in skip:
-            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
+    mine, others = one.arrays(), other.arrays()
+    assert set(mine) == set(others)
+    for name in set(mine) - set(skip):
+        np.testing.assert_array_equal(mine[name], others[name], err_msg=name)
 
 
 def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     written = episode("own:mine", lost=True)
-    written.save(tmp_path / "a" / "episode.npz")
-    read = Episode.load(tmp_path / "a" / "episode.npz")
+    written = replace(written, events={"births": np.arange(4)}, notes={"depth_errors": np.ones(2)})
+    Store(tmp_path).save("a", {}, written.arrays())
+    arrays = Store(tmp_path).load("a", {})
+    assert arrays is not None
+    read = Episode.of(arrays)
     assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
     assert_same(read, written)
     whole = episode()
@@ -198,7 +203,7 @@ def test_record_of_an_episode_is_that_of_its_seed() -> None:
     np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
     assert len(run.landmark_times) == run.landmarks_mapped.max()
     assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
-    assert_same(played(), run, skip=("decision_us",))
+    assert_same(played(), run, skip=("decision_us", "step_us"))
 
 
 def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,9 +219,9 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
     assert written["policies"]["stay"]["bits"]["value"] == pytest.approx(bits)
     assert (tmp_path / "summary.md").read_text().startswith("## Comparison")
 
-    monkeypatch.setattr(Task, "run", lambda task: pytest.fail("an episode was run again"))
+    monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("an episode was run again"))
     assert compare(replace(args, resume=True)) == summary
-    monkeypatch.setattr("agents.task.sources", lambda: "another filter")
+    monkeypatch.setattr("activeslam_gym.evaluation.store.package_sources", lambda package: "another filter")
     with pytest.raises(pytest.fail.Exception, match="run again"):
         compare(replace(args, resume=True))
 
@@ -246,11 +251,11 @@ def test_replaced_weights_are_run_again(tmp_path: Path, capsys: pytest.CaptureFi
     put(Motion.BACKWARDS, names[1])
     first = resumed(tuple(names), tmp_path / "out")
     assert first[names[0]] != first[names[1]]
-    assert "0 of 4 episodes are those of an earlier run." in capsys.readouterr().out
+    assert "earlier command" not in capsys.readouterr().out
     put(Motion.BACKWARDS, names[0])
     again = resumed(tuple(names), tmp_path / "out")
     assert again[names[0]] == again[names[1]] == first[names[1]]
-    assert "2 of 4 episodes are those of an earlier run; not taken: 2 of other" in capsys.readouterr().out
+    assert "2 of 4 episodes are kept from an earlier command." in capsys.readouterr().out
 
 
 def test_shipped_weights_count_for_their_own_episodes_alone() -> None:
@@ -263,22 +268,22 @@ def test_a_changed_module_is_run_again(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     (tmp_path / "one.py").write_text("import two\ndef make(env):\n    return two.make(env)\n")
-    code = "import baselines\ndef make(env):\n    return baselines.make({!r}, env)\n"
+    source = "import baselines\ndef make(env):\n    return baselines.make({!r}, env)\n"
     bits = []
     for name in ("stay", "stay", "sweep"):
-        (tmp_path / "two.py").write_text(code.format(name))  # the module that the named one imports
-        machine.module_sources.cache_clear()
+        (tmp_path / "two.py").write_text(source.format(name))  # the module that the named one imports
+        code.module_sources.cache_clear()
         sys.modules.pop("one", None), sys.modules.pop("two", None)
         importlib.invalidate_caches()
         bits.append(resumed(("one:make",), tmp_path / "out")["one:make"])
     assert bits[0] == bits[1] != bits[2] == resumed(("sweep",), tmp_path / "out")["sweep"]
-    assert machine.module_sources("no.such") != machine.module_sources("no_such")
+    assert code.module_sources("no.such") != code.module_sources("no_such")
 
 
 def test_weights_that_change_while_they_are_compared_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(policies, "content", lambda name: "other")
     with pytest.raises(ValueError, match="'stay' was changed while it was being compared"):
-        Task("stay", 0, json.dumps({"duration": 1.0}), content="this").run()
+        play_tasks([Task("stay", 0, json.dumps({"duration": 1.0}), content="this")])
 
 
 def test_a_truncated_episode_is_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -287,7 +292,7 @@ def test_a_truncated_episode_is_run_again(tmp_path: Path, capsys: pytest.Capture
     kept[0].write_bytes(kept[0].read_bytes()[:-200])
     kept[1].write_bytes(b"")
     assert resumed(("stay",), tmp_path) == bits
-    said = "0 of 2 episodes are those of an earlier run; not taken: 0 of other settings, code or policies, 2 damaged"
+    said = "0 of 2 episodes are kept from an earlier command; 2 damaged, played again."
     assert said in capsys.readouterr().out
 
 
@@ -308,12 +313,12 @@ def gone(process: int) -> bool:
 
 SLEEPY = """
 import os, pathlib, sys, time
-from agents.tools.parallel import run_all
+from activeslam_gym.evaluation.parallel import run_all
 def sleep(path):
     pathlib.Path(path).write_text(f"{os.getpid()} ")
     time.sleep(300)
 if __name__ == "__main__":
-    list(run_all(sleep, sys.argv[1:], 2))
+    list(run_all(sleep, sys.argv[1:], 2, 0, lambda path: 1))
 """
 
 
@@ -338,12 +343,12 @@ def until(happened: Callable[[], bool], seconds: float = 60.0) -> None:
 
 
 def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(task: Any) -> Episode:
-        if task.seed > 0:
+    def interrupted(group: tuple[Task, ...]) -> list[Any]:
+        if group[0].seed > 0:
             raise KeyboardInterrupt
-        return episode(task.policy, task.seed)
+        return [episode(group[0].policy, 0).arrays()]
 
-    monkeypatch.setattr(Task, "run", interrupted)
+    monkeypatch.setattr(tasks, "play_tasks", interrupted)
     summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1, figures=False))
     assert summary is not None
     assert summary.notes[-1] == "Interrupted: 2 of 10 episodes."
@@ -353,8 +358,8 @@ def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytes
 def test_missing_matplotlib_costs_the_figures_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("agents.compare.command.find_spec", lambda name: None)
-    monkeypatch.setattr(Task, "run", lambda task: episode(task.policy, task.seed))
+    monkeypatch.setattr("agents.tools.arguments.find_spec", lambda name: None)
+    monkeypatch.setattr(tasks, "play_tasks", lambda group: [episode(one.policy, one.seed).arrays() for one in group])
     command = ["compare", "--policies", "stay", "--policy", "sweep", "--episodes", "2", "--jobs", "1"]
     assert main([*command, "--out", str(tmp_path)]) == 0
     assert "matplotlib is not installed" in capsys.readouterr().out

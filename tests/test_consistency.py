@@ -4,6 +4,7 @@ import csv
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -11,10 +12,11 @@ import pytest
 
 import baselines
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
+from activeslam_gym.evaluation import run_episode
 from activeslam_gym.slam.belief import POINT, RAY
 from activeslam_gym.slam.map import convert_to_point
+from agents import task as tasks
 from agents.__main__ import main
-from agents.evaluate import run_episode
 from agents.honesty import command
 from agents.honesty.calibration import Bar, chi2_bounds, judged, lost_bar, nees_bar
 from agents.honesty.command import Args
@@ -63,7 +65,7 @@ def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
 def test_the_witness_knows_a_double_and_wants_steps_of_a_frame() -> None:
     witness = Witness()
     witness._note_owners(owners=np.array([7, -1, 7]), ids=np.array([1, 2, 5]))
-    assert (witness.testimony.features, witness.testimony.duplicates, witness._doubles) == (2, 1, {5})
+    assert (witness._owned, witness._doubles) == ({1, 5}, {5})
     env = gym.make("ActiveSLAM-v0", gaze_period=0.1)
     with pytest.raises(ValueError, match="gaze_period"):
         run_episode(env, baselines.make("stay", env), seed=3, looks=[Witness().look])
@@ -73,24 +75,24 @@ def test_the_witness_knows_a_double_and_wants_steps_of_a_frame() -> None:
 def test_witness_sees_every_conversion(initialisation: str) -> None:
     env, witness = gym.make("ActiveSLAM-v0", scenario={"initialisation": initialisation}, duration=DURATION), Witness()
     episode = run_episode(env, baselines.make("mi-mi", env), seed=3, looks=[witness.look])
-    said = witness.testimony
+    said = witness.result(episode)
     assert not episode.lost
-    assert 0 < len(said.depth_errors) <= said.conversions == len(witness._depth_errors)
-    assert 0 <= said.duplicates <= said.features and said.features >= len(said.depth_errors)
-    assert said.wrong_matches <= said.matches
-    witness.look(env.unwrapped, env.reset(seed=3)[1])
-    assert witness.testimony.matches == 0
+    assert 0 < len(said["depth_errors"]) <= said["conversions"] == len(witness._depth_errors)
+    assert 0 <= said["duplicates"] <= said["features"] and said["features"] >= len(said["depth_errors"])
+    assert said["wrong_matches"] <= said["matches"]
 
 
 def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = ["consistency", "--policies", "mi-mi", "sweep", "--episodes", "2", "--duration", f"{DURATION}"]
-    assert main([*line, "--jobs", "1", "--out", str(tmp_path)]) == 0
+    assert main([*line, "--jobs", "1", "--out", str(tmp_path / "out"), "--store", str(tmp_path / "store")]) == 0
     printed = capsys.readouterr().out
     assert "bars met" in printed and "fewer than 20" in printed
-    assert {path.name for path in tmp_path.iterdir()} == {"report.md", "report.json", "runs.csv", "nees.png"}
-    rows = list(csv.DictReader((tmp_path / "runs.csv").open()))
+    out = tmp_path / "out"
+    assert {path.name for path in out.iterdir()} == {"report.md", "report.json", "runs.csv", "nees.png"}
+    assert len(list((tmp_path / "store").iterdir())) == 8
+    rows = list(csv.DictReader((out / "runs.csv").open()))
     assert len(rows) == 8 and {row["seed"] for row in rows} == {"2000000", "2000001"}
-    results = json.loads((tmp_path / "report.json").read_text())["results"]
+    results = json.loads((out / "report.json").read_text())["results"]
     assert [one["strategy"] for one in results] == ["mi-mi", "mi-mi", "sweep", "sweep"]
     assert [one["initialisation"] for one in results] == [INVERSE_DEPTH, DEPTH_PARTICLES] * 2
     of_mi_mi = [float(row["position_nees_4s"]) for row in rows[:2]]
@@ -99,19 +101,19 @@ def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert results[0]["wrong"]["figure"]["value"] == wrong / matches and results[0]["wrong"]["figure"]["low"] is None
     count, mean = (np.array([float(row[name]) for row in rows[:2]]) for name in ("depth_errors", "depth_error_mean"))
     assert results[0]["depth_mean"]["figure"]["value"] == pytest.approx(count @ mean / count.sum())
-    report = (tmp_path / "report.md").read_text()
+    report = (out / "report.md").read_text()
     assert report.startswith("# Consistency") and "| mi-mi, inverse_depth |" in report
 
 
 def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    watch = command.watch
+    play = tasks.play_tasks
 
-    def interrupted(task: command.Task) -> command.WatchedRun:
-        if task.seed > 0:
+    def interrupted(group: tuple[tasks.Task, ...]) -> list[Any]:
+        if group[0].seed > 0:
             raise KeyboardInterrupt
-        return watch(task)
+        return play(group)
 
-    monkeypatch.setattr(command, "watch", interrupted)
+    monkeypatch.setattr(tasks, "play_tasks", interrupted)
     args = Args(("random",), (INVERSE_DEPTH,), 3, seed=0, out=tmp_path, duration=1.0, jobs=1, figures=False)
     calibrations, complete = command.report(args)
     assert (calibrations[0].runs, complete) == (1, False)

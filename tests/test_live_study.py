@@ -19,6 +19,7 @@ from activeslam_gym.live.trial import Referee, Second, trial  # noqa: E402
 from agents import advising  # noqa: E402
 from agents.__main__ import main  # noqa: E402
 from agents.compare.command import Args  # noqa: E402
+from agents.tools.arguments import command_line  # noqa: E402
 
 
 def second(time: float, total: float, command: Motion = Motion.UP, births: int = 0, closures: int = 0) -> Second:
@@ -73,7 +74,8 @@ def test_fewer_rooms_may_be_played_longer() -> None:
     args = advising.Args(rooms=(3, 1), seconds=(35.0, 167.0), seed=10)
     assert args.lasting == {10: 167.0, 11: 35.0, 12: 35.0}
     assert advising.Args(rooms=(2,), seconds=(35.0, 167.0), seed=10).lasting == {10: 167.0, 11: 167.0}
-    assert args.command == "python -m agents live --rooms 3 1 --seed 10 --seconds 35 167"
+    told = "python -m agents live --rooms 3 1 --seconds 35 60.5 --seed 10"
+    assert command_line("live", replace(args, seconds=(35.0, 60.5))) == told
 
 
 def test_commands_are_told_apart_by_births() -> None:
@@ -138,9 +140,10 @@ def test_the_command_writes_its_files_and_its_section_and_makes_no_run_twice(
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"seconds.csv", "live.md", "settings.json"}
     assert len((tmp_path / "out" / "seconds.csv").read_text().splitlines()) == 1 + 3 * 2
     text = page.read_text()
-    assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--rooms 1 --seed 9 --seconds 2" in text
+    assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--rooms 1 --seconds 2 --seed 9" in text
     page.write_text(text.replace("follows", "?"))
-    (tmp_path / "out" / "runs" / f"9-{STILL}.json").write_text("{")  # damaged: made again
+    (kept,) = (tmp_path / "out" / "runs").glob(f"9-{STILL}-*")
+    kept.write_text("{")  # damaged: made again
     again: list[tuple[Any, ...]] = []
     monkeypatch.setattr(advising, "trial", lambda *task: again.append(task) or trial(*task))
     assert main([*line, "--report", str(page), "--no-figures"]) == 0

@@ -92,7 +92,7 @@ def arrays(tree: tuple[Any, ...]) -> int:
     return sum(arrays(part) if isinstance(part, tuple) else 1 for part in tree)
 
 
-PARTS = "single", "scores", "growth", "peers", "dgemm", "batch", "memory"
+PARTS = "single", "scores", "growth", "peers", "batch", "memory"
 
 
 @pytest.mark.parametrize("parts", [PARTS, pytest.param(("stages",), marks=pytest.mark.slow)])  # compiles each alone

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import activeslam_gym  # noqa: F401
 import baselines
+from activeslam_gym.evaluation import Episode
 from agents import recording
-from agents.episode import Episode
 from agents.recording import Recording, ellipsoid_axes, record
 from agents.watching import command as watch
 

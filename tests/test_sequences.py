@@ -1,6 +1,7 @@
 """`best-sequence`: what a sequence plays, how it is searched, and what is shipped."""
 
 import json
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -9,9 +10,10 @@ import pytest
 
 import baselines
 from activeslam_gym import Gaze, Motion, Scenario
-from baselines import sequences
+from activeslam_gym.evaluation import Store, code
+from baselines import constants, sequences
 from baselines.constants import key_of
-from baselines.constants import log_scores as scores_of_constant
+from baselines.constants import log_scores as scores_of_plans
 from baselines.sequences import (
     LONGEST,
     TABLE,
@@ -55,9 +57,21 @@ def test_what_is_drawn_and_what_is_changed_are_sequences() -> None:
 
 def test_scores_of_a_constant_are_those_of_the_constant_action() -> None:
     found = log_scores([constant((4, 0)), BACK_THEN_ORBIT], Scenario(), range(3), TIMES)
-    alone = scores_of_constant((4, 0), Scenario(), 0, 3, gaze_period=0.5, motion_period=1.0, duration=3.0)
+    (alone,) = scores_of_plans(np.array([[(4, 0)]]), Scenario(), range(3), TIMES)
     np.testing.assert_array_equal(found[0], alone)
     assert (found[1] != alone).all()
+
+
+def test_a_search_goes_on_though_the_tables_that_it_writes_have_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, asked = Store(tmp_path), ([BACK_THEN_ORBIT], Scenario(), range(2), (1.0, 1.0, 2.0))
+    first = log_scores(*asked, store)
+    monkeypatch.setattr(code, "package_sources", lambda package: "other tables")
+    monkeypatch.setattr(constants, "_final_scores", lambda *_: pytest.fail("played again"))
+    np.testing.assert_array_equal(log_scores(*asked, store), first)
+    with pytest.raises(pytest.fail.Exception, match="played again"):
+        log_scores([constant((2, 1))], *asked[1:], store)
 
 
 def test_the_policy_plays_the_sequence() -> None:
@@ -74,7 +88,7 @@ def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest
     """Of a world in which only BACKWARDS for a third, then orbit, is worth anything."""
     wanted = Sequence(BACK_THEN_ORBIT.actions, (0.3, 1.0)).plan(35)
 
-    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, times: Any) -> np.ndarray:
+    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, **_: Any) -> np.ndarray:
         return np.repeat([[(one.plan(35) == wanted).mean()] for one in pool], len(seeds), axis=1)
 
     monkeypatch.setattr(sequences, "log_scores", worths)
@@ -89,7 +103,7 @@ def test_every_constant_is_among_the_finalists_though_the_first_rooms_speak_agai
 ) -> None:
     held = constant((int(Motion.UP), int(Gaze.LEFT)))
 
-    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, times: Any) -> np.ndarray:
+    def worths(pool: list[Sequence], scenario: Scenario, seeds: range, **_: Any) -> np.ndarray:
         last = len(seeds) == sequences.LAST_ROOMS
         return np.repeat([[1.0 if (one == held) is last else 0.0] for one in pool], len(seeds), axis=1)
 

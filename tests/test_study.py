@@ -1,7 +1,7 @@
 """The paper's study: verdicts on made-up rows with known answers, the altered strategies, then the command, small."""
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +13,21 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.config import Scenario
+from activeslam_gym.evaluation import Episode, Store, run_episode
 from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.motion import CAMERA_DIM
 from agents import policies
+from agents import task as tasks
 from agents.__main__ import main
-from agents.episode import Episode
-from agents.evaluate import run_episode
+from agents.places import PLACES, Placed
 from agents.study import runs, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
 from agents.study.command import median_alive, median_room
 from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, conditions
-from agents.study.measures import measures
-from agents.study.observer import CLOSURE_GAP, Notes, Observer
-from agents.study.places import PLACES, Placed
+from agents.study.measures import CLOSURE_GAP, Notes, Observer, measures
 from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
+from agents.task import Task
 from agents.tools.statistics import Estimate
 
 ROOMS = 40
@@ -259,36 +259,38 @@ def test_conditions_have_names_of_their_own_and_known_policies() -> None:
     for one in all_of_them:
         policies.factory(one.source)
         Scenario(**one.scenario_fields())
-    by_name = {one.name: one.settings() for one in all_of_them}
+    by_name = {one.name: runs.task_of(one, 1) for one in all_of_them}
     assert by_name["eigenvalue--mi-constant"] == by_name["default--mi-constant"]  # run once
     assert by_name["eigenvalue--mi-fisher"] != by_name["default--mi-fisher"]
     others = {"nowhere", "particles-nowhere", "clutter"}
     assert {choice.name for choice in CHOICES} == {one.choice for one in all_of_them if one.policy == "mi-mi"} - others
 
 
-def test_complete_conditions_are_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_conditions_of_equal_settings_share_their_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     played: list[int] = []
 
-    def row_of(run: runs.Run) -> runs.Row:
-        played.append(run.seed)
-        return {"seed": run.seed, "first_closure": np.nan, "lost": 0}
+    def play(group: tuple[Task, ...]) -> list[Any]:
+        played.extend(task.seed for task in group)
+        times = {name: np.zeros(2) for name in ("times", *runs.CURVES)}
+        return [made_up(task.seed, times).arrays() for task in group]
 
-    monkeypatch.setattr(runs, "row_of", row_of)
+    monkeypatch.setattr(tasks, "play_tasks", play)
     twins = [Condition("a", "mi-mi", "mi-mi"), Condition("b", "mi-mi", "mi-mi")]
-    first = runs.run_conditions({twins[0]: [1, 2], twins[1]: [2]}, tmp_path, jobs=1)
-    assert played == [1, 2]  # equal settings: once
-    assert [row["seed"] for row in first["a", "mi-mi"]] == [1, 2]
-    assert [row["seed"] for row in first["b", "mi-mi"]] == [2]
-    again = runs.run_conditions({twins[0]: [1, 2], twins[1]: [1, 2]}, tmp_path, jobs=1)
-    assert played == [1, 2]
-    assert np.isnan(again["b", "mi-mi"][0]["first_closure"])
-    for condition, seeds in ((twins[0], [1, 3]), (replace(twins[0], duration=2.0), [1, 2])):
-        runs.run_conditions({condition: seeds}, tmp_path, jobs=1)
-    assert played == [1, 2, 1, 3, 1, 2]
-    (kept,) = (tmp_path / "runs").glob("a--*.json")
-    kept.write_bytes(kept.read_bytes()[:-20])
-    runs.run_conditions({twins[0]: [5]}, tmp_path, jobs=1)
-    assert played[6:] == [5]
+    for _ in range(2):
+        rows = runs.run_conditions({twins[0]: [1, 2], twins[1]: [2]}, Store(tmp_path), jobs=1)
+        assert played == [1, 2]
+        assert [row["seed"] for row in rows["a", "mi-mi"]] == [1, 2] and [
+            row["seed"] for row in rows["b", "mi-mi"]
+        ] == [2]
+    runs.run_conditions({replace(twins[0], duration=2.0): [1]}, Store(tmp_path), jobs=1)
+    assert played == [1, 2, 1]
+
+
+def made_up(seed: int, values: dict[str, Any]) -> Episode:
+    names = [field.name for field in fields(Episode)]
+    return Episode(
+        **{name: np.zeros(1) for name in names} | {"events": {}, "notes": {"seed": np.array(seed)}, **values}
+    )
 
 
 def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -296,7 +298,7 @@ def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert main([*arguments, str(tmp_path)]) == 0
     assert "Written to" in capsys.readouterr().out
     page = (tmp_path / "STUDY.md").read_text(encoding="utf-8")
-    assert "python -m agents study --episodes 2 --choice-episodes 1 --seed 1000000 --duration 1" in page
+    assert "python -m agents study --episodes 2 --choice-episodes 1 --duration 1 --seed 1000000" in page
     for claim in CLAIMS:
         assert claim.words in page
     study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))

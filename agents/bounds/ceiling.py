@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Scenario
-from agents.episode import Episode
+from activeslam_gym.evaluation import Episode
 
 LOG2_2PIE = math.log2(2.0 * math.pi * math.e)
 

@@ -3,22 +3,21 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
 from activeslam_gym.config import scenario_from
+from activeslam_gym.evaluation import Episode
 from agents import pretrained
 from agents.bounds.ceiling import ceiling
 from agents.bounds.drawing import draw
 from agents.bounds.planners import BUDGETS
 from agents.bounds.share import BASE, shares
 from agents.compare.command import Args as Comparison
-from agents.compare.command import compare
-from agents.episode import Episode
-from agents.task import check, file_name
-from agents.tools.arguments import Rooms, first_room, given
+from agents.compare.command import compare_each, tasks_of
+from agents.task import check
+from agents.tools.arguments import Rooms, command_line, first_room, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section, table
 from agents.tools.statistics import estimate
@@ -60,12 +59,6 @@ class Args(Rooms):
         super().__post_init__()
         given(self, "scenarios")
 
-    @property
-    def command(self) -> str:
-        """What runs this."""
-        scenarios = " ".join(self.scenarios)
-        return f"python -m agents bounds --scenarios {scenarios} --episodes {self.episodes} --seed {self.seed}"
-
     def names(self, scenario: str) -> tuple[str, ...]:
         """The policies that are run there, as the tables call them."""
         learned = self.learned or (*pretrained.trained_in(scenario), GENERAL)
@@ -84,6 +77,7 @@ class Args(Rooms):
             duration=self.duration,
             reference=BASE,
             out=self.out / scenario,
+            store=self.store or self.out / "episodes",
             resume=True,
             figures=False,
         )
@@ -95,46 +89,39 @@ def main(args: Args) -> int:
     for one in comparisons.values():
         check(one.names, [one.environment])
     args.prepare("bounds")
-    results: dict[str, Scores] = {}
-    for scenario, one in comparisons.items():
-        print(f"{scenario}: {len(one.names)} policies, {args.episodes} rooms each")
-        summary = compare(one)
-        if summary is None or not summary.settings["complete"]:
-            print("Interrupted; the same command goes on.")
-            return 130
-        results[scenario] = scores(args, scenario)
-    write(args, results)
+    if compare_each(comparisons) is None:
+        return 130
+    write(args, {scenario: scores(one) for scenario, one in comparisons.items()})
     return 0
 
 
-def scores(args: Args, scenario: str) -> Scores:
-    """The log scores that the comparison left in its folder, and the loose bound on the largest planner's path."""
-    folder, first = args.out / scenario / "episodes", first_room(scenario, args.seed)
-    seeds = range(first, first + args.episodes)
-    episodes = {
-        name: {seed: Episode.load(folder / f"{file_name(SOURCES.get(name, name))}-{seed}.npz") for seed in seeds}
-        for name in args.names(scenario)
-    }
-    out = {
-        name: {seed: float(run.log_score[-1] - run.log_score[0]) for seed, run in runs.items()}
-        for name, runs in episodes.items()
-    }
-    settings = scenario_from(scenario)
-    return out | {CEILING: {seed: ceiling(run, settings) for seed, run in episodes[PLANNER].items()}}
+def scores(comparison: Comparison) -> Scores:
+    """The log scores of the comparison's episodes, which are in its store, and the loose bound on the largest
+    planner's paths."""
+    called = {source: name for name, source in SOURCES.items()}
+    settings = scenario_from(comparison.scenario)
+    found: Scores = {called.get(name, name): {} for name in (*comparison.names, CEILING)}
+    for task in tasks_of(comparison):
+        kept = comparison.episode_store.load(task.label, task.key)
+        assert kept is not None
+        run = Episode.of(kept)
+        found[called.get(task.policy, task.policy)][task.seed] = float(run.log_score[-1] - run.log_score[0])
+        if task.policy == SOURCES[PLANNER]:
+            found[CEILING][task.seed] = ceiling(run, settings)
+    return found
 
 
 def write(args: Args, results: Mapping[str, Scores]) -> None:
     """Everything into `args.out`, and into the pages of `args.report`."""
     texts = [f"### `{scenario}`\n\n{bounds_table(found)}" for scenario, found in results.items()]
-    drawn = args.figures and find_spec("matplotlib") is not None
-    text = "\n\n".join([*texts, *(["![bounds](images/bounds.png)"] if drawn else [])])
+    text = "\n\n".join([*texts, *(["![bounds](images/bounds.png)"] if args.drawn else [])])
     write_text(args.out / "bounds.md", text + "\n")
     write_json(args.out / "bounds.json", {"settings": json.loads(json.dumps(asdict(args), default=str)), **results})
-    if drawn:
+    if args.drawn:
         draw(results, args.out / "images" / "bounds.png")
     for page in args.report:
-        put_section(page, "bounds", f"{provenance(args.command)}\n\n{text}")
-        if drawn:
+        put_section(page, "bounds", f"{provenance(command_line('bounds', args))}\n\n{text}")
+        if args.drawn:
             draw(results, page.parent / "images" / "bounds.png")
     print(f"\n{text}\n\nWritten to {args.out}/")
 

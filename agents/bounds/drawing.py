@@ -8,30 +8,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from activeslam_gym.files import written_whole
+from agents.figures import grid_of_panels, save_figure
 from agents.tools.statistics import estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DPI = 130
 PANEL = (7.0, 0.34)
 """Width of a panel, and height of a row, inches."""
 
 
 def draw(results: Mapping[str, Mapping[str, Mapping[int, float]]], path: Path) -> Path:
     """Draw scenario → policy → seed → log score into `path`: each room a dot, medians with their intervals."""
-    import matplotlib.pyplot as plt
-
     rows = max(len(found) for found in results.values())
-    height = (1.2 + PANEL[1] * rows) * len(results)
-    figure, panels = plt.subplots(len(results), 1, figsize=(PANEL[0], height), squeeze=False, layout="constrained")
+    figure, panels = grid_of_panels(len(results), 1, (PANEL[0], 1.2 + PANEL[1] * rows))
     for axes, (scenario, found) in zip(panels[:, 0], results.items()):
         _panel(axes, scenario, found)
-    with written_whole(path) as unfinished:
-        figure.savefig(unfinished, dpi=DPI)
-    plt.close(figure)
-    return path
+    return save_figure(figure, path)
 
 
 def _panel(axes: Axes, scenario: str, found: Mapping[str, Mapping[int, float]]) -> None:

@@ -1,25 +1,21 @@
 """Compare policies in the same unseen rooms: episodes, table, CSV, JSON and figures."""
 
 import json
-import shlex
-from collections.abc import Generator, Sequence
-from contextlib import closing
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from activeslam_gym.config import scenario_from
+from activeslam_gym.evaluation import Episode, outcome
+from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents import policies, tables
-from agents.episode import Episode, outcome
 from agents.figures import draw_all
 from agents.summary import Summary, summarise
-from agents.task import Task, check, rehearse
-from agents.tools.arguments import Rooms, at_least, given, scenario_argument, times, times_within
+from agents.task import Task, check, play_until_interrupted, rehearse
+from agents.tools.arguments import Rooms, at_least, command_line, given, scenario_argument, times, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text, written
-from agents.tools.machine import RESULTS_REST_ON, package_versions
-from agents.tools.parallel import run_all
 from agents.tools.sections import provenance, put_section
 
 
@@ -52,7 +48,7 @@ class Args(Rooms):
     honesty_times: tuple[float, ...] = (5.0, 15.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
     resume: bool = False
-    """Take the finished episodes that `out` holds of the same settings, code and policies, instead of new ones."""
+    """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones."""
     report: tuple[Path, ...] = ()
     """Markdown files whose generated sections "compare" (all tables) and "headline" (one) are made anew."""
     figures: bool = True
@@ -76,15 +72,6 @@ class Args(Rooms):
         """Arguments of the environment."""
         names = ("scenario", "gaze_period", "motion_period", "duration", "lost_position_error")
         return {name: getattr(self, name) for name in names} | {"scenario": scenario_argument(self.scenario)}
-
-    @property
-    def command(self) -> str:
-        """What runs this comparison."""
-        given = f"--policies {' '.join(self.names)} --episodes {self.episodes} --seed {self.seed}"
-        other = [name for name in ("scenario", "gaze_period") if getattr(self, name) != getattr(Args, name)]
-        return f"python -m agents compare {given}" + "".join(
-            f" --{name.replace('_', '-')} {shlex.quote(str(getattr(self, name)))}" for name in other
-        )
 
 
 def main(args: Args) -> int:
@@ -112,90 +99,71 @@ def compare(args: Args) -> Summary | None:
         return _compare(args)
 
 
+def compare_each(comparisons: Mapping[str, Args]) -> dict[str, Summary] | None:
+    """The figures of several comparisons by their names; None where one was interrupted, which is said."""
+    summaries = {}
+    for name, args in comparisons.items():
+        print(f"{name}: {len(args.names)} policies, {args.episodes} rooms each")
+        summary = compare(args)
+        if summary is None or not summary.settings["complete"]:
+            print("Interrupted; the same command goes on.")
+            return None
+        summaries[name] = summary
+    return summaries
+
+
 def _compare(args: Args) -> Summary | None:
-    tasks = _tasks(args)
-    episodes = _run_until_interrupted(tasks, args)
+    tasks = tasks_of(args)
+    episodes = _play(tasks, args)
     if not episodes:
         return None
     settings = _settings(args, complete=len(episodes) == len(tasks))
     duration = args.duration or scenario_from(args.environment["scenario"]).duration
     honest_at = times_within(args.honesty_times, duration)
     summary = summarise(episodes, args.reference, args.target_landmarks, honest_at, settings)
-    drawn = args.figures and find_spec("matplotlib") is not None
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
-    if args.figures and not drawn:
+    if args.figures and not args.drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", tables.markdown(summary))
     for page in args.report:
-        put_section(page, "compare", f"{provenance(args.command)}\n\n{tables.markdown(summary)}")
+        put_section(page, "compare", f"{provenance(command_line('compare', args))}\n\n{tables.markdown(summary)}")
         put_section(page, "headline", tables.headline(summary))
-    if drawn:
+    if args.drawn:
         draw_all(episodes, args.out)
     return summary
 
 
-def _tasks(args: Args) -> list[Task]:
+def tasks_of(args: Args) -> list[Task]:
     """Room by room, so that an interrupted study has seen the same rooms with every policy."""
     seeds = range(args.seed, args.seed + args.episodes)
     settings = json.dumps(args.environment, sort_keys=True)
     made_of = {name: policies.content(name) for name in args.names}
-    return [Task(name, seed, settings, seed == args.seed, made_of[name]) for seed in seeds for name in args.names]
+    return [
+        Task(name, seed, settings, seed == args.seed, content=made_of[name]) for seed in seeds for name in args.names
+    ]
 
 
-def _run_until_interrupted(tasks: Sequence[Task], args: Args) -> list[Episode]:
+def _play(tasks: Sequence[Task], args: Args) -> list[Episode]:
     """The episodes by policy, as they were named, and seed: all, or those that were over at Ctrl-C.
 
     episodes.csv is written after each room.
     """
-    episodes: list[Episode] = []
-    rows: list[dict[str, Any]] = []
-    try:
-        with closing(_run_all(tasks, args)) as finished:
-            for episode in finished:
-                episodes.append(episode)
-                rows.append(outcome(episode, args.target_landmarks))
-                if len(rows) % len(args.names) == 0:
-                    write_csv(args.out / "episodes.csv", rows)
-    except KeyboardInterrupt:
-        print("Interrupted; the episodes that are over are kept, and --resume goes on from them.")
-    if rows:
-        rank = {name: i for i, name in enumerate(args.names)}
-        episodes.sort(key=lambda e: (rank[e.policy], e.seed))
-        rows.sort(key=lambda row: (rank[row["policy"]], row["seed"]))
-        write_csv(args.out / "episodes.csv", rows)
+    rank = {name: i for i, name in enumerate(args.names)}
+
+    def write(episodes: Sequence[Episode]) -> None:
+        write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
+
+    def note(episodes: Sequence[Episode]) -> None:
+        if len(episodes) % len(args.names) == 0:
+            write(episodes)
+
+    episodes = play_until_interrupted(tasks, args.episode_store, args.jobs, not args.resume, note)
+    episodes.sort(key=lambda one: (rank[one.policy], one.seed))
+    if episodes:
+        write(episodes)
     return episodes
-
-
-def _run_all(tasks: Sequence[Task], args: Args) -> Generator[Episode, None, None]:
-    """Yield the episodes as they finish, those of an earlier run first, and keep each in a file."""
-    kept = _kept(tasks, args.out) if args.resume else {}
-    missing = [task for task in tasks if task not in kept]
-    yield from kept.values()
-    with closing(run_all(Task.run, missing, args.jobs, finished=len(kept))) as finished:
-        for task, episode in finished:
-            episode.save(task.path(args.out))
-            yield episode
-
-
-def _kept(tasks: Sequence[Task], folder: Path) -> dict[Task, Episode]:
-    """The episodes of an earlier run with the same settings, code and policies; what was not taken is said."""
-    kept, other, damaged = {}, 0, 0
-    for task in (task for task in tasks if task.path(folder).exists()):
-        try:
-            episode = Episode.load(task.path(folder))
-        except ValueError:
-            damaged += 1
-            continue
-        whole = len(episode.times) == len(episode.actions) + 1
-        if (episode.settings, episode.policy, episode.seed, whole) == (task.key, task.policy, task.seed, task.whole):
-            kept[task] = episode
-        else:
-            other += 1
-    left_out = f"; not taken: {other} of other settings, code or policies, {damaged} damaged" if other + damaged else ""
-    print(f"{len(kept)} of {len(tasks)} episodes are those of an earlier run{left_out}.")
-    return kept
 
 
 def _settings(args: Args, complete: bool) -> dict[str, Any]:
@@ -207,5 +175,5 @@ def _settings(args: Args, complete: bool) -> dict[str, Any]:
         "target_landmarks": args.target_landmarks,
         **args.environment,
         "complete": complete,
-        "versions": package_versions(RESULTS_REST_ON),
+        "versions": package_versions(LIBRARIES),
     }

@@ -9,7 +9,7 @@ from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
 from agents.tables import Table, pipes, shown, titled
 from agents.task import check
-from agents.tools.arguments import Rooms, first_room
+from agents.tools.arguments import Rooms, command_line, first_room
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import provenance, put_section
 from agents.tools.statistics import LEGEND, MISSING
@@ -54,34 +54,19 @@ class Args(Rooms):
         """Name → scenario."""
         return {name: name for name in self.scenarios} or CONDITIONS
 
-    @property
-    def command(self) -> str:
-        """What runs this."""
-        policies = " ".join(self.policies)
-        given = f"--policies {policies} --episodes {self.episodes} --seed {self.seed}"
-        return f"python -m agents generalise {given}" + f" --scenarios {' '.join(self.scenarios)}" * bool(
-            self.scenarios
-        )
-
 
 def main(args: Args) -> int:
     """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    environments = [_comparison(args, *condition).environment for condition in args.conditions.items()]
-    check(args.policies, environments)
+    comparisons = {name: _comparison(args, name, scenario) for name, scenario in args.conditions.items()}
+    check(args.policies, [one.environment for one in comparisons.values()])
     args.prepare("generalise")
-    summaries: dict[str, Summary] = {}
-    for name, scenario in args.conditions.items():
-        print(f"{name}: {len(args.policies)} policies, {args.episodes} rooms each")
-        summary = command.compare(_comparison(args, name, scenario))
-        if summary is None or not summary.settings["complete"]:
-            print("Interrupted; the same command goes on.")
-            return 130
-        summaries[name] = summary
+    if (summaries := command.compare_each(comparisons)) is None:
+        return 130
     text = f"{pipes(table(summaries))}\n\n{LEGEND}\n\n{SHARES}:\n\n{pipes(shares(summaries))}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
     for page in args.report:
-        put_section(page, "generalise", f"{provenance(args.command)}\n\n{text}")
+        put_section(page, "generalise", f"{provenance(command_line('generalise', args))}\n\n{text}")
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 
@@ -115,4 +100,5 @@ def _comparison(args: Args, name: str, scenario: str) -> command.Args:
     same = {key: getattr(args, key) for key in ("policies", "episodes", "jobs")}
     seed = first_room(name, args.seed) if name in args.scenarios else args.seed
     out = args.out / name.replace(" ", "-")
-    return command.Args(**same, seed=seed, out=out, scenario=scenario, resume=True, figures=False)
+    store = args.store or args.out / "episodes"
+    return command.Args(**same, seed=seed, out=out, store=store, scenario=scenario, resume=True, figures=False)

@@ -1,5 +1,6 @@
-"""From watched runs to the figures of the consistency report, each beside the bar that it has to meet."""
+"""From runs under a `Witness` to the figures of the consistency report, each beside the bar that it has to meet."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -7,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.episode import honesty, outcome
-from agents.honesty.witness import WatchedRun
+from activeslam_gym.evaluation import Episode, honesty, outcome
 from agents.tools.statistics import TAILS, Estimate, estimate
 
 Array = NDArray[np.float64]
@@ -94,6 +94,11 @@ class Calibration:
         return nees | rest | {"wrong associations": self.wrong, "lost": self.lost}
 
 
+def initialisation_of(run: Episode) -> str:
+    """The initialiser of a run's features."""
+    return json.loads(run.settings)["scenario"]["initialisation"]
+
+
 def nees_bar(strategy: str, time: float) -> Bar | None:
     """Of the average NEES per degree of freedom, the same for all quantities."""
     if time not in BAR_TIMES:
@@ -131,31 +136,31 @@ def chi2_bounds(runs: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def calibrate(runs: Sequence[WatchedRun], times: Sequence[float], scenario: str) -> Calibration:
+def calibrate(runs: Sequence[Episode], times: Sequence[float], scenario: str) -> Calibration:
     """The figures of `runs`, all of one strategy with one initialiser, with the bars of the scenario.
 
     In the scenario `clutter` only the share of lost runs has a bar.
     """
-    strategy, bars = runs[0].episode.policy, scenario != "clutter"
+    strategy, bars = runs[0].policy, scenario != "clutter"
     at = {f"{t:g}": {q: _nees(runs, q, t) for q in QUANTITIES} for t in times}
     bar_at = {f"{t:g}": nees_bar(strategy, t) if bars else None for t in times}
     return Calibration(
         strategy=strategy,
-        initialisation=runs[0].initialisation,
+        initialisation=initialisation_of(runs[0]),
         runs=len(runs),
         nees={t: {q: judged(estimate(v, "mean"), bar_at[t]) for q, v in row.items()} for t, row in at.items()},
         nees_median={t: {q: estimate(v, "median") for q, v in row.items()} for t, row in at.items()},
         chi2_bounds={t: {q: chi2_bounds(_alive(v)) for q, v in row.items()} for t, row in at.items()},
         curves={quantity: curve(runs, quantity) for quantity in QUANTITIES},
-        lost=judged(estimate([run.episode.lost for run in runs], "share"), lost_bar(strategy, scenario)),
-        log_score_gain=estimate([outcome(run.episode, 1)["log_score_gain"] for run in runs], "median"),
+        lost=judged(estimate([run.lost for run in runs], "share"), lost_bar(strategy, scenario)),
+        log_score_gain=estimate([outcome(run, 1)["log_score_gain"] for run in runs], "median"),
         **_from_labels(runs, bars),
     )
 
 
-def curve(runs: Sequence[WatchedRun], quantity: str) -> dict[str, list[float]]:
+def curve(runs: Sequence[Episode], quantity: str) -> dict[str, list[float]]:
     """NEES over time, a sample a second: average and median over the runs alive, and the bounds of the average."""
-    times = np.arange(1.0, max(run.episode.times[-1] for run in runs) + 0.5)
+    times = np.arange(1.0, max(run.times[-1] for run in runs) + 0.5)
     rows = []
     for time in times:
         values = _nees(runs, quantity, time)
@@ -166,21 +171,21 @@ def curve(runs: Sequence[WatchedRun], quantity: str) -> dict[str, list[float]]:
     return {name: [row[i] for row in rows] for i, name in enumerate(names)}
 
 
-def _nees(runs: Sequence[WatchedRun], quantity: str, time: float) -> Array:
+def _nees(runs: Sequence[Episode], quantity: str, time: float) -> Array:
     """(runs,) NEES per degree of freedom; NaN where the run is over, or nothing is mapped."""
-    return np.array([honesty(run.episode, time)[QUANTITIES[quantity]] for run in runs])
+    return np.array([honesty(run, time)[QUANTITIES[quantity]] for run in runs])
 
 
 def _alive(values: Array) -> int:
     return int(np.count_nonzero(~np.isnan(values)))
 
 
-def _from_labels(runs: Sequence[WatchedRun], bars: bool) -> dict[str, Any]:
+def _from_labels(runs: Sequence[Episode], bars: bool) -> dict[str, Any]:
     """The fields that come from the hidden labels: figures of all runs together, which have no interval."""
-    said = [run.testimony for run in runs]
-    errors = np.concatenate([one.depth_errors for one in said])
+    said = [run.notes for run in runs]
+    errors = np.concatenate([np.asarray(one["depth_errors"], float).reshape(-1) for one in said])
     names = ("conversions", "matches", "wrong_matches", "features", "duplicates")
-    counts = {name: sum(getattr(one, name) for one in said) for name in names}
+    counts = {name: int(sum(one[name] for one in said)) for name in names}
 
     def share(part: int, whole: int) -> Estimate:
         return pooled(part / whole if whole else np.nan, len(runs))

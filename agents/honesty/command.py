@@ -2,22 +2,19 @@
 
 import json
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from activeslam_gym.config import INITIALISATIONS, scenario_from
-from agents.episode import honesty, outcome
+from activeslam_gym.evaluation import Episode, honesty, outcome
+from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.honesty import drawing, page
-from agents.honesty.calibration import Calibration, calibrate
-from agents.honesty.witness import WatchedRun, watch
-from agents.task import Task, check, rehearse
-from agents.tools.arguments import Rooms, given, times, times_within
+from agents.honesty.calibration import Calibration, calibrate, initialisation_of
+from agents.honesty.witness import Witness
+from agents.task import Task, check, play_until_interrupted, rehearse
+from agents.tools.arguments import Rooms, command_line, given, times, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text, written
-from agents.tools.machine import RESULTS_REST_ON, package_versions
-from agents.tools.parallel import run_all
 from agents.tools.sections import provenance, put_section
 
 
@@ -34,7 +31,7 @@ class Args(Rooms):
     seed: int = field(default=2_000_000, kw_only=True)
     """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/consistency")
-    """Folder of the results."""
+    """Folder of the results; finished episodes that it holds are not run again."""
     scenario: str = "paper"
     """Name of the scenario; under `clutter` only the share of lost runs has a bar."""
     duration: float = 35.0
@@ -50,15 +47,6 @@ class Args(Rooms):
         super().__post_init__()
         given(self, "policies", "initialisations")
         times(self, "times")
-
-    @property
-    def command(self) -> str:
-        """What runs this."""
-        command = (
-            f"python -m agents consistency --episodes {self.episodes} --seed {self.seed} --scenario {self.scenario}"
-        )
-        chosen = self.initialisations != Args.initialisations
-        return command + (f" --initialisations {' '.join(self.initialisations)}" if chosen else "")
 
     @property
     def environments(self) -> list[dict[str, Any]]:
@@ -95,7 +83,7 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
 
 def _report(args: Args) -> tuple[list[Calibration], bool]:
     tasks = _tasks(args)
-    runs = _run_until_interrupted(tasks, args.jobs)
+    runs = play_until_interrupted(tasks, args.episode_store, args.jobs)
     told_at = times_within(args.times, args.duration)
     calibrations = [calibrate(group, told_at, args.scenario) for group in grouped(runs, args)]
     complete = len(runs) == len(tasks)
@@ -104,24 +92,24 @@ def _report(args: Args) -> tuple[list[Calibration], bool]:
     return calibrations, complete
 
 
-def grouped(runs: Sequence[WatchedRun], args: Args) -> list[list[WatchedRun]]:
+def grouped(runs: Sequence[Episode], args: Args) -> list[list[Episode]]:
     """The runs of each policy with each initialiser that has any, in the order of the arguments and by seed."""
     pairs = [(policy, initialisation) for policy in args.policies for initialisation in args.initialisations]
-    ordered = sorted(runs, key=lambda run: run.episode.seed)
-    groups = [[run for run in ordered if (run.episode.policy, run.initialisation) == pair] for pair in pairs]
+    ordered = sorted(runs, key=lambda run: run.seed)
+    groups = [[run for run in ordered if (run.policy, initialisation_of(run)) == pair] for pair in pairs]
     return [group for group in groups if group]
 
 
-def row(run: WatchedRun, times: Sequence[float]) -> dict[str, Any]:
+def row(run: Episode, times: Sequence[float]) -> dict[str, Any]:
     """One line of runs.csv; NEES that no longer exist (the run is over) or not yet (nothing mapped) are empty."""
-    said, whole = run.testimony, outcome(run.episode, 1)
+    whole = outcome(run, 1)
     kept = ("policy", "seed", "end_time", "lost", "log_score_gain", "landmarks_mapped", "distinct_landmarks")
-    errors = said.depth_errors
+    errors = run.notes["depth_errors"]
     return {
         **{name: whole[name] for name in kept},
-        "initialisation": run.initialisation,
-        **{f"{name}_{t:g}s": value for t in times for name, value in honesty(run.episode, t).items()},
-        **{name: value for name, value in asdict(said).items() if name != "depth_errors"},
+        "initialisation": initialisation_of(run),
+        **{f"{name}_{t:g}s": value for t in times for name, value in honesty(run, t).items()},
+        **{name: int(value) for name, value in run.notes.items() if name != "depth_errors"},
         "depth_errors": len(errors),
         "depth_error_mean": float(errors.mean()) if len(errors) else float("nan"),
         "depth_error_rms": float((errors**2).mean() ** 0.5) if len(errors) else float("nan"),
@@ -132,37 +120,26 @@ def _tasks(args: Args) -> list[Task]:
     """Room by room, so that an interrupted study has seen the same rooms with everything."""
     settings = [json.dumps(arguments, sort_keys=True) for arguments in args.environments]
     seeds = range(args.seed, args.seed + args.episodes)
-    return [Task(policy, seed, one) for seed in seeds for policy in args.policies for one in settings]
-
-
-def _run_until_interrupted(tasks: Sequence[Task], jobs: int) -> list[WatchedRun]:
-    """All runs, or those that were over at Ctrl-C."""
-    runs: list[WatchedRun] = []
-    try:
-        with closing(run_all(watch, tasks, jobs)) as finished:
-            for _, run in finished:
-                runs.append(run)
-    except KeyboardInterrupt:
-        print("Interrupted; the report is of the episodes that are over.")
-    return runs
+    return [
+        Task(policy, seed, one, measures=(Witness,)) for seed in seeds for policy in args.policies for one in settings
+    ]
 
 
 def _write(
-    calibrations: Sequence[Calibration], runs: Sequence[WatchedRun], times: Sequence[float], args: Args, complete: bool
+    calibrations: Sequence[Calibration], runs: Sequence[Episode], times: Sequence[float], args: Args, complete: bool
 ) -> None:
     """Everything into `args.out`: runs.csv, report.json, report.md and, where matplotlib is, nees.png."""
     ordered = [run for group in grouped(runs, args) for run in group]
     write_csv(args.out / "runs.csv", [row(run, times) for run in ordered])
-    paths = {"out": str(args.out), "report": [str(path) for path in args.report]}
-    settings = {**asdict(args), **paths, "complete": complete, "versions": package_versions(RESULTS_REST_ON)}
+    plain = json.loads(json.dumps(asdict(args), default=str))
+    settings = {**plain, "complete": complete, "versions": package_versions(LIBRARIES)}
     write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
     text = page.markdown(calibrations, settings)
     write_text(args.out / "report.md", text)
-    drawn = args.figures and find_spec("matplotlib") is not None
-    if drawn:
+    if args.drawn:
         drawing.draw(calibrations, args.out / "nees.png")
     for path in args.report:
         section = text.replace("# ", "## ").replace("(nees.png)", "(images/nees.png)")
-        put_section(path, "consistency", f"{provenance(args.command)}\n\n{section}")
-        if drawn:
+        put_section(path, "consistency", f"{provenance(command_line('consistency', args))}\n\n{section}")
+        if args.drawn:
             drawing.draw(calibrations, path.parent / "images" / "nees.png")

@@ -3,55 +3,30 @@
 A step must be one frame, or conversions would be seen some frames late.
 """
 
-import json
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activeslam_gym.evaluation import Episode, matched_ids
 from activeslam_gym.motion import CAMERA_DIM
-from agents.episode import Episode
-from agents.evaluate import matched_ids
-from agents.task import Task
 
 Array = NDArray[Any]
 
 
-@dataclass(frozen=True)
-class Testimony:
-    """What the hidden labels said of one run."""
-
-    depth_errors: Array
-    """(C,) standardised depth errors of the features that became points, see `depth_error`."""
-    conversions: int
-    """Features that became points, those without an owner too: C of them have one."""
-    matches: int
-    """Detections matched to a fiducial or to a feature that was there before (births are none)."""
-    wrong_matches: int
-    """Wrong ones, as the environment counts them (a feature born of clutter is one)."""
-    features: int
-    """Features that ever had an owner: a true landmark that they were born of."""
-    duplicates: int
-    """Those of them that, at some frame, had their owner in common with an older feature of the map."""
-
-
-@dataclass(frozen=True)
-class WatchedRun:
-    """One episode with what was said of it."""
-
-    episode: Episode
-    testimony: Testimony
-    initialisation: str
-
-
 class Witness:
-    """Takes down what the labels say after each frame; see `look`."""
+    """Takes down what the labels say after each frame: a measure of the consistency report.
+
+    It adds to the record's notes: ``depth_errors`` (C,), standardised, of the features that became points and have an
+    owner (see `depth_error`); ``conversions``, features that became points, those without an owner too; ``matches`` of
+    detections to fiducials or features that were there before (births are none); ``wrong_matches``, as the environment
+    counts them (a feature born of clutter is one); ``features`` that ever had an owner, a true landmark that they were
+    born of; ``duplicates``, those of them that at some frame had it in common with an older feature of the map.
+    """
+
+    whole = False
 
     def __init__(self) -> None:
-        self._begin()
-
-    def _begin(self) -> None:
         self._depth_errors: list[float] = []
         self._counts = {"conversions": 0, "matches": 0, "wrong_matches": 0}
         self._owned: set[int] = set()
@@ -59,13 +34,11 @@ class Witness:
         self._anchors: dict[int, Array] = {}
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
-        """See what there is to say of a frame; a reset begins anew. Raises ValueError for steps of several frames."""
+        """See what there is to say of a frame. Raises ValueError for steps of several frames."""
         if round(core.gaze_period / core.scenario.frame_time) != 1:
             raise ValueError(f"gaze_period: {core.gaze_period!r}; allowed: one frame, or conversions are seen late")
         belief, labels = core.belief, core.labels
-        if core.time == 0.0:
-            self._begin()
-        else:
+        if core.time > 0.0:
             self._note_conversions(belief, labels.owners, core.truth)
             self._counts["matches"] += len(matched_ids(core)) - info["events"]["births"]
             self._counts["conversions"] += info["events"]["conversions"]
@@ -89,11 +62,11 @@ class Witness:
                     self._doubles.add(id)
                 seen.add(owner)
 
-    @property
-    def testimony(self) -> Testimony:
-        """What has been said since the reset."""
-        errors, owned, doubles = np.array(self._depth_errors), len(self._owned), len(self._doubles)
-        return Testimony(errors[~np.isnan(errors)], features=owned, duplicates=doubles, **self._counts)
+    def result(self, episode: Episode) -> dict[str, Any]:
+        """What has been said."""
+        errors = np.array(self._depth_errors)
+        counts = self._counts | {"features": len(self._owned), "duplicates": len(self._doubles)}
+        return {"depth_errors": errors[~np.isnan(errors)], **counts}
 
 
 def depth_error(belief: Any, truth: Any, k: int, owner: int, anchor: Array) -> float:
@@ -112,10 +85,3 @@ def depth_error(belief: Any, truth: Any, k: int, owner: int, anchor: Array) -> f
     P, camera, point = belief.covariance, slice(0, 3), slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
     relative = P[point, point] - P[point, camera] - P[camera, point] + P[camera, camera]
     return float(error / np.sqrt(m @ relative @ m))
-
-
-def watch(task: Task) -> WatchedRun:
-    """Run one episode under the witness's eyes, in whichever process."""
-    witness = Witness()
-    episode = task.run([witness.look])
-    return WatchedRun(episode, witness.testimony, json.loads(task.settings)["scenario"]["initialisation"])

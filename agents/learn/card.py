@@ -9,12 +9,13 @@ import numpy as np
 
 from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import benchmark_seed
+from activeslam_gym.evaluation import Store
 from agents.learn.recipe import ALGORITHMS, Recipe
 from agents.summary import Summary, summarise
 from agents.task import Task
+from agents.task import results as results_of
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
-from agents.tools.parallel import run_all
 
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
 """A constant action and two greedy strategies: what a learned policy is worth training for."""
@@ -92,7 +93,7 @@ def unseen(weights: Path, rooms: int, recipe: Recipe) -> Summary:
     first = unseen_seed(recipe)
     names, seeds = (str(weights), *REFERENCES), range(first, first + rooms)
     tasks = [Task(name, seed, settings) for name in names for seed in seeds]
-    return summarise([episode for _, episode in run_all(Task.run, tasks, jobs=1)])
+    return summarise([episode for _, episode in results_of(tasks, Store())])
 
 
 def results(weights: Path, summary: Summary, recipe: Recipe) -> dict[str, Any]:

@@ -2,19 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from activeslam_gym.evaluation.code import LIBRARIES
 from agents.study import drawing, page
 from agents.study.claims import findings_of
 from agents.study.conditions import DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Condition, conditions
-from agents.study.runs import Row, Rows, Run, play, run_conditions
+from agents.study.runs import Row, Rows, run_conditions, task_of
 from agents.study.verdicts import Finding
-from agents.task import check, rehearse
-from agents.tools.arguments import Rooms, at_least
+from agents.task import check, rehearse, results
+from agents.tools.arguments import Rooms, at_least, command_line
 from agents.tools.files import alone_in, write_csv, write_json, write_text
-from agents.tools.machine import RESULTS_REST_ON, machine, versions
+from agents.tools.machine import machine, versions
 
 RULE = (
     "the simulation's room {room} has the median of the log score gained by the three strategies together, among the "
@@ -31,7 +31,7 @@ class Args(Rooms):
     choice_episodes: int = 50
     """Rooms, the first of these, for the other choices that the paper leaves open."""
     out: Path = Path("results/figures")
-    """Folder of the results; finished conditions that it holds are not run again."""
+    """Folder of the results; finished episodes that it holds are not run again."""
     duration: float | None = None
     """Seconds of an episode, for a quick look; the paper's if not given."""
     figures: bool = True
@@ -71,7 +71,7 @@ def main(args: Args) -> int:
             study = run(args)
             write(study, args)
     except KeyboardInterrupt:
-        print("Interrupted; the conditions that are complete are kept, and the same command goes on from them.")
+        print("Interrupted; the episodes that are over are kept, and the same command goes on from them.")
         return 130
     for finding in study.findings:
         print(f"{finding.verdict:>13}  {finding.claim}, {finding.choice}: {finding.measure}: {finding.text}")
@@ -84,12 +84,16 @@ def run(args: Args) -> Study:
     plan = args.plan()
     for one in {one.source: one for one in plan}.values():
         rehearse([one.source], [one.environment()], args.seed)
-    rows = run_conditions(plan, args.out, args.jobs)
+    rows = run_conditions(plan, args.episode_store, args.jobs)
     rows.duration = args.duration or rows.duration
     room = median_room(rows)
     by_key = {(one.choice, one.policy): one for one in plan}
-    strategies = {name: play(Run(by_key[DEFAULT, name], room))[0] for name in STRATEGIES}
-    live = {choice: play(Run(by_key[choice, LIVE], median_alive([rows[choice, LIVE]])))[0] for choice in LIVE_CHOICES}
+    drawn = {name: task_of(by_key[DEFAULT, name], room) for name in STRATEGIES}
+    drawn |= {choice: task_of(by_key[choice, LIVE], median_alive([rows[choice, LIVE]])) for choice in LIVE_CHOICES}
+    whole = dict(results([replace(task, whole=True) for task in drawn.values()], args.episode_store, args.jobs))
+    strategies, live = (
+        {name: whole[replace(drawn[name], whole=True)] for name in names} for names in (STRATEGIES, LIVE_CHOICES)
+    )
     return Study(rows, findings_of(rows), drawing.Drawn(strategies, live), _settings(args, room))
 
 
@@ -119,7 +123,7 @@ def write(study: Study, args: Args) -> None:
     write_csv(args.out / "rows.csv", [{k: v for k, v in row.items() if not isinstance(v, list)} for row in named])
     for name, episode in (study.drawn.strategies | study.drawn.live).items():
         episode.write_trajectories(args.out / "trajectories", name)
-    if args.figures and find_spec("matplotlib") is not None:
+    if args.drawn:
         drawing.draw_all(study.rows, study.findings, study.drawn, args.out / "images" / "study")
     write_text(args.out / "STUDY.md", page.markdown(study.rows, study.findings, study.settings))
 
@@ -132,16 +136,13 @@ def _flat(finding: Finding) -> dict[str, Any]:
 
 def _settings(args: Args, room: int) -> dict[str, Any]:
     """What was run, where and with which versions, as plain values."""
-    names = ("episodes", "choice_episodes", "seed")
-    changed = [f"--{name.replace('_', '-')} {getattr(args, name)}" for name in names]
-    changed += [] if args.duration is None else [f"--duration {args.duration:g}"]
     return {
-        "command": " ".join(["python -m agents study", *changed]),
+        "command": command_line("study", args),
         "episodes": args.episodes,
         "seed": args.seed,
         "duration": args.duration,
         "chosen": RULE.format(room=room),
         "choice_episodes": min(args.choice_episodes, args.episodes),
         "machine": machine(),
-        "versions": versions(RESULTS_REST_ON),
+        "versions": versions(LIBRARIES),
     }

@@ -35,8 +35,6 @@ class Condition:
     """Where the expected landmarks stand; see `places.PLACES`."""
     duration: float = 35.0
     """Seconds of an episode."""
-    curves: bool = field(default=False, compare=False)
-    """Keep the entropies over time, for a figure."""
     every_room: bool = field(default=True, compare=False)
     """Played in every room; otherwise in the first of them, since it only tells what a choice does."""
 
@@ -46,12 +44,13 @@ class Condition:
         return f"{self.choice}--{self.policy}"
 
     def settings(self) -> str:
-        """What decides the result, as JSON."""
-        return json.dumps({"source": self.source, "place": self.place, **self.environment()}, sort_keys=True)
+        """Arguments of the environment, as JSON."""
+        return json.dumps(self.environment(), sort_keys=True)
 
     def environment(self) -> dict[str, Any]:
-        """Arguments of the environment."""
-        return {"scenario": self.scenario_fields(), "duration": self.duration}
+        """Arguments of `agents.task.make_environment`."""
+        given = {"scenario": self.scenario_fields(), "duration": self.duration}
+        return given | ({"expected": self.place} if self.place else {})
 
     def scenario_fields(self) -> dict[str, Any]:
         """The scenario, as plain fields."""
@@ -72,10 +71,10 @@ class Choice:
     place: str = ""
 
     def conditions(self) -> list[Condition]:
-        """The three strategies under this choice; the default's keep their curves."""
+        """The three strategies under this choice."""
         first, sources = self.name == DEFAULT, {name: name for name in STRATEGIES} | self.rereads
         return [
-            Condition(self.name, role, source, self.scenario, self.fields, self.place, curves=first, every_room=first)
+            Condition(self.name, role, source, self.scenario, self.fields, self.place, every_room=first)
             for role, source in sources.items()
         ]
 
@@ -119,8 +118,8 @@ SINGLES: tuple[Condition, ...] = (
     Condition("unpropagated", "fisher-fisher", f"{HERE}:unpropagated_fisher_fisher", every_room=False),
     *(Condition("nowhere", name, name, place="nowhere") for name in STRATEGIES),
     *(Condition(PARTICLES_NOWHERE, x, x, "paper", (_PARTICLES,), "nowhere", every_room=False) for x in STRATEGIES),
-    Condition("hand-held", LIVE, "mi-mi", "hand-held", duration=HAND_HELD_SECONDS, curves=True),
-    Condition("calm", LIVE, "mi-mi", "hand-held", _CALM, duration=HAND_HELD_SECONDS, curves=True),
+    Condition("hand-held", LIVE, "mi-mi", "hand-held", duration=HAND_HELD_SECONDS),
+    Condition("calm", LIVE, "mi-mi", "hand-held", _CALM, duration=HAND_HELD_SECONDS),
     *(Condition("clutter", name, name, "clutter") for name in (*STRATEGIES, "sweep", "random")),
 )
 """What single claims need."""

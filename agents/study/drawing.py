@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from activeslam_gym import Motion
+from activeslam_gym.evaluation import Episode
 from agents import figures
-from agents.episode import Episode
 from agents.study import toy
 from agents.study.claims import STATED
 from agents.study.conditions import CHOICES, DEFAULT, LIVE, STRATEGIES

@@ -3,16 +3,22 @@
 import json
 import math
 import os
+import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from activeslam_gym.config import benchmark_seed
+from activeslam_gym.evaluation import Store
 from agents.tools.files import writable_folder
 from agents.tools.sections import page_with
 
 SEEDS = (0, 2**62)
 """What a seed may be: the rooms after it have seeds too."""
+UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")
+"""Arguments that decide no number."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +29,8 @@ class Rooms:
     """Episode j is reset(seed=seed + j)."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
+    store: Path | None = None
+    """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for a number outside of what it may be."""
@@ -33,6 +41,30 @@ class Rooms:
         for page in getattr(self, "report", ()):
             page_with(page, *sections)
         writable_folder("out", self.out)  # type: ignore[attr-defined]
+        if self.store:
+            writable_folder("store", self.store)
+
+    @property
+    def episode_store(self) -> Store:
+        """Where episodes are kept."""
+        return Store(self.store or self.out / "episodes")  # type: ignore[attr-defined]
+
+    @property
+    def drawn(self) -> bool:
+        """Whether figures are wanted and matplotlib is there to draw them."""
+        return self.figures and find_spec("matplotlib") is not None  # type: ignore[attr-defined]
+
+
+def command_line(name: str, args: Any) -> str:
+    """The command that `args` are of: how many rooms, and whatever else decides its numbers and is no default."""
+    told = []
+    for one in sorted(fields(args), key=lambda field: field.name == "seed"):
+        value = getattr(args, one.name)
+        if one.name in ("episodes", "rooms", "seed") or (one.name not in UNTOLD and value != one.default):
+            several = value if isinstance(value, tuple) else (value,)
+            texts = [f"{part:g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
+            told.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")
+    return " ".join([f"python -m agents {name}", *told])
 
 
 def at_least(args: Any, **least: int) -> None:

@@ -9,10 +9,9 @@ from typing import Any, cast
 
 import gymnasium as gym
 
+from activeslam_gym.evaluation import Episode, Look, outcome
 from activeslam_gym.live.recording import read_about
 from activeslam_gym.rendering import NoScreenWarning
-from agents.episode import Episode, outcome
-from agents.evaluate import Look
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
 from agents.tools.files import writable_file, writable_folder
@@ -123,7 +122,7 @@ def watch(args: Args) -> Iterator[Path]:
                 scenario = cast(Any, env.unwrapped).scenario
                 looks.append(stack.enter_context(Recording(path, scenario, name)).log)
             stack.enter_context(_window_demanded())
-            episode = run_policy(name, env, args.seed, looks=looks)
+            (episode,) = run_policy(name, env, [args.seed], looks=[looks])
         print(summary_line(episode))
         if args.rerun:
             yield path

@@ -15,19 +15,20 @@ R = TypeVar("R")
 
 
 def run_all(
-    function: Callable[[T], R], tasks: Sequence[T], jobs: int, finished: int = 0
+    function: Callable[[T], R], tasks: Sequence[T], jobs: int, finished: int, size: Callable[[T], int]
 ) -> Generator[tuple[T, R], None, None]:
-    """Yield the tasks with their results as they finish, under a progress bar that begins at `finished` earlier ones.
+    """Yield the tasks with their results as they finish, under a progress bar.
 
-    Close it (or exhaust it) to end the processes; Ctrl-C reaches the parent alone.
+    The bar counts episodes: `size` of a task are in it, and `finished` were there before. Close the generator (or
+    exhaust it) to end the processes; Ctrl-C reaches the parent alone.
     """
     from tqdm import tqdm
 
-    total = finished + len(tasks)
+    total = finished + sum(map(size, tasks))
     with tqdm(total=total, initial=finished, unit="episode") as bar, closing(_run(function, tasks, jobs)) as results:
-        for pair in results:
-            bar.update()
-            yield pair
+        for task, result in results:
+            bar.update(size(task))
+            yield task, result
 
 
 def _run(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Generator[tuple[T, R], None, None]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import Gaze, Motion
-from activeslam_gym.files import written_whole
 from activeslam_gym.metrics import write_tum
-from agents.tools.files import reading
+from activeslam_gym.motion import Gaze, Motion
 
 Array = NDArray[Any]
 
@@ -84,7 +83,9 @@ class Episode:
     rewards: Array
     """(K,)."""
     decision_us: Array
-    """(K,) microseconds of `predict`."""
+    """(K,) microseconds of `predict`; of a batch, each episode's share."""
+    step_us: Array
+    """(K,) microseconds of `step`, likewise."""
 
     landmark_times: Array
     """(J,) s: when the number of mapped landmarks first reached 1 … J."""
@@ -102,17 +103,23 @@ class Episode:
     landmark_covariance: Array
     """(n, 3, 3) m², theirs."""
 
+    lost_from: float = np.nan
+    """When it was lost first [s]; NaN for a belief that was not."""
+    events: dict[str, Array] = field(default_factory=dict)
+    """Event of `info["events"]` → (K,) how often it happened in each step."""
+    notes: dict[str, Array] = field(default_factory=dict)
+    """What measures add, by name."""
+
     def thinned(self, period: float = 1.0) -> Episode:
         """The same with samples every `period` s and at the end; steps and final values stay whole."""
-        ticks = np.arange(0.0, self.times[-1] + period, period)
-        kept = np.unique(np.abs(self.times[None, :] - ticks[:, None]).argmin(axis=1))
-        kept = np.union1d(kept, len(self.times) - 1)
+        kept = nearest(self.times, period)
         return replace(self, **{name: getattr(self, name)[kept] for name in SAMPLED})
 
-    def save(self, path: Path) -> None:
-        """Write to `path` (.npz), whole or not at all."""
-        with written_whole(path) as unfinished:
-            np.savez_compressed(unfinished, **asdict(self))
+    def arrays(self) -> dict[str, Array]:
+        """All of it as arrays, for a store: `events` and `notes` by names with a point."""
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        nested = {f"{part}.{name}": value for part in NESTED for name, value in values.pop(part).items()}
+        return {name: np.asarray(value) for name, value in (values | nested).items()}
 
     def write_trajectories(self, folder: Path, stem: str) -> list[Path]:
         """Write the true and the estimated trajectory into `folder`, for `evo_ape tum …`; the files."""
@@ -122,15 +129,29 @@ class Episode:
         return list(files.values())
 
     @classmethod
-    def load(cls, path: Path) -> Episode:
-        """Read what `save` wrote. Raises ValueError where the file is damaged."""
-        with reading(path), np.load(path) as data:
-            return cls(**{f.name: data[f.name][()] if data[f.name].ndim else data[f.name].item() for f in fields(cls)})
+    def of(cls, arrays: Mapping[str, Array]) -> Episode:
+        """The episode of its `arrays`."""
+        values: dict[str, Any] = {part: {} for part in NESTED}
+        for name, value in arrays.items():
+            part, _, inner = name.partition(".")
+            if inner:
+                values[part][inner] = value
+            else:
+                values[name] = value if value.ndim else value.item()
+        return cls(**values)
 
 
 _NAMES = [f.name for f in fields(Episode)]
 SAMPLED = tuple(_NAMES[_NAMES.index("times") : _NAMES.index("actions")])
 """The fields with one entry for each time."""
+NESTED = ("events", "notes")
+"""The fields that are dicts of arrays."""
+
+
+def nearest(times: Array, period: float) -> Array:
+    """Indices of the ascending `times` (T,) that are nearest to the multiples of `period`, and of the last."""
+    ticks = np.arange(0.0, times[-1] + period, period)
+    return np.union1d(np.abs(times[None, :] - ticks[:, None]).argmin(axis=1), len(times) - 1)
 
 
 def outcome(episode: Episode, target_landmarks: int) -> dict[str, Any]:

@@ -1,0 +1,20 @@
+"""One way to play an episode, one record of it, and one store of records."""
+
+from activeslam_gym.evaluation.episode import Episode, gaze_counts, honesty, motion_counts, outcome
+from activeslam_gym.evaluation.play import Look, Measure, Predictor, matched_ids, play, run_episode
+from activeslam_gym.evaluation.store import Store
+
+__all__ = [
+    "Episode",
+    "Look",
+    "Measure",
+    "Predictor",
+    "Store",
+    "gaze_counts",
+    "honesty",
+    "matched_ids",
+    "motion_counts",
+    "outcome",
+    "play",
+    "run_episode",
+]

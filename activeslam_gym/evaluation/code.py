@@ -1,0 +1,103 @@
+"""Digests of what results rest on: source files, weights, and versions of libraries."""
+
+import ast
+import hashlib
+import sysconfig
+from collections.abc import Iterator
+from functools import cache
+from importlib import metadata
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, resolve_name
+from pathlib import Path
+from uuid import uuid4
+
+LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")
+"""Every result rests on these."""
+IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")
+"""Results from images rest on these too."""
+COUNTED = ("activeslam_gym", "baselines")
+"""Packages that `module_sources` leaves out, since their digests are part of every key that needs them."""
+
+
+@cache
+def package_versions(packages: tuple[str, ...]) -> dict[str, str]:
+    """Versions of these packages, or "not installed"."""
+    found = {name: next(iter(metadata.distributions(name=name)), None) for name in packages}
+    return {name: one.version if one else "not installed" for name, one in found.items()}
+
+
+@cache
+def package_sources(package: str) -> str:
+    """Digest of the Python and JSON files of a package."""
+    spec = find_spec(package)
+    assert spec is not None and spec.origin is not None
+    home = Path(spec.origin).parent
+    return digest(*sorted([*home.rglob("*.py"), *home.rglob("*.json")]))
+
+
+@cache
+def module_sources(module: str) -> str:
+    """Digest of a module's source and of the modules that it imports, without installed ones and those of `COUNTED`.
+
+    For an installed module: of its whole package. It is taken once in a process, as the module is imported once. A
+    module without a source is like no other.
+    """
+    top = module.partition(".")[0]
+    if (origin := _origin(top)) and _is_installed(origin):
+        return package_sources(top) if origin.name == "__init__.py" else digest(origin)
+    files: dict[str, Path | None] = {}
+    _collect(module, files)
+    return digest(*sorted({path for path in files.values() if path})) if files.get(module) else uuid4().hex
+
+
+def digest(*paths: Path) -> str:
+    """Digest of the contents of files."""
+    whole = hashlib.sha256()
+    for path in paths:
+        whole.update(path.read_bytes())
+    return whole.hexdigest()[:16]
+
+
+def _collect(name: str, files: dict[str, Path | None]) -> None:
+    """Add the file of module ``name``, of its parents and of its imports to ``files``; None for other names."""
+    top = name.partition(".")[0]
+    if name in files or top in COUNTED:
+        return
+    files[name] = None
+    if (home := _origin(top)) and _is_installed(home):
+        return
+    if name != top:
+        _collect(name.rpartition(".")[0], files)
+    path = _origin(name)
+    if path and path.suffix == ".py":
+        files[name] = path
+        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+        for imported in _imports(path, package):
+            _collect(imported, files)
+
+
+def _imports(path: Path, package: str) -> Iterator[str]:
+    """Names that may be modules, in the import statements of a file."""
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = resolve_name("." * node.level + (node.module or ""), package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _origin(name: str) -> Path | None:
+    """File of a module, which is not imported; None: it is built in, a folder without ``__init__.py``, or no module."""
+    first, *rest = name.split(".")
+    spec = find_spec(first) if first not in ("", "__main__") else None
+    for part in rest:
+        if spec is None or spec.submodule_search_locations is None:
+            return None
+        spec = PathFinder.find_spec(f"{spec.name}.{part}", spec.submodule_search_locations)
+    return Path(spec.origin) if spec and spec.origin and spec.has_location else None
+
+
+def _is_installed(path: Path) -> bool:
+    homes = [Path(home).resolve() for name, home in sysconfig.get_paths().items() if "lib" in name]
+    return any(path.resolve().is_relative_to(home) for home in homes)

@@ -1,0 +1,207 @@
+"""One evaluator for every policy: play its episodes, and record them."""
+
+from collections.abc import Callable, Sequence
+from time import perf_counter
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from activeslam_gym.envs.episode import info_at
+from activeslam_gym.evaluation.episode import Episode, nearest
+from activeslam_gym.motion import Gaze
+
+Array = NDArray[Any]
+Look = Callable[[Any, dict[str, Any]], None]
+"""Looks at the bare environment and its info, after the reset (the time is 0 then) and after every step."""
+
+
+class Measure(Protocol):
+    """Looks at one episode, and then adds to its record what the record does not have: `Episode.notes`."""
+
+    whole: bool
+    """Whether `result` needs every sample of the episode."""
+
+    def look(self, core: Any, info: dict[str, Any]) -> None:
+        """See `Look`."""
+
+    def result(self, episode: Episode) -> dict[str, Any]:
+        """Numbers and arrays by name, for the whole ``episode``."""
+
+
+class Predictor(Protocol):
+    """Whatever has `predict`: our policies, Stable-Baselines3's models and the users' own."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return the action for `observation`, and the recurrent state."""
+
+
+def run_episode(
+    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", settings: str = "{}", looks: Sequence[Look] = ()
+) -> Episode:
+    """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end."""
+    return play(env, policy, [seed], name, settings, [looks])[0]
+
+
+def play(
+    env: gym.Env | gym.vector.VectorEnv,
+    policy: Predictor,
+    seeds: Sequence[int],
+    name: str = "policy",
+    settings: str = "{}",
+    looks: Sequence[Sequence[Look]] = (),
+    period: float = 0.0,
+) -> list[Episode]:
+    """Play the episodes of ``seeds`` with ``policy``, which is bound to ``env``: one, or a batch, to the bit the same.
+
+    ``looks``: for each episode what looks at it. ``period``: time between samples [s], every step if 0; the start and
+    the end are always sampled.
+
+    Raises:
+        ValueError: the seeds are not as many as the environments, or those do not end together.
+    """
+    core: Any = env.unwrapped
+    batched = hasattr(core, "num_envs")
+    rows = [core.run(i) for i in range(core.num_envs)] if batched else [core]
+    if len(seeds) != len(rows):
+        raise ValueError(f"seeds: {len(seeds)} of them; allowed: {len(rows)}, as many as environments")
+    if batched and core.autoreset_mode is not AutoresetMode.DISABLED:
+        raise ValueError(f"env: autoreset_mode {core.autoreset_mode.name}; allowed: DISABLED")
+    recorder = _Recorder(rows, batched, looks, period)
+    observation, infos = env.reset(seed=list(seeds) if batched else seeds[0])  # type: ignore[arg-type]
+    recorder.see(infos, False)
+    state, first, over = None, True, np.zeros(len(rows), bool)
+    while not over.any():
+        reads, clock = np.atleast_1d(core.motion_phase == 0), [perf_counter()]
+        start = np.full(len(rows), first)
+        action, state = policy.predict(observation, state=state, episode_start=start, deterministic=True)
+        clock.append(perf_counter())
+        observation, reward, terminated, truncated, infos = env.step(action)
+        clock.append(perf_counter())
+        first, over = False, np.atleast_1d(np.logical_or(terminated, truncated))
+        spent = np.diff(clock) * 1e6 / len(rows)
+        recorder.steps.append(
+            (_motions_and_gazes(action, batched), reads, np.atleast_1d(np.asarray(reward, float)), *spent)
+        )
+        recorder.see(infos, bool(over.any()))
+    if not over.all():
+        raise ValueError("env: its episodes do not end together; allowed: a batch with end_when_lost=False")
+    return recorder.episodes(name, seeds, settings)
+
+
+def matched_ids(core: Any) -> list[int]:
+    """Ids of what the detections of the last frame were matched to: features, births too, and −1 − k of fiducial k."""
+    matched = core.labels.matched
+    return matched[(matched != 0) & (matched >= -core.scenario.fiducial_count)].tolist()
+
+
+class _Recorder:
+    """Takes down episodes; ``rows`` are single environments, or what a batch lets read of each."""
+
+    def __init__(self, rows: list[Any], batched: bool, looks: Sequence[Sequence[Look]], period: float) -> None:
+        self._rows, self._batched, self._looks = rows, batched, looks or [()] * len(rows)
+        times = np.arange(round(rows[0].duration / rows[0].gaze_period) + 1) * rows[0].gaze_period
+        self._sampled = set(nearest(times, period).tolist()) if period else None
+        self._samples: list[list[dict[str, Any]]] = [[] for _ in rows]
+        self._marks: list[list[tuple[float, float]]] = [[] for _ in rows]
+        self._events: list[dict[str, Array]] = []
+        self._lost_from = np.full(len(rows), np.nan)
+        self.steps: list[tuple[Any, ...]] = []
+
+    def see(self, infos: dict[str, Any], over: bool) -> None:
+        """After the reset, and after every step, which is then in `steps`."""
+        due, time = self._sampled is None or over or len(self.steps) in self._sampled, self._rows[0].time
+        for i, (core, looks) in enumerate(zip(self._rows, self._looks)):
+            if due or looks:
+                info = info_at(infos, i) if self._batched else infos
+                for look in looks:
+                    look(core, info)
+                if due:
+                    self._samples[i].append(_sample(core, info))
+        mapped, log2_det = np.atleast_1d(infos["landmarks_mapped"]), np.atleast_1d(infos["log2_det"]["total"])
+        for i, marks in enumerate(self._marks):
+            marks.extend([(time, float(log2_det[i]))] * max(int(mapped[i]) - len(marks), 0))
+        self._lost_from[np.atleast_1d(infos["lost"]) & np.isnan(self._lost_from)] = time
+        if self.steps:
+            self._events.append(infos["events"])
+
+    def episodes(self, name: str, seeds: Sequence[int], settings: str) -> list[Episode]:
+        """The records, when the episodes are over."""
+        actions, reads, rewards, decisions, steps = (np.array(column) for column in zip(*self.steps, strict=True))
+        names = [key for key in self._events[0] if not key.startswith("_")]
+        counts = {key: np.array([np.atleast_1d(one[key]) for one in self._events], np.int32) for key in names}
+        records = []
+        for i, (core, seed) in enumerate(zip(self._rows, seeds)):
+            marks = np.reshape(self._marks[i], (-1, 2))
+            record: dict[str, Any] = {
+                **_stacked(self._samples[i]),
+                **{"actions": actions[:, i], "motion_read": reads[:, i], "rewards": rewards[:, i]},
+                **{"decision_us": decisions, "step_us": steps},
+                **{"landmark_times": marks[:, 0], "landmark_log2_det": marks[:, 1]},
+                **_final(core),
+                **{"lost_from": float(self._lost_from[i]), "lost": not np.isnan(self._lost_from[i])},
+                "events": {key: value[:, i] for key, value in counts.items()},
+                "room_size": np.array(core.scenario.room_size, dtype=float),
+            }
+            records.append(Episode(policy=name, seed=seed, settings=settings, **record))
+        return records
+
+
+def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
+    """What is recorded at one time; the rotation offset follows from the quaternions, for all times at once."""
+    belief, truth, nees = core.belief, core.truth, core.nees()
+    std = np.sqrt(np.maximum(belief.covariance.diagonal()[:6], 0.0))
+    copied = ("entropy", "log_score", "landmarks_mapped", "distinct_landmarks", "position_error", "orientation_error")
+    kinds = {"position": "position", "orientation": "orientation", "landmark": "landmarks"}
+    return {
+        "times": core.time,
+        **{name: info[name] for name in (*copied, "landmark_rmse")},
+        **{f"log2_det_{part}": info["log2_det"][part] for part in ("camera", "map", "total")},
+        **{f"{kind}_nees": nees[name] for kind, name in kinds.items()},
+        "position_offset": truth.position - belief.position,
+        "position_std": std[:3],
+        "rotation_std": std[3:],
+        "true_position": truth.position,
+        "true_quaternion": truth.quaternion,
+        "estimated_position": belief.position,
+        "estimated_quaternion": belief.quaternion,
+    }
+
+
+def _stacked(samples: list[dict[str, Any]]) -> dict[str, Array]:
+    """One array per name over time, and the rotation offset."""
+    arrays = {name: np.array([sample[name] for sample in samples]) for name in samples[0]}
+    return arrays | {"rotation_offset": _rotation_offset(arrays["true_quaternion"], arrays["estimated_quaternion"])}
+
+
+def _rotation_offset(true: Array, estimated: Array) -> Array:
+    """δθ (T, 3) of R_true = Exp(δθ) R_estimated, from quaternions (T, 4), scalar first."""
+    from scipy.spatial.transform import Rotation
+
+    R_true, R_estimated = (Rotation.from_quat(np.roll(q, -1, axis=-1)) for q in (true, estimated))
+    return (R_true * R_estimated.inv()).as_rotvec()
+
+
+def _final(core: Any) -> dict[str, Array]:
+    """The map at the end, and the truth that it stands for."""
+    belief, truth = core.belief, core.truth
+    mapped = np.flatnonzero(belief.mapped)
+    first = len(belief.covariance) - 3 * len(belief.landmarks)
+    blocks = [belief.covariance[i : i + 3, i : i + 3] for i in first + 3 * mapped]
+    return {
+        "true_landmarks": truth.landmarks,
+        "fiducials": truth.fiducials,
+        "landmark_errors": core.landmark_errors,
+        "estimated_landmarks": belief.landmarks[mapped],
+        "landmark_covariance": np.array(blocks).reshape(-1, 3, 3),
+    }
+
+
+def _motions_and_gazes(action: Any, batched: bool) -> Array:
+    """(R, 2) motions and gazes of an action, pairs or the integers of the discrete action space."""
+    is_index = np.ndim(action) == int(batched)
+    return np.reshape(np.stack(np.divmod(action, len(Gaze)), axis=-1) if is_index else action, (-1, 2)).astype(int)

@@ -1,0 +1,133 @@
+"""Results are kept under the content of everything that could change them, and then not played again."""
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym.evaluation.code import LIBRARIES, package_sources, package_versions
+from activeslam_gym.evaluation.parallel import run_all
+from activeslam_gym.files import written_whole
+
+Arrays = dict[str, NDArray[Any]]
+Key = dict[str, Any]
+"""JSON-plain: what a result depends on, beside this package and the libraries."""
+
+
+class Job(Protocol):
+    """A result to be made."""
+
+    @property
+    def key(self) -> Key:
+        """What it depends on."""
+
+    @property
+    def label(self) -> str:
+        """Begins the name of its file."""
+
+    @property
+    def group(self) -> Any:
+        """Jobs of equal groups may be played together."""
+
+
+J = TypeVar("J", bound=Job)
+
+
+class Store:
+    """A folder of results, each a file of arrays whose name ends in the digest of its key.
+
+    A key is completed with the sources of `activeslam_gym` and the versions of `code.LIBRARIES`. The type of the
+    processor is no part of it. Without a ``folder`` nothing is kept.
+    """
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self.folder = folder
+
+    def load(self, label: str, key: Key) -> Arrays | None:
+        """The result of ``key``, or None where it is not there. Raises ValueError where its file is damaged."""
+        path = self._path(label, key)
+        if path is None or not path.exists():
+            return None
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+        except Exception as error:  # readers of archives and arrays raise a dozen kinds
+            raise ValueError(f"{str(path)!r} cannot be read: {type(error).__name__}: {error}") from error
+        arrays.pop("key")
+        return arrays
+
+    def save(self, label: str, key: Key, arrays: Arrays) -> None:
+        """Keep a result, whole or not at all."""
+        if path := self._path(label, key):
+            with written_whole(path) as unfinished:
+                np.savez_compressed(unfinished, **{**arrays, "key": np.array(_completed(key))})  # type: ignore[arg-type]
+
+    def of(self, label: str, key: Key, make: Callable[[], Arrays]) -> Arrays:
+        """The result of ``key``, kept or made now."""
+        try:
+            kept = self.load(label, key)
+        except ValueError as damaged:
+            print(f"Played again: {damaged}")
+            kept = None
+        if kept is None:
+            self.save(label, key, kept := make())
+        return kept
+
+    def gather(
+        self,
+        jobs: Sequence[J],
+        play: Callable[[tuple[J, ...]], list[Arrays]],
+        processes: int = 1,
+        batch: int = 1,
+        anew: bool = False,
+    ) -> Generator[tuple[J, Arrays], None, None]:
+        """Yield every job with its result: the kept ones first, whose number is printed, then others as they finish.
+
+        ``play`` makes the results of up to ``batch`` jobs of one group, in one of several ``processes``. With ``anew``
+        kept results are replaced. Close the generator (or exhaust it) to end the processes.
+        """
+        missing, damaged = [], 0
+        for job in jobs:
+            try:
+                arrays = None if anew else self.load(job.label, job.key)
+            except ValueError:
+                arrays, damaged = None, damaged + 1
+            if arrays is None:
+                missing.append(job)
+            else:
+                yield job, arrays
+        if (kept := len(jobs) - len(missing)) or damaged:
+            again = f"; {damaged} damaged, played again" if damaged else ""
+            print(f"{kept} of {len(jobs)} episodes are kept from an earlier command{again}.", flush=True)
+        if not missing:
+            return
+        groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
+        parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
+        with closing(run_all(play, parts, processes, kept, len)) as finished:
+            for part, results in finished:
+                for job, arrays in zip(part, results, strict=True):
+                    self.save(job.label, job.key, arrays)
+                    yield job, arrays
+
+    def _path(self, label: str, key: Key) -> Path | None:
+        if self.folder is None:
+            return None
+        digest = hashlib.sha256(_completed(key).encode()).hexdigest()[:20]
+        return self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"
+
+
+NOT_KEPT = Store()
+"""Where nothing is to be kept."""
+
+
+def _completed(key: Key) -> str:
+    """The whole key as JSON."""
+    rests_on = {"activeslam_gym": package_sources("activeslam_gym"), "versions": package_versions(LIBRARIES)}
+    return json.dumps({**key, **rests_on}, sort_keys=True)

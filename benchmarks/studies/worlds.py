@@ -1,0 +1,113 @@
+"""Does deciding pay? The best open-loop policies and policies that decide, in rooms of each scenario.
+
+    python -m benchmarks.studies.worlds --scenarios office rooms --rooms 100 --out results/store
+
+Open-loop policies are the baselines ``best-constant`` and ``best-sequence``, chosen in training episodes, and
+``sweep``. All figures are of the scenario's own held-out episodes. Prints a table for each scenario and one of all.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from activeslam_gym import config
+from activeslam_gym.evaluation import Episode
+from agents.task import Task
+from agents.tools.sections import table as markdown
+from agents.tools.statistics import estimate
+from benchmarks.studies import NEES, PERIOD, SCENARIOS, episodes, parser
+
+DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
+OPEN = ("best-constant", "sweep", "best-sequence")
+NEES_PERIOD = 5.0
+"""The NEES is the mean over samples at multiples of this [s], while the belief is not lost."""
+KNOWN = ", boxes known"
+HEADER = "policy | log score [bit] | paired difference [bit] | of its score | landmarks | lost | "
+HEADER += "NEES/dof: position, orientation, landmarks | contacts"
+
+Runs = dict[str, list[Episode]]
+"""By policy, an episode for each room."""
+
+
+def tasks_of(scenario: str, names: Sequence[str], rooms: int) -> dict[str, list[Task]]:
+    """By policy; a name that ends in `KNOWN` is a policy whose belief knows the boxes."""
+    seeds = range(config.benchmark_seed(scenario), config.benchmark_seed(scenario) + rooms)
+    fields = asdict(config.SCENARIOS[scenario])
+    plain, known = (
+        json.dumps({"scenario": {**fields, **more}, "gaze_period": PERIOD}) for more in ({}, {"boxes_known": True})
+    )
+    return {
+        name: [Task(name.removesuffix(KNOWN), seed, known if name.endswith(KNOWN) else plain) for seed in seeds]
+        for name in names
+    }
+
+
+def log_scores(runs: Sequence[Episode]) -> np.ndarray:
+    """(rooms,) at the end [bit]."""
+    return np.array([run.log_score[-1] for run in runs])
+
+
+def nees(run: Episode, name: str) -> float:
+    """Mean of a NEES over the time in which the belief is not lost; NaN where it is never known."""
+    lost = run.times >= (np.inf if np.isnan(run.lost_from) else run.lost_from)
+    values = getattr(run, name)[(run.times > 0) & np.isclose(run.times % NEES_PERIOD, 0.0) & ~lost]
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
+def text_of(scenario: str, table: Runs) -> str:
+    """A table of one scenario, with paired differences to the best open-loop policy, and of knowing the boxes."""
+    scores = {name: log_scores(runs) for name, runs in table.items()}
+    reference = max((name for name in OPEN if name in table), key=lambda name: np.median(scores[name]))
+    rows = []
+    for name, runs in table.items():
+        partner = name.removesuffix(KNOWN)
+        against = scores[reference if partner == name else partner]
+        difference = estimate(scores[name] - against, "median")
+        rows.append(
+            [
+                name,
+                estimate(scores[name], "median").text(1.0, 0),
+                difference.text(1.0, 0),
+                f"{difference.value / abs(np.median(against)):+.0%}",
+                f"{np.mean([run.distinct_landmarks[-1] for run in runs]):.1f}",
+                f"{np.mean([run.lost for run in runs]):.0%}",
+                ", ".join(f"{np.nanmean([nees(run, part) for run in runs]):.2f}" for part in NEES),
+                f"{np.mean([run.events['wall_contacts'].sum() for run in runs]):.0f}",
+            ]
+        )
+    head = f"{scenario}: {len(scores[reference])} rooms from {config.benchmark_seed(scenario)}, against {reference}"
+    return f"\n### {head}\n\n{markdown(HEADER.split(' | '), rows)}"
+
+
+def summary(tables: dict[str, Runs]) -> str:
+    """A table of policies and scenarios: share of the best policy's median log score."""
+    rows: dict[str, list[str]] = {}
+    for k, table in enumerate(tables.values()):
+        medians = {name: np.median(log_scores(runs)) for name, runs in table.items() if not name.endswith(KNOWN)}
+        for name, median in medians.items():
+            rows.setdefault(name, [name, *["–"] * len(tables)])[1 + k] = f"{median / max(medians.values()):.2f}"
+    return "\n" + markdown(["policy", *tables], list(rows.values()))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Play, and print the tables."""
+    made = parser("worlds", __doc__, DECIDING, 100)
+    made.add_argument("--scenarios", nargs="+", default=SCENARIOS, choices=tuple(config.SCENARIOS))
+    made.add_argument("--boxes-known", nargs="+", default=(), help="of these, also with a belief that knows the boxes")
+    args = made.parse_args(arguments)
+    names = dict.fromkeys((*OPEN, *args.policies, *(name + KNOWN for name in args.boxes_known)))
+    if unpaired := set(args.boxes_known) - set(names):
+        made.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
+    tasks = {scenario: tasks_of(scenario, list(names), args.rooms) for scenario in args.scenarios}
+    played = episodes([task for table in tasks.values() for own in table.values() for task in own], args.out)
+    tables = {s: {name: [played[task] for task in own] for name, own in table.items()} for s, table in tasks.items()}
+    for scenario, table in tables.items():
+        print(text_of(scenario, table))
+    print(summary(tables))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,142 @@
+"""The evaluator and its store: a batch plays what single episodes play, and a key holds all that a result rests on."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym.evaluation import Episode, Store, code, play, run_episode
+from agents import policies
+from agents.task import Task, make_environment, play_tasks, run_policy
+
+SHORT = json.dumps({"gaze_period": 0.5, "duration": 3.0})
+
+
+class Counted:
+    """A measure: how often it was asked to look, and how many samples there were."""
+
+    whole = True
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    def look(self, core: Any, info: dict[str, Any]) -> None:
+        self.looks += 1
+
+    def result(self, episode: Episode) -> dict[str, Any]:
+        return {"looks": self.looks, "samples": len(episode.times)}
+
+
+@pytest.mark.parametrize("name", ["mi-mi", "random", "ppo"])
+def test_a_batch_plays_the_episodes_of_single_environments(name: str) -> None:
+    if name == "ppo":
+        pytest.importorskip("torch")
+    group = tuple(Task(name, seed, SHORT, measures=(Counted,)) for seed in (3, 8))
+    together, alone = play_tasks(group), [play_tasks([one])[0] for one in group]
+    for one, other in zip(together, alone, strict=True):
+        assert set(one) == set(other)
+        for field in set(one) - {"decision_us", "step_us"}:
+            np.testing.assert_array_equal(one[field], other[field], err_msg=field)
+    assert together[0]["notes.looks"] == 7 == together[0]["notes.samples"]
+    assert len(together[0]["times"]) == 4  # kept: one a second
+
+
+def test_sampling_while_it_is_played_is_thinning_afterwards() -> None:
+    settings = json.loads(SHORT) | {"scenario": "hand-held", "gaze_period": 0.4, "duration": 4.4, "motion_period": 1.2}
+    every, sparse = (run_policy("stay", make_environment(settings), [5], period=period)[0] for period in (0.0, 1.0))
+    thinned, found = every.thinned(1.0).arrays(), sparse.arrays()
+    for field in set(found) - {"decision_us", "step_us"}:
+        np.testing.assert_array_equal(found[field], thinned[field], err_msg=field)
+
+
+def test_a_batch_that_cannot_be_judged_is_refused() -> None:
+    env = gym.make_vec("ActiveSLAM-v0", num_envs=2)
+    with pytest.raises(ValueError, match="autoreset_mode NEXT_STEP; allowed: DISABLED"):
+        play(env, baselines.make("stay", env), [1, 2])
+    with pytest.raises(ValueError, match="expected: 'nowhere' in a batch of 2"):
+        make_environment({"expected": "nowhere"}, 2)
+    with pytest.raises(ValueError, match="seeds: 1 of them; allowed: 2"):
+        play(env, baselines.make("stay", env), [1])
+
+
+def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store, base = Store(tmp_path), Task("stay", 1, SHORT)
+    store.save(base.label, base.key, {"a": np.ones(1)})
+
+    def is_kept(task: Task) -> bool:
+        return store.load(task.label, task.key) is not None
+
+    assert is_kept(base)
+    same = {"scenario": "paper", "motion_period": 1.0, "lost_position_error": 0.5, **json.loads(SHORT)}
+    assert is_kept(Task("stay", 1, json.dumps(same))), "the same environment in other words"
+    for other in ({"scenario": {"pixel_std": 4.0}}, {"motion_period": 0.5}, {"expected": "nowhere"}, {"duration": 2.0}):
+        assert not is_kept(Task("stay", 1, json.dumps(json.loads(SHORT) | other))), other
+    assert not is_kept(Task("stay", 1, SHORT, whole=True)) and not is_kept(Task("stay", 1, SHORT, measures=(Counted,)))
+    assert not is_kept(Task("stay", 1, SHORT, content="other weights"))
+    for function in ("package_sources", "package_versions"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"activeslam_gym.evaluation.store.{function}", lambda _: "another")
+            assert not is_kept(base), function
+    assert is_kept(base)
+
+
+def test_the_digest_of_this_package_is_of_every_module() -> None:
+    home = Path(code.__file__).parents[1]
+    covered = {path.relative_to(home).as_posix() for path in home.rglob("*.py")}
+    assert {"evaluation/play.py", "slam/filter.py", "envs/episode.py"} <= covered
+    assert code.package_sources("activeslam_gym") == code.digest(*sorted([*home.rglob("*.py"), *home.rglob("*.json")]))
+    assert str(policies.LEARNED / "weights.py") and "torch" in policies.content("ppo")
+
+
+def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`ModuleFinder` failed at namespace packages."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "loose").mkdir()
+    (tmp_path / "loose" / "mine.py").write_text("from loose.other import make\nfrom . import other\n")
+    found = []
+    for line in ("make = 1\nraise ImportError\n", "make = 2\n"):  # nothing is imported for a digest
+        (tmp_path / "loose" / "other.py").write_text(line)
+        code.module_sources.cache_clear()
+        found.append(code.module_sources("loose.mine"))
+    assert found[0] != found[1] and "loose.other" not in sys.modules
+
+
+def test_the_old_home_of_the_evaluator_still_works_and_says_so() -> None:
+    sys.modules.pop("agents.evaluate", None)
+    with pytest.warns(DeprecationWarning, match="use activeslam_gym.evaluation"):
+        from agents.evaluate import run_episode as old
+    assert old is run_episode
+
+
+def test_a_damaged_result_is_made_again_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    store = Store(tmp_path)
+    assert store.of("a/b", {"k": 1}, lambda: {"x": np.ones(2)})["x"].tolist() == [1.0, 1.0]
+    assert store.of("a/b", {"k": 1}, lambda: pytest.fail("made again"))["x"].tolist() == [1.0, 1.0]
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(kept.read_bytes()[:-50])
+    assert store.of("a/b", {"k": 1}, lambda: {"x": np.zeros(1)})["x"].tolist() == [0.0]
+    assert "Played again" in capsys.readouterr().out
+
+
+def test_episodes_are_kept_as_they_finish_in_batches_of_one_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sizes: list[int] = []
+
+    def played(group: tuple[Task, ...]) -> list[Any]:
+        if len(sizes) == 2:
+            raise KeyboardInterrupt
+        sizes.append(len(group))
+        return [{"seed": np.array(task.seed)} for task in group]
+
+    jobs = [Task("stay", seed, SHORT) for seed in range(3)] + [Task("orbit", 0, SHORT)]
+    with pytest.raises(KeyboardInterrupt):
+        list(Store(tmp_path).gather(jobs, played, batch=2))
+    assert sizes == [2, 1] and len(list(tmp_path.iterdir())) == 3
+    rest = dict(Store(tmp_path).gather(jobs, lambda group: [{"seed": np.array(9)} for _ in group], batch=2))
+    assert [int(rest[job]["seed"]) for job in jobs] == [0, 1, 2, 9]

@@ -1,0 +1,67 @@
+"""`python -m benchmarks.studies.…`, small; their whole tables are in docs/."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents import task as tasks
+from benchmarks.studies import consistency, images, worlds
+from tests.test_compare import episode
+
+
+def test_consistency_plays_labels_known_and_unknown_and_no_room_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = ["--policies", "sweep", "--rooms", "3", "--out", str(tmp_path)]
+    tables = []
+    for _ in range(2):
+        consistency.main(line)
+        tables.append(capsys.readouterr().out.splitlines()[-4:])
+        monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("played again"))
+    assert tables[0] == tables[1]
+    assert [row.split(" | ")[0] for row in tables[0][2:]] == ["| `sweep`", "| `sweep`, labels known"]
+    assert len({row.count("|") for row in tables[0]}) == 1 and "nan" not in tables[0][2]
+
+
+def test_wrong_matches_are_a_share_of_all_and_losses_of_all_rooms() -> None:
+    runs = []
+    for lost, over, score, wrong, restarts in (
+        (1, 1, -2e3, 3, 0),
+        (0, 0, 100.0, 0, 3),
+        (1, 0, 3e2, 1, 1),
+        (0, 0, 4e2, 0, 0),
+    ):
+        run = episode(lost=bool(lost), log_score=np.full(5, score), times=np.arange(5) * 1.25)
+        events = {"wrong_matches": np.array([wrong, 0]), "restarts": np.array([0, restarts])}
+        runs.append(replace(run, events=events, notes={"matches": np.array(100), "overconfident": np.array(over)}))
+    cells = consistency.row_of("x", runs)
+    assert cells[0] == "x, 2 begun anew"
+    assert cells[1].startswith("50.0 [") and cells[2:6] == ["25.0", "1.0000", "25.0", "25.0"]
+    assert cells[6:8] == ["200", "−300"] and cells[8] == "1.00, 1.00, 1.00"
+
+
+def test_worlds_reads_the_nees_of_unlost_times_alone() -> None:
+    run = episode(times=np.arange(5) * 5.0, position_nees=np.array([9.0, 1.0, 2.0, np.nan, 50.0]))
+    assert worlds.nees(run, "position_nees") == pytest.approx((1.0 + 2.0 + 50.0) / 3.0)
+    assert worlds.nees(replace(run, lost_from=15.0), "position_nees") == 1.5
+    assert np.isnan(worlds.nees(replace(run, lost_from=1.0), "position_nees"))
+
+
+def test_worlds_tells_a_policy_beside_the_best_open_loop(capsys: pytest.CaptureFixture[str]) -> None:
+    line = "--scenarios office --rooms 2 --policies stay --boxes-known stay".split()
+    worlds.main(line)
+    rows = [one.split(" | ") for one in capsys.readouterr().out.splitlines() if one.startswith("| ")]
+    names = ["policy", "best-constant", "sweep", "best-sequence", "stay", "stay, boxes known"]
+    assert [row[0][2:] for row in rows[:6]] == names
+    assert {len(row) for row in rows[:6]} == {8}
+    with pytest.raises(SystemExit):
+        worlds.main([*line[:-1], "orbit"])
+
+
+def test_images_tells_nees_and_noise(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("cv2")
+    images.main("--policies stay --rooms 1 --seconds 1.5".split())
+    told = capsys.readouterr().out.splitlines()
+    assert told[0].startswith("stay: 1 rooms") and "noise of a matched pixel: rms 0." in told[1]

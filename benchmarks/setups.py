@@ -9,7 +9,7 @@ from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.envs.simulation import Run, empty_runs, reset_run, resolve
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.belief import POINT, Belief
+from activeslam_gym.slam.belief import POINT, Belief, start_of
 from activeslam_gym.slam.map import append_feature
 
 WARM_UP = 20.0
@@ -81,7 +81,7 @@ def mapped_runs(landmarks: int, seed: int = 0) -> Run:
     runs = empty_runs(scenario, 1)
     reset_run(setting, runs, 0, seed)
     run, points = row(runs, 0), points_around(landmarks, rng)
-    run.world.state.camera[:] = run.belief.state.camera
+    run.world.state.camera[:] = start_of(scenario)[0]
     run.world.landmarks[:] = points
-    fill_with_points(run.belief, points, rng)
+    fill_with_points(run.ekf, points, rng)
     return runs

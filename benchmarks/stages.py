@@ -13,9 +13,10 @@ from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import COMMANDS, Gaze, Motion
 from activeslam_gym.slam.association import associate
-from activeslam_gym.slam.belief import as_points
+from activeslam_gym.slam.belief import write_estimate
+from activeslam_gym.slam.filter import update_by
 from activeslam_gym.slam.initialisation import follow_tracks
-from activeslam_gym.slam.kalman import predict, update
+from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.simulator import detect, move
 
@@ -27,9 +28,8 @@ from .timing import dispatch, restored
 @compiled
 def value_of_frames(run: Run) -> None:
     """What a step does after its frames."""
-    points, covariance = as_points(run.belief)
-    evaluate(run, points, covariance)
-    observe(run, points, covariance)
+    evaluate(run)
+    observe(run)
 
 
 class Stages:
@@ -42,17 +42,17 @@ class Stages:
         self.play_with = self.runs, np.array([STEP]), COMMANDS[Motion.RIGHT, Gaze.LEFT][None], 0, 1
         self.run, self.saved = row(self.runs, 0), copied(self.runs)
         self.whole: dict[str, tuple[Callable, tuple]] = {
-            "the frame (`advance`)": (advance, (self.run, 1.0)),
+            "the frame (`advance`)": (advance, (self.run, 1.0, True)),
             "its worth (`evaluate`, `observe`)": (value_of_frames, (self.run,)),
         }
         self.frame, self.worth = self._frame_kernels(), self._worth_kernels()
 
     def _frame_kernels(self) -> dict[str, tuple[Callable, tuple]]:
         """The frame's own kernels; each is prepared by running those before it."""
-        run, models, world, belief = self.run, self.run.models, self.run.world, self.run.belief
-        camera, motion, frame, u = models.camera, models.motion, int(belief.state.frame), np.zeros(6)
-        move_with = (motion, world, u, frame)
-        detect_with = (models.true_camera, models.sensor, world, frame, run.candidate, run.label)
+        run, models, world, belief = self.run, self.run.models, self.run.world, self.run.ekf
+        camera, motion, u = models.camera, models.motion, np.zeros(6)
+        move_with = (motion, world, u)
+        detect_with = (models.true_camera, models.sensor, world, run.candidate, run.label)
         predict_with = (motion, belief, u, float(motion.dt))
         sight_with = (camera, belief, world.fiducials, known_boxes(run))
         move(*move_with)
@@ -60,13 +60,13 @@ class Stages:
         predict(*predict_with)
         sight = sight_of_belief(*sight_with)
         waits = np.zeros(len(sight.thing), bool)
-        var, features = float(camera.pixel_std**2), int(belief.state.count)
+        self.features, self.rows = int(run.estimate.state.count), sight.HP.shape[1]
+        var, features = float(camera.pixel_std**2), self.features
         match_with = (models.filter.association, var, sight, candidates, features, waits)
-        matched = associate(*match_with)[0] >= 0
-        kept = np.flatnonzero(np.repeat(matched, 2))
-        self.HP, self.S = sight.HP[kept], sight.S[np.ix_(kept, kept)]
-        self.features, self.matches, self.rows = int(belief.state.count), int(matched.sum()), int(belief.state.dim)
-        self.work = self.HP.copy(), self.S.copy()
+        of_thing = associate(*match_with)[0]
+        self.matches, frames = int(np.sum(of_thing >= 0)), float(models.filter.correction.product_frames)
+        update_with = (frames, camera, belief, world.fiducials, sight, of_thing, candidates)
+        ratio = float(models.filter.initialisation.mapped_depth_ratio)
         self.restore()
         return {
             "true motion": (move, move_with),
@@ -74,29 +74,27 @@ class Stages:
             "prediction": (predict, predict_with),
             "sight: predicted pixels, H P, S": (sight_of_belief, sight_with),
             "association": (associate, match_with),
-            "update": (update, (belief, *self.work, np.zeros(len(kept)))),
+            "update": (update_by, update_with),
             "births": (follow_tracks, (camera, models.filter.initialisation, belief, candidates)),
-            "expected landmarks": (update_expectation, (run.expected, models.landmark_var, belief)),
+            "estimate": (write_estimate, (belief, ratio, run.estimate)),
+            "expected landmarks": (update_expectation, (run.expected, models.landmark_var, run.estimate)),
         }
 
     def _worth_kernels(self) -> dict[str, tuple[Callable, tuple]]:
         """The kernels of what the frame is worth; scores against the truth are in the rest."""
         run, order, none = self.run, np.arange(self.features), np.zeros(0, np.int64)
-        points, covariance = as_points(run.belief)
+        covariance = run.estimate.covariance
         self.public = gathered(covariance, none, order)
         self.factor = self.public.copy()
         return {
-            "public belief": (as_points, (run.belief,)),
             "gathering": (gathered, (covariance, none, order)),
             "factor of the public covariance": (cholesky_in_place, (self.factor,)),
-            "observation": (observe, (run, points, covariance)),
+            "observation": (observe, (run,)),
         }
 
     def restore(self) -> None:
         """All arrays as they were before the frame."""
         restore(self.runs, self.saved)
-        for work, saved in zip(self.work, (self.HP, self.S), strict=True):
-            np.copyto(work, saved)
         if hasattr(self, "factor"):
             np.copyto(self.factor, self.public)
 

@@ -207,9 +207,7 @@ def filter_reads(tree: ast.AST) -> list[int]:
 
 
 def test_a_read_of_the_filters_arrays_is_caught() -> None:
-    source = (
-        "run.ekf.state.dim; front_end.filter.belief\nself._filter.belief.feature[0]\nf(run.ekf, env.belief.landmarks)"
-    )
+    source = "run.ekf.state.dim; filter.belief\nself._filter.belief.feature[0]\nf(run.ekf, env.belief.ids)"
     assert filter_reads(ast.parse(source)) == [1, 1, 2]
 
 

@@ -188,9 +188,9 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
         for i in follow_tracks(filter.camera, filter.model.initialisation, filter.belief, candidates):
             candidates["match"][i] = filter.birth(candidates[i]["pixel"], candidates[i]["R"])
         np.testing.assert_array_equal(candidates["match"], run.candidate["match"][: run.episode.detections])
-        assert filter.belief.state == run.belief.state
+        assert filter.belief.state == run.ekf.state
     assert filter.belief.state.serial > 5
-    for own, its in zip(filter.belief, run.belief, strict=True):
+    for own, its in zip(filter.belief, run.ekf, strict=True):
         np.testing.assert_array_equal(own, its)
     points, P = filter.points()
     np.testing.assert_array_equal(points, env.belief.landmarks)

@@ -80,7 +80,7 @@ def test_the_deception_would_be_seen_by_who_reads_the_truth() -> None:
 
 def test_what_is_drawn_is_distributed_as_the_belief() -> None:
     env, _ = flown(6.0)
-    belief, rng = env._run.belief, np.random.default_rng(0)
+    belief, rng = env._run.ekf, np.random.default_rng(0)
     half, dim = np.array([50.0, 50.0, 50.0]), CAMERA_DIM
     drawn = [drawn_from(belief, half, rng) for _ in range(400)]
     errors = np.array([camera_error(camera, belief.state.camera) for camera, _ in drawn])
@@ -105,7 +105,7 @@ def test_rooms_have_all_landmarks_inside_and_every_feature_its_own(scenario: str
     rooms = imagination._rooms
     assert (np.abs(rooms.world.landmarks) <= half + 1e-9).all()
     assert len({tuple(room.ravel()) for room in rooms.world.landmarks}) == 6
-    n = int(env._run.belief.state.count)
+    n = int(env._run.ekf.state.count)
     assert n > 3
     assert rooms.owner["landmark"][:, :n].tolist() == [list(range(n))] * 6
     assert (rooms.world.fiducials == env._run.world.fiducials).all()
@@ -115,9 +115,9 @@ def test_rooms_have_all_landmarks_inside_and_every_feature_its_own(scenario: str
 def test_no_unfound_landmark_is_imagined_where_the_camera_looks() -> None:
     env, imagination = flown(4.0)
     imagination.draw(20)
-    pose, z = env._run.belief.state.camera, np.empty(2)
+    pose, z = env._run.ekf.state.camera, np.empty(2)
     view = View(env._run.models.camera, pose, rotation_matrix(pose[QUATERNION]))
-    n = int(env._run.belief.state.count)
+    n = int(env._run.ekf.state.count)
     unfound = imagination._rooms.world.landmarks[:, n:].reshape(-1, 3)
     in_view = np.mean([visible(view, y, -20.0, z) for y in unfound])
     anywhere = np.random.default_rng(0).uniform(-0.5, 0.5, (2000, 3)) * np.array(env.scenario.room_size)
@@ -154,7 +154,7 @@ def test_a_belief_that_is_no_number_keeps_the_plan() -> None:
     env, imagination = flown(0.0)
     policy = Rollout(env, budget=8, base=ORBIT, threads=1)
     assert imagination.possible
-    env._run.belief.covariance[3, 3] = np.nan
+    env._run.ekf.covariance[3, 3] = np.nan
     assert not imagination.possible
     assert tuple(policy.predict(env._runs.observation[0])[0].tolist()) == ORBIT
 

@@ -141,7 +141,7 @@ def test_a_robot_steers_by_the_estimate_and_a_person_by_own_senses(
     for shift in (0.0, 0.1):
         env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=gaze_period).unwrapped
         env.reset(seed=5)
-        env._run.belief.state.camera[m.VELOCITY] += shift
+        env._run.ekf.state.camera[m.VELOCITY] += shift
         for _ in range(5):
             env.step((Motion.STAY, Gaze.STAY))
         ends.append(env.truth.position)

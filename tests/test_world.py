@@ -24,7 +24,7 @@ CALM = replaced(MOTION, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 
 def world(scenario: Scenario = PAPER, seed: int = 0) -> simulator.World:
-    out, rng = row(simulator.empty_worlds(scenario, 1), 0), np.random.default_rng(seed)
+    out, rng = row(simulator.empty_worlds(scenario, 1, scenario.box_capacity), 0), np.random.default_rng(seed)
     simulator.put_room(out, draw_room(varied(scenario, rng), rng))
     out.state.noise_key[:] = KEY
     return out

@@ -305,8 +305,8 @@ def test_a_sensed_contact_makes_the_velocity_uncertain() -> None:
         env.reset(seed=0)
         run = env.unwrapped._run
         run.world.state.camera[0] = place
-        run.world.state.camera[7] = run.belief.state.camera[7] = 0.5
+        run.world.state.camera[7] = run.ekf.state.camera[7] = 0.5
         _, _, _, _, info = env.step((Motion.STAY, 2))
         assert info["events"]["wall_contacts"] == (place == 2.9)
-        deviations.append(float(np.sqrt(run.belief.covariance[6, 6])))
+        deviations.append(float(np.sqrt(run.ekf.covariance[6, 6])))
     assert deviations[1] > 2.0 * deviations[0]

@@ -48,8 +48,8 @@ class Eye:
     def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
         run = row(runs, i)
+        self._filter.attach(run.ekf)
         if contact:
-            self._filter.belief = run.belief
             self._filter.feel_contact(u, float(run.models.motion.dt))
         self._look(run, u)
         present_at(runs, i)
@@ -58,10 +58,9 @@ class Eye:
         account_scene(runs, i, self.scene_points(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:
-        state, belief, counts = run.world.state.camera, run.belief, self._filter.counts
+        state, counts = run.world.state.camera, self._filter.counts
         frame = int(run.world.state.frame) + 1
         self.image = self._camera.photograph(state, frame)
-        self._filter.belief = belief
         counts["conversions"] = 0
         log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
         found, events = self._front_end.candidates, run.episode.events

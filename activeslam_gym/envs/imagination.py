@@ -121,7 +121,7 @@ class Imagination:
         self._rooms.models[:] = models
         self._rooms.candidate["R"] = models.camera.pixel_std**2 * np.eye(2)
         own = slice(self._i, self._i + 1)
-        _copy(row(self._env._runs.belief, own), self._rooms.belief)
+        _copy(row(self._env._runs.ekf, own), self._rooms.ekf)
         _copy(row(self._env._runs.estimate, own), self._rooms.estimate)
         for m in range(count):
             self._furnish(run, row(self._rooms, m), stride)
@@ -173,11 +173,11 @@ class Imagination:
         world.fiducials[:] = run.world.fiducials  # which are known
         world.state.boxes = len(known_boxes(run))
         world.boxes[: world.state.boxes] = known_boxes(run)
-        world.state.camera[:], points = drawn_from(room.belief, run.models.motion.half, self._rng)
+        world.state.camera[:], points = drawn_from(room.ekf, run.models.motion.half, self._rng)
         own = _owned(room, points)
         chances, unfound = self._chances / self._chances.sum(), len(world.landmarks) - own
         world.landmarks[own:] = self._rng.choice(self._places, unfound, replace=False, p=chances)
-        count_in_longer_frames(room.belief, stride)
+        count_in_longer_frames(room.ekf, stride)
         world.state.frame = run.world.state.frame // stride
 
 

@@ -138,7 +138,7 @@ class Run(NamedTuple):
     """MODELS."""
     world: World
     """The truth."""
-    belief: Belief
+    ekf: Belief
     """The arrays of the estimator `ekf`: only `slam` reads them."""
     estimate: EstimateArrays
     """What everything else reads of the estimator."""
@@ -167,7 +167,7 @@ def run_at(runs, i):  # type: ignore[no-untyped-def]
     return Run(
         runs.models[i],
         world_at(runs.world, i),
-        belief_at(runs.belief, i),
+        belief_at(runs.ekf, i),
         estimate_at(runs.estimate, i),
         borrowed(runs.expected[i]),
         borrowed(runs.viewpoint[i]),
@@ -292,7 +292,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
     return Run(
         models=np.zeros(count, MODELS),
         world=empty_worlds(scenario, count, box_capacity(scenario)),
-        belief=empty_beliefs(scenario, count),
+        ekf=empty_beliefs(scenario, count),
         estimate=empty_estimates(features, count),
         expected=np.zeros((count, scenario.landmark_count), EXPECTED),
         viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
@@ -351,7 +351,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> tuple[np.ndarray
     mean[: len(drawn.place)] = drawn.place
     if scenario.labelled_first_match:
         face_fiducials(run, mean, np.random.default_rng(sight))
-    reset_belief(run.belief, mean, covariance)
+    reset_belief(run.ekf, mean, covariance)
     return mean, covariance
 
 
@@ -447,16 +447,16 @@ def advance(run: Run, gaze: float, ends: bool) -> None:
     labelled = sense(run)
     candidates = run.candidate[: run.episode.detections]
     if contact:
-        feel_contact(run.belief, u, motion.dt)
+        feel_contact(run.ekf, u, motion.dt)
     boxes = known_boxes(run)
     filter_frame(
-        models.camera, motion, models.filter, run.belief, world.fiducials, boxes, u, motion.dt, candidates, labelled,
+        models.camera, motion, models.filter, run.ekf, world.fiducials, boxes, u, motion.dt, candidates, labelled,
         events,
     )  # fmt: skip
     if ends:
         present(run)
     else:
-        write_points(run.belief, models.filter.initialisation.mapped_depth_ratio, run.estimate)
+        write_points(run.ekf, models.filter.initialisation.mapped_depth_ratio, run.estimate)
     reconcile(run.owner, run.estimate)
     judge(run)
     close_frame(run)
@@ -493,7 +493,7 @@ def judge(run: Run) -> None:
 @compiled
 def present(run: Run) -> None:
     """Write the whole estimate."""
-    write_estimate(run.belief, run.models.filter.initialisation.mapped_depth_ratio, run.estimate)
+    write_estimate(run.ekf, run.models.filter.initialisation.mapped_depth_ratio, run.estimate)
 
 
 @compiled

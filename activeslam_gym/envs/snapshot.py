@@ -111,7 +111,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
     """
     belief, truth = public_belief(run), truth_of(run.world)
     scenario, episode, image = setting.scenario, run.episode, getattr(perception, "image", None)
-    things = sight_of_belief(run.models.camera, run.belief, run.world.fiducials, known_boxes(run))
+    things = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, known_boxes(run))
     drawn = len(things.thing) if scenario.estimator == EKF else 0  # another estimator's predictions are its own
     own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
     return Snapshot(

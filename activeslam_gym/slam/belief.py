@@ -298,15 +298,6 @@ def positions_of(belief: Belief) -> np.ndarray:
 
 
 @compiled
-def as_points(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
-    """The public belief in arrays of its size: points (n, 3) [m] and covariance (12 + 3 n, 12 + 3 n)."""
-    n = belief.state.count
-    points, covariance = np.empty((n, 3)), np.empty((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n))
-    point_belief(belief, points, covariance)
-    return points, covariance
-
-
-@compiled
 def write_estimate(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
     """Write the whole estimate: see `write_points`, and the joint covariance of camera and points."""
     _write_landmarks(belief, mapped_depth_ratio, estimate)

@@ -159,7 +159,7 @@ def use_candidates(
             candidates[i].match = REJECTED
         return
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
-    _update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
+    update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
 
@@ -186,7 +186,7 @@ def use_identified(
     for i in range(candidates.shape[0]):
         counts.rejected_matches += candidates[i].match == REJECTED
     _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    _update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
+    update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
     counts.conversions += mature(model.initialisation, belief)
 
 
@@ -228,7 +228,7 @@ def _count_misses(
 
 
 @compiled
-def _update_by(
+def update_by(
     frames: float,
     camera: Record,
     belief: Belief,
@@ -332,6 +332,10 @@ class Filter:
         if drift > 0.0:
             wander(self.belief, float(drift), step)
         self._sight = None
+
+    def attach(self, belief: Belief) -> None:
+        """Work on the arrays ``belief`` of a run from now on."""
+        self.belief, self._sight = belief, None
 
     def forget_sight(self) -> None:
         """Make `sight` anew at its next call."""

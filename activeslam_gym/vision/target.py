@@ -95,7 +95,7 @@ def target_from(fields: dict[str, Any], where: str = "the target") -> Target:
         ModuleNotFoundError: it is a board, and OpenCV is not installed.
     """
     kind = fields.get("kind", RECTANGLE)
-    if kind not in _FIELDS:
+    if not isinstance(kind, str) or kind not in _FIELDS:
         raise ValueError(f"{where}: kind must be {', '.join(_FIELDS)}, got {kind!r}")
     check_names(fields, _FIELDS[kind], where)
     return _rectangle_from(fields, where) if kind == RECTANGLE else _board_from(fields, where)

@@ -23,6 +23,12 @@ UNIFORM, SURFACES, CLUSTERS = "uniform", "surfaces", "clusters"
 """Where landmarks are."""
 CENTRE, CORNER, WALL, ANYWHERE = "centre", "corner", "wall", "anywhere"
 """Where a run starts."""
+_DOOR_MARGIN = 0.4
+"""Between the door of an inner wall and the walls of the room, at least [m]."""
+MOST_FRAMES = 10**9
+"""Nothing lasts longer."""
+MOST_HELD_FRAMES = 10**4
+"""No action is held longer: the cost of its score grows with its frames, by about 2 µs each."""
 
 
 class Bound(NamedTuple):
@@ -101,7 +107,8 @@ _VARIED = Bound(
     f"triples (field, least, greatest), of the fields {', '.join(VARIABLE)}",
     lambda value: (
         isinstance(value, tuple)
-        and all(isinstance(one, tuple) and len(one) == 3 and one[0] in VARIABLE for one in value)
+        and all(isinstance(one, tuple) and len(one) == 3 for one in value)
+        and all(isinstance(name, str) and name in VARIABLE for name, _, _ in value)
     ),
 )
 _INCREASING = Bound("in increasing order", lambda pair: pair[0] < pair[1])
@@ -332,9 +339,8 @@ class Scenario:
         self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
         farthest = self._farthest_apart
         self._demand("point_spacing", self.point_spacing <= farthest, f"at most {farthest:.3g}: its points must fit")
-        for name, least, greatest in self.varied:
-            dataclasses.replace(self, varied=(), **{name: least})
-            dataclasses.replace(self, varied=(), **{name: greatest})
+        self._check_varied()
+        self._check_boxes()
         frame, fastest = self.frame_time, 2.0 * (math.sqrt(2.0) - 1.0) / self.frame_time
         self._demand(
             "controller_frequency",
@@ -346,6 +352,28 @@ class Scenario:
             self.rate_loop_time > frame / 2,
             f"over {frame / 2:.3g} s, half of frame_time, to be stable",
         )
+        longest, horizon = MOST_HELD_FRAMES * frame, self.gaze_horizon
+        allowed = f"at most {longest:g} s, {MOST_HELD_FRAMES} times frame_time"
+        self._demand("gaze_horizon", horizon is None or horizon <= longest, allowed)
+
+    def _check_varied(self) -> None:
+        """Both ends of each varied field are legal and in order: all values between them are legal then."""
+        for name, least, greatest in self.varied:
+            for end in (least, greatest):
+                dataclasses.replace(self, varied=(), **{name: end})
+            pairs = zip(least, greatest) if isinstance(least, tuple) else [(least, greatest)]
+            ordered = all(low <= high for low, high in pairs)
+            self._demand("varied", ordered, f"triples with least at most greatest ({name} is not)")
+
+    def _check_boxes(self) -> None:
+        """The start at the centre is outside of the scenario's own boxes, and a door fits into an inner wall."""
+        margin = self.wall_margin
+        around = any(all(a - margin < 0.0 < b + margin for a, b in zip(low, high)) for low, high in self.boxes)
+        free = self.start != CENTRE or not around
+        self._demand("boxes", free, f"{margin:g} m or more from the start at the centre")
+        widest = min(self.room_size[::2]) - 2.0 * _DOOR_MARGIN
+        fits = self.inner_walls[1] == 0 or self.door_reach >= 0.0
+        self._demand("door_width", fits, f"at most {widest:.3g} m, with {_DOOR_MARGIN} m of wall beside the door")
 
     def _demand(self, name: str, holds: bool, allowed: str) -> None:
         if not holds:
@@ -376,6 +404,11 @@ class Scenario:
         return len(self.boxes) + self.box_count[1] + 2 * self.inner_walls[1]
 
     @property
+    def door_reach(self) -> float:
+        """The greatest distance between the middles of an inner wall and of its door [m]."""
+        return 0.5 * min(self.room_size[::2]) - _DOOR_MARGIN - 0.5 * self.door_width
+
+    @property
     def draws_boxes(self) -> bool:
         """Whether a reset draws boxes or walls."""
         return self.box_count[1] + self.inner_walls[1] > 0
@@ -401,12 +434,21 @@ BOUNDS: dict[str, tuple[Bound, ...]] = {
     name: hint.__metadata__ for name, hint in get_type_hints(Scenario, include_extras=True).items()
 }
 """The bounds of each field, as its type states them."""
+RANGES = tuple(name for name in VARIABLE if _INCREASING in BOUNDS[name])
+"""The variable fields that have a lower and an upper end."""
 
 
-def _plain(value: Any) -> Any:
-    """The value as JSON would hold it, but for tuples: of JSON's lists, and of NumPy's scalars Python's own numbers."""
+def _plain(value: Any, levels: int = 3) -> Any:
+    """The value as JSON would hold it, but for tuples: of JSON's lists, and of NumPy's scalars Python's own numbers.
+
+    No field has more ``levels`` of nesting; an ellipsis stands for deeper ones, so that a message can show the value.
+    """
+    if isinstance(value, (list, tuple, dict)) and levels == 0:
+        return ...
     if isinstance(value, (list, tuple)):
-        return tuple(map(_plain, value))
+        return tuple(_plain(part, levels - 1) for part in value)
+    if isinstance(value, dict):
+        return {name: _plain(part, levels - 1) for name, part in value.items()}
     return value.item() if getattr(value, "shape", None) == () else value
 
 
@@ -561,22 +603,18 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
     raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")
 
 
-MOST_FRAMES = 10**9
-"""Nothing lasts longer."""
-
-
-def whole_multiple(name: str, value: float, unit_name: str, unit: float) -> int:
+def whole_multiple(name: str, value: float, unit_name: str, unit: float, most: int = MOST_FRAMES) -> int:
     """How many times ``unit`` fits in ``value``, which must be a whole number of them (0.15 / 0.05 counts as 3).
 
     Raises:
-        ValueError: ``value`` is no positive finite number, or no whole multiple of ``unit``.
+        ValueError: ``value`` is no positive finite number, no whole multiple of ``unit``, or over ``most`` of them.
     """
     value = _plain(value)
     if not is_number(value) or value <= 0:
         raise ValueError(f"{name} must be a positive number of seconds, got {value!r}")
     count = round(min(value / unit, sys.float_info.max))  # the quotient of two floats may be infinite
-    if count > MOST_FRAMES:
-        raise ValueError(f"{name} must be at most {MOST_FRAMES} times {unit_name} ({unit:g} s), got {value!r}")
+    if count > most:
+        raise ValueError(f"{name} must be at most {most} times {unit_name} ({unit:g} s), got {value!r}")
     if count < 1 or abs(value / unit - count) > 1e-6 * count:
         raise ValueError(f"{name} must be a whole multiple of {unit_name} ({unit:g} s), got {value!r}")
     return count

@@ -61,8 +61,8 @@ def whole_frame(landmarks: int, frames: int, count: int) -> Timing:
     step = partial(advance_frames, runs, COMMANDS[Motion.FORWARD, Gaze.LEFT], frames)
     timing = restored(step, lambda: restore(runs, saved), count)
     matched = int((run.candidate["match"][: run.episode.detections] > 0).sum())
-    if matched != SEEN or run.ekf.state.count != landmarks:
-        raise RuntimeError(f"{matched} of {SEEN} points were matched, {run.ekf.state.count} features")
+    if matched != SEEN or run.estimate.state.count != landmarks:
+        raise RuntimeError(f"{matched} of {SEEN} points were matched, {run.estimate.state.count} features")
     return Timing(timing.seconds / frames, timing.fastest / frames, timing.slowest / frames, timing.repeats)
 
 

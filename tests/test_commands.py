@@ -71,6 +71,9 @@ def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) 
     assert scenario_argument('{"pixel_std": 4.0}') == {"pixel_std": 4.0}
     with pytest.raises(ValueError, match="is no JSON object"):
         scenario_argument("{pixel_std}")
+    for nested in ('{"a":' * 10**5, '{"pixel_std": ' + "[" * 10**5, '{"pixel_std": ' + "9" * 5000 + "}"):
+        with pytest.raises(ValueError, match=r"^scenario: .{2,90} is no JSON object \("):
+            scenario_argument(nested)
 
 
 def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

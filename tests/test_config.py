@@ -108,3 +108,13 @@ def test_numpy_scalars_become_plain_numbers_and_a_replaced_field_is_checked() ->
     assert replace(Scenario(), pixel_std=np.float64(3.0)).pixel_std == 3.0
     with pytest.raises(ValueError, match="^scenario.pixel_std must be a positive number, got 0$"):
         replace(Scenario(), pixel_std=0)
+
+
+def test_a_deeply_nested_value_is_named_in_a_short_line() -> None:
+    """It was a RecursionError, or a message as long as the value."""
+    for name, nest in itertools.product(("pixel_std", "boxes", "varied", "name"), (lambda x: [x], lambda x: {"a": x})):
+        value: Any = 1.0
+        for _ in range(10**4):
+            value = nest(value)
+        told = refusal(name, value)
+        assert told.startswith(f"scenario.{name} must be ") and len(told) < 300

@@ -39,7 +39,7 @@ def lie(env: Any) -> None:
     runs.world.state["noise_key"] = rng.integers(2**63)
     runs.world.landmarks[...] = rng.uniform(-1.0, 1.0, runs.world.landmarks.shape)
     runs.world.boxes[...] = np.array([[-3.0, -1.0, -3.0], [3.0, 1.0, -2.9]])
-    runs.owner["serial"], runs.owner["label"], runs.owner["landmark"] = 1, -1, NOBODY
+    runs.owner["label"], runs.owner["landmark"] = -1, NOBODY
     runs.label[...], runs.candidate["pixel"] = -1, 0.0
     runs.models["true_camera"]["focal"] *= 2.0
     runs.episode["redraw_key"] = 7
@@ -154,7 +154,7 @@ def test_a_belief_that_is_no_number_keeps_the_plan() -> None:
     env, imagination = flown(0.0)
     policy = Rollout(env, budget=8, base=ORBIT, threads=1)
     assert imagination.possible
-    env._run.ekf.covariance[3, 3] = np.nan
+    env._run.estimate.covariance[3, 3] = np.nan
     assert not imagination.possible
     assert tuple(policy.predict(env._runs.observation[0])[0].tolist()) == ORBIT
 

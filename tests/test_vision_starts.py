@@ -93,6 +93,7 @@ def test_fiducials_are_few_and_far_apart() -> None:
     ("fields", "change", "word"),
     [
         (CHARUCO, {"kind": "circle"}, "kind must be rectangle, charuco, apriltag, got 'circle'"),
+        (CHARUCO, {"kind": []}, r"kind must be rectangle, charuco, apriltag, got \[\]"),
         (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),
         (CHARUCO, {"columns": 2}, "columns must be a whole number of 3 or more"),
         (CHARUCO, {"rows": 4.0}, "rows must be a whole number"),

@@ -167,7 +167,7 @@ def test_a_first_inverse_depth_is_that_of_what_is_seen_in_a_furnished_room(name:
 
 
 def test_a_room_that_is_too_full_is_refused_in_words() -> None:
-    full = Scenario(name="full", boxes=(((-2.9, -1.0, -2.9), (2.9, 1.0, 2.9)),), box_count=(0, 1))
+    full = Scenario(name="full", boxes=(((-2.9, -1.0, -2.9), (2.9, 1.0, 2.9)),), start=CORNER)
     with pytest.raises(RuntimeError, match="'full': no room was found"):
         draw_room(full, np.random.default_rng(0))
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import KNOWN, Scenario, positive_number, scenario_from, whole_multiple
+from activeslam_gym.config import KNOWN, MOST_HELD_FRAMES, Scenario, positive_number, scenario_from, whole_multiple
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
@@ -224,9 +224,11 @@ def resolve(
     """
     resolved = scenario_from(scenario)
     frame = resolved.frame_time
-    frames_per_step = 1 if gaze_period is None else whole_multiple("gaze_period", gaze_period, "the frame", frame)
+    frames_per_step, most = 1, MOST_HELD_FRAMES
+    if gaze_period is not None:
+        frames_per_step = whole_multiple("gaze_period", gaze_period, "the frame", frame, most)
     step_time = frames_per_step * frame
-    steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time)
+    steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time, most // frames_per_step)
     duration = resolved.duration if duration is None else duration
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):

@@ -1,5 +1,8 @@
 """Boxes and inner walls, drawn; and what is free, hit or reached among them."""
 
+import math
+from bisect import bisect_left, bisect_right
+
 import numpy as np
 
 from activeslam_gym.config import Scenario
@@ -34,8 +37,7 @@ def _inner_walls(scenario: Scenario, rng: np.random.Generator) -> list[np.ndarra
     across, parts = 2 - along, []
     for k in range(count):
         middle = size[along] * ((k + 1) / (count + 1) - 0.5 + rng.uniform(-0.08, 0.08))
-        free = 0.5 * size[across] - 0.4 - 0.5 * scenario.door_width
-        door = rng.uniform(-free, free)
+        door = rng.uniform(-scenario.door_reach, scenario.door_reach)
         for side in (-1.0, 1.0):
             part = np.stack((-0.5 * size, 0.5 * size))
             part[:, along] = middle - 0.5 * WALL_THICKNESS, middle + 0.5 * WALL_THICKNESS
@@ -89,16 +91,43 @@ def first_hits(boxes: np.ndarray, half: np.ndarray, p: np.ndarray, ways: np.ndar
 
 
 def reachable(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: float) -> bool:
-    """Whether a camera at ``place`` (>= 3,) can go nearly everywhere that is free at its height, in plan."""
+    """Whether a camera at ``place`` (>= 3,) can go nearly everywhere that is free at its height, in plan.
+
+    A way goes from one cell of 0.1 m to the next. Cells between the same edges of boxes are all free or none is, and
+    one label serves them, so that the cost depends on the number of boxes and not on the size of the room.
+    """
     from scipy.ndimage import label
 
-    half, y = 0.5 * np.array(scenario.room_size), place[1]
-    x, z = (np.arange(-h + margin, h - margin, _CELL) + 0.5 * _CELL for h in (half[0], half[2]))
-    cells = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
-    free = ~inside_any(cells, boxes, margin)
-    parts, _ = label(free.reshape(len(x), len(z)))
-    own = parts[np.abs(x - place[0]).argmin(), np.abs(z - place[2]).argmin()]
-    return bool(own and (parts == own).sum() >= _REACHED_SHARE * free.sum())
+    half = 0.5 * np.array(scenario.room_size)
+    (x, wide, i), (z, long, j) = (_strips(half[k], boxes[:, :, k], margin, place[k]) for k in (0, 2))
+    cells = np.stack(np.meshgrid(x, place[1], z, indexing="ij"), axis=-1).reshape(-1, 3)
+    free = ~inside_any(cells, boxes, margin).reshape(len(x), len(z))
+    parts, _ = label(free)
+    own, counts = parts[i, j], np.outer(wide, long)
+    return bool(own and counts[parts == own].sum() >= _REACHED_SHARE * counts[free].sum())
+
+
+def _strips(half: float, edges: np.ndarray, margin: float, p: float) -> tuple[np.ndarray, np.ndarray, int]:
+    """The cells along an axis, grouped where they are inside the same boxes: S strips.
+
+    Of each the middle of its first cell [m] and the number of its cells, (S,) both; and the strip that is nearest to
+    ``p`` [m]. ``edges`` (B, 2) [m] are those of the boxes.
+    """
+    first = -half + margin
+    step = (first + _CELL) - first
+    cells = range(max(math.ceil((half - margin - first) / _CELL), 1))
+
+    def middle(k: int) -> float:
+        return first + k * step + 0.5 * _CELL
+
+    starts = {0}
+    for low, high in edges:
+        starts |= {bisect_right(cells, low - margin, key=middle), bisect_left(cells, high + margin, key=middle)}
+    strips = sorted(starts - {len(cells)})
+    after = bisect_right(cells, p, key=middle)
+    nearest = min(cells[max(after - 1, 0) : after + 1], key=lambda k: abs(middle(k) - p))
+    counts = np.diff([*strips, len(cells)]).astype(float)  # in a large room their products overflow an integer
+    return np.array([middle(k) for k in strips]), counts, bisect_right(strips, nearest) - 1
 
 
 # Points on surfaces -------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View, camera_of, ray_from_pixel, visible
-from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, WALL, Scenario
+from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, WALL, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
@@ -41,12 +41,20 @@ class Room(NamedTuple):
     """(B, 2, 3) lowest and highest corners [m]."""
 
 
+class NoRoomError(RuntimeError, ValueError):
+    """A scenario leaves no space for its room: a bad value of the scenario, found at a reset."""
+
+
 def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:
-    """The scenario with its `varied` fields drawn, number by number; itself where there are none."""
+    """The scenario with its `varied` fields drawn, number by number; itself where there are none.
+
+    The two ends of a range are drawn, and the lower one comes first.
+    """
     if not scenario.varied:
         return scenario
     drawn: dict[str, Any] = {name: _between(least, greatest, rng) for name, least, greatest in scenario.varied}
-    return dataclasses.replace(scenario, varied=(), **drawn)
+    ordered = {name: tuple(sorted(drawn[name])) for name in RANGES if name in drawn}
+    return dataclasses.replace(scenario, varied=(), **(drawn | ordered))
 
 
 def _between(least: float | tuple, greatest: float | tuple, rng: np.random.Generator) -> float | tuple:
@@ -62,7 +70,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     everything can be reached.
 
     Raises:
-        RuntimeError: no such room was found; the scenario's boxes or its points leave too little space, or nothing
+        NoRoomError: no such room was found; the scenario's boxes or its points leave too little space, or nothing
             stands at the distance of the fiducials.
     """
     if scenario.start == CENTRE and not (scenario.draws_boxes or scenario.on_surfaces or scenario.point_spacing):
@@ -70,7 +78,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)
         landmarks, boxes = _landmarks(scenario, nothing, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
-        return Room(place, camera, _floating(scenario, camera, rng), landmarks, nowhere, boxes)
+        return Room(place, camera, _floating(scenario, scenario.fiducial_count, camera, rng), landmarks, nowhere, boxes)
     for _ in range(_TRIES):
         boxes = draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
@@ -79,8 +87,8 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         if fiducials is not None and reachable(scenario, boxes, place, scenario.wall_margin + 0.05):
             found = _landmarks(scenario, boxes, fiducials, rng)
             return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes)
-    cause = "too many boxes, boxes too large, point_spacing too large, or no wall within fiducial_distance"
-    raise RuntimeError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
+    cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
+    raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
 # Points -------------------------------------------------------------------------------------------------------------
@@ -105,7 +113,7 @@ def _landmarks(scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np
     They are as far from the ``taken`` points (n, 3) too.
 
     Raises:
-        RuntimeError: they do not fit.
+        NoRoomError: they do not fit.
     """
     count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:
@@ -125,7 +133,7 @@ def _landmarks(scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np
         if len(found) == count:
             return np.array(found)
     apart = f"{scenario.point_spacing:g} m apart"
-    raise RuntimeError(f"scenario {scenario.name!r}: its landmarks do not fit in a room, {apart}")
+    raise NoRoomError(f"scenario {scenario.name!r}: its landmarks do not fit in a room, {apart}")
 
 
 def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:
@@ -142,25 +150,32 @@ def _draw_place(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator)
     place[3] = 1.0
     if scenario.start == CORNER:
         sides = rng.choice((-1.0, 1.0), size=2)
-        place[[0, 2]] = sides * (half[[0, 2]] - _CORNER_DISTANCE)
+        place[[0, 2]] = sides * _from_walls(scenario, _CORNER_DISTANCE)[[0, 2]]
         axis = int(rng.integers(2))  # the wall that it faces is across this one
         _turn(place, math.atan2(sides[0] * axis, sides[1] * (1 - axis)))
     elif scenario.start == WALL:
         axis, side, way = 2 * int(rng.integers(2)), rng.choice((-1.0, 1.0)), rng.choice((-1.0, 1.0))
-        place[axis], place[2 - axis] = side * (half[axis] - _WALL_DISTANCE), -0.4 * way * half[2 - axis]
+        place[axis], place[2 - axis] = side * _from_walls(scenario, _WALL_DISTANCE)[axis], -0.4 * way * half[2 - axis]
         _turn(place, math.atan2(way * (axis == 2), way * (axis == 0)))
     elif scenario.start == ANYWHERE:
         for _ in range(_TRIES):
-            place[[0, 2]] = rng.uniform(-1.0, 1.0, 2) * (half[[0, 2]] - _START_MARGIN)
+            place[[0, 2]] = rng.uniform(-1.0, 1.0, 2) * _from_walls(scenario, _START_MARGIN)[[0, 2]]
             heading = rng.uniform(-math.pi, math.pi)
+            if inside_any(place[None, :3], boxes, _START_MARGIN)[0]:
+                continue
             way = np.array([[math.sin(heading), 0.0, math.cos(heading)]])
             ahead = first_hits(boxes, half, place[:3], way)[0]
             least = scenario.fiducial_distance
-            near = least[0] <= ahead <= least[1] if scenario.on_surfaces else ahead >= least[1]
-            if near and not inside_any(place[None, :3], boxes, _START_MARGIN)[0]:
+            if least[0] <= ahead <= least[1] if scenario.on_surfaces else ahead >= least[1]:
                 break
         _turn(place, heading)
     return place
+
+
+def _from_walls(scenario: Scenario, distance: float) -> np.ndarray:
+    """(3,) coordinates that far from the walls [m], or the middle of a room whose other wall is nearer than that."""
+    half = 0.5 * np.array(scenario.room_size)
+    return np.where(half - distance >= scenario.wall_margin - half, half - distance, 0.0)
 
 
 def _turn(place: np.ndarray, heading: float) -> None:
@@ -186,12 +201,12 @@ def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray |
 # Fiducials ----------------------------------------------------------------------------------------------------------
 
 
-def _floating(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(K, 3) fiducials that are uniform in the image of the first camera ``start`` (13,) and in depth [m]."""
+def _floating(scenario: Scenario, count: int, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) fiducials that are uniform in the image of the first camera ``start`` (13,) and in depth [m]."""
     camera = camera_of(scenario)
     size = np.array([camera.width, camera.height])
-    share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random((scenario.fiducial_count, 2)) - 0.5)
-    depths = rng.uniform(*scenario.fiducial_distance, scenario.fiducial_count)
+    share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random((count, 2)) - 0.5)
+    depths = rng.uniform(*scenario.fiducial_distance, count)
     R_WC, back_project = uncompiled(rotation_matrix)(start[QUATERNION]), uncompiled(ray_from_pixel)
     half = 0.5 * np.array(scenario.room_size)
     fiducials = [
@@ -222,9 +237,9 @@ def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.r
                 continue
             point = start[POSITION] + depth * way
         else:
-            point = _floating(dataclasses.replace(scenario, fiducial_count=1), start, rng)[0]
+            point = _floating(scenario, 1, start, rng)[0]
             if inside_any(point[None], boxes)[0]:
                 continue
         if visible(view, point, 0.0, z) and _is_apart(point, found, scenario.point_spacing):
             found.append(point)
-    return np.array(found) if len(found) == scenario.fiducial_count else None
+    return np.reshape(found, (-1, 3)) if len(found) == scenario.fiducial_count else None

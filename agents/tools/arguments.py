@@ -118,5 +118,5 @@ def scenario_argument(text: str) -> str | dict[str, Any]:
         return text
     try:
         return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"scenario: {text!r} is no JSON object ({error})") from error
+    except (ValueError, RecursionError) as error:  # the latter where it is nested too deeply
+        raise ValueError(f"scenario: {text[:80]!r} is no JSON object ({error})") from error

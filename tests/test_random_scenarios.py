@@ -1,0 +1,244 @@
+"""Random legal scenarios reset without an error; scenarios without a usable room are refused with a reason."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from activeslam_gym import SCENARIOS, ActiveSLAMEnv, Scenario
+from activeslam_gym.config import ANYWHERE, CENTRE, CORNER, SURFACES, WALL
+from activeslam_gym.world.furniture import PASSAGE, draw_boxes, inside_any, reachable
+from activeslam_gym.world.room import NoRoomError, draw_room, varied
+
+BOX = ((1.0, -1.0, 1.0), (2.0, 0.5, 2.0))
+RANGES = {"fiducial_distance": (0.5, 3.0), "box_width": (0.2, 1.5), "box_height": (0.2, 2.0)}
+"""Scenario fields with two ends, and the least and the greatest value that the tests draw for them [m]."""
+
+
+def random_range(low: float, high: float, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Two legal values [(low, high), (low, high)] of a range field; the second is greater at both ends."""
+    a, b, c, d = np.sort(rng.uniform(low, high, 4)).tolist()
+    return [(a, b), (c, d)] if rng.random() < 0.5 else [(a, c), (b, d)]
+
+
+# Varied fields ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_varied_ranges_are_drawn_in_order(seed: int) -> None:
+    """Both ends were drawn independently, and a third of the resets of such a scenario raised."""
+    rng = np.random.default_rng(seed)
+    fields = tuple((name, *random_range(*ends, rng)) for name, ends in RANGES.items())
+    scenario = Scenario(box_count=(0, 2), varied=fields)
+    for reset in range(40):
+        drawn = varied(scenario, np.random.default_rng(reset))
+        for name, least, greatest in fields:
+            low, high = getattr(drawn, name)
+            assert least[0] <= low <= greatest[0] and least[1] <= high <= greatest[1] and low < high
+
+
+def test_varied_draws_that_were_in_order_keep_their_values() -> None:
+    least, greatest = (1.0, 2.0), (1.4, 2.6)
+    drawn = varied(Scenario(varied=(("fiducial_distance", least, greatest),)), np.random.default_rng(3))
+    assert drawn.fiducial_distance == tuple(np.random.default_rng(3).uniform(least, greatest))
+
+
+@pytest.mark.parametrize(
+    ("name", "least", "greatest"),
+    [("pixel_std", 2.0, 1.0), ("box_width", (0.5, 1.2), (0.6, 1.1)), ("room_size", (5.0, 2.0, 9.0), (8.0, 2.8, 8.0))],
+)
+def test_reversed_varied_ends_are_refused_at_construction(name: str, least: Any, greatest: Any) -> None:
+    with pytest.raises(ValueError, match=rf"scenario.varied must be .* least at most greatest \({name} is not\), got"):
+        Scenario(varied=((name, least, greatest),))
+    Scenario(varied=((name, least, least),))
+
+
+def test_a_varied_field_that_is_an_array_is_named() -> None:
+    with pytest.raises(ValueError, match="scenario.varied must be triples"):
+        Scenario(varied=((np.array(["pixel_std", "name"]), 1.0, 2.0),))
+
+
+# Fiducials ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start", [CENTRE, CORNER, WALL, ANYWHERE])
+@pytest.mark.parametrize("fields", [{}, {"boxes": (BOX,)}, {"box_count": (1, 2)}, {"landmark_layout": SURFACES}])
+def test_no_fiducials_are_legal_in_every_room(start: str, fields: dict[str, Any]) -> None:
+    """They raised "could not broadcast input array" unless the room was empty and the start its centre."""
+    room = draw_room(Scenario(fiducial_count=0, start=start, **fields), np.random.default_rng(1))
+    assert room.fiducials.shape == (0, 3) and room.landmarks.shape == (27, 3)
+
+
+def test_an_episode_without_fiducials_is_finite() -> None:
+    env = ActiveSLAMEnv({"fiducial_count": 0, "box_count": (1, 2), "start": CORNER})
+    for seed in range(3):
+        env.reset(seed=seed)
+        for k in range(10):
+            observation, reward, *_ = env.step([k % 7, k % 3])
+            assert np.isfinite(observation).all() and np.isfinite(reward)
+
+
+# Scenarios that were accepted, and then hung or were lost -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"motion_period": 1e6}, "motion_period must be at most 10000 times gaze_period"),
+        ({"gaze_period": 1e6}, "gaze_period must be at most 10000 times the frame"),
+        ({"gaze_period": 10.0, "motion_period": 510.0}, "motion_period must be at most 50 times gaze_period"),
+        ({"scenario": {"gaze_horizon": 1e6}}, "scenario.gaze_horizon must be at most 500 s, 10000 times frame_time"),
+    ],
+)
+def test_a_time_whose_score_does_not_return_is_refused(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=rf"^{message}.*, got .*1000000.0|^{message}.*, got 510.0"):
+        ActiveSLAMEnv(**arguments)
+
+
+def test_the_longest_times_are_scored_within_seconds() -> None:
+    env = ActiveSLAMEnv({"gaze_horizon": 500.0}, motion_period=500.0)
+    env.reset(seed=1)
+    env.motion_score(0)  # compiles
+    begun = time.perf_counter()
+    assert np.isfinite(env.motion_scores()).all() and np.isfinite(env.joint_scores()).all()
+    assert np.isfinite(env.gaze_scores()).all() and time.perf_counter() - begun < 10.0
+
+
+@pytest.mark.parametrize("walls", [(1, 1), (0, 1)])
+def test_a_door_wider_than_its_wall_is_refused(walls: tuple[int, int]) -> None:
+    for width in (50, 5.3):
+        with pytest.raises(ValueError, match=rf"scenario.door_width must be at most 5.2 m, .*, got {width}"):
+            Scenario(inner_walls=walls, door_width=width)
+    with pytest.raises(ValueError, match=r"scenario.door_width must be at most 2.2 m, .*, got 2.3"):
+        Scenario(inner_walls=walls, door_width=2.3, varied=(("room_size", (3.0, 2.0, 4.0), (8.0, 2.0, 8.0)),))
+    widest = Scenario(inner_walls=walls, door_width=5.2, start=ANYWHERE)
+    assert len(draw_room(widest, np.random.default_rng(0)).boxes) <= 2
+
+
+def test_a_box_around_the_start_is_refused() -> None:
+    for corner in (1.0, 0.05):  # the second is beside the camera's centre, but touches its body
+        with pytest.raises(ValueError, match=r"scenario.boxes must be 0.1 m or more from the start at the centre, got"):
+            Scenario(boxes=(BOX, ((-corner, -1.0, 0.05), (corner, 1.0, 2.0))))
+    beside = Scenario(boxes=(((-1.0, -1.0, 0.1), (1.0, 1.0, 2.0)),))
+    assert draw_room(replace(beside, start=CORNER), np.random.default_rng(0)).boxes.shape == (1, 2, 3)
+
+
+@pytest.mark.parametrize("start", [CORNER, WALL, ANYWHERE])
+def test_a_start_in_a_small_room_is_inside_of_it(start: str) -> None:
+    """A start lay 1.4 m from its corner, beyond the other walls of a room that is narrower."""
+    for side in (0.4, 0.5, 0.7, 1.0, 1.4):
+        scenario = Scenario(room_size=(side, 1.0, side), start=start, goal_margin=0.1, position_std=(1e-6,) * 3)
+        for seed in range(5):
+            room = draw_room(scenario, np.random.default_rng(seed))
+            assert (np.abs(room.place[:3]) <= 0.5 * np.array(scenario.room_size) - scenario.wall_margin).all()
+
+
+# Ways through a room ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1e3, 1e6, 1e12])
+def test_a_large_room_with_a_box_is_drawn_at_once(size: float) -> None:
+    """The search for ways visited each cell of 0.1 m: 10^8 of them in a room of 1000 m."""
+    scenario = Scenario(room_size=(size, 3.0, size), boxes=(BOX,), box_count=(0, 3), landmark_layout="clusters")
+    begun = time.perf_counter()
+    for seed in range(3):
+        draw_room(scenario, np.random.default_rng(seed))
+    assert time.perf_counter() - begun < 10.0
+
+
+def reachable_cell_by_cell(scenario: Scenario, boxes: np.ndarray, place: np.ndarray, margin: float) -> bool:
+    """`reachable`, by a flood over all cells of 0.1 m."""
+    half = 0.5 * np.array(scenario.room_size)
+    x, z = (np.arange(-h + margin, h - margin, 0.1) + 0.05 for h in (half[0], half[2]))
+    cells = np.stack(np.meshgrid(x, place[1], z, indexing="ij"), axis=-1).reshape(-1, 3)
+    free = ~inside_any(cells, boxes, margin).reshape(len(x), len(z))
+    todo = [(int(np.abs(x - place[0]).argmin()), int(np.abs(z - place[2]).argmin()))]
+    reached = np.zeros_like(free)
+    while todo:
+        i, j = todo.pop()
+        if 0 <= i < len(x) and 0 <= j < len(z) and free[i, j] and not reached[i, j]:
+            reached[i, j] = True
+            todo += [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
+    return bool(reached.any() and reached.sum() >= 0.97 * free.sum())
+
+
+def test_ways_are_those_of_a_search_cell_by_cell() -> None:
+    rng, answers = np.random.default_rng(0), []
+    for k in range(150):
+        size = tuple(np.round(rng.uniform(2.0, 7.0, 3), 1).tolist())
+        margin = float(rng.choice((0.1, 0.3)))
+        scenario = Scenario(room_size=size, box_count=(0, 8), inner_walls=(0, 3), wall_margin=margin)
+        boxes, place = np.round(draw_boxes(scenario, rng), 1), np.zeros(3)  # edges on cells, and the start between two
+        place[[0, 2]] = rng.uniform(-0.5, 0.5, 2) * np.array(size)[[0, 2]] * (k % 3 > 0)
+        answers.append(reachable(scenario, boxes, place, margin + 0.05))
+        assert answers[-1] == reachable_cell_by_cell(scenario, boxes, place, margin + 0.05)
+    assert 20 < sum(answers) < 130
+
+
+# Rooms that cannot be -----------------------------------------------------------------------------------------------
+
+
+def test_inner_walls_that_leave_no_room_are_a_value_error_within_seconds() -> None:
+    """The command lines tell a ValueError in a line; a RuntimeError was a traceback, after minutes."""
+    for start in (CENTRE, CORNER):
+        begun = time.perf_counter()
+        with pytest.raises(NoRoomError, match="'full': no room was found in 1000 tries: too many boxes or walls"):
+            draw_room(Scenario(name="full", inner_walls=(60, 60), start=start), np.random.default_rng(0))
+        assert time.perf_counter() - begun < 20.0
+    assert issubclass(NoRoomError, ValueError) and issubclass(NoRoomError, RuntimeError)
+
+
+def test_fiducials_are_drawn_without_another_check_of_the_scenario(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each floating fiducial made a Scenario: four fifths of a reset's time, and a minute where none is in view."""
+    scenario, checks = Scenario(start=CORNER), []
+    monkeypatch.setattr(Scenario, "__post_init__", checks.append)
+    draw_room(scenario, np.random.default_rng(0))
+    assert not checks
+
+
+# Any legal scenario -------------------------------------------------------------------------------------------------
+
+
+def random_scenario(rng: np.random.Generator) -> Scenario:
+    """A legal scenario whose room has space: starts, layouts, boxes, walls and varied fields at random."""
+    layout = str(rng.choice(("uniform", "clusters", SURFACES)))
+    least = (float(rng.uniform(6.0, 9.0)), float(rng.uniform(2.0, 3.0)), float(rng.uniform(6.0, 9.0)))
+    greatest = tuple(side + float(rng.uniform(0.0, 3.0)) for side in least)
+    start = ANYWHERE if layout == SURFACES else str(rng.choice((CENTRE, CORNER, WALL, ANYWHERE)))
+    fields: list[tuple[str, Any, Any]] = [
+        ("room_size", least, greatest),
+        ("pixel_std", *np.sort(rng.uniform(0.5, 3.0, 2)).tolist()),
+        ("missed_detection_probability", 0.0, float(rng.uniform(0.0, 0.3))),
+        ("acceleration_std", 0.0, float(rng.uniform(0.0, 0.5))),
+        ("fiducial_distance", *random_range(1.0, 2.5, rng)),
+        ("box_width", *random_range(0.3, 1.2, rng)),
+        ("box_height", *random_range(0.3, 3.0, rng)),
+    ]
+    return replace(
+        SCENARIOS["office" if layout == SURFACES else "paper"],
+        landmark_layout=layout,
+        start=start,
+        room_size=least,
+        landmark_count=int(rng.integers(1, 80)),
+        fiducial_count=int(rng.integers(0, 12)),
+        point_spacing=float(rng.choice((0.0, 0.1))),
+        box_count=(0, int(rng.integers(0, 5))),
+        inner_walls=(0, int(rng.integers(0, 3)) if layout == SURFACES else 0),
+        door_width=PASSAGE + float(rng.uniform(0.0, 1.0)),
+        boxes_known=bool(rng.random() < 0.5),
+        varied=tuple(one for one in fields if rng.random() < 0.6),
+    )
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_random_legal_scenario_has_a_room_at_each_of_40_resets(seed: int) -> None:
+    scenario = random_scenario(np.random.default_rng(seed))
+    for reset in range(40):
+        rng = np.random.default_rng(reset)
+        drawn = varied(scenario, rng)
+        room = draw_room(drawn, rng)
+        assert room.fiducials.shape == (scenario.fiducial_count, 3)
+        assert room.landmarks.shape == (scenario.landmark_count, 3)
+        assert len(room.boxes) <= scenario.box_capacity

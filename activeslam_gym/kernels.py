@@ -311,7 +311,7 @@ class _Cache(FunctionCache):
         content = _content(source.is_relative_to(_UPPER_FLOOR))
         stamp = content if source.is_relative_to(_PACKAGE) else (content, self._impl.locator.get_source_stamp())
         self._cache_path = os.path.join(self._cache_path, f"kernels-{content}")
-        self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
+        self._cache_file: Any = _Files(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these types, or None where it has to be compiled."""

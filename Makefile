@@ -12,10 +12,10 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency results figures advice bench clients clips docs stress test lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency results figures advice bench clients clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
 demo: $(VENV)/.agents ## compare learned and greedy policies in eight rooms: table and pictures in results/demo
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
@@ -54,6 +54,11 @@ stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random one
 
 test: lint ## lint, then every test but the slow ones, and the notebooks
 	NOTEBOOK_STEPS=2240 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 notebooks tests
+
+test-oldest: ## the tests without those of learning, with the lowest versions that pyproject.toml allows and Python 3.10, if installed (10 minutes or more)
+test-newest: ## the same with the newest releases and Python 3.14 or 3.13, if installed
+test-oldest test-newest: test-%: .venvs/%/.made
+	OMP_NUM_THREADS=1 .venvs/$*/bin/python -m pytest -n $(WORKERS) --dist worksteal tests
 
 clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environment under .venvs (minutes; client-sb3: one)
 
@@ -118,6 +123,8 @@ PACKAGES_rllib   := --editable . $(TORCH) 'ray[rllib]==2.60.0'
 PACKAGES_cleanrl := --editable . $(TORCH) 'gym==0.23.1' 'numpy<2' 'setuptools<81' tensorboard
 PACKAGES_rerun   := --editable '.[rerun]'
 PACKAGES_live    := --editable '.[live]' playwright # drives the system's own chromium; it downloads none
+PACKAGES_oldest  := --editable '.[compare,dev,vision]' --constraint .venvs/lowest.txt
+PACKAGES_newest  := --editable '.[compare,dev,vision]' --upgrade --upgrade-strategy eager
 
 TESTS_sb3     := tests/test_clients.py -k sb3
 TESTS_torchrl := tests/test_clients.py -k torchrl
@@ -125,6 +132,16 @@ TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_recording.py
 TESTS_live    := tests/test_live_page.py tests/test_live_access.py tests/test_live_browser.py
+
+.venvs/lowest.txt: pyproject.toml # each lower bound as the one version
+	@mkdir -p .venvs
+	@grep -oE '"[A-Za-z0-9_-]+(\[[a-z]+\])?>=[0-9.]+' $< | sed -E 's/"([A-Za-z0-9_-]+).*>=/\1==/' | sort -u > $@
+
+.venvs/oldest/.made: .venvs/lowest.txt
+# The first of these interpreters that runs; `make PYTHON=...` overrules it.
+first_of = $(shell for python in $(1); do $$python -c 'import sys; print(sys.executable)' 2>/dev/null && break; done)
+.venvs/oldest/.made: PYTHON = $(call first_of,python3.10 python3)
+.venvs/newest/.made: PYTHON = $(call first_of,python3.14 python3.13 python3)
 
 .venvs/%/.made: pyproject.toml
 	@echo "Installing what $* needs into .venvs/$* (once)"

@@ -103,10 +103,14 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
         for name in baselines.names():
             refuses("env", lambda other=other, name=name: baselines.make(name, other))
         refuses("env", lambda other=other: observation_layout(other))
-        if other is not foreign:
-            refuses("env", lambda other=other: agents.load("ppo", other))
     for name in ("bogus", None, 5, ""):
         refuses("name", lambda name=name: baselines.make(name, env))
+
+
+def test_a_learned_policy_is_loaded_for_an_environment_of_ours() -> None:
+    pytest.importorskip("torch")
+    for other in (None, 5, "ActiveSLAM-v0", gymnasium.make_vec("CartPole-v1", num_envs=1)):
+        refuses("env", lambda other=other: agents.load("ppo", other))
 
 
 def test_nothing_is_read_before_a_reset() -> None:

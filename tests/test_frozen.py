@@ -40,8 +40,9 @@ def test_v0_does_what_it_did(env_id: str, case: str) -> None:
         assert then.shape == now[what].shape, f"'{case}': {what} was of shape {then.shape}, is {now[what].shape}"
         period = (len(recorded["reward"]) - 1) / (len(then) - 1)  # steps between two of these moments
         moments = np.arange(len(then)) * period * (CASES | IMAGE_CASES)[case][2]
-        tolerance = np.where(moments <= 2.0, TIGHT, LOOSE).reshape(-1, *(1,) * (then.ndim - 1))
-        same = np.isclose(now[what], then, rtol=tolerance, atol=tolerance)
+        early = (moments <= 2.0).reshape(-1, *(1,) * (then.ndim - 1))
+        tight, loose = (np.isclose(now[what], then, rtol=tolerance, atol=tolerance) for tolerance in (TIGHT, LOOSE))
+        same = np.where(early, tight, loose)
         if not same.all():
             at = tuple(np.argwhere(~same)[0])
             at_fault = {"env_id": env_id, "what": what, "case": case, "moment": at[0]}

@@ -1,5 +1,6 @@
 """The project around the code: what an import costs, what is installed, and that the README tells the truth."""
 
+import itertools
 import json
 import re
 import shutil
@@ -51,6 +52,14 @@ def pulled(extra: str) -> set[str]:
         else:
             names.add(name)
     return names
+
+
+def test_every_requirement_has_a_lower_bound_for_make_test_oldest() -> None:
+    """SciPy's was lower than what the code needs, and no check installed it."""
+    project = PYPROJECT["project"]
+    requirements = itertools.chain(project["dependencies"], *project["optional-dependencies"].values())
+    others = [one for one in requirements if not one.startswith(project["name"])]
+    assert len(others) > 20 and not [one for one in others if not re.match(r"[\w-]+(\[[a-z]+\])?>=[\d.]+", one)]
 
 
 @pytest.mark.parametrize("extra", ["agents", "compare", "plot", "bench", "notebooks"])

@@ -247,7 +247,7 @@ def _edge(profile: np.ndarray, reach: float) -> float | None:
     a, b = np.median(profile[:6]), np.median(profile[-6:])
     if abs(b - a) < _LEAST_CONTRAST:
         return None
-    mean = float(np.trapezoid(profile) / (profile.shape[0] - 1))
+    mean = float((profile[1:] + profile[:-1]).mean() / 2.0)
     shift = reach * (a + b - 2.0 * mean) / (b - a)
     return shift if abs(shift) < 0.75 * reach else None
 

@@ -132,7 +132,7 @@ class PluggedPerception:
 
     def begin(self, runs: Run, i: int) -> None:
         """Write the prior."""
-        put_estimate(self._estimator.estimate(), row(runs, i).estimate)
+        self._put_estimate(row(runs, i))
 
     def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
@@ -147,11 +147,26 @@ class PluggedPerception:
             )
         found["match"] = matched
         before = set(run.owner["id"].tolist()) - {0}
-        put_estimate(self._estimator.estimate(), run.estimate)
+        self._put_estimate(run)
         after = set(run.estimate.landmark["id"][: int(run.estimate.state.count)].tolist())
         run.episode.events.births += len(after - before)
         run.episode.events.deletions += len(before - after)
         account(runs, i)
+
+    def _put_estimate(self, run: Run) -> None:
+        """Write the estimator's estimate into the run.
+
+        Raises:
+            ValueError: it is none, or not finite; the message names the estimator.
+        """
+        try:
+            estimate = self._estimator.estimate()
+            put_estimate(estimate, run.estimate)
+        except (AttributeError, ValueError) as error:
+            raise ValueError(f"estimate() of the estimator {self._name!r}: {error}") from error
+        for name in ("camera", "points", "covariance"):
+            if not np.isfinite(getattr(estimate, name)).all():
+                raise ValueError(f"estimate() of the estimator {self._name!r} must have a finite {name}")
 
     def _measured(self, runs: Run, i: int) -> np.ndarray:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""

@@ -1,0 +1,143 @@
+"""The seams: estimators and sensors from outside run whole episodes, and wrong ones are errors that name them."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym import ActiveSLAMVectorEnv
+from activeslam_gym.sensors.sensor import SENSORS, Detections
+from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.slam.estimator import ESTIMATORS
+from examples.extend_estimator import NumpyEkf
+from examples.extend_range_sensor import RangeSensor
+
+NUMPY = {"estimator": "numpy-ekf", "association": "known"}
+RANGE = {**NUMPY, "sensor": "range-and-bearing"}
+
+
+def flown(scenario: Any, seed: int, seconds: float) -> tuple[list[np.ndarray], dict[str, Any]]:
+    """Observations and the last info of an episode of `mi-mi`."""
+    env: Any = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=seconds)
+    observation, info = env.reset(seed=seed)
+    policy, state, over, seen = baselines.make("mi-mi", env), None, False, [observation]
+    while not over:
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, truncated, info = env.step(action)
+        over = terminated or truncated
+        seen.append(observation)
+    return seen, info
+
+
+def test_an_estimator_from_outside_flies_a_whole_episode() -> None:
+    _, info = flown(NUMPY, 3, 35.0)
+    assert not info["lost"] and info["landmarks_mapped"] >= 5
+    assert info["log_score"] > 100.0 and info["position_error"] < 0.1
+    assert info["events"]["wrong_matches"] == 0
+
+
+@pytest.mark.parametrize("scenario", [NUMPY, RANGE], ids=["estimator", "sensor"])
+def test_a_batch_is_its_single_environments_with_parts_from_outside(scenario: Any) -> None:
+    singles = [flown(scenario, seed, 3.0) for seed in (5, 6)]
+    env = ActiveSLAMVectorEnv(2, scenario, gaze_period=0.25, duration=3.0, autoreset_mode="DISABLED")
+    observations, _ = env.reset(seed=[5, 6])
+    policy, state = baselines.make("mi-mi", env), None
+    for step in range(12):
+        for i, (seen, _) in enumerate(singles):
+            np.testing.assert_array_equal(observations[i], seen[step])
+        actions, state = policy.predict(observations, state)
+        observations, *_, infos = env.step(actions)
+    np.testing.assert_array_equal(infos["log_score"], [info["log_score"] for _, info in singles])
+
+
+def test_a_range_tells_more_than_a_pixel_alone() -> None:
+    pixel, ranged = (np.median([flown(one, seed, 5.0)[1]["log_score"] for seed in range(4)]) for one in (NUMPY, RANGE))
+    assert ranged > pixel
+
+
+def test_the_compiled_estimator_takes_the_pixels_of_a_sensor_from_outside() -> None:
+    class Pixels(RangeSensor):
+        """The same without its range."""
+
+        def measure(self, truth: Any, time: float) -> Detections:
+            values, labels = super().measure(truth, time)
+            return Detections(values[:, :2], labels)
+
+        def model(self) -> Any:
+            return self._model._points
+
+    with entered(SENSORS, "pixels-alone", Pixels):
+        _, info = flown({"sensor": "pixels-alone"}, 0, 5.0)
+        assert info["log_score"] > 50.0 and info["events"]["wrong_matches"] == 0
+    with pytest.raises(ValueError, match="'ekf' takes measurements of two numbers.*range-and-bearing.* have 3"):
+        gym.make("ActiveSLAM-v0", scenario={"sensor": "range-and-bearing"}).reset(seed=0)
+
+
+class entered:  # noqa: N801
+    """An entry of a registry for the length of a test."""
+
+    def __init__(self, registry: Any, name: str, entry: Any) -> None:
+        self.registry, self.name = registry, name
+        registry.register(name)(entry)
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, *_: object) -> None:
+        del self.registry._entries[self.name]
+
+
+def step_with(**scenario: Any) -> None:
+    env = gym.make("ActiveSLAM-v0", scenario={"association": "known", **scenario}, gaze_period=0.25)
+    env.reset(seed=0)
+    env.step((0, 0))
+
+
+def test_what_an_estimator_returns_wrongly_is_told_by_name() -> None:
+    class Short(NumpyEkf):
+        def update(self, measurements: Any) -> Any:
+            return super().update(measurements)[:-1]
+
+    class Flat(NumpyEkf):
+        def estimate(self) -> Estimate:
+            return Estimate(self.x, np.array([2, 1]), np.zeros((2, 3)), np.eye(18), np.ones(2, bool), np.ones(2, bool))
+
+    class Unbounded(NumpyEkf):
+        def estimate(self) -> Estimate:
+            self.P[0, 0] = np.nan
+            return super().estimate()
+
+    of = "of the estimator 'mine'"
+    for kind, message in (
+        (Short, rf"update\(\) {of} must return"),
+        (Flat, rf"estimate\(\) {of}: ids of an Estimate must be positive and increasing"),
+        (Unbounded, rf"estimate\(\) {of} must have a finite covariance"),
+    ):
+        with entered(ESTIMATORS, "mine", kind), pytest.raises(ValueError, match=message):
+            step_with(estimator="mine")
+
+
+def test_what_a_sensor_returns_wrongly_is_told_by_name() -> None:
+    class Blank(RangeSensor):
+        def measure(self, truth: Any, time: float) -> Detections:
+            return Detections(np.full((1, 3), np.nan), np.zeros(1, int))
+
+    with entered(SENSORS, "blank", Blank), pytest.raises(ValueError, match="measure\\(\\) of the sensor 'blank'"):
+        step_with(sensor="blank", estimator="numpy-ekf")
+
+
+def test_a_part_that_is_not_registered_is_told_with_those_that_are() -> None:
+    with pytest.raises(ValueError, match="scenario.estimator must be one of ekf, .*, got 'none'"):
+        gym.make("ActiveSLAM-v0", scenario={"estimator": "none"})
+    with pytest.raises(ValueError, match="scenario.sensor must be one of points, images, .*, got 'none'"):
+        gym.make("ActiveSLAM-v0", scenario={"sensor": "none"})
+
+
+def test_imagined_runs_need_the_compiled_estimator() -> None:
+    from activeslam_gym.envs.imagination import Imagination
+
+    env = gym.make("ActiveSLAM-v0", scenario=NUMPY)
+    with pytest.raises(ValueError, match="imagined runs need scenario.estimator 'ekf', got 'numpy-ekf'"):
+        Imagination(env.unwrapped)

@@ -78,7 +78,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)
         landmarks, boxes = _landmarks(scenario, nothing, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
-        return Room(place, camera, _floating(scenario, camera, rng), landmarks, nowhere, boxes)
+        return Room(place, camera, _floating(scenario, scenario.fiducial_count, camera, rng), landmarks, nowhere, boxes)
     for _ in range(_TRIES):
         boxes = draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
@@ -87,7 +87,7 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         if fiducials is not None and reachable(scenario, boxes, place, scenario.wall_margin + 0.05):
             found = _landmarks(scenario, boxes, fiducials, rng)
             return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes)
-    cause = "too many boxes or walls, boxes too large, point_spacing too large, or no wall within fiducial_distance"
+    cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
@@ -201,12 +201,12 @@ def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray |
 # Fiducials ----------------------------------------------------------------------------------------------------------
 
 
-def _floating(scenario: Scenario, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(K, 3) fiducials that are uniform in the image of the first camera ``start`` (13,) and in depth [m]."""
+def _floating(scenario: Scenario, count: int, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(count, 3) fiducials that are uniform in the image of the first camera ``start`` (13,) and in depth [m]."""
     camera = camera_of(scenario)
     size = np.array([camera.width, camera.height])
-    share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random((scenario.fiducial_count, 2)) - 0.5)
-    depths = rng.uniform(*scenario.fiducial_distance, scenario.fiducial_count)
+    share = 0.5 + _FIDUCIAL_IMAGE_SHARE * (rng.random((count, 2)) - 0.5)
+    depths = rng.uniform(*scenario.fiducial_distance, count)
     R_WC, back_project = uncompiled(rotation_matrix)(start[QUATERNION]), uncompiled(ray_from_pixel)
     half = 0.5 * np.array(scenario.room_size)
     fiducials = [
@@ -237,7 +237,7 @@ def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.r
                 continue
             point = start[POSITION] + depth * way
         else:
-            point = _floating(dataclasses.replace(scenario, fiducial_count=1), start, rng)[0]
+            point = _floating(scenario, 1, start, rng)[0]
             if inside_any(point[None], boxes)[0]:
                 continue
         if visible(view, point, 0.0, z) and _is_apart(point, found, scenario.point_spacing):

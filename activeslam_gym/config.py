@@ -28,7 +28,7 @@ _DOOR_MARGIN = 0.4
 MOST_FRAMES = 10**9
 """Nothing lasts longer."""
 MOST_HELD_FRAMES = 10**4
-"""No action is held longer: the cost of its score grows with its frames, by about 2 µs each."""
+"""No action is held for more frames: the time that its score takes grows with them."""
 
 
 class Bound(NamedTuple):

@@ -118,7 +118,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare watch", "--duration", "1e300", "must be at most 1000000000 times gaze_period"),
     ("train", "--duration", "1e300", "must be at most 1000000000 times decision_period"),
     ("train", "--decision-period", "0.07", "decision_period must be a whole multiple of the frame (0.05 s)"),
-    ("compare", "--motion-period", "1e300", "must be at most 1000000000 times gaze_period"),
+    ("compare", "--motion-period", "1e300", "must be at most 10000 times gaze_period"),
     ("train", "--decision-period", "1e300", "must be at most 1000000000 times the frame"),
     ("compare", "--motion-period", "nan inf 0 -1", SECONDS),
     ("compare", "--motion-period", "0.013", "must be a whole multiple of gaze_period (0.05 s)"),

@@ -84,4 +84,4 @@ def test_only_expected_points_move() -> None:
         assert (np.any(expected["point"] != before, axis=1) == (expected["redraws"] > 0)).all()
     assert told[0] == told[1] and redraws[0] == 0 and redraws[1] > 3
     waiting = expected[expected["serial"] == WAITING]
-    assert sum(inside(simulation_of(env).belief.state.camera, y) for y in waiting["point"]) <= 1
+    assert sum(inside(simulation_of(env).estimate.state.camera, y) for y in waiting["point"]) <= 1

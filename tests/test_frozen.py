@@ -68,7 +68,7 @@ class Nudged(gym.Wrapper):
 
     def reset(self, **kwargs):
         out = super().reset(**kwargs)
-        simulation_of(self).belief.state.camera[:3] += self.nudge
+        simulation_of(self).ekf.state.camera[:3] += self.nudge
         return out
 
 

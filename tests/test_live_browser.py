@@ -18,6 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+pytest.importorskip("viser", reason="the extra `live` is not installed")
+
 from .test_live_access import PROTOCOL, pressing
 from .test_live_page import serving, until
 

@@ -191,7 +191,7 @@ def test_inner_walls_that_leave_no_room_are_a_value_error_within_seconds() -> No
 
 
 def test_fiducials_are_drawn_without_another_check_of_the_scenario(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each floating fiducial made a Scenario: four fifths of a reset's time, and a minute where none is in view."""
+    """Each floating fiducial made a Scenario: two fifths of the time of a reset in a corner."""
     scenario, checks = Scenario(start=CORNER), []
     monkeypatch.setattr(Scenario, "__post_init__", checks.append)
     draw_room(scenario, np.random.default_rng(0))

@@ -81,7 +81,7 @@ def test_what_is_no_flag_is_refused() -> None:
 def test_a_belief_that_is_not_positive_definite_scores_the_floor() -> None:
     env = gym.make("ActiveSLAM-v0", end_when_lost=False, reward="log_score")
     _, first = env.reset(seed=0)
-    simulation_of(env).belief.covariance[6, 6] = -1.0
+    simulation_of(env).ekf.covariance[6, 6] = -1.0
     _, reward, terminated, _, info = env.step((6, 2))
     assert info["lost"] and not terminated
     assert info["log_score"] == UNSOUND_LOG_SCORE == -10_000.0

@@ -199,7 +199,7 @@ def track(
         files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
 
         def keep(frame: Frame, log: FrameLog | None) -> None:
-            files.add(frame[0], front_end.filter.belief.state.camera, log)
+            files.add(frame[0], front_end.filter.mean, log)
             if painter is not None and log is not None:
                 painter.add(front_end, frame[1])
 

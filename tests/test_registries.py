@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import examples.extend_range_sensor  # noqa: F401  (registers RANGES)
 from activeslam_gym import SCENARIOS, Gaze, Motion
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
@@ -44,11 +45,14 @@ def play(env: Any, steps: int = 12, seed: int = 3) -> list[tuple[float, dict[str
 # Criteria -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scenario", ["paper", "corridor", "pixels"])
+RANGES = {"sensor": "range-and-bearing", "estimator": "numpy-ekf", "association": "known"}
+
+
+@pytest.mark.parametrize("scenario", ["paper", "corridor", "pixels", RANGES])
 def test_a_criterion_registered_from_outside_scored_nan_and_best_answered_forward(
-    scenario: str, monkeypatch: pytest.MonkeyPatch
+    scenario: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It scores as the kernel does, under every kind of plan; with the sensor `images` too."""
+    """It scores as the kernel does, under every kind of plan, with every sensor."""
     for name, criterion in (("mine", information), ("mine-compiled", compiled(lambda P, sight, var: sight.S[0, 0]))):
         monkeypatch.setitem(CRITERIA, name, criterion)
     pixels = scenario == "pixels"

@@ -78,7 +78,7 @@ def conclude(run: Run, begins: bool) -> None:
         _begin(run)
     else:
         run.episode.gain += run.episode.terms[_ENTROPY]
-        if run.models.task.reward != REGISTERED:
+        if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
             _settle(run)
     observe(run)
 

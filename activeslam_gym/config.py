@@ -14,6 +14,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
+from activeslam_gym.registry import Registry
+
 DEPTH_PARTICLES = "depth_particles"
 INVERSE_DEPTH = "inverse_depth"
 INITIALISATIONS = (DEPTH_PARTICLES, INVERSE_DEPTH)
@@ -526,7 +528,7 @@ _PIXELS: dict[str, Any] = {
 }
 """Images of a room in the place of points."""
 
-SCENARIOS: dict[str, Scenario] = {
+_OWN = {
     scenario.name: scenario
     for scenario in (
         Scenario(),
@@ -544,6 +546,7 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario(name="hand-held-pixels", **_PIXELS, **_HAND_HELD),
     )
 }
+SCENARIOS: Registry[Scenario] = Registry("scenario", _OWN)
 """The named scenarios, by name."""
 
 ASKED: dict[str, str] = {
@@ -590,8 +593,6 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
     if isinstance(value, Scenario):
         return value
     if isinstance(value, str):
-        if value not in SCENARIOS:
-            raise ValueError(f"scenario must be one of {', '.join(SCENARIOS)}, got {value!r}")
         return SCENARIOS[value]
     if isinstance(value, Mapping):
         known = {field.name for field in dataclasses.fields(Scenario)}

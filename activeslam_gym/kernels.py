@@ -259,7 +259,7 @@ _as_part(lambda array: _without_owner(array), borrowed)  # type: ignore[call-arg
 # The cache ----------------------------------------------------------------------------------------------------------
 
 
-_SIGNS = b"@compiled", b"@borrowing", b"@inlined", b"@named(", b" = record(", b"one_of("
+_SIGNS = b"@compiled", b"@borrowing", b"@inlined", b" = record(", b"one_of("
 """What tells a module that kernels are made of."""
 _UPPER_FLOOR = _PACKAGE / "vision"
 """Its kernels call those of the modules below it, and never the other way round."""

@@ -1,42 +1,86 @@
-"""Registries: the estimators, sensors and other parts that a scenario chooses by name."""
+"""Registries: the criteria, rewards, estimators, sensors and scenarios that are chosen by name."""
 
+import math
+import numbers
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
 
+REGISTERED = -1
+"""In place of its number: an entry that is not one of the package's own."""
 
-class Registry(Generic[Entry]):
-    """Named entries of one ``kind``, such as "estimator"; `register` adds one at run time."""
+
+class Registry(dict[str, Entry]):
+    """Entries of one ``kind``, such as "criterion", by name; `register` adds one at run time."""
+
+    kind = "name"
+    reserved: tuple[str, ...] = ()
+    """Names that no entry may have from now on: those of the package's own entries, and others."""
+    own: tuple[str, ...] = ()
+    """Names of the package's own entries, by number."""
 
     def __init__(self, kind: str, entries: dict[str, Entry] | None = None) -> None:
+        super().__init__(entries or {})
         self.kind = kind
-        self._entries: dict[str, Entry] = dict(entries or {})
 
     def register(self, name: str) -> Callable[[Any], Any]:
-        """Decorator that adds an entry, or replaces the one of that name.
+        """Decorator that adds an entry, or replaces the registered one of that name.
 
         Raises:
-            ValueError: ``name`` is not a string, or empty.
+            ValueError: ``name`` is not a string, empty, or the name of one of the package's own.
         """
-        if not isinstance(name, str) or not name:
-            raise ValueError(f"the name of a registered {self.kind} must be a string, got {name!r}")
 
         def enter(entry: Any) -> Any:
-            self._entries[name] = entry
+            self[name] = entry
             return entry
 
         return enter
 
+    def seal(self, *reserved: str) -> list[Entry]:
+        """The entries so far, which become the package's own. Nothing can replace them or have a ``reserved`` name."""
+        self.own = tuple(self)
+        self.reserved = (*self.own, *reserved)
+        return list(self.values())
+
+    def __setitem__(self, name: str, entry: Entry) -> None:
+        if not isinstance(name, str) or not name:
+            raise ValueError(f"the name of a registered {self.kind} must be a string, got {name!r}")
+        if name in self.reserved:
+            raise ValueError(f"the name of a registered {self.kind} must be none of the package's own, got {name!r}")
+        super().__setitem__(name, entry)
+
     def __getitem__(self, name: Any) -> Entry:
-        """The entry of that name.
+        """The entry of that name; raises as `require`."""
+        self.require(name)
+        return super().__getitem__(name)
+
+    def require(self, name: Any, argument: str = "") -> None:
+        """Check the ``name`` that an ``argument`` gives.
 
         Raises:
-            ValueError: there is none; the message lists those that there are.
+            ValueError: there is no such entry; the message lists those that there are.
         """
-        if not isinstance(name, str) or name not in self._entries:
-            raise ValueError(f"{self.kind} must be one of {', '.join(self._entries)}, got {name!r}")
-        return self._entries[name]
+        if not isinstance(name, str) or name not in self:
+            raise ValueError(f"{argument or self.kind} must be one of {', '.join(self)}, got {name!r}")
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._entries
+    def number(self, name: Any) -> int:
+        """The number by which kernels know one of the package's own entries, or REGISTERED; raises as `require`."""
+        self.require(name)
+        return self.own.index(name) if name in self.own else REGISTERED
+
+    def value(self, name: str, where: str, *arguments: Any) -> float:
+        """The value of an entry that is a function; a registered one must return a finite number.
+
+        Raises:
+            ValueError: a registered one fails or returns anything else; the message names it, and tells ``where``.
+        """
+        if name in self.own:
+            return self[name](*arguments)  # type: ignore[operator]
+        try:
+            value = self[name](*arguments)  # type: ignore[operator]
+        except Exception as error:
+            raise ValueError(f"{self.kind} {name!r} failed {where}: {type(error).__name__}: {error}") from error
+        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
+            raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r}")
+        return float(value)

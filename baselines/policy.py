@@ -19,8 +19,12 @@ Environment = gym.Env | gym.vector.VectorEnv
 
 
 def best(scores: ArrayLike) -> Actions:
-    """Index of the best score along the last axis, (..., n) -> (...); ties within `TIE` go to STAY, the last one."""
+    """Index of the best score along the last axis, (..., n) -> (...); ties within `TIE` go to STAY, the last one.
+
+    NaN, which a lost filter can give, is worse than any number; where all are NaN the best is STAY.
+    """
     scores = np.asarray(scores)
+    scores = np.where(np.isnan(scores), -np.inf, scores)
     stay_ties = scores[..., -1] >= scores.max(axis=-1) - TIE
     return np.where(stay_ties, scores.shape[-1] - 1, scores.argmax(axis=-1))
 

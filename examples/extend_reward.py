@@ -1,17 +1,28 @@
-"""A reward of your own: a wrapper that reads `info` or the belief. Here a translation has a price in bits."""
+"""Rewards of your own: a registered potential, and a wrapper that gives a translation a price."""
 
+import math
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
-import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym import Motion
+from activeslam_gym.envs.reward import REWARDS
+
+
+# --8<-- [start:potential]
+@REWARDS.register("accuracy")
+def accuracy(e: Any) -> float:
+    """-log2 of the camera's true position error, against a centimetre [bit], and a bit for each landmark in the map."""
+    return e.distinct_landmarks - math.log2(1.0 + e.position_error / 0.01)
+
+
+# --8<-- [end:potential]
 
 
 # --8<-- [start:wrapper]
 class PricedMotion(gym.Wrapper[np.ndarray, Any, np.ndarray, Any]):
-    """The environment's own reward [bit], less a price for every period in which the camera translates.
+    """The reward of ``env`` [bit], less a price for every period in which the camera translates.
 
     The price is one more of `info["reward_terms"]`.
     """
@@ -32,7 +43,9 @@ class PricedMotion(gym.Wrapper[np.ndarray, Any, np.ndarray, Any]):
 # --8<-- [end:wrapper]
 
 if __name__ == "__main__":
-    env = PricedMotion(gym.make("ActiveSLAM-v0", gaze_period=0.25), price=2.0)
+    # --8<-- [start:use]
+    env = PricedMotion(gym.make("ActiveSLAM-v0", gaze_period=0.25, reward="accuracy"), price=2.0)
+    # --8<-- [end:use]
     env.reset(seed=0)
     total = sum(float(env.step((Motion.RIGHT, 1))[1]) for _ in range(40))
     print(f"{total:.1f} bits in 10 s, ten translations paid")

@@ -16,14 +16,14 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("activeslam_gym", "baselines", "agents")
 GYM = "activeslam_gym"
 
-MATHEMATICS = {"kernels", "config", "geometry", "linalg", "camera", "motion"}
+MATHEMATICS = {"kernels", "registry", "config", "geometry", "linalg", "camera", "motion"}
 
 MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "files": set(),
     "registry": set(),
     "kernels": {"files"},
-    "config": set(),
+    "config": {"registry"},
     "threads": {"config"},
     "geometry": {"kernels"},
     "linalg": {"kernels"},

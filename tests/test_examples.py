@@ -1,6 +1,8 @@
 """The worked examples of the manual: each runs, and does what its page says."""
 
+import math
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -11,12 +13,12 @@ import numpy as np
 import pytest
 
 from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information.candidates import pose_after, propagated
-from activeslam_gym.kernels import compiled
-from activeslam_gym.slam.sight import THING, Sight
+from activeslam_gym.registry import Registry
 from agents.policies import resolve
-from examples import extend_criterion, extend_occluder, extend_policy, extend_reward, extend_sensor
+from examples import extend_occluder, extend_policy, extend_sensor
 from tests.support import numerical_sight
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,9 +43,37 @@ def test_a_scenario_of_ones_own_has_three_forms() -> None:
     assert [one.unwrapped.scenario for one in (env, same, by_name)] == [tunnel] * 3
 
 
-def test_the_price_is_paid_once_a_translation_and_told() -> None:
+def run_example(name: str, registry: Registry[Any], monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The names of an example, whose entry of the ``registry`` is there for one test: others go through all entries."""
+    before = set(registry)
+    names = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))
+    for entry in set(registry) - before:
+        monkeypatch.setitem(registry, entry, registry.pop(entry))
+    return names
+
+
+def test_a_registered_reward_is_paid_by_one_and_by_a_batch_to_the_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    run_example("extend_reward", REWARDS, monkeypatch)
+    one = gym.make("ActiveSLAM-v0", gaze_period=0.25, reward="accuracy")
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=2, gaze_period=0.25, reward="accuracy")
+    potentials, rewards = [worth(one.reset(seed=1)[1])], []
+    many.reset(seed=0)
+    for _ in range(12):
+        _, reward, _, _, info = one.step((Motion.RIGHT, Gaze.LEFT))
+        _, batch, _, _, infos = many.step([(Motion.RIGHT, Gaze.LEFT)] * 2)
+        assert reward == batch[1] == info["reward_terms"]["accuracy"] == infos["reward_terms"]["accuracy"][1]
+        potentials.append(worth(info))
+        rewards.append(reward)
+    np.testing.assert_allclose(rewards, np.diff(potentials), atol=1e-12)
+
+
+def worth(info: dict[str, Any]) -> float:
+    return info["distinct_landmarks"] - math.log2(1.0 + 100.0 * info["position_error"])
+
+
+def test_the_price_is_paid_once_a_translation_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
     plain, priced = (gym.make("ActiveSLAM-v0", gaze_period=0.25) for _ in range(2))
-    priced = extend_reward.PricedMotion(priced, price=2.0)
+    priced = run_example("extend_reward", REWARDS, monkeypatch)["PricedMotion"](priced, price=2.0)
     for env in (plain, priced):
         env.reset(seed=0)
     paid = []
@@ -62,10 +92,11 @@ def in_the_middle(seed: int) -> Any:
     return env.unwrapped
 
 
-def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
+def test_the_criterion_is_the_drop_that_the_update_predicts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the EKF's update in full: tr(P_pp) before and after, for what is in view of each goal."""
     inner = in_the_middle(seed=3)
-    scores = extend_criterion.motion_scores(inner, extend_criterion.position_variance)
+    run_example("extend_criterion", CRITERIA, monkeypatch)
+    scores = inner.motion_scores("position_variance")
     models, prospect = inner.setting.models, inner.prospect
     P = propagated(models.motion, prospect.covariance, 0.0, 20)
     for index in Motion:
@@ -74,14 +105,6 @@ def test_the_criterion_is_the_drop_that_the_update_predicts() -> None:
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         P_after = P - P @ H.T @ np.linalg.solve(S, H @ P)
         np.testing.assert_allclose(scores[index], np.trace((P - P_after)[:3, :3]), rtol=1e-5)
-    for name in ("mutual_information", "variance_reduction"):
-        scores = extend_criterion.motion_scores(inner, CRITERIA[name])
-        np.testing.assert_allclose(scores, inner.motion_scores(name), rtol=1e-9)
-    rng = np.random.default_rng(5)
-    HP, A = rng.standard_normal((4, 15)), rng.standard_normal((4, 4))
-    sight = Sight(np.zeros(2, THING), HP, A @ A.T + np.eye(4))
-    found = compiled(extend_criterion.position_variance)(np.eye(15), sight, 4.0)
-    assert found == pytest.approx(np.trace(HP[:, :3].T @ np.linalg.solve(sight.S, HP[:, :3])))
 
 
 def test_the_filter_finds_what_it_is_handed() -> None:

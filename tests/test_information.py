@@ -10,7 +10,6 @@ from scipy.linalg import block_diag
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
-from activeslam_gym.information.criteria import criterion_number
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
@@ -118,7 +117,7 @@ def test_the_trace_counts_what_is_known_and_information_what_is_not() -> None:
 
 def scores_of(prospect: c.Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
     out = np.full(len(plans), np.nan)
-    c.score_plans(CAMERA, MOTION, prospect, 0.0, plans, criterion_number(criterion), out)
+    c.score_plans(CAMERA, MOTION, prospect, 0.0, plans, CRITERIA.number(criterion), out)
     return out
 
 
@@ -223,7 +222,7 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
 
     def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
         out = np.empty(len(plans))
-        c.score_plans(CAMERA, motion, env.prospect, time, plans, criterion_number(criterion), out)
+        c.score_plans(CAMERA, motion, env.prospect, time, plans, CRITERIA.number(criterion), out)
         return out
 
     for name in CRITERIA:

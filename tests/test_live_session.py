@@ -91,12 +91,12 @@ def test_one_motion_is_evaluated_an_image(walk: Any, monkeypatch: pytest.MonkeyP
 
 def test_the_scores_are_those_of_the_kernel_that_the_environment_uses(walk: Any) -> None:
     from activeslam_gym.information.candidates import motion_plans, score_plans
-    from activeslam_gym.information.criteria import criterion_number
+    from activeslam_gym.information.criteria import CRITERIA
 
     session, _ = walk
     front_end, motion = session.front_end, motion_of(ROOM, 1.0)
     adviser, out = Adviser(ROOM, session.knowledge), np.empty(1)
-    number, plans = criterion_number("mutual_information_position_map"), motion_plans(15)
+    number, plans = CRITERIA.number("mutual_information_position_map"), motion_plans(15)
     for one in range(len(Motion)):
         prospect = session.knowledge.prospect()
         score_plans(front_end.camera, motion, prospect, 0.0, plans[one : one + 1], number, out)

@@ -15,7 +15,7 @@ from activeslam_gym import Motion
 from activeslam_gym.config import Scenario
 from activeslam_gym.evaluation import Episode, Store, run_episode
 from activeslam_gym.information.candidates import motion_plans, score_plans
-from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.motion import CAMERA_DIM
 from agents import policies
 from agents import task as tasks
@@ -190,7 +190,7 @@ def test_landmarks_that_are_nowhere_are_in_no_score() -> None:
     rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
     for criterion in ("mutual_information", "fisher_trace"):
         without, plans = np.empty(len(Motion)), motion_plans(20)
-        score_plans(models.camera, models.motion, rest, 0.0, plans, criterion_number(criterion), without)
+        score_plans(models.camera, models.motion, rest, 0.0, plans, CRITERIA.number(criterion), without)
         np.testing.assert_array_equal(core.motion_scores(criterion), without)
 
 

@@ -243,7 +243,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self._gaze = Gaze.STAY
         self._history = History()
         self._show()
-        return self._runs.observation[0].copy(), info_of(self._runs)
+        return self._runs.observation[0].copy(), info_of(self._runs, self.setting.reward)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One gaze period under ``action``.
@@ -262,7 +262,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode is not None:
             self._gaze = nearest_gaze(self._command[0, 3])
             self._show()
-        return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs)
+        return observation, float(episode["reward"][0]), terminated, truncated, info_of(self._runs, self.setting.reward)
 
     def _play_one(self, phase: int, command: np.ndarray) -> None:
         self._phase[0], self._command[0] = phase, command

@@ -117,7 +117,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
             if seeds[i] is not None:
                 self._seeded[i] = seeding.np_random(seeds[i])
         self._begin(chosen)
-        return self._runs.observation.copy(), infos_of(self._runs, chosen)
+        return self._runs.observation.copy(), infos_of(self._runs, self.setting.reward, chosen)
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One gaze period of every environment.
@@ -142,7 +142,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         truncated = episode["steps"] >= self._steps
         self._over = terminated | truncated
         infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}
-        infos.update(infos_of(self._runs, np.ones(self.num_envs, bool)))
+        infos.update(infos_of(self._runs, self.setting.reward, np.ones(self.num_envs, bool)))
         return self._runs.observation.copy(), rewards, terminated, truncated, infos
 
     def action_masks(self) -> np.ndarray:
@@ -228,7 +228,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         observations = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(over).tolist():
             observations[i] = self._runs.observation[i].copy()
-        ended = {"final_obs": observations, "final_info": infos_of(self._runs, over)}
+        ended = {"final_obs": observations, "final_info": infos_of(self._runs, self.setting.reward, over)}
         masks = {f"_{key}": over.copy() for key in ended}
         self._begin(over)
         return ended | masks

@@ -13,7 +13,7 @@ from activeslam_gym.envs.observation import (
     observe_tokens,
 )
 from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, log2_density, owners_of
-from activeslam_gym.envs.reward import EVALUATION, REWARDS, potential_of_number
+from activeslam_gym.envs.reward import EVALUATION, FORFEIT, REWARDS, potential_of_number
 from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, present, run_at
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
@@ -22,14 +22,15 @@ from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
+from activeslam_gym.registry import REGISTERED
 from activeslam_gym.slam.estimate import mapped_of, points_of
 from activeslam_gym.world.simulator import find_clearance
 
 STEP, BEGIN, REST = 0, -1, -2
 """What a run does: a step; evaluate itself, as it has just been reset; nothing."""
-_ENTROPY = list(REWARDS).index("entropy")
-_FORFEIT = len(REWARDS)
-"""Entry of `terms` behind those of the rewards."""
+_ENTROPY = REWARDS.number("entropy")
+_FORFEIT = len(REWARDS.own)
+"""Entry of `terms` behind those of the package's rewards."""
 LOSS = 100.0
 """What a loss costs, beside all that was gained [bit]."""
 UNSOUND_LOG_SCORE = -10_000.0
@@ -76,7 +77,9 @@ def conclude(run: Run, begins: bool) -> None:
     if begins:
         _begin(run)
     else:
-        _settle(run)
+        run.episode.gain += run.episode.terms[_ENTROPY]
+        if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
+            _settle(run)
     observe(run)
 
 
@@ -105,7 +108,31 @@ def _settle(run: Run) -> None:
     episode.terms[_FORFEIT] = forfeit
     episode.total += forfeit
     episode.reward += forfeit
-    episode.gain += episode.terms[_ENTROPY]
+
+
+@compiled
+def _settle_at(runs: Run, i: int) -> None:
+    """Settle run ``i``."""
+    _settle(run_at(runs, i))
+
+
+def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
+    """After `play`: the potential ``name`` that is registered, and the reward of the step.
+
+    Where the estimate is not sound, the potential keeps its value. ``phases`` (B,) as in `play`.
+
+    Raises:
+        ValueError: the potential is no finite number; see `Registry.value`.
+    """
+    for i in np.flatnonzero(phases != REST).tolist():
+        episode = runs.episode[i]
+        before = float(episode.potential[REGISTERED])
+        if episode.sound:
+            where = f"after {episode.steps} steps of environment {i}"
+            episode.potential[REGISTERED] = REWARDS.value(name, where, episode.evaluation.copy())
+        if phases[i] == STEP:
+            episode.terms[REGISTERED] = episode.potential[REGISTERED] - before
+            _settle_at(runs, i)
 
 
 # What it was worth --------------------------------------------------------------------------------------------------
@@ -127,6 +154,7 @@ def evaluate(run: Run) -> None:
     sound = cholesky_in_place(U)
     _evaluate_errors(run, owners)
     episode.lost_now = not (sound and e.position_error <= run.models.task.lost_position_error)  # NaN is lost too
+    episode.sound = sound and not math.isnan(e.position_error)
     if sound:
         waiting = N - counted
         log2_dets(var, waiting, covariance, U, order[:counted], standing, e)
@@ -137,7 +165,7 @@ def evaluate(run: Run) -> None:
     else:
         e.log_density = episode.first_density + UNSOUND_LOG_SCORE
     e.log_score = e.log_density - episode.first_density
-    for i in range(episode.potential.shape[0]):
+    for i in range(_FORFEIT):
         potential = potential_of_number(i, e)
         episode.terms[i] = potential - episode.potential[i]
         episode.potential[i] = potential
@@ -238,19 +266,18 @@ _TOLD = (
     "entropy log_score landmarks_mapped distinct_landmarks position_error orientation_error landmark_rmse position_nees"
 ).split()
 """Fields of the evaluation that `info` has under their own names."""
-_TERMS = (*REWARDS, "forfeit")
 
 
-def info_of(runs: Run, i: int = 0) -> dict[str, Any]:
-    """The `info` of the last step of run ``i``, of plain Python values."""
+def info_of(runs: Run, reward: str, i: int = 0) -> dict[str, Any]:
+    """The `info` of the last step of run ``i``, of plain Python values; ``reward`` is that of the environment."""
     episode = runs.episode  # fields of arrays: those of a single record are slow to read
     values = dict(zip(EVALUATION.names or (), episode["evaluation"][i : i + 1].tolist()[0], strict=True))
     events = episode["events"][i : i + 1].tolist()[0]
     lost = bool(episode["lost"][i]), bool(episode["lost_now"][i])
-    return _tree(values, lost, episode["terms"][i].tolist(), events)
+    return _tree(values, lost, reward, episode["terms"][i].tolist(), events)
 
 
-def infos_of(runs: Run, included: np.ndarray) -> dict[str, Any]:
+def infos_of(runs: Run, reward: str, included: np.ndarray) -> dict[str, Any]:
     """The `infos` of the last step of a batch, as Gymnasium's vector environments have them.
 
     An array (B,) for each number of `info_of`, in the same nested dicts, and beside each ``key`` a mask ``_key`` (B,)
@@ -266,15 +293,16 @@ def infos_of(runs: Run, included: np.ndarray) -> dict[str, Any]:
     values = {name: kept(episode["evaluation"][name]) for name in EVALUATION.names or ()}
     terms, events = map(kept, episode["terms"].T), (kept(episode["events"][name]) for name in EVENTS.names or ())
     lost = kept(episode["lost"]), kept(episode["lost_now"])
-    return with_masks(_tree(values, lost, terms, events), included)
+    return with_masks(_tree(values, lost, reward, terms, events), included)
 
 
-def _tree(values: dict[str, Any], lost: Any, terms: Any, events: Any) -> dict[str, Any]:
+def _tree(values: dict[str, Any], lost: Any, reward: str, terms: Any, events: Any) -> dict[str, Any]:
     """The tree of `info`, of the numbers of one run or of columns (B,) of numbers."""
     info: dict[str, Any] = {name: values[name] for name in _TOLD}
     info["log2_det"] = {part: values[f"log2_det_{part}"] for part in ("camera", "map", "total")}
     info["lost"], info["lost_at_end"] = lost
-    info["reward_terms"] = dict(zip(_TERMS, terms, strict=True))
+    names = (*REWARDS.own, FORFEIT, *([reward] if reward not in REWARDS.own else []))
+    info["reward_terms"] = dict(zip(names, terms, strict=False))  # the last term is a registered reward's
     info["events"] = dict(zip(EVENTS.names or (), events, strict=True))
     return info
 

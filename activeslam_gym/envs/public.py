@@ -2,24 +2,26 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 
-from activeslam_gym.envs.episode import landmark_distances, play
+from activeslam_gym.envs.episode import landmark_distances, play, settle_registered
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
 from activeslam_gym.envs.simulation import Run, Setting, known_boxes, reset_run, run_at
 from activeslam_gym.information import candidates
-from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
-from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
+from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.foresight import SensorLimits
-from activeslam_gym.information.registered import score_plans_with
+from activeslam_gym.information.registered import score_plans_with, sight_by
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
-from activeslam_gym.sensors.sensor import IMAGES, POINTS
+from activeslam_gym.registry import REGISTERED
+from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimate import Estimate, mapped_of, points_of, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.truth import Truth, truth_of
@@ -196,6 +198,8 @@ class Reads:
             self._workers.call(play, self._runs, phases, commands)
         else:
             self._workers.call(play_rows, self.setting, self._runs, self._perceptions, phases, commands)
+        if self.setting.task.reward == REGISTERED:
+            settle_registered(self.setting.reward, self._runs, phases)
 
     # For policies ---------------------------------------------------------------------------------------------------
 
@@ -213,27 +217,33 @@ class Reads:
         """(A,) what each of ``plans`` (A, L) of `information.candidates.ACTION` would teach.
 
         Raises:
-            ValueError: there is no such criterion, motion or gaze, or ``plans`` is no such array.
+            ValueError: there is no such criterion, motion or gaze, or ``plans`` is no such array; or a registered
+                criterion returns anything but a finite number.
             gymnasium.error.ResetNeeded: no run has begun.
         """
         return self._scores(candidates.checked_plans(plans), criterion)
 
     def _scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
-        number, out = criterion_number(criterion), np.empty((len(self._runs.episode), len(plans)))
+        number, out = CRITERIA.number(criterion), np.empty((len(self._runs.episode), len(plans)))
         if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
-        if self.scenario.sensor in (POINTS, IMAGES):
+        if number != REGISTERED and self.scenario.sensor in SENSORS.own:
             self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
         else:
-            for i, run in enumerate(self._each()):
-                out[i] = self._scores_with(self._perceptions[i].model, run, plans, criterion)
+            for i in range(len(out)):
+                out[i] = self._scores_in_python(i, plans, criterion)
         return self._given(out)
 
-    def _scores_with(self, model: Any, run: Run, plans: np.ndarray, criterion: str) -> np.ndarray:
-        """(A,) the scores of one run with the ``model`` of a registered sensor."""
-        estimate, time = taken_estimate(run.estimate), int(run.episode.steps) * self.gaze_period
-        var = float(run.models.camera.pixel_std**2)
-        return score_plans_with(model, run.models.motion, prospect(run), estimate, time, plans, criterion, var)
+    def _scores_in_python(self, i: int, plans: np.ndarray, criterion: str) -> np.ndarray:
+        """(A,) the scores of run ``i`` with a registered sensor or by a registered criterion."""
+        run = row(self._runs, i)
+        given, camera, time = prospect(run), run.models.camera, int(run.episode.steps) * self.gaze_period
+        var = float(camera.pixel_std**2)
+        if self.scenario.sensor in SENSORS.own:
+            look = partial(sight_after, camera, given)
+        else:
+            look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
+        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var)
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.

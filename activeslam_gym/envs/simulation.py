@@ -11,7 +11,7 @@ from activeslam_gym.config import KNOWN, MOST_HELD_FRAMES, Scenario, positive_nu
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
-from activeslam_gym.envs.reward import EVALUATION, REWARDS, reward_number
+from activeslam_gym.envs.reward import EVALUATION, REWARDS
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, update_expectation
@@ -64,7 +64,7 @@ TASK = record(
     frames_per_step="i8",
     steps_per_motion="i8",
     steps="i8",  # of an episode
-    reward="i8",  # where the reward stands in `REWARDS`
+    reward="i8",  # its number in `REWARDS`
     lost_position_error="f8",  # [m]
     end_when_lost="b1",
     labelled_first_match="b1",
@@ -113,8 +113,8 @@ EPISODE = record(
     control=CONTROL,
     events=EVENTS,
     evaluation=EVALUATION,
-    potential=("f8", (len(REWARDS),)),  # after the last step, in the order of `REWARDS`
-    terms=("f8", (len(REWARDS) + 1,)),  # gain of each potential in the last step, and the forfeit
+    potential=("f8", (len(REWARDS.own) + 1,)),  # after the last step, by number; the last one is a registered reward's
+    terms=("f8", (len(REWARDS.own) + 2,)),  # gain of each in the last step; the forfeit stands before the last one
     reward="f8",  # of the last step
     total="f8",  # return so far
     gain="f8",  # entropy removed so far [bit]
@@ -123,6 +123,7 @@ EPISODE = record(
     begun="b1",  # there has been a reset
     lost="b1",  # in this step or before
     lost_now="b1",
+    sound="b1",  # the estimate is finite, and its covariance positive definite
     detections="i8",  # in the last frame
     views="i8",  # viewpoints so far
     clearance=("f8", (MOTION_COUNT,)),  # how far the camera can go by each motion, where there are boxes [m]
@@ -233,17 +234,15 @@ def resolve(
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
-    for registry, name in ((ESTIMATORS, resolved.estimator), (SENSORS, resolved.sensor)):
-        registry[name]  # raises
-    if resolved.motion_criterion not in CRITERIA:
-        known = ", ".join(CRITERIA)
-        raise ValueError(f"scenario.motion_criterion must be one of {known}, got {resolved.motion_criterion!r}")
+    ESTIMATORS.require(resolved.estimator)
+    SENSORS.require(resolved.sensor)
+    CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
         steps_per_motion=steps_per_motion,
         steps=steps,
-        reward=reward_number(reward),
+        reward=REWARDS.number(reward),
         lost_position_error=positive_number("lost_position_error", lost_position_error, "metres"),
         end_when_lost=end_when_lost,
         labelled_first_match=resolved.labelled_first_match,

@@ -1,8 +1,9 @@
 """Criteria: what the measurements predicted from a pose would teach. Each is a function of (P, sight, pixel_var).
 
 ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points when the measurements are taken, ``sight`` what
-is in view then, ``pixel_var`` the variance of the image noise [px^2]. With nothing in view each is 0. To add a
-criterion, write its function here, with its name above it: every score, policy and test knows it by that name.
+is in view then, ``pixel_var`` the variance of the image noise [px^2]. With nothing in view each is 0. Those of this
+module are compiled into the kernel of the scores. A criterion that ``@CRITERIA.register("mine")`` adds elsewhere, at
+run time, is called from Python: every score and policy knows it by that name.
 
 Mutual information is never taken from determinants of P: by the determinant lemma it is 1/2 log2(|S| / |R|), with S
 stacked over all predicted measurements. The same number, O(m^3), and no singularity for a fully correlated map. (The
@@ -11,37 +12,29 @@ idea in general: Kopitkov and Indelman, "No belief propagation required", IJRR 2
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from activeslam_gym.kernels import compiled, one_of
 from activeslam_gym.linalg import cholesky_in_place, copy_block, log2_det, product, solve_transposed, subtract_gram
 from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.registry import Registry
 from activeslam_gym.slam.sight import Sight
 
 Criterion = Callable[[np.ndarray, Sight, float], float]
-CRITERIA: dict[str, Criterion] = {}
+CRITERIA: Registry[Criterion] = Registry("criterion")
 """The criteria by name."""
 
 
-def named(name: str) -> Callable[[Any], Any]:
-    """Decorator that enters a criterion into `CRITERIA`."""
-
-    def enter(criterion: Any) -> Any:
-        CRITERIA[name] = compiled(criterion)
-        return CRITERIA[name]
-
-    return enter
-
-
-@named("mutual_information")
+@CRITERIA.register("mutual_information")
+@compiled
 def mutual_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(x; z) = 1/2 log2(|S| / |R|) [bit]: section III-A's measure, by the determinant lemma."""
     return 0.5 * (log2_det(sight.S) - sight.S.shape[0] * math.log2(pixel_var))
 
 
-@named("net_information")
+@CRITERIA.register("net_information")
+@compiled
 def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """`mutual_information`, of which the scores of plans are net [bit]: see `candidates.score_plans`.
 
@@ -51,13 +44,15 @@ def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     return mutual_information(P, sight, pixel_var)
 
 
-@named("mutual_information_camera")
+@CRITERIA.register("mutual_information_camera")
+@compiled
 def mutual_information_camera(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(camera; z) [bit]: for a map that is fully correlated, where the paper replaces x by x_v."""
     return information_about(np.arange(CAMERA_DIM), P, sight)
 
 
-@named("mutual_information_position_map")
+@CRITERIA.register("mutual_information_position_map")
+@compiled
 def mutual_information_position_map(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """I(position and map; z) [bit]: the live system's measure, which leaves gaze and velocities out (section V).
 
@@ -80,7 +75,8 @@ def _whitened(P: np.ndarray, sight: Sight) -> np.ndarray:
     return A
 
 
-@named("fisher_trace")
+@CRITERIA.register("fisher_trace")
+@compiled
 def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr J of J = sum_i H_i^T S_i^-1 H_i over the tangent (section III-B), literally.
 
@@ -90,14 +86,16 @@ def fisher_trace(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     return np.sum(A * A)
 
 
-@named("fisher_max_eigenvalue")
+@CRITERIA.register("fisher_max_eigenvalue")
+@compiled
 def fisher_max_eigenvalue(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """Largest eigenvalue of the same J = A^T A (the end of section III-B), which is that of A A^T (2 v, 2 v) too."""
     A = _whitened(P, sight)
     return np.linalg.eigvalsh(product(A, A.T))[-1] if A.shape[0] > 0 else 0.0
 
 
-@named("variance_reduction")
+@CRITERIA.register("variance_reduction")
+@compiled
 def variance_reduction(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
     """tr(P H^T S^-1 H P): how much the update that is predicted lowers tr P. With U^T U = S it is |U^-T H P|^2."""
     U, W = sight.S.copy(), sight.HP.copy()
@@ -119,20 +117,7 @@ def information_about(part: np.ndarray, P: np.ndarray, sight: Sight) -> float:
     return 0.5 * (log2_det(sight.S) - log2_det(given))
 
 
-criterion_of_number = one_of(list(CRITERIA.values()))
-"""For kernels: of (number, P, sight, pixel_var), by the criterion of that number (see `criterion_number`)."""
-
-
-def criterion_number(criterion: str) -> int:
-    """Where a criterion stands in `CRITERIA`.
-
-    Raises:
-        ValueError: there is no such criterion; the message lists those that there are.
-    """
-    if not isinstance(criterion, str) or criterion not in CRITERIA:
-        raise ValueError(f"criterion must be one of {', '.join(CRITERIA)}, got {criterion!r}")
-    return list(CRITERIA).index(criterion)
-
-
-NET = criterion_number("net_information")
+criterion_of_number = one_of(CRITERIA.seal())
+"""For kernels: of (number, P, sight, pixel_var), by the criterion of that number (see `Registry.number`)."""
+NET = CRITERIA.number("net_information")
 """The criterion whose scores are net."""

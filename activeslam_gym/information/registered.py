@@ -1,9 +1,10 @@
-"""Scores with the model of a registered sensor: the loop of `candidates.score_plans` in Python.
+"""Scores with a registered sensor or by a registered criterion: the loop of `candidates.score_plans` in Python.
 
-Each measurement is whitened to the variance of the image noise, so that every criterion holds for any number of values
-a measurement and for any noise.
+Each measurement of a registered sensor is whitened to the variance of the image noise, so that every criterion holds
+for any number of values a measurement and for any noise.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,22 +12,29 @@ import numpy as np
 from activeslam_gym.information.candidates import Prospect, goal_pose, propagated, updated
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record
+from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import CAMERA_DIM, turn_of
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_with
 
 
 def score_plans_with(
-    model: Any,
+    look: Callable[[np.ndarray, np.ndarray], Sight],
     motion: Record,
     prospect: Prospect,
-    estimate: Estimate,
     time: float,
     plans: np.ndarray,
     criterion: str,
     pixel_var: float,
 ) -> np.ndarray:
-    """(A,) what each of ``plans`` (A, L) of ACTION would teach by the ``criterion``, with the ``model`` of a sensor."""
+    """(A,) what each of ``plans`` (A, L) of ACTION would teach by the ``criterion``.
+
+    ``look`` (P, pose) predicts the measurements. Where their covariance S is not positive definite, or P not finite,
+    the score is NaN.
+
+    Raises:
+        ValueError: a registered criterion returns anything but a finite number; see `Registry.value`.
+    """
     out = np.zeros(len(plans))
     for a, plan in enumerate(plans):
         P, pose = prospect.covariance, prospect.camera
@@ -34,16 +42,20 @@ def score_plans_with(
             turn = turn_of(motion, int(action["gaze"]), time)
             P = propagated(motion, P, turn, int(action["frames"]))
             pose = goal_pose(motion, prospect, pose, action, turn, step == 0)
-            sight = _sight_by(model, prospect, estimate, pose, P, pixel_var)
-            out[a] += CRITERIA[criterion](P, sight, pixel_var)
-            P = updated(P, sight)
+            sight = look(P, pose)
+            before, P = P, updated(P, sight)
+            if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):
+                where = f"for (motion, gaze, frames) {action} of plan {a}"
+                out[a] += CRITERIA.value(criterion, where, before, sight, pixel_var)
+            else:
+                out[a] = np.nan
     return out
 
 
-def _sight_by(
-    model: Any, prospect: Prospect, estimate: Estimate, pose: np.ndarray, P: np.ndarray, pixel_var: float
+def sight_by(
+    model: Any, prospect: Prospect, estimate: Estimate, pixel_var: float, P: np.ndarray, pose: np.ndarray
 ) -> Sight:
-    """The measurements foreseen from ``pose`` (13,), each as rows in pairs."""
+    """The measurements that the ``model`` of a sensor foresees from ``pose`` (13,), each as rows in pairs."""
     K, points = len(prospect.fiducials), np.concatenate((prospect.fiducials, prospect.points))
     seen = np.flatnonzero(model.foresee(estimate, pose, points)).tolist()
     whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(model.noise))

@@ -4,7 +4,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.information.candidates import motion_plans, score_plans
-from activeslam_gym.information.criteria import criterion_number
+from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.live.knowledge import Knowledge
 from activeslam_gym.motion import MOTION_COUNT, Motion, motion_of
 
@@ -31,7 +31,7 @@ class Adviser:
         self._plans = motion_plans(self.frames)
         slots = min(self.frames - 1, MOTION_COUNT)
         self._turn = self.frames - slots + np.arange(MOTION_COUNT) * slots // MOTION_COUNT
-        self._criterion = criterion_number(CRITERION)
+        self._criterion = CRITERIA.number(CRITERION)
         self._pending = np.full(MOTION_COUNT, np.nan)
         self._phase = 0
         self.command = Motion.STAY

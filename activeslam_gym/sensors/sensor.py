@@ -54,3 +54,4 @@ class Sensor(Protocol):
 
 SENSORS: Registry[Any] = Registry("scenario.sensor", {POINTS: None, IMAGES: None})
 """The sensors by name; the two of this package are made by the environment itself."""
+SENSORS.seal()

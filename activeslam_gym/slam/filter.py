@@ -541,3 +541,6 @@ def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, 
     if not fits or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r}")
     return array
+
+
+ESTIMATORS.seal()

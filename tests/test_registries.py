@@ -1,0 +1,227 @@
+"""Criteria and rewards that are registered at run time, and the one home of names."""
+
+import math
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import examples.extend_range_sensor  # noqa: F401  (registers RANGES)
+from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.kernels import compiled
+from activeslam_gym.registry import Registry
+from activeslam_gym.sensors.sensor import SENSORS
+from activeslam_gym.slam.estimator import ESTIMATORS
+from baselines import best
+from baselines.greedy import Greedy
+
+INFORMATION = "mutual_information"
+
+
+def information(P: np.ndarray, sight: Any, pixel_var: float) -> float:
+    """`mutual_information` in NumPy."""
+    return 0.5 * (np.linalg.slogdet(sight.S)[1] / math.log(2.0) - len(sight.S) * math.log2(pixel_var))
+
+
+def pose_accuracy(e: Any) -> float:
+    """-log2 of the position error against a millimetre [bit]."""
+    return -math.log2(1e-3 + e.position_error)
+
+
+def play(env: Any, steps: int = 12, seed: int = 3) -> list[tuple[float, dict[str, Any]]]:
+    """Rewards and infos of a reset and of ``steps`` steps to the right."""
+    told = [(0.0, env.reset(seed=seed)[1])]
+    for _ in range(steps):
+        _, reward, _, _, info = env.step((Motion.RIGHT, Gaze.LEFT))
+        told.append((float(reward), info))
+    return told
+
+
+# Criteria -----------------------------------------------------------------------------------------------------------
+
+
+RANGES = {"sensor": "range-and-bearing", "estimator": "numpy-ekf", "association": "known"}
+
+
+@pytest.mark.parametrize("scenario", ["paper", "corridor", "pixels", RANGES])
+def test_a_criterion_registered_from_outside_scored_nan_and_best_answered_forward(
+    scenario: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It scores as the kernel does, under every kind of plan, with every sensor."""
+    for name, criterion in (("mine", information), ("mine-compiled", compiled(lambda P, sight, var: sight.S[0, 0]))):
+        monkeypatch.setitem(CRITERIA, name, criterion)
+    pixels = scenario == "pixels"
+    if pixels:
+        pytest.importorskip("cv2")
+    env = gym.make("ActiveSLAMPixels-v0" if pixels else "ActiveSLAM-v0", scenario=scenario, gaze_period=0.25)
+    play(env, steps=8)
+    inner, horizon = env.unwrapped, 2
+    for scores in (inner.motion_scores, inner.gaze_scores, inner.joint_scores):
+        np.testing.assert_allclose(scores("mine"), scores(INFORMATION), rtol=1e-9, atol=1e-9)
+        assert np.isfinite(scores("mine-compiled")).all()
+    plans = np.tile(inner._joint_plans[[4, 9, 17]], (1, horizon))
+    np.testing.assert_allclose(inner.scores(plans, "mine"), inner.scores(plans, INFORMATION), rtol=1e-9)
+    expected = Greedy(env, INFORMATION, INFORMATION).predict(np.zeros(3))[0]
+    assert Greedy(env, "mine", "mine").predict(np.zeros(3))[0].tolist() == expected.tolist()
+
+
+def test_scores_by_a_registered_criterion_are_the_same_of_one_and_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CRITERIA, "mine", information)
+    one, many = (gym.make("ActiveSLAM-v0", gaze_period=0.25), gym.make_vec("ActiveSLAM-v0", 3, gaze_period=0.25))
+    many.reset(seed=5)
+    for i in range(3):
+        one.reset(seed=5 + i)
+        np.testing.assert_array_equal(many.unwrapped.motion_scores("mine")[i], one.unwrapped.motion_scores("mine"))
+    assert many.unwrapped.run(1).scenario.motion_criterion == INFORMATION
+    own = gym.make("ActiveSLAM-v0", scenario={"motion_criterion": "mine"}).unwrapped
+    assert Greedy(own).motion_criterion == "mine"
+
+
+def fails(*_: Any) -> float:
+    raise KeyError("gone")
+
+
+WRONG = [
+    (lambda *_: math.nan, "must return a finite number {where}, got nan"),
+    (lambda *_: -np.inf, "must return a finite number {where}, got -inf"),
+    (lambda *_: None, "must return a finite number {where}, got None"),
+    (lambda *_: True, "must return a finite number {where}, got True"),
+    (lambda *_: 1j, "must return a finite number {where}, got 1j"),
+    (lambda *_: np.zeros(2), r"must return a finite number {where}, got array\(\[0., 0.\]\)"),
+    (fails, "failed {where}: KeyError: 'gone'"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "message"), WRONG)
+def test_a_registered_criterion_that_gives_no_number_is_an_error_with_its_name(
+    wrong: Callable[..., Any], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(CRITERIA, "mine", wrong)
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env.reset(seed=0)
+    where = r"for \(motion, gaze, frames\) \(2, 2, 20\) of plan 0"
+    with pytest.raises(ValueError, match=f"^criterion 'mine' {message.format(where=where)}"):
+        env.unwrapped.motion_score(Motion.RIGHT, "mine")
+
+
+def test_a_lost_filter_scores_nan_and_asks_no_registered_criterion(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(CRITERIA, "mine", fails)
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env.reset(seed=0)
+    env.unwrapped._runs.estimate.covariance[0, :6, :6] = -np.eye(6)
+    for criterion in ("mine", INFORMATION):
+        scores = env.unwrapped.motion_scores(criterion)
+        assert np.isnan(scores).all() and best(scores) == Motion.STAY
+
+
+def test_best_counts_nan_as_worse_than_any_number() -> None:
+    """The best of scores that are all NaN was FORWARD."""
+    assert best(np.full(7, np.nan)) == Motion.STAY
+    assert best([np.nan, 1.0, 3.0, 2.0, np.nan, 0.0, np.nan]) == Motion.RIGHT
+    assert best([np.nan, -5.0, np.nan, -np.inf, np.nan, np.nan, -5.0]) == Motion.STAY
+    assert best(np.array([[np.nan] * 3, [np.nan, 0.0, -1.0]])).tolist() == [Gaze.STAY, Gaze.LEFT]
+
+
+# Rewards ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_reward_registered_from_outside_paid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its gain is the reward; it telescopes, and has its own name in `info`."""
+    monkeypatch.setitem(REWARDS, "mine", pose_accuracy)
+    told = play(gym.make("ActiveSLAM-v0", gaze_period=0.25, reward="mine"))
+    accuracies = [-math.log2(1e-3 + info["position_error"]) for _, info in told]
+    np.testing.assert_allclose([reward for reward, _ in told[1:]], np.diff(accuracies), atol=1e-12)
+    assert all(reward == info["reward_terms"]["mine"] for reward, info in told)
+    assert list(told[0][1]["reward_terms"]) == [*REWARDS.own, "forfeit", "mine"]
+    plain = play(gym.make("ActiveSLAM-v0", gaze_period=0.25))
+    for (_, info), (_, other) in zip(told, plain, strict=True):
+        del info["reward_terms"]["mine"]
+        assert info == other or math.isinf(other["landmark_rmse"])
+
+
+@pytest.mark.parametrize("penalty", [True, False])
+def test_a_registered_copy_of_a_reward_is_that_reward_to_the_bit(
+    penalty: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Single and batch, through losses, the failure penalty and autoresets."""
+    monkeypatch.setitem(REWARDS, "mine", lambda e: -e.entropy)
+    limit = 0.02 if penalty else 0.5
+    settings: dict[str, Any] = {"gaze_period": 0.25, "duration": 4.0, "lost_position_error": limit}
+    actions = np.tile((Motion.RIGHT, Gaze.LEFT), (3, 1))
+    batches = [gym.make_vec("ActiveSLAM-v0", 3, reward=reward, **settings) for reward in ("mine", "entropy")]
+    one = gym.make("ActiveSLAM-v0", reward="mine", **settings)
+    for env in (*batches, one):
+        env.reset(seed=3)
+    lost, over = 0, False
+    for _ in range(40):
+        (_, mine, ends, cuts, infos), (_, theirs, *_) = (env.step(actions) for env in batches)
+        np.testing.assert_array_equal(mine, theirs)
+        np.testing.assert_array_equal(infos["reward_terms"]["mine"], infos["reward_terms"]["entropy"])
+        assert infos["reward_terms"]["_mine"].all()
+        lost += int((infos["reward_terms"]["forfeit"] < 0.0).sum())
+        if not over:
+            _, reward, terminated, truncated, info = one.step(actions[0])
+            assert (reward, terminated) == (mine[0], ends[0])
+            assert info["reward_terms"]["mine"] == infos["reward_terms"]["mine"][0]
+            over = terminated or truncated
+    assert over and (lost > 0) == penalty
+
+
+@pytest.mark.parametrize(("wrong", "message"), WRONG)
+def test_a_registered_reward_that_gives_no_number_is_an_error_with_its_name(
+    wrong: Callable[..., Any], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(REWARDS, "mine", lambda e: wrong() if e.position_error < np.inf and steps else 0.0)
+    steps = 0
+    env = gym.make_vec("ActiveSLAM-v0", 2, gaze_period=0.25, reward="mine")
+    env.reset(seed=0)
+    steps = 1
+    where = "after 1 steps of environment 0"
+    with pytest.raises(ValueError, match=f"^reward 'mine' {message.format(where=where)}"):
+        env.step(np.zeros((2, 2), int))
+
+
+def test_an_unsound_estimate_asks_no_registered_reward(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(REWARDS, "mine", lambda e: 1.0 / (e.position_error < 1e9))
+    env = gym.make("ActiveSLAM-v0", reward="mine")
+    env.reset(seed=0)
+    env.unwrapped._runs.world.state["camera"][0, :3] = np.nan
+    _, reward, terminated, _, info = env.step((Motion.STAY, Gaze.STAY))
+    assert terminated and reward == -100.0 and info["reward_terms"]["mine"] == 0.0
+
+
+# Names --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("registry", [CRITERIA, REWARDS, SENSORS, ESTIMATORS, SCENARIOS])
+def test_wrong_names_are_told_with_those_that_there_are(registry: Registry[Any]) -> None:
+    for wrong in ("nobody", 5, None, ["entropy"]):
+        with pytest.raises(ValueError, match=rf"^{registry.kind} must be one of {next(iter(registry))}, .*got "):
+            registry[wrong]
+    for wrong in ("", 5):
+        with pytest.raises(
+            ValueError, match=f"^the name of a registered {registry.kind} must be a string, got {wrong!r}"
+        ):
+            registry.register(wrong)(None)
+    assert list(pickle.loads(pickle.dumps(SCENARIOS))) == list(SCENARIOS)
+
+
+@pytest.mark.parametrize(("registry", "name"), [
+    (CRITERIA, INFORMATION), (REWARDS, "entropy"), (REWARDS, "forfeit"), (SENSORS, "points"), (ESTIMATORS, "ekf"),
+])  # fmt: skip
+def test_an_entry_of_the_package_cannot_be_replaced(registry: Registry[Any], name: str) -> None:
+    """Kernels would go on with the old one, in silence."""
+    with pytest.raises(ValueError, match=f"^the name of a registered {registry.kind} must be none of .*, got {name!r}"):
+        registry.register(name)(fails)
+
+
+def test_an_entry_that_was_registered_can_be_registered_again() -> None:
+    registry: Registry[int] = Registry("kind")
+    for entry in (1, 2):
+        registry.register("mine")(entry)
+    assert registry["mine"] == 2 and registry.number("mine") == -1

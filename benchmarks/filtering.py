@@ -20,7 +20,7 @@ def advance_frames(runs: Run, command: np.ndarray, frames: int) -> None:
     ``command`` (4,) as in `motion.COMMANDS`.
     """
     run = run_at(runs, 0)
-    begin_motion(run, command)
+    begin_motion(run, command, np.inf)
     for _ in range(frames):
         advance(run, command[3])
 

@@ -11,6 +11,7 @@ import baselines
 import examples.extend_estimator  # noqa: F401  (registers "numpy-ekf")
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.camera import hidden
+from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.scenes import SCENES, BoxScene, draw_scene
@@ -18,18 +19,14 @@ from activeslam_gym.world.simulator import faces
 from examples.extend_scene import SphereScene
 
 MARGIN = Scenario().wall_margin
-BOX = ((-0.5, -1.0, 1.2), (0.5, 0.3, 1.9))
+BOX = ((-3.0, -1.0, 1.2), (3.0, 1.0, 1.9))
 
 
-class Glass(SphereScene):
-    """Hides nothing."""
+class Nothing(SphereScene):
+    """Neither hides nor stops."""
 
     def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
         return False
-
-
-class Nothing(Glass):
-    """Neither hides nor stops."""
 
     def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
         return farthest
@@ -44,7 +41,7 @@ class OneBox(BoxScene):
 
 @pytest.fixture(autouse=True)
 def registered() -> Iterator[None]:
-    for scene in (Glass, Nothing, OneBox):
+    for scene in (Nothing, OneBox):
         SCENES.register(scene.__name__)(scene)
     yield
     for name in [name for name in SCENES._entries if name not in ("boxes", "sphere")]:
@@ -83,14 +80,16 @@ def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: 
 
 def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None:
     seen = {}
-    for scene in ("sphere", "Glass"):
-        env = made(scene)
+    for scene in ("sphere", "glass"):
+        env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"})  # the first frame, so that no estimate differs
         env.reset(seed=2)
+        if scene == "glass":
+            env.unwrapped.truth.scene._scene.blocks = lambda a, b: False
         env.step((Motion.STAY, Gaze.STAY))
         labels, pixels = env.unwrapped.labels.detected, env.unwrapped._run.candidate["pixel"]
         seen[scene] = {label: tuple(pixel) for label, pixel in zip(labels.tolist(), pixels.tolist())}
-    kept = {label: pixel for label, pixel in seen["Glass"].items() if label in seen["sphere"]}
-    assert list(kept.items()) == list(seen["sphere"].items()) and len(kept) < len(seen["Glass"])
+    kept = {label: pixel for label, pixel in seen["glass"].items() if label in seen["sphere"]}
+    assert list(kept.items()) == list(seen["sphere"].items()) and len(kept) < len(seen["glass"])
 
 
 def test_a_camera_that_flies_at_the_sphere_stops_short_of_it() -> None:
@@ -108,17 +107,18 @@ def test_a_camera_that_flies_at_the_sphere_stops_short_of_it() -> None:
 
 @pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
 def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_told(estimator: str) -> None:
-    env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere", "estimator": estimator, "association": "known"})
+    scenario = {"scene": "sphere", "estimator": estimator, "association": "known"}
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, end_when_lost=False)
     env.reset(seed=0)
     inner, contacts, spread = env.unwrapped, 0, []
-    inner._run.world.state.camera[7:10] = 0.2, 0.1, 3.0
+    inner._run.world.state.camera[7:10] = 0.2, 0.1, 7.0
     for _ in range(20):
         *_, info = env.step((Motion.STAY, Gaze.STAY))
         spread.append(float(np.trace(inner.belief.covariance[6:9, 6:9])))
         assert distance_to_sphere(inner) >= MARGIN - 1e-6
         if info["events"]["wall_contacts"]:
             out = inner.truth.position - inner.truth.scene._scene.centre
-            assert inner.truth.velocity @ out / np.linalg.norm(out) > -0.05
+            assert inner.truth.velocity @ out / np.linalg.norm(out) > -0.2  # of 7 m/s
             if not contacts:
                 assert spread[-1] > 3.0 * spread[-2]
         contacts += info["events"]["wall_contacts"]
@@ -139,7 +139,10 @@ def test_a_box_as_a_registered_scene_stops_the_camera_where_the_compiled_box_doe
             *_, info = env.step((Motion.FORWARD if k % 20 < 12 else Motion.UP if k % 20 < 16 else Motion.RIGHT, 2))
             inner = env.unwrapped
             events = info["events"]["wall_contacts"]
-            ends.append((*inner.truth.position, *inner.truth.velocity, *inner._run.episode.clearance, events))
+            R_WC = rotation_matrix(inner.truth.quaternion)
+            steep = np.repeat(np.abs(R_WC[2]) > 0.1, 2)[[4, 5, 0, 1, 2, 3]]  # at a glancing angle margins differ
+            free = np.where(steep, inner._run.episode.clearance[:6], 0.0)
+            ends.append((*inner.truth.position, *inner.truth.velocity, *free, events))
         np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
         touched += ends[0][-1]
     assert touched > 3
@@ -154,7 +157,7 @@ def test_the_stages_are_the_compiled_frame_to_the_bit() -> None:
     runs = [env.unwrapped._runs for env in (kernel, staged)]
     for name in ("state", "fiducials", "landmarks", "normals"):
         getattr(runs[1].world, name)[:] = getattr(runs[0].world, name)
-    runs[1].expected[:] = runs[0].expected
+    runs[1].expected[:], runs[1].episode[:] = runs[0].expected, runs[0].episode
     for k in range(24):
         steps = [env.step((k // 4 % 7, k % 3)) for env in (kernel, staged)]
         assert steps[0][1] == steps[1][1]

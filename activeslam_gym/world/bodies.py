@@ -8,13 +8,15 @@ import numpy as np
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, POSITION, QUATERNION, VELOCITY
-from activeslam_gym.world.scenes import Scene
+from activeslam_gym.world.scenes import AROUND, Scene
 from activeslam_gym.world.simulator import CLUTTER_LABEL, World
 
-_MARGINS = 10.0
-"""A surface is looked for so many wall margins ahead of the camera."""
 _STEP = 1e-4
 """Between the rays that tell the slope of a surface [m]."""
+_STEEPEST = 0.1
+"""Cosine between a ray and a normal, under which a surface counts as this steep."""
+_LOOK = 1.14
+"""Wall margins that the rays of `AROUND` are long, so that one meets every plane within a margin."""
 _PUSHES = 4
 """So often the camera is pushed out of a surface in a frame; then it stays where it was."""
 
@@ -22,10 +24,15 @@ _PUSHES = 4
 def reach(scene: Scene, motion: Record, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
     """How far the camera can go from ``p`` (3,) along the unit vector ``direction``, ``farthest`` at most [m].
 
-    It ends the wall's margin before the scene's bodies.
+    It ends the wall's margin before the tangent plane of the surface that it would meet.
     """
-    margin = float(motion.wall_margin)
-    return max(scene.clearance(p.copy(), direction, farthest + margin) - margin, 0.0)
+    margin, p = float(motion.wall_margin), p.copy()
+    most = farthest + margin / _STEEPEST
+    distance = scene.clearance(p, direction, most)
+    if distance >= most:
+        return farthest
+    cosine = max(-float(direction @ _normal(scene, p, direction, distance, most)), _STEEPEST)
+    return min(max(distance - margin / cosine, 0.0), farthest)
 
 
 def reach_of_command(scene: Scene, motion: Record, world: World, command: np.ndarray) -> float:
@@ -48,43 +55,52 @@ def narrow_clearance(scene: Scene, motion: Record, world: World, clearance: np.n
 def push_out(scene: Scene, motion: Record, world: World, start: np.ndarray) -> int:
     """Push the true camera, which came from ``start`` (3,), out of a body that it ran into; 1 if it did, else 0.
 
-    It ends the wall's margin before the tangent plane of the surface, and its velocity into that is zeroed.
+    It ends the wall's margin before the tangent plane of each surface near it, and its velocity into that is zeroed.
     """
     margin, most = float(motion.wall_margin), motion.half - motion.wall_margin
-    p, v, touched = world.state.camera[POSITION], world.state.camera[VELOCITY], 0
+    p, v = world.state.camera[POSITION], world.state.camera[VELOCITY]
+    touched, look = _stop_before(scene, margin, p, v, start), _LOOK * margin
     for _ in range(_PUSHES):
-        ahead = _surface_ahead(scene, start, p - start, margin)
-        lack = margin - float(ahead[1] @ (p - ahead[0])) if ahead else 0.0
-        if ahead is None or lack < 1e-9:
+        free = np.array([scene.clearance(p.copy(), way, look) for way in AROUND])
+        nearest = int(free.argmin())
+        normal = _normal(scene, p.copy(), AROUND[nearest], float(free[nearest]), look)
+        lack = margin + float(free[nearest] * (AROUND[nearest] @ normal))
+        if free[nearest] >= look or lack < 1e-9:
             return touched
-        p[:] = np.clip(p + lack * ahead[1], -most, most)
-        v -= min(float(v @ ahead[1]), 0.0) * ahead[1]
+        p[:] = np.clip(p + lack * normal, -most, most)
+        v -= min(float(v @ normal), 0.0) * normal
         touched = 1
     p[:], v[:] = start, 0.0
     return touched
 
 
-def _surface_ahead(
-    scene: Scene, start: np.ndarray, way: np.ndarray, margin: float
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Point (3,) and unit normal (3,) of the surface on the ``way`` (3,) from ``start`` and some margins farther.
-
-    With distances f, f_x and f_y along three parallel rays d, the normal is that of -d + f'_x e_x + f'_y e_y.
-    """
-    length = float(np.linalg.norm(way))
+def _stop_before(scene: Scene, margin: float, p: np.ndarray, v: np.ndarray, start: np.ndarray) -> int:
+    """Where the way from ``start`` to ``p`` goes through a surface, end it before; 1 if it does, else 0."""
+    length = float(np.linalg.norm(p - start))
     if length == 0.0:
-        return None
-    d, farthest = way / length, length + _MARGINS * margin
-    f = scene.clearance(start, d, farthest)
-    if f >= farthest:
-        return None
-    normal = -d
-    e_x = np.cross(d, np.eye(3)[np.abs(d).argmin()])
-    for e in (e_x / np.linalg.norm(e_x), np.cross(d, e_x) / np.linalg.norm(e_x)):
-        beside = scene.clearance(start + _STEP * e, d, farthest)
+        return 0
+    d = (p - start) / length
+    distance = scene.clearance(start, d, length)
+    if distance >= length:
+        return 0
+    normal = _normal(scene, start, d, distance, length)
+    p[:] = start + max(distance - margin, 0.0) * d
+    v -= min(float(v @ normal), 0.0) * normal
+    return 1
+
+
+def _normal(scene: Scene, p: np.ndarray, d: np.ndarray, f: float, farthest: float) -> np.ndarray:
+    """Unit normal (3,) of the surface that a ray from ``p`` along the unit vector ``d`` (3,) meets after ``f`` [m].
+
+    It is that of -d + f'_x e_x + f'_y e_y: two parallel rays tell the slopes, 0 where they meet nothing.
+    """
+    normal, e_x = -d, np.cross(d, np.eye(3)[np.abs(d).argmin()])
+    e_x /= np.linalg.norm(e_x)
+    for e in (e_x, np.cross(d, e_x)):
+        beside = scene.clearance(p + _STEP * e, d, farthest)
         if beside < farthest:
             normal = normal + (beside - f) / _STEP * e
-    return start + f * d, normal / np.linalg.norm(normal)
+    return normal / np.linalg.norm(normal)
 
 
 def drop_hidden(scene: Scene, world: World, candidates: np.ndarray, labels: np.ndarray, count: int) -> int:

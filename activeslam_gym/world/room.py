@@ -12,7 +12,7 @@ from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
-from activeslam_gym.world.scenes import Scene, draw_scene
+from activeslam_gym.world.scenes import AROUND, Scene, draw_scene
 
 _FIDUCIAL_IMAGE_SHARE = 0.8
 """Fiducials project into the central part of the first image, of this relative width and height."""
@@ -20,9 +20,6 @@ _CORNER_DISTANCE, _WALL_DISTANCE = 1.4, 0.7
 """Of a start in a corner from its two walls, and of one along a wall from it [m]."""
 _START_MARGIN = 0.45
 """Between a start and whatever stops the camera [m]."""
-_WAYS = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0
-_WAYS /= np.linalg.norm(_WAYS, axis=1)[:, None]
-"""(26, 3) directions in which a start in a registered scene must be free."""
 _TRIES = 1000
 _BATCHES = 60
 """So often landmarks are drawn, until enough are apart."""
@@ -99,7 +96,7 @@ def _draw_room_of_scene(scenario: Scenario, rng: np.random.Generator) -> Room:
         scene = draw_scene(scenario, rng)
         place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)
-        ways = (scene.clearance(camera[POSITION], way, _START_MARGIN) for way in _WAYS)
+        ways = (scene.clearance(camera[POSITION], way, _START_MARGIN) for way in AROUND)
         if min(ways) < _START_MARGIN:
             continue
         fiducials = _in_view(scenario, nothing, camera, rng, scene)

@@ -19,6 +19,10 @@ from activeslam_gym.config import BOXES, Scenario
 from activeslam_gym.registry import Registry
 from activeslam_gym.world.furniture import draw_boxes, first_hits, surface_points
 
+AROUND = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0
+AROUND /= np.linalg.norm(AROUND, axis=1)[:, None]
+"""(26, 3) unit vectors, along which bodies near a point are looked for."""
+
 
 class Scene(Protocol):
     """The bodies of one episode. ``Scene(scenario, rng)`` makes one at each reset, by draws of ``rng`` alone."""
@@ -104,7 +108,7 @@ class CheckedScene:
     def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
         """`Scene.clearance`."""
         free: Any = self._scene.clearance(p, direction, farthest)
-        if not isinstance(free, Real) or not 0.0 <= free <= farthest + 1e-9:
+        if not isinstance(free, Real) or not 0.0 <= float(free) <= farthest + 1e-9:
             raise ValueError(
                 f"clearance() of the scene {self._name!r} must return a number from 0 to {farthest:g}, got {free!r}"
             )
@@ -126,7 +130,5 @@ class CheckedScene:
         except (TypeError, ValueError):
             array = np.array(np.nan)
         if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(
-                f"{name} of the scene {self._name!r} must be finite numbers of shape {shape}, got {value!r}"
-            )
+            raise ValueError(f"{name} of the scene {self._name!r} must be finite, of shape {shape}, got {value!r}")
         return array

@@ -17,12 +17,12 @@ from activeslam_gym.envs.simulation import (
     Setting,
     Start,
     begin_motion,
+    box_scenes,
     close_frame,
     drive,
     judge,
     present_at,
     run_at,
-    scene_of,
 )
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import POSITION
@@ -243,7 +243,7 @@ class PluggedPerception:
             _sense(self.scene, runs, i)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
         time = (int(run.world.state.frame) + 1) * self._dt
-        truth = truth_of(run.world, self.scene or scene_of(run))
+        truth = truth_of(run.world, self.scene or box_scenes(row(runs, slice(i, i + 1)))[0])
         values, labels = (np.asarray(part) for part in self._sensor.measure(truth, time))
         size, room = len(self.model.noise), len(run.candidate)
         if values.shape != (len(labels), size) or not np.isfinite(values).all() or len(labels) > room:

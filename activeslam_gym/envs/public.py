@@ -10,7 +10,7 @@ import numpy as np
 from activeslam_gym.envs.episode import landmark_distances, play
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
-from activeslam_gym.envs.simulation import Run, Setting, known_boxes, reset_run, run_at, scene_of
+from activeslam_gym.envs.simulation import Run, Setting, box_scenes, known_boxes, reset_run, run_at
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
 from activeslam_gym.information.criteria import criterion_number
@@ -293,10 +293,9 @@ class Reads:
         return self._given(np.stack([_landmark_errors(run) for run in self._each()]))
 
     def _scenes(self) -> tuple[Scene, ...]:
-        return tuple(
-            getattr(perception, "scene", None) or scene_of(run)
-            for perception, run in zip(self._perceptions, self._each())
-        )
+        """The scene of each run."""
+        registered = [getattr(perception, "scene", None) for perception in self._perceptions]
+        return tuple(one or boxes for one, boxes in zip(registered, box_scenes(self._runs), strict=True))
 
     def _each(self) -> list[Run]:
         return [row(self._runs, i) for i in range(len(self._runs.episode))]

@@ -369,9 +369,10 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     return Start(mean, covariance, drawn.scene)
 
 
-def scene_of(run: Run) -> BoxScene:
-    """The scene of a run whose scene is `boxes`."""
-    return BoxScene(run.models.motion.half.copy(), boxes_of(run.world).copy())
+def box_scenes(runs: Run) -> tuple[BoxScene, ...]:
+    """The scene of each run of a batch, where it is `boxes`."""
+    halves, counts, boxes = runs.models["motion"]["half"].copy(), runs.world.state["boxes"], runs.world.boxes.copy()
+    return tuple(BoxScene(half, own[:n]) for half, n, own in zip(halves, counts.tolist(), boxes, strict=True))
 
 
 def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None:

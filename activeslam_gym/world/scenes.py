@@ -27,10 +27,9 @@ AROUND /= np.linalg.norm(AROUND, axis=1)[:, None]
 class Scene(Protocol):
     """The bodies of one episode. ``Scene(scenario, rng)`` makes one at each reset, by draws of ``rng`` alone."""
 
-    bounds: np.ndarray
-    """(2, 3) lowest and highest corner of all bodies, inside the scenario's room [m]."""
-
-    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None: ...
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) lowest and highest corner of all bodies, inside the scenario's room [m]."""
 
     def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Whether a body cuts the line of sight between the points ``a`` and ``b`` (3,). A surface on which one of
@@ -62,7 +61,12 @@ class BoxScene:
     """``boxes`` (B, 2, 3), lowest and highest corners [m], in a room of ``half`` (3,) its size [m]."""
 
     def __init__(self, half: np.ndarray, boxes: np.ndarray) -> None:
-        self.boxes, self.bounds = boxes, np.stack((-half, half))
+        self.half, self.boxes = half, boxes
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) those of the room."""
+        return np.stack((-self.half, self.half))
 
     def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
         """Whether a box does."""
@@ -72,13 +76,13 @@ class BoxScene:
         """To the first box or wall."""
         if ((self.boxes[:, 0] < p) & (p < self.boxes[:, 1])).all(axis=1).any():
             return 0.0
-        return min(float(first_hits(self.boxes, self.bounds[1], p, np.asarray(direction)[None])[0]), farthest)
+        return min(float(first_hits(self.boxes, self.half, p, np.asarray(direction)[None])[0]), farthest)
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Uniform on walls and boxes; see `furniture.surface_points`."""
         found = np.zeros((0, 6))
         while len(found) < n:
-            found = np.concatenate((found, surface_points(self.bounds[1], self.boxes, n, rng)))
+            found = np.concatenate((found, surface_points(self.half, self.boxes, n, rng)))
         return found[:n, :3], found[:n, 3:]
 
 

@@ -31,6 +31,10 @@ MOST_FRAMES = 10**9
 """Nothing lasts longer."""
 MOST_HELD_FRAMES = 10**4
 """No action is held for more frames: the time that its score takes grows with them."""
+BOXES = "boxes"
+"""The compiled scene; another is registered (`world.scenes`)."""
+_OF_BOXES = ("boxes", "box_count", "inner_walls", "boxes_known", "landmark_layout")
+"""Fields that a registered scene has no use for."""
 
 
 class Bound(NamedTuple):
@@ -164,6 +168,8 @@ class Scenario:
     """Time of an episode, where the environment is not told another [s]."""
 
     # The room -------------------------------------------------------------------------------------------------------
+    scene: String = BOXES
+    """What hides landmarks and stops the camera: `boxes`, or the name of a registered scene (`world.scenes`)."""
     room_size: PositiveXYZ = (6.0, 2.0, 6.0)
     """Extent along X, Y (height) and Z [m]."""
     landmark_count: PositivePointCount = 27
@@ -341,6 +347,9 @@ class Scenario:
         self._demand("wall_margin", self.wall_margin <= self.goal_margin, "at most goal_margin")
         farthest = self._farthest_apart
         self._demand("point_spacing", self.point_spacing <= farthest, f"at most {farthest:.3g}: its points must fit")
+        for name in _OF_BOXES if self.has_registered_scene else ():
+            default = getattr(Scenario, name)
+            self._demand(name, getattr(self, name) == default, f"{default!r} where scenario.scene is {self.scene!r}")
         self._check_varied()
         self._check_boxes()
         frame, fastest = self.frame_time, 2.0 * (math.sqrt(2.0) - 1.0) / self.frame_time
@@ -419,6 +428,21 @@ class Scenario:
     def has_boxes(self) -> bool:
         """Whether a room may have boxes."""
         return self.box_capacity > 0
+
+    @property
+    def has_registered_scene(self) -> bool:
+        """Whether the scene is a registered one, which runs in Python."""
+        return self.scene != BOXES
+
+    @property
+    def has_bodies(self) -> bool:
+        """Whether something beside the room's walls may stop the camera."""
+        return self.has_boxes or self.has_registered_scene
+
+    @property
+    def has_normals(self) -> bool:
+        """Whether landmarks are on surfaces with normals."""
+        return self.on_surfaces or self.has_registered_scene
 
     @property
     def on_surfaces(self) -> bool:

@@ -79,7 +79,7 @@ MOTION = record(
     half=("f8", 3),
     goal_margin="f8",
     wall_margin="f8",
-    bodies="b1",  # whether there are boxes, which stop the camera
+    bodies="b1",  # whether something beside the walls may stop the camera
     scripted_gaze_amplitude="f8",
     scripted_gaze_period="f8",
 )
@@ -97,7 +97,7 @@ def motion_of(scenario: Scenario, motion_period: float) -> Record:
         filter_angular_acceleration_std=angular,
         period=motion_period,
         half=0.5 * np.array(scenario.room_size),
-        bodies=scenario.has_boxes,
+        bodies=scenario.has_bodies,
     )
 
 

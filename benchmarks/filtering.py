@@ -20,9 +20,9 @@ def advance_frames(runs: Run, command: np.ndarray, frames: int) -> None:
     ``command`` (4,) as in `motion.COMMANDS`.
     """
     run = run_at(runs, 0)
-    begin_motion(run, command)
-    for _ in range(frames):
-        advance(run, command[3])
+    begin_motion(run, command, np.inf)
+    for frame in range(frames):
+        advance(run, command[3], frame == frames - 1)
 
 
 @compiled

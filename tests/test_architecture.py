@@ -30,7 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "motion": {"kernels", "config", "geometry", "linalg"},
     "camera": {"kernels", "config", "geometry", "motion"},
     "metrics": MATHEMATICS | {"files"},
-    "world": MATHEMATICS,
+    "world": MATHEMATICS | {"registry"},
     "slam": MATHEMATICS | {"registry"},
     "information": MATHEMATICS | {"slam.estimate", "slam.sight", "slam.kalman"},
     "sensors": MATHEMATICS | {"registry", "world", "slam.estimate", "slam.sight"},  # sees the truth

@@ -86,7 +86,7 @@ class entered:  # noqa: N801
         pass
 
     def __exit__(self, *_: object) -> None:
-        del self.registry._entries[self.name]
+        del self.registry[self.name]
 
 
 def step_with(**scenario: Any) -> None:

@@ -58,9 +58,10 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
     the estimated pose, and held until the period is over; its goal is clipped to lie 0.4 m inside the walls. In
-    between, the motion of an action is ignored. Where there are boxes the goal ends 0.3 m before the camera would touch
-    one on its way, which is sensed. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead, index = 3 motion + gaze;
-    `ActiveSLAMContinuous-v0` takes `Box(4)`, a displacement and a turn, see `ActiveSLAMContinuousEnv`.
+    between, the motion of an action is ignored. Where there are boxes or a registered scene, the goal ends 0.3 m before
+    the camera would touch a body on its way, which is sensed. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead,
+    index = 3 motion + gaze; `ActiveSLAMContinuous-v0` takes `Box(4)`, a displacement and a turn, see
+    `ActiveSLAMContinuousEnv`.
 
     ## Observation space
 
@@ -82,7 +83,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `features` | 1 | features in the filter over its slots | N + 13 |
     | `gain` | 1 | entropy removed since the reset, over the belief's dimensions 12 + 3 N | 10 bit per dimension |
 
-    Where a scenario has boxes, range finders follow, which read the truth:
+    Where a scenario has boxes or a registered scene, range finders follow, which read the truth:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
@@ -104,7 +105,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `mapped` | 1 | 1 for a mapped feature: deviation of its depth over its depth under 0.3 | |
 
     Deviations are told from 1 mm, 1 mrad up. `observation_layout(env)` gives these names and where each stands; the
-    size, 32 + 11 (K + N + 13), and 7 more where there are boxes, depends on the scenario alone.
+    size, 32 + 11 (K + N + 13), and 7 more where there are range finders, depends on the scenario alone.
 
     ## Reward
 
@@ -177,7 +178,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `restarts` | times that the fiducials contradicted the belief, and it was begun anew |
     | `wrong_matches` | matches with another point than the one that the feature was born of |
     | `false_births` | features that were born of clutter |
-    | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and boxes that it touched |
+    | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and bodies that it touched |
 
     ## Version history
 

@@ -49,9 +49,9 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
         run = run_at(runs, i)
         if phases[i] == BEGIN:
             present(run)
-            begin_motion(run, commands[i])
+            begin_motion(run, commands[i], math.inf)
         else:
-            open_step(run, commands[i])
+            open_step(run, commands[i], math.inf)
             frames = run.models.task.frames_per_step
             for frame in range(frames):
                 advance(run, commands[i, 3], frame == frames - 1)
@@ -59,11 +59,11 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
 
 
 @borrowing
-def open_step(run: Run, command: np.ndarray) -> None:
-    """Before the frames of a gaze period; the motion is read where its own period begins."""
+def open_step(run: Run, command: np.ndarray, reach: float) -> None:
+    """Before the frames of a gaze period; the motion is read where its own period begins, see `begin_motion`."""
     episode, events = run.episode, run.episode.events
     if episode.steps % run.models.task.steps_per_motion == 0:
-        begin_motion(run, command)
+        begin_motion(run, command, reach)
     events.births, events.conversions, events.deletions, events.restarts = 0, 0, 0, 0
     events.starvations, events.recoveries = 0, 0
     events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
@@ -73,6 +73,14 @@ def open_step(run: Run, command: np.ndarray) -> None:
 @compiled
 def conclude(run: Run, begins: bool) -> None:
     """After the frames: what they were worth, and what is seen of them."""
+    appraise(run, begins)
+    sense_clearance(run)
+    observe(run)
+
+
+@compiled
+def appraise(run: Run, begins: bool) -> None:
+    """What the frames were worth."""
     evaluate(run)
     if begins:
         _begin(run)
@@ -80,7 +88,14 @@ def conclude(run: Run, begins: bool) -> None:
         run.episode.gain += run.episode.terms[_ENTROPY]
         if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
             _settle(run)
-    observe(run)
+
+
+@compiled
+def sense_clearance(run: Run) -> None:
+    """The range finders, where something beside the walls may stop the camera."""
+    if run.models.motion.bodies:
+        R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
+        find_clearance(run.models.motion, run.world, R_WC, FARTHEST_CLEARANCE, run.episode.clearance)
 
 
 @borrowing
@@ -225,7 +240,7 @@ def landmark_distances(run: Run, owners: np.ndarray, mapped: np.ndarray) -> np.n
 
 @compiled
 def observe(run: Run) -> None:
-    """Write the observation; it reads the estimate, the task's rhythm and, where there are boxes, the range finders."""
+    """Write the observation; it reads the estimate, the task's rhythm and the range finders, where there are some."""
     models, estimate, episode, task = run.models, run.estimate, run.episode, run.models.task
     N = run.expected.shape[0]
     flat, first_token = np.empty(run.observation.shape[0]), GLOBAL_SIZE
@@ -242,8 +257,6 @@ def observe(run: Run) -> None:
         flat[:GLOBAL_SIZE],
     )
     if models.motion.bodies:
-        R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
-        find_clearance(models.motion, run.world, R_WC, FARTHEST_CLEARANCE, episode.clearance)
         for index in range(MOTION_COUNT):
             flat[first_token + index] = episode.clearance[index] / FARTHEST_CLEARANCE
         first_token += MOTION_COUNT

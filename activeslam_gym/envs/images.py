@@ -4,7 +4,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
-from activeslam_gym.envs.simulation import Run, Setting, close_frame, present, run_at
+from activeslam_gym.envs.simulation import Run, Setting, close_frame, present_at, run_at
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled, row
@@ -16,6 +16,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
 from activeslam_gym.vision.settings import SIGHTED
+from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 WRONG_PX = 4.0
@@ -26,6 +27,8 @@ _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
 
 class Eye:
     """The camera of one run, and the front end that feeds the run's belief with what it finds in the images."""
+
+    scene: Scene | None = None
 
     def __init__(self, setting: Setting, run: Run, seed: np.random.SeedSequence) -> None:
         self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
@@ -77,12 +80,6 @@ class Eye:
     def scene_points(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) of the features ``ids`` (n,): the scene point of the pixel that initialised each [m]."""
         return np.array([self._scene_points[id] for id in ids.tolist()]).reshape(-1, 3)
-
-
-@compiled
-def present_at(runs: Run, i: int) -> None:
-    """Write the estimate of run ``i``."""
-    present(run_at(runs, i))
 
 
 @compiled

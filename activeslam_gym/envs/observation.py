@@ -47,7 +47,7 @@ GLOBAL_FEATURES = {
 """Name and length of each global feature, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 SENSED_FEATURES = {"clearance": MOTION_COUNT}
-"""The same of what follows them where there are boxes: how far the camera can go by each motion."""
+"""The same of what follows them where there are boxes or a registered scene: how far each motion can go."""
 FARTHEST_CLEARANCE = 3.0
 """As far as the range finders reach [m]."""
 
@@ -100,7 +100,7 @@ class ObservationLayout:
 def layout_of(scenario: Scenario) -> ObservationLayout:
     """The observation's layout, which depends on the scenario alone."""
     count = scenario.fiducial_count + feature_capacity(scenario)
-    lengths = GLOBAL_FEATURES | (SENSED_FEATURES if scenario.has_boxes else {})
+    lengths = GLOBAL_FEATURES | (SENSED_FEATURES if scenario.has_bodies else {})
     first = sum(lengths.values())
     return ObservationLayout(
         global_slices=_slices(lengths),

@@ -1,8 +1,8 @@
-"""Sensors and estimators that are not the compiled pair: the frame of a run, called from Python stage by stage.
+"""Registered scenes, sensors and estimators: the frame of a run, called from Python stage by stage.
 
 A frame is control and true motion, measurement, estimation, and data association by the hidden labels. `episode.play`
-runs the four in one kernel for the sensor `points` and the estimator `ekf`. Here the middle two belong to a
-`Perception`, and the others are the same kernels.
+runs the four in one kernel for the scene `boxes`, the sensor `points` and the estimator `ekf`. Here the middle two
+belong to a `Perception`, and the others are the same kernels; a registered scene is asked between them.
 """
 
 from typing import Any, Protocol
@@ -10,19 +10,36 @@ from typing import Any, Protocol
 import numpy as np
 
 from activeslam_gym.envs import simulation
-from activeslam_gym.envs.episode import BEGIN, REST, conclude, open_step
+from activeslam_gym.envs.episode import BEGIN, REST, appraise, observe, open_step, sense_clearance
 from activeslam_gym.envs.referee import reconcile
-from activeslam_gym.envs.simulation import Run, Setting, begin_motion, close_frame, drive, judge, run_at
+from activeslam_gym.envs.simulation import (
+    Run,
+    Setting,
+    Start,
+    begin_motion,
+    box_scenes,
+    close_frame,
+    drive,
+    judge,
+    present_at,
+    run_at,
+)
 from activeslam_gym.kernels import compiled, row
+from activeslam_gym.motion import POSITION
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.sensors.sensor import IMAGES, POINTS, SENSORS
 from activeslam_gym.slam.estimate import put_estimate
 from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
+from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
+from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
 
 
 class Perception(Protocol):
-    """The sensor and the estimator of one run."""
+    """The scene, the sensor and the estimator of one run."""
+
+    scene: Scene | None
+    """The registered scene; None: the boxes of the world's arrays."""
 
     def begin(self, runs: Run, i: int) -> None:
         """After a reset: write the prior into the estimate of run ``i``."""
@@ -32,35 +49,74 @@ class Perception(Protocol):
         which true landmark each landmark of the estimate stands for."""
 
 
-def perception_of(setting: Setting, run: Run, prior: tuple[np.ndarray, np.ndarray], key: int) -> Perception:
-    """The perception of a run that has just been reset from ``key`` with that ``prior`` of the camera."""
+def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Perception:
+    """The perception of a run that has just been reset from ``key`` to that ``start``."""
     seed = np.random.SeedSequence(key).spawn(5)[-1]  # the redraws use it, and not its children
     if setting.scenario.sensor == IMAGES:
         from activeslam_gym.envs.images import Eye
 
         return Eye(setting, run, seed)
-    return PluggedPerception(setting, run, prior, seed)
+    if setting.scenario.sensor == POINTS and setting.scenario.estimator == EKF:
+        return PointPerception(start.scene)
+    return PluggedPerception(setting, run, start, seed)
 
 
 def is_compiled(setting: Setting) -> bool:
     """Whether whole steps run in one kernel."""
-    return setting.scenario.sensor == POINTS and setting.scenario.estimator == EKF
+    scenario = setting.scenario
+    return scenario.sensor == POINTS and scenario.estimator == EKF and not scenario.has_registered_scene
 
 
 def play_rows(
     setting: Setting, runs: Run, perceptions: list[Any], phases: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
-    """`episode.play`, with the sensor and the estimator of each run."""
+    """`episode.play`, with the scene, the sensor and the estimator of each run."""
     for i in range(start, stop):
         perception = perceptions[i]
+        if phases[i] == REST:
+            continue
         if phases[i] == BEGIN:
             perception.begin(runs, i)
             begin(runs, i)
-        elif phases[i] != REST:
-            for frame in range(int(setting.task.frames_per_step)):
-                u, contact = move(runs, i, commands[i], frame == 0)
+        else:
+            _open(perception.scene, runs, i, commands[i])
+            for _ in range(int(setting.task.frames_per_step)):
+                u, contact = _move(perception.scene, runs, i, commands[i, 3])
                 perception.frame(runs, i, u, contact)
-            finish(runs, i)
+        finish(runs, i, phases[i] == BEGIN)
+        if perception.scene is not None:
+            run = row(runs, i)
+            narrow_clearance(perception.scene, run.models.motion, run.world, run.episode.clearance)
+        show(runs, i)
+
+
+def _open(scene: Scene | None, runs: Run, i: int, command: np.ndarray) -> None:
+    """Begin a step; its motion stops short of what the scene has in its way."""
+    run, reach = row(runs, i), np.inf
+    if scene is not None and int(run.episode.steps) % int(run.models.task.steps_per_motion) == 0:
+        reach = reach_of_command(scene, run.models.motion, run.world, command)
+    open_at(runs, i, command, reach)
+
+
+def _move(scene: Scene | None, runs: Run, i: int, gaze: float) -> tuple[np.ndarray, bool]:
+    """One frame of true motion; see `simulation.drive`."""
+    run = row(runs, i)
+    start = run.world.state.camera[POSITION].copy()
+    u, contact = move(runs, i, gaze)
+    if scene is not None:
+        contacts = push_out(scene, run.models.motion, run.world, start)
+        run.episode.events.wall_contacts += contacts
+        contact = contact or contacts > 0
+    return u, contact
+
+
+def _sense(scene: Scene | None, runs: Run, i: int) -> bool:
+    """The detections of the sensor `points`; whether their ids are the true ones."""
+    labelled, run = sense(runs, i), row(runs, i)
+    if scene is not None:
+        detections = int(run.episode.detections)
+        run.episode.detections = drop_hidden(scene, run.world, run.candidate, run.label, detections)
+    return bool(labelled)
 
 
 # The other stages ---------------------------------------------------------------------------------------------------
@@ -68,28 +124,34 @@ def play_rows(
 
 @compiled
 def begin(runs: Run, i: int) -> None:
-    """Evaluate run ``i``, which has just been reset."""
-    run = run_at(runs, i)
-    begin_motion(run, np.zeros(3))
-    conclude(run, True)
+    """Run ``i``, which has just been reset, stays where it is."""
+    begin_motion(run_at(runs, i), np.zeros(3), np.inf)
 
 
 @compiled
-def move(runs: Run, i: int, command: np.ndarray, opens: bool) -> tuple[np.ndarray, bool]:
-    """One frame of true motion of run ``i`` under ``command`` (4,); see `simulation.drive`.
-
-    ``opens``: it is the first of a step.
-    """
-    run = run_at(runs, i)
-    if opens:
-        open_step(run, command)
-    return drive(run, command[3])
+def open_at(runs: Run, i: int, command: np.ndarray, reach: float) -> None:
+    """`episode.open_step`."""
+    open_step(run_at(runs, i), command, reach)
 
 
 @compiled
-def sense(runs: Run, i: int) -> None:
-    """The detections of the sensor `points`."""
-    simulation.sense(run_at(runs, i))
+def move(runs: Run, i: int, gaze: float) -> tuple[np.ndarray, bool]:
+    """One frame of true motion of run ``i``; see `simulation.drive`."""
+    return drive(run_at(runs, i), gaze)
+
+
+@compiled
+def sense(runs: Run, i: int) -> bool:
+    """The detections of the sensor `points`; whether their ids are the true ones."""
+    return simulation.sense(run_at(runs, i))
+
+
+@compiled
+def take_in(runs: Run, i: int, u: np.ndarray, contact: bool, labelled: bool) -> None:
+    """The estimator `ekf`; see `simulation.take_in`."""
+    run = run_at(runs, i)
+    ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
+    simulation.take_in(run, u, contact, labelled, ends)
 
 
 @compiled
@@ -108,27 +170,48 @@ def identify(runs: Run, i: int) -> None:
 
 
 @compiled
-def finish(runs: Run, i: int) -> None:
-    """After the frames of a step."""
-    conclude(run_at(runs, i), False)
+def finish(runs: Run, i: int, begins: bool) -> None:
+    """After the frames of a step: what they were worth, and the range finders before the scene narrows them."""
+    run = run_at(runs, i)
+    appraise(run, begins)
+    sense_clearance(run)
 
 
-# A registered sensor or estimator -----------------------------------------------------------------------------------
+@compiled
+def show(runs: Run, i: int) -> None:
+    """Write the observation."""
+    observe(run_at(runs, i))
+
+
+# Perceptions --------------------------------------------------------------------------------------------------------
+
+
+class PointPerception:
+    """The simulated points and the estimator `ekf`, in a registered ``scene``."""
+
+    def __init__(self, scene: Scene | None) -> None:
+        self.scene = scene
+
+    def begin(self, runs: Run, i: int) -> None:
+        """Write the prior."""
+        present_at(runs, i)
+
+    def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
+        """Measure and estimate."""
+        take_in(runs, i, u, bool(contact), _sense(self.scene, runs, i))
 
 
 class PluggedPerception:
     """A registered sensor, or the simulated points, with a registered estimator."""
 
-    def __init__(
-        self, setting: Setting, run: Run, prior: tuple[np.ndarray, np.ndarray], seed: np.random.SeedSequence
-    ) -> None:
-        scenario = setting.scenario
+    def __init__(self, setting: Setting, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
+        scenario, self.scene = setting.scenario, start.scene
         self._kind, self._name, self._dt = scenario.sensor, scenario.estimator, scenario.frame_time
         self._sensor = None if scenario.sensor == POINTS else SENSORS[scenario.sensor](scenario, seed)
         boxes = simulation.known_boxes(run).copy()
         self.model = PointModel(scenario, boxes) if self._sensor is None else self._sensor.model()
         self._estimator = ESTIMATORS[scenario.estimator](scenario, run.world.fiducials.copy(), self.model)
-        self._estimator.reset(*prior)
+        self._estimator.reset(start.mean, start.covariance)
 
     def begin(self, runs: Run, i: int) -> None:
         """Write the prior."""
@@ -172,10 +255,11 @@ class PluggedPerception:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
         run = row(runs, i)
         if self._sensor is None:
-            sense(runs, i)
+            _sense(self.scene, runs, i)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
         time = (int(run.world.state.frame) + 1) * self._dt
-        values, labels = (np.asarray(part) for part in self._sensor.measure(truth_of(run.world), time))
+        truth = truth_of(run.world, self.scene or box_scenes(row(runs, slice(i, i + 1)))[0])
+        values, labels = (np.asarray(part) for part in self._sensor.measure(truth, time))
         size, room = len(self.model.noise), len(run.candidate)
         if values.shape != (len(labels), size) or not np.isfinite(values).all() or len(labels) > room:
             raise ValueError(

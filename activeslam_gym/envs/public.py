@@ -11,7 +11,7 @@ import numpy as np
 from activeslam_gym.envs.episode import landmark_distances, play, settle_registered
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
-from activeslam_gym.envs.simulation import Run, Setting, known_boxes, reset_run, run_at
+from activeslam_gym.envs.simulation import Run, Setting, box_scenes, known_boxes, reset_run, run_at
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
 from activeslam_gym.information.criteria import CRITERIA
@@ -24,6 +24,7 @@ from activeslam_gym.registry import REGISTERED
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimate import Estimate, mapped_of, points_of, read_only, taken_estimate
 from activeslam_gym.threads import Workers
+from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import Truth, truth_of
 
 _LONGEST_HORIZON = 4
@@ -188,9 +189,9 @@ class Reads:
 
     def _reset_run(self, i: int, key: int) -> None:
         """Begin run ``i`` anew from ``key``."""
-        prior = reset_run(self.setting, self._runs, i, key)
+        start = reset_run(self.setting, self._runs, i, key)
         if not self._compiled:
-            self._perceptions[i] = perception_of(self.setting, row(self._runs, i), prior, key)
+            self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
 
     def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
         """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.play` takes them."""
@@ -301,6 +302,11 @@ class Reads:
         """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
         return self._given(np.stack([_landmark_errors(run) for run in self._each()]))
 
+    def _scenes(self) -> tuple[Scene, ...]:
+        """The scene of each run."""
+        registered = [getattr(perception, "scene", None) for perception in self._perceptions]
+        return tuple(one or boxes for one, boxes in zip(registered, box_scenes(self._runs), strict=True))
+
     def _each(self) -> list[Run]:
         return [row(self._runs, i) for i in range(len(self._runs.episode))]
 
@@ -331,7 +337,7 @@ class SingleReads(Reads):
 
     @property
     def truth(self) -> Truth:
-        return truth_of(self._run.world)
+        return truth_of(self._run.world, self._scenes()[0])
 
     @property
     def labels(self) -> Labels:
@@ -380,7 +386,7 @@ class BatchReads(Reads):
 
     @property
     def truth(self) -> Truth:
-        return truth_of(self._runs.world)
+        return truth_of(self._runs.world, self._scenes())
 
     def nees(self) -> dict[str, np.ndarray]:
         """(B,) NEES per degree of freedom of ``position``, ``orientation``, ``landmarks``; see `SingleReads.nees`."""

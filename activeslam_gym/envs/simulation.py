@@ -7,7 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import CAMERA, camera_of, camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import KNOWN, MOST_HELD_FRAMES, Scenario, positive_number, scenario_from, whole_multiple
+from activeslam_gym.config import (
+    BOXES,
+    KNOWN,
+    MOST_HELD_FRAMES,
+    Scenario,
+    positive_number,
+    scenario_from,
+    whole_multiple,
+)
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
@@ -45,6 +53,7 @@ from activeslam_gym.slam.estimator import ESTIMATORS
 from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
 from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
+from activeslam_gym.world.scenes import SCENES, BoxScene, Scene
 from activeslam_gym.world.simulator import (
     SENSOR,
     World,
@@ -236,7 +245,10 @@ def resolve(
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
     ESTIMATORS.require(resolved.estimator)
     SENSORS.require(resolved.sensor)
+    SCENES.require(resolved.scene)
     CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")
+    if resolved.sensor == IMAGES and resolved.has_registered_scene:
+        raise ValueError(f"scenario.scene must be {BOXES!r} with the sensor {IMAGES!r}, got {resolved.scene!r}")
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
@@ -324,8 +336,19 @@ def box_capacity(scenario: Scenario) -> int:
     return scenario.box_capacity
 
 
-def reset_run(setting: Setting, runs: Run, i: int, key: int) -> tuple[np.ndarray, np.ndarray]:
-    """Begin a new episode of run ``i`` of ``runs`` from ``key``, a non-negative integer; its prior of the camera.
+class Start(NamedTuple):
+    """What is known of a run that has just been reset, beside its arrays."""
+
+    mean: np.ndarray
+    """(13,) of the camera's prior."""
+    covariance: np.ndarray
+    """(12, 12) of the camera's prior."""
+    scene: Scene | None
+    """The registered scene; None: the boxes of the world's arrays."""
+
+
+def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
+    """Begin a new episode of run ``i`` of ``runs`` from ``key``, a non-negative integer.
 
     Room, expected landmarks and noise are separate streams of it. `play` with BEGIN evaluates the run.
     """
@@ -353,7 +376,13 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> tuple[np.ndarray
     if scenario.labelled_first_match:
         face_fiducials(run, mean, np.random.default_rng(sight))
     reset_belief(run.ekf, mean, covariance)
-    return mean, covariance
+    return Start(mean, covariance, drawn.scene)
+
+
+def box_scenes(runs: Run) -> tuple[BoxScene, ...]:
+    """The scene of each run of a batch, where it is `boxes`."""
+    halves, counts, boxes = runs.models["motion"]["half"].copy(), runs.world.state["boxes"], runs.world.boxes.copy()
+    return tuple(BoxScene(half, own[:n]) for half, n, own in zip(halves, counts.tolist(), boxes, strict=True))
 
 
 def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None:
@@ -383,10 +412,11 @@ def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None
 
 
 @compiled
-def begin_motion(run: Run, command: np.ndarray) -> None:
+def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
     """Read a motion, ``command`` (>= 3,): its goal from where the camera is felt to be, clipped into the room.
 
-    Where there are boxes it stops short of what is in the way, or keeps off it on all sides.
+    Where there are boxes it stops short of what is in the way, or keeps off it on all sides. ``reach``: so far a
+    registered scene lets the camera go [m]; infinite where there is none.
     """
     control, motion, camera = run.episode.control, run.models.motion, felt(run)
     d = np.empty(3)
@@ -394,7 +424,7 @@ def begin_motion(run: Run, command: np.ndarray) -> None:
         control.command[i] = command[i]
         d[i] = motion.step_length * command[i]
     if motion.bodies:
-        stop_short(motion, run.world, d)
+        stop_short(motion, run.world, d, reach)
     elif run.world.state.boxes > 0:
         keep_off(motion, run.world, d)
     copy_into(control.start, camera[POSITION])
@@ -442,10 +472,16 @@ def advance(run: Run, gaze: float, ends: bool) -> None:
 
     ``ends``: it is the last frame of a step, after which the whole estimate is written.
     """
-    models, world, events = run.models, run.world, run.episode.events
-    motion = models.motion
     u, contact = drive(run, gaze)
     labelled = sense(run)
+    take_in(run, u, contact, labelled, ends)
+
+
+@compiled
+def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) -> None:
+    """The part of a frame after the detections, by the compiled filter; see `advance` and `drive`."""
+    models, world, events = run.models, run.world, run.episode.events
+    motion = models.motion
     candidates = run.candidate[: run.episode.detections]
     if contact:
         feel_contact(run.ekf, u, motion.dt)
@@ -495,6 +531,12 @@ def judge(run: Run) -> None:
 def present(run: Run) -> None:
     """Write the whole estimate."""
     write_estimate(run.ekf, run.models.filter.initialisation.mapped_depth_ratio, run.estimate)
+
+
+@compiled
+def present_at(runs: Run, i: int) -> None:
+    """Write the whole estimate of run ``i``."""
+    present(run_at(runs, i))
 
 
 @compiled

@@ -133,12 +133,11 @@ def _strips(half: float, edges: np.ndarray, margin: float, p: float) -> tuple[np
 # Points on surfaces -------------------------------------------------------------------------------------------------
 
 
-def surface_points(scenario: Scenario, boxes: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+def surface_points(half: np.ndarray, boxes: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
     """About ``count`` points [m] uniform on what shows of the walls and of the boxes, with unit normals: (<= count, 6).
 
-    Floor and ceiling have none, nor has the top of a box.
+    Floor and ceiling have none, nor has the top of a box. ``half`` (3,) of the room's size [m].
     """
-    half = 0.5 * np.array(scenario.room_size)
     room = np.stack((-half, half))
     faces = [(room, axis, side, -1.0) for axis in (0, 2) for side in (0, 1)]
     faces += [(box, axis, side, 1.0) for box in boxes for axis in (0, 2) for side in (0, 1)]

@@ -12,6 +12,7 @@ from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
+from activeslam_gym.world.scenes import AROUND, Scene, draw_scene
 
 _FIDUCIAL_IMAGE_SHARE = 0.8
 """Fiducials project into the central part of the first image, of this relative width and height."""
@@ -39,6 +40,8 @@ class Room(NamedTuple):
     """(L, 3) of the surfaces that the landmarks are on, or (0, 3)."""
     boxes: np.ndarray
     """(B, 2, 3) lowest and highest corners [m]."""
+    scene: Scene | None = None
+    """The registered scene; None: the boxes."""
 
 
 class NoRoomError(RuntimeError, ValueError):
@@ -67,12 +70,15 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
 
     Landmarks are uniform in the room; fiducials are uniform in the image of the first camera and in depth. In other
     layouts, and where there are boxes, rooms are drawn until the start is free, the fiducials are in view and
-    everything can be reached.
+    everything can be reached. A registered scene has the landmarks on its surfaces.
 
     Raises:
         NoRoomError: no such room was found; the scenario's boxes or its points leave too little space, or nothing
             stands at the distance of the fiducials.
+        ValueError: a registered scene gave a wrong answer.
     """
+    if scenario.has_registered_scene:
+        return _draw_room_of_scene(scenario, rng)
     if scenario.start == CENTRE and not (scenario.draws_boxes or scenario.on_surfaces or scenario.point_spacing):
         nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
         place = _draw_place(scenario, nothing, rng)
@@ -91,6 +97,24 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
+def _draw_room_of_scene(scenario: Scenario, rng: np.random.Generator) -> Room:
+    """A room of a registered scene; its fiducials float in view."""
+    nothing = np.empty((0, 2, 3))
+    for _ in range(_TRIES):
+        scene = draw_scene(scenario, rng)
+        place = _draw_place(scenario, nothing, rng)
+        camera = draw_start(scenario, rng, place)
+        ways = (scene.clearance(camera[POSITION], way, _START_MARGIN) for way in AROUND)
+        if min(ways) < _START_MARGIN:
+            continue
+        fiducials = _in_view(scenario, nothing, camera, rng, scene)
+        if fiducials is not None:
+            found = _landmarks(scenario, nothing, fiducials, rng, scene)
+            return Room(place, camera, fiducials, found[:, :3], found[:, 3:], nothing, scene)
+    cause = "its bodies stand where the camera starts, or hide its fiducials"
+    raise RuntimeError(f"scene {scenario.scene!r}: no room was found in {_TRIES} tries: {cause}")
+
+
 # Points -------------------------------------------------------------------------------------------------------------
 
 
@@ -107,10 +131,12 @@ def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) ->
     return uniform_points(scenario, scenario.landmark_count, rng)
 
 
-def _landmarks(scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _landmarks(
+    scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np.random.Generator, scene: Scene | None = None
+) -> np.ndarray:
     """(L, 3) landmarks in no box, or (L, 6) with the normals of the surfaces that they are on, apart from each other.
 
-    They are as far from the ``taken`` points (n, 3) too.
+    They are as far from the ``taken`` points (n, 3) too. ``scene``: the registered one, on which they are.
 
     Raises:
         NoRoomError: they do not fit.
@@ -120,14 +146,16 @@ def _landmarks(scenario: Scenario, boxes: np.ndarray, taken: np.ndarray, rng: np
         centres = uniform_points(scenario, scenario.cluster_count, rng) * 0.9
     found: list[np.ndarray] = []
     for _ in range(_BATCHES):
-        if scenario.on_surfaces:
-            drawn = surface_points(scenario, boxes, count, rng)
+        if scene is not None:
+            drawn = np.hstack(scene.sample(count, rng))
+        elif scenario.on_surfaces:
+            drawn = surface_points(half, boxes, count, rng)
         elif scenario.landmark_layout == CLUSTERS:
             around = centres[rng.integers(len(centres), size=count)]
             drawn = np.clip(around + scenario.cluster_std * rng.standard_normal((count, 3)), -half, half)
         else:
             drawn = uniform_points(scenario, count, rng)
-        for one in drawn if scenario.on_surfaces else drawn[~inside_any(drawn, boxes)]:
+        for one in drawn if scenario.has_normals else drawn[~inside_any(drawn, boxes)]:
             if len(found) < count and _is_apart(one, [*taken, *found], scenario.point_spacing):
                 found.append(one)
         if len(found) == count:
@@ -216,10 +244,12 @@ def _floating(scenario: Scenario, count: int, start: np.ndarray, rng: np.random.
     return np.reshape(fiducials, (-1, 3))
 
 
-def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.random.Generator) -> np.ndarray | None:
+def _in_view(
+    scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.random.Generator, scene: Scene | None = None
+) -> np.ndarray | None:
     """(K, 3) fiducials that the first camera ``start`` (13,) sees, or None where it does not see enough.
 
-    Where landmarks are on surfaces, so are they; elsewhere they float before the boxes.
+    In the layout ``surfaces`` they are on surfaces too; elsewhere they float before the boxes or the ``scene``.
     """
     camera, R_WC, half = camera_of(scenario), rotation_matrix(start[QUATERNION]), 0.5 * np.array(scenario.room_size)
     found: list[np.ndarray] = []
@@ -240,6 +270,8 @@ def _in_view(scenario: Scenario, boxes: np.ndarray, start: np.ndarray, rng: np.r
             point = _floating(scenario, 1, start, rng)[0]
             if inside_any(point[None], boxes)[0]:
                 continue
+        if scene is not None and scene.blocks(start[POSITION], point):
+            continue
         if visible(view, point, 0.0, z) and _is_apart(point, found, scenario.point_spacing):
             found.append(point)
     return np.reshape(found, (-1, 3)) if len(found) == scenario.fiducial_count else None

@@ -76,7 +76,7 @@ def empty_worlds(scenario: Scenario, count: int, boxes: int) -> World:
         state=np.zeros(count, TRUTH),
         fiducials=np.zeros((count, scenario.fiducial_count, 3)),
         landmarks=np.zeros((count, scenario.landmark_count, 3)),
-        normals=np.zeros((count, scenario.landmark_count if scenario.on_surfaces else 0, 3)),
+        normals=np.zeros((count, scenario.landmark_count if scenario.has_normals else 0, 3)),
         boxes=np.zeros((count, boxes, 2, 3)),
     )
 
@@ -183,8 +183,11 @@ def clearance(motion: Record, world: World, direction: np.ndarray, farthest: flo
 
 
 @compiled
-def stop_short(motion: Record, world: World, d: np.ndarray) -> None:
-    """Shorten the translation ``d`` (3,) [m], in camera axes, to end as far from what is in its way as goals do."""
+def stop_short(motion: Record, world: World, d: np.ndarray, reach: float) -> None:
+    """Shorten the translation ``d`` (3,) [m], in camera axes, to end as far from what is in its way as goals do.
+
+    The camera can go ``reach`` [m] along it at most, whatever else is in its way.
+    """
     R_WC, gap = rotation_matrix(world.state.camera[QUATERNION]), motion.goal_margin - motion.wall_margin
     length, way = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]), np.zeros(3)
     if length == 0.0:
@@ -192,7 +195,7 @@ def stop_short(motion: Record, world: World, d: np.ndarray) -> None:
     for i in range(3):
         for j in range(3):
             way[i] += R_WC[i, j] * d[j] / length
-    free = clearance(motion, world, way, length + gap)
+    free = min(clearance(motion, world, way, length + gap), reach)
     share = min(max((free - gap) / length, 0.0), 1.0)
     for i in range(3):
         d[i] *= share

@@ -1,6 +1,7 @@
 """The ground truth as the evaluator and a sensor read it; never a policy, and never an estimator."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +27,17 @@ class Truth:
     """(K, 3) [m]."""
     boxes: np.ndarray
     """(B, 2, 3) lowest and highest corners [m]; the entries of boxes that a room does not have are zero."""
+    scene: Any = None
+    """The `Scene`, which tells what hides and what stops; of a batch, a tuple of them."""
 
 
-def truth_of(world: World) -> Truth:
-    """The ground truth of a world, or of a batch of them: the same with a leading axis."""
+def truth_of(world: World, scene: Any = None) -> Truth:
+    """The ground truth of a world with its ``scene``, or of a batch of them: the same with a leading axis."""
     camera = world.state["camera"]
     parts = {name: _read_only(camera[..., part]) for name, part in CAMERA_PARTS.items()}
-    return Truth(**parts, **{name: _read_only(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")})
+    return Truth(
+        **parts, **{name: _read_only(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}, scene=scene
+    )
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:

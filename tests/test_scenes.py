@@ -1,0 +1,277 @@
+"""Registered scenes: what they hide is not detected, and what they hold stops the true camera."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+import examples.extend_estimator  # noqa: F401  (registers "numpy-ekf")
+from activeslam_gym import Gaze, Motion, Scenario
+from activeslam_gym.camera import hidden
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.sensors.points import PointModel
+from activeslam_gym.world.room import draw_room
+from activeslam_gym.world.scenes import SCENES, BoxScene, draw_scene
+from activeslam_gym.world.simulator import faces
+from examples.extend_scene import SphereScene
+
+MARGIN = Scenario().wall_margin
+BOX = ((-3.0, -1.0, 1.2), (3.0, 1.0, 1.9))
+
+
+class Nothing(SphereScene):
+    """Neither hides nor stops."""
+
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
+        return False
+
+    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
+        return farthest
+
+
+class OneBox(BoxScene):
+    """The box of the compiled scene."""
+
+    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
+        super().__init__(0.5 * np.array(scenario.room_size), np.array([BOX]))
+
+
+@pytest.fixture(autouse=True)
+def registered() -> Iterator[None]:
+    for scene in (Nothing, OneBox):
+        SCENES.register(scene.__name__)(scene)
+    yield
+    for name in [name for name in SCENES._entries if name not in ("boxes", "sphere")]:
+        del SCENES._entries[name]
+
+
+def made(scene: str, **fields: Any) -> Any:
+    return gym.make("ActiveSLAM-v0", scenario={"scene": scene, **fields}, gaze_period=0.25, duration=8.0)
+
+
+def distance_to_sphere(inner: Any) -> float:
+    sphere = inner.truth.scene._scene
+    return float(np.linalg.norm(inner.truth.position - sphere.centre)) - sphere.radius
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
+def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: str) -> None:
+    """What is detected is what the camera would see, faces, and the sphere does not hide: no more and no less."""
+    env = made("sphere", estimator=estimator, association="known", pixel_std=1e-6)
+    observation, _ = env.reset(seed=2)
+    inner, policy, state = env.unwrapped, baselines.make("mi-mi", env), None
+    model, cosine, missing = PointModel(inner.scenario, np.zeros((0, 2, 3))), np.cos(inner.scenario.facing_angle), 0
+    for _ in range(24):
+        action, state = policy.predict(observation, state)
+        observation, *_ = env.step(action)
+        truth, normals, K = inner.truth, inner._run.world.normals, inner.scenario.fiducial_count
+        camera = np.concatenate((truth.position, truth.quaternion, np.zeros(6)))
+        points = np.concatenate((truth.fiducials, truth.landmarks))
+        shown = model.in_view(camera, points)
+        shown[K:] &= [faces(n, y, truth.position, cosine) for n, y in zip(normals, truth.landmarks)]
+        blocked = np.array([truth.scene.blocks(truth.position, point) for point in points])
+        missing += int((shown & blocked).sum())
+        assert sorted(inner.labels.detected.tolist()) == np.flatnonzero(shown & ~blocked).tolist()
+    assert missing > 0
+
+
+def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None:
+    seen = {}
+    for scene in ("sphere", "glass"):
+        env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"})  # the first frame, so that no estimate differs
+        env.reset(seed=2)
+        if scene == "glass":
+            env.unwrapped.truth.scene._scene.blocks = lambda a, b: False
+        env.step((Motion.STAY, Gaze.STAY))
+        labels, pixels = env.unwrapped.labels.detected, env.unwrapped._run.candidate["pixel"]
+        seen[scene] = {label: tuple(pixel) for label, pixel in zip(labels.tolist(), pixels.tolist())}
+    kept = {label: pixel for label, pixel in seen["glass"].items() if label in seen["sphere"]}
+    assert list(kept.items()) == list(seen["sphere"].items()) and len(kept) < len(seen["glass"])
+
+
+def test_a_camera_that_flies_at_the_sphere_stops_short_of_it() -> None:
+    env = made("sphere")
+    env.reset(seed=0)
+    contacts, inner = 0, env.unwrapped
+    for _ in range(32):
+        observation, *_, info = env.step((Motion.FORWARD, Gaze.STAY))
+        contacts += info["events"]["wall_contacts"]
+        sensed = 3.0 * observation[inner.setting.layout.global_slices["clearance"]][Motion.FORWARD]
+        assert sensed >= distance_to_sphere(inner) - MARGIN - 1e-3
+    assert contacts == 0
+    assert distance_to_sphere(inner) == pytest.approx(inner.scenario.goal_margin, abs=0.1)
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
+def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_told(estimator: str) -> None:
+    scenario = {"scene": "sphere", "estimator": estimator, "association": "known"}
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, end_when_lost=False)
+    env.reset(seed=0)
+    inner, contacts, spread = env.unwrapped, 0, []
+    inner._run.world.state.camera[7:10] = 0.2, 0.1, 7.0
+    for _ in range(20):
+        *_, info = env.step((Motion.STAY, Gaze.STAY))
+        spread.append(float(np.trace(inner.belief.covariance[6:9, 6:9])))
+        assert distance_to_sphere(inner) >= MARGIN - 1e-6
+        if info["events"]["wall_contacts"]:
+            out = inner.truth.position - inner.truth.scene._scene.centre
+            assert inner.truth.velocity @ out / np.linalg.norm(out) > -0.2  # of 7 m/s
+            if not contacts:
+                assert spread[-1] > 3.0 * spread[-2]
+        contacts += info["events"]["wall_contacts"]
+    assert contacts > 0
+
+
+def test_a_box_as_a_registered_scene_stops_the_camera_where_the_compiled_box_does() -> None:
+    """A person's hand moves both cameras, so that neither run depends on what is seen."""
+    fields = {"command_known": False, "acceleration_std": 4.0, "goal_margin": MARGIN}
+    scenarios = {"scene": "OneBox"} | fields, {"boxes": (BOX,)} | fields
+    envs = [gym.make("ActiveSLAM-v0", scenario=one, end_when_lost=False, gaze_period=0.25) for one in scenarios]
+    for env in envs:
+        env.reset(seed=3)
+    touched = 0
+    for k in range(60):
+        ends = []
+        for env in envs:
+            *_, info = env.step((Motion.FORWARD if k % 20 < 12 else Motion.UP if k % 20 < 16 else Motion.RIGHT, 2))
+            inner = env.unwrapped
+            events = info["events"]["wall_contacts"]
+            R_WC = rotation_matrix(inner.truth.quaternion)
+            steep = np.repeat(np.abs(R_WC[2]) > 0.1, 2)[[4, 5, 0, 1, 2, 3]]  # at a glancing angle margins differ
+            free = np.where(steep, inner._run.episode.clearance[:6], 0.0)
+            ends.append((*inner.truth.position, *inner.truth.velocity, *free, events))
+        np.testing.assert_allclose(ends[0], ends[1], atol=1e-7)
+        touched += ends[0][-1]
+    assert touched > 3
+
+
+def test_the_stages_are_the_compiled_frame_to_the_bit() -> None:
+    """In a scene of nothing, with the same points, the run is that of the kernel."""
+    kernel = gym.make("ActiveSLAM-v0", scenario={"landmark_layout": "surfaces"}, gaze_period=0.25)
+    staged = made("Nothing")
+    for env in (kernel, staged):
+        env.reset(seed=5)
+    runs = [env.unwrapped._runs for env in (kernel, staged)]
+    for name in ("state", "fiducials", "landmarks", "normals"):
+        getattr(runs[1].world, name)[:] = getattr(runs[0].world, name)
+    runs[1].expected[:], runs[1].episode[:] = runs[0].expected, runs[0].episode
+    for k in range(24):
+        steps = [env.step((k // 4 % 7, k % 3)) for env in (kernel, staged)]
+        assert steps[0][1] == steps[1][1]
+        assert {**steps[0][4], "reward_terms": 0} == {**steps[1][4], "reward_terms": 0}
+        np.testing.assert_array_equal(steps[0][0][32:], steps[1][0][39:])
+
+
+@pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
+def test_vector_and_single_runs_are_the_same_to_the_bit(estimator: str) -> None:
+    scenario = {"scene": "sphere", "estimator": estimator, "association": "known"}
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=3, scenario=scenario, gaze_period=0.25)
+    ones = [gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25) for _ in range(3)]
+    observations, _ = many.reset(seed=[7, 8, 9])
+    for i, one in enumerate(ones):
+        np.testing.assert_array_equal(one.reset(seed=7 + i)[0], observations[i])
+    for k in range(8):
+        actions = np.array([(k % 7, 0), (0, 2), (4, k % 3)])
+        observations, rewards, *_ = many.step(actions)
+        for i, one in enumerate(ones):
+            observation, reward, *_ = one.step(actions[i])
+            np.testing.assert_array_equal(observation, observations[i])
+            assert reward == rewards[i]
+    centres = [scene._scene.centre.tolist() for scene in many.unwrapped.truth.scene]
+    assert centres == [one.unwrapped.truth.scene._scene.centre.tolist() for one in ones]
+
+
+def test_the_truth_has_the_scene_of_boxes_too() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario="office")
+    env.reset(seed=1)
+    truth = env.unwrapped.truth
+    scene, p = truth.scene, truth.position
+    blocked = [scene.blocks(p, y) for y in truth.landmarks]
+    assert blocked == [hidden(scene.boxes, p, y) for y in truth.landmarks] and 0 < sum(blocked) < len(blocked)
+    for y, hides in zip(truth.landmarks, blocked):
+        distance = np.linalg.norm(y - p)
+        free = scene.clearance(p, (y - p) / distance, 20.0)
+        assert free < distance - 1e-6 if hides else free == pytest.approx(distance)
+    points, normals = scene.sample(50, np.random.default_rng(0))
+    assert points.shape == normals.shape == (50, 3)
+    assert not any(scene.blocks(y + 0.05 * n, y) for y, n in zip(points, normals))
+
+
+# Errors -------------------------------------------------------------------------------------------------------------
+
+
+class NaNClearance(SphereScene):
+    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
+        return float("nan")
+
+
+class WordyBlocks(SphereScene):
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
+        return "no"  # type: ignore[return-value]
+
+
+class FlatSample(SphereScene):
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros((n, 2)), np.zeros((n, 3))
+
+
+class NaNSample(SphereScene):
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return np.full((n, 3), np.nan), np.ones((n, 3))
+
+
+class LongNormals(SphereScene):
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros((n, 3)), np.ones((n, 3))
+
+
+class OutsideSample(SphereScene):
+    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return np.full((n, 3), 9.0), np.tile((1.0, 0.0, 0.0), (n, 1))
+
+
+class WideBounds(SphereScene):
+    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
+        super().__init__(scenario, rng)
+        self.bounds = 2.0 * self.bounds
+
+
+class NoBounds(SphereScene):
+    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
+        super().__init__(scenario, rng)
+        self.bounds = np.zeros(3)
+
+
+WRONG = [NaNClearance, WordyBlocks, FlatSample, NaNSample, LongNormals, OutsideSample, WideBounds, NoBounds]
+
+
+@pytest.mark.parametrize("scene", WRONG)
+def test_a_wrong_answer_of_a_scene_is_an_error_with_its_name(scene: type[SphereScene]) -> None:
+    SCENES.register(scene.__name__)(scene)
+    with pytest.raises(ValueError, match=scene.__name__):
+        draw_room(Scenario(scene=scene.__name__), np.random.default_rng(0))
+
+
+def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -> None:
+    class Full(SphereScene):
+        def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
+            return 0.0
+
+    SCENES.register("Full")(Full)
+    with pytest.raises(RuntimeError, match="Full"):
+        draw_room(Scenario(scene="Full"), np.random.default_rng(0))
+
+
+def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
+    with pytest.raises(ValueError, match=r"scenario.scene must be one of boxes.*'unheard'"):
+        gym.make("ActiveSLAM-v0", scenario={"scene": "unheard"})
+    with pytest.raises(ValueError, match="scenario.scene"):
+        draw_scene(Scenario(scene="unheard"), np.random.default_rng(0))
+    for name, value in (("boxes", (BOX,)), ("box_count", (0, 2)), ("boxes_known", True)):
+        with pytest.raises(ValueError, match=f"scenario.{name} must be"):
+            Scenario(scene="sphere", **{name: value})  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="scenario.scene must be 'boxes'"):
+        gym.make("ActiveSLAM-v0", scenario={"scene": "sphere", "sensor": "images"})

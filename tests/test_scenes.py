@@ -44,8 +44,8 @@ def registered() -> Iterator[None]:
     for scene in (Nothing, OneBox):
         SCENES.register(scene.__name__)(scene)
     yield
-    for name in [name for name in SCENES._entries if name not in ("boxes", "sphere")]:
-        del SCENES._entries[name]
+    for name in [name for name in SCENES if name not in ("boxes", "sphere")]:
+        del SCENES[name]
 
 
 def made(scene: str, **fields: Any) -> Any:

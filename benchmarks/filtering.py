@@ -21,8 +21,8 @@ def advance_frames(runs: Run, command: np.ndarray, frames: int) -> None:
     """
     run = run_at(runs, 0)
     begin_motion(run, command, np.inf)
-    for _ in range(frames):
-        advance(run, command[3])
+    for frame in range(frames):
+        advance(run, command[3], frame == frames - 1)
 
 
 @compiled

@@ -18,7 +18,7 @@ from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, k
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting, waiting_count
-from activeslam_gym.kernels import borrowing, compiled
+from activeslam_gym.kernels import borrowing, compiled, inlined
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
@@ -78,7 +78,7 @@ def conclude(run: Run, begins: bool) -> None:
     observe(run)
 
 
-@compiled
+@inlined
 def appraise(run: Run, begins: bool) -> None:
     """What the frames were worth."""
     evaluate(run)
@@ -90,7 +90,7 @@ def appraise(run: Run, begins: bool) -> None:
             _settle(run)
 
 
-@compiled
+@inlined
 def sense_clearance(run: Run) -> None:
     """The range finders, where something beside the walls may stop the camera."""
     if run.models.motion.bodies:

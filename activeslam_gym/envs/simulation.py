@@ -477,7 +477,7 @@ def advance(run: Run, gaze: float, ends: bool) -> None:
     take_in(run, u, contact, labelled, ends)
 
 
-@compiled
+@inlined
 def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) -> None:
     """The part of a frame after the detections, by the compiled filter; see `advance` and `drive`."""
     models, world, events = run.models, run.world, run.episode.events

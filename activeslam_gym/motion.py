@@ -88,13 +88,12 @@ MOTION = record(
 
 def motion_of(scenario: Scenario, motion_period: float) -> Record:
     """The MOTION record of a scenario whose commanded translations take ``motion_period`` seconds."""
-    linear, angular = scenario.filter_acceleration_stds
     return filled(
         MOTION,
         scenario,
         dt=scenario.frame_time,
-        filter_acceleration_std=linear,
-        filter_angular_acceleration_std=angular,
+        filter_acceleration_std=scenario.filter_acceleration_std or scenario.acceleration_std,
+        filter_angular_acceleration_std=scenario.filter_angular_acceleration_std or scenario.angular_acceleration_std,
         period=motion_period,
         half=0.5 * np.array(scenario.room_size),
         bodies=scenario.has_bodies,

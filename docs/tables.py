@@ -12,7 +12,7 @@ from activeslam_gym.envs.reward import REWARDS
 
 
 def scenarios() -> str:
-    """The named scenarios, what they ask of a policy, and what is not as in the first of them."""
+    """The named scenarios, the task of a policy in each, and fields that differ from the first."""
     first, *others = config.SCENARIOS.values()
     rows = [(f"`{first.name}`", config.ASKED[first.name], "")]
     for scenario in others:
@@ -20,7 +20,7 @@ def scenarios() -> str:
         changed = [name for name in fields if getattr(scenario, name) != getattr(first, name)]
         told = [f"`{name}` {_shown(getattr(scenario, name))}" for name in changed]
         rows.append((f"`{scenario.name}`", config.ASKED[scenario.name], "; ".join(told)))
-    return _table(("Scenario", "What it asks of a policy", f"Where it differs from `{first.name}`"), rows)
+    return _table(("Scenario", "Task of a policy", f"Where it differs from `{first.name}`"), rows)
 
 
 def fields() -> str:
@@ -69,10 +69,11 @@ TABLES = {"scenarios": scenarios, "fields": fields, "rewards": rewards, "leaderb
 
 
 def _field_docstrings(cls: type) -> dict[str, str]:
-    """The string that stands under each annotated field of a class, in one line."""
-    body = ast.parse(inspect.getsource(cls)).body[0].body  # type: ignore[attr-defined]
+    """The string under each annotated field of a class and of its bases, in one line."""
+    bodies = [ast.parse(inspect.getsource(base)).body[0].body for base in cls.__mro__[:-1]]  # type: ignore[attr-defined]
     return {
         field.target.id: " ".join(inspect.cleandoc(under.value.value).split())
+        for body in bodies
         for field, under in zip(body, body[1:])
         if isinstance(field, ast.AnnAssign) and isinstance(under, ast.Expr)
     }

@@ -3,7 +3,7 @@
 import itertools
 import json
 import re
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -56,7 +56,7 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
         ("true_distortion", "zero, a positive number or None", (-1e-6, float("nan"), "0", False)),
         ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
         ("box_count", "two whole numbers from 0 to 100, in no decreasing order", ((3, 2), (0, 1.5), (-1, 1), 3, (1,))),
-        ("varied", VARIED, ((("duration", 1, 2),), 3)),
+        ("varied", VARIED, ((("duration", 1, 2),), 3, ((np.ones(3), 1, 2),))),
         ("start", "one of centre, corner, wall, anywhere", ("middle", 3)),
         ("facing_angle", "at most pi / 2", (2.0,)),
         ("boxes_known", "True or False", (0, 1, None, "no")),
@@ -108,6 +108,16 @@ def test_numpy_scalars_become_plain_numbers_and_a_replaced_field_is_checked() ->
     assert replace(Scenario(), pixel_std=np.float64(3.0)).pixel_std == 3.0
     with pytest.raises(ValueError, match="^scenario.pixel_std must be a positive number, got 0$"):
         replace(Scenario(), pixel_std=0)
+
+
+def test_each_field_belongs_to_one_subject_which_checks_it_alone_too() -> None:
+    names = [field.name for subject in Scenario.__bases__ for field in fields(subject)]
+    assert sorted(names) == sorted(PAPER) and [field.name for field in fields(Scenario)] == list(BOUNDS)
+    for name, value in (("pixel_std", -1.0), ("wall_margin", 0.5), ("rate_loop_time", 0.01), ("start", "middle")):
+        (subject,) = (one for one in Scenario.__bases__ if name in {field.name for field in fields(one)})
+        with pytest.raises(ValueError) as error:
+            subject(**{name: value})
+        assert str(error.value) == refusal(name, value)
 
 
 def test_a_deeply_nested_value_is_named_in_a_short_line() -> None:

@@ -79,7 +79,8 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     """
     if scenario.has_registered_scene:
         return _draw_room_of_scene(scenario, rng)
-    if scenario.start == CENTRE and not (scenario.draws_boxes or scenario.on_surfaces or scenario.point_spacing):
+    adds_boxes = scenario.box_capacity > len(scenario.boxes)
+    if scenario.start == CENTRE and not (adds_boxes or scenario.on_surfaces or scenario.point_spacing):
         nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
         place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)

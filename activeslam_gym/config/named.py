@@ -1,0 +1,118 @@
+"""The named scenarios, the task of each, and the seeds of their episodes."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from activeslam_gym.config.filter import DEPTH_PARTICLES
+from activeslam_gym.config.room import ANYWHERE, CLUSTERS, CORNER, SURFACES, WALL
+from activeslam_gym.config.scenario import Scenario
+from activeslam_gym.registry import Registry
+
+_CALM = {"pixel_std": 1.0, "acceleration_std": 0.2, "angular_acceleration_std": 0.2}
+"""Less noise, for rooms where visible landmarks are up to 6 m away, and often none is in view."""
+_PATIENT = {"negative_information": True, "gaze_horizon": 3.0}
+"""Metrics for rooms where most of the landmarks are out of view."""
+_FURNISHED = _PATIENT | {
+    "room_size": (7.0, 2.4, 7.0), "landmark_count": 48, "landmark_layout": SURFACES, "start": ANYWHERE,
+    "point_spacing": 0.3, "fiducial_distance": (1.2, 2.2), "miss_spacing": 0.3,
+    "inverse_depth_mean": 0.25, "inverse_depth_std": 0.3,  # most visible landmarks are 3 to 7 m away
+}  # fmt: skip
+"""A room with furniture, and landmarks on surfaces."""
+_HAND_HELD = {
+    "frame_time": 1.0 / 15.0, "filter_acceleration_std": 4.0, "filter_angular_acceleration_std": 6.0,
+    "command_known": False, "scripted_gaze_amplitude": math.radians(30.0), "amortised_decision": True,
+    "motion_criterion": "mutual_information_position_map",
+}  # fmt: skip
+"""The paper's live camera."""
+_PIXELS = {"landmark_count": 36, "fiducial_count": 4, "pixel_std": 0.7}  # with 13 spare features, a map of 49
+"""Images of a textured room; the fiducials are the corners of the target."""
+
+SCENARIOS: Registry[Scenario] = Registry("scenario")
+"""The named scenarios, by name."""
+ASKED: dict[str, str] = {}
+"""The task of a policy in each of them."""
+
+
+def _add(name: str, asked: str, /, *shared: Mapping[str, Any], **own: Any) -> None:
+    """Add a named scenario; where fields are given twice, the last value holds."""
+    given = {field: value for part in (*shared, own) for field, value in part.items()}
+    SCENARIOS[name], ASKED[name] = Scenario(**{"name": name, **given}), asked
+
+
+# fmt: off
+_add("paper", "the paper's simulation: improve the map and keep the camera localised")
+_add("paper-literal", "the paper's simulation with its vague first pose and depth particles",
+     orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES)
+_add("clutter", "false detections and missed detections",
+     missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93)
+_add("hall", "many landmarks in a large hall", room_size=(14.0, 4.0, 14.0), landmark_count=120)
+_add("hand-held", "the paper's live system: a person moves the camera, and the gaze swings by a script",
+     _HAND_HELD, landmark_count=48)  # "fewer than 50"
+_add("office", "8 s along a wall of a large furnished office: turn to the side with landmarks",
+     _FURNISHED, _CALM, room_size=(9.0, 2.4, 9.0), start=WALL, duration=8.0, box_count=(4, 8))
+_add("corridor", "8 s along a wall of a long room: turn in the direction with more landmarks",
+     _FURNISHED, _CALM, room_size=(12.0, 2.4, 5.0), start=WALL, duration=8.0, box_count=(3, 6))
+_add("rooms", "90 s in two or three rooms, whose plan is known: find the doors and close the loop",
+     _FURNISHED, room_size=(8.0, 2.4, 4.5), landmark_count=72, inverse_depth_mean=0.3, duration=90.0,
+     inner_walls=(1, 2), box_count=(0, 2), boxes_known=True,
+     pixel_std=1.0, acceleration_std=0.1, angular_acceleration_std=0.1)
+_add("clusters", "a few distant groups of landmarks, of which only near ones are visible",
+     room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5, start=ANYWHERE,
+     maximum_distance=4.5, negative_information=True,
+     pixel_std=1.0, acceleration_std=0.07, angular_acceleration_std=0.07)
+_add("corner", "12 s from a corner, facing a wall: turn to the room and keep landmarks in view",
+     _FURNISHED, _CALM, start=CORNER, duration=12.0)
+_add("sprint", "10 s along a wall, with the room on one side: choose where to look, as time is short",
+     _PATIENT, start=WALL, duration=10.0)
+_add("noisy", "10 s along a wall with 4 px of measurement noise and a strong process noise",
+     _PATIENT, room_size=(8.0, 2.4, 5.0), landmark_count=40, fiducial_count=10, inverse_depth_mean=0.3,
+     start=WALL, duration=10.0, pixel_std=4.0, acceleration_std=0.4, angular_acceleration_std=0.4)
+_add("mixed", "generalise: each reset draws the size of the room, the boxes and the noise",
+     _FURNISHED, landmark_count=56, box_count=(0, 5), varied=(
+         ("room_size", (5.0, 2.0, 5.0), (8.0, 2.8, 8.0)), ("pixel_std", 1.0, 1.5),
+         ("acceleration_std", 0.05, 0.2), ("angular_acceleration_std", 0.05, 0.2)))
+_add("pixels", "images of a textured room instead of points", _PIXELS)
+_add("hand-held-pixels", "images, with a hand-held camera whose motion the filter does not know", _PIXELS, _HAND_HELD)
+# fmt: on
+
+TRAINING_SEED = 2**32
+"""Seeds of training episodes start here; those of benchmarks and of validation are smaller."""
+_SEEDS = {
+    "office": 11,
+    "rooms": 21,
+    "clusters": 31,
+    "corner": 41,
+    "sprint": 51,
+    "corridor": 61,
+    "mixed": 71,
+    "noisy": 81,
+}
+"""First seed of each scenario's benchmark, in millions."""
+
+
+def benchmark_seed(name: str, validation: bool = False) -> int:
+    """First of the 500 000 seeds of a scenario's held-out episodes, for the benchmark or for validation.
+
+    A scenario without seeds of its own has those of ``paper``.
+    """
+    return 1_000_000 * _SEEDS.get(name, 1) + 500_000 * validation
+
+
+def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
+    """A `Scenario` from its name, from a dict of fields (absent ones as in ``paper``), or as it is.
+
+    Raises:
+        ValueError: the name or a field is unknown, or a field is outside its range.
+    """
+    if isinstance(value, Scenario):
+        return value
+    if isinstance(value, str):
+        return SCENARIOS[value]
+    if not isinstance(value, Mapping):
+        raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")
+    known = sorted(field.name for field in fields(Scenario))
+    if unknown := [key for key in value if key not in known]:
+        raise ValueError(f"scenario has no field {', '.join(map(str, unknown))}; its fields are {', '.join(known)}")
+    return Scenario(**{"name": "custom", **value})

@@ -141,6 +141,8 @@ def whole_number(name: str, value: Any, least: int = 1) -> int:
 def whole_multiple(name: str, value: Any, unit_name: str, unit: float, most: int = MOST_FRAMES) -> int:
     """``value / unit``, both [s]; 0.15 / 0.05 is 3. ValueError, with ``name``: it is not whole, or over ``most``."""
     seconds = positive_number(name, value, "seconds")
+    if seconds == math.inf:
+        raise ValueError(f"{name} must be a positive number of seconds, got {value!r}")
     count = round(min(seconds / unit, sys.float_info.max))  # the quotient of two floats may be infinite
     if count > most:
         raise ValueError(f"{name} must be at most {most} times {unit_name} ({unit:g} s), got {value!r}")

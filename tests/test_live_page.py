@@ -344,6 +344,14 @@ def test_buttons_wish_and_a_click_marks_the_nearest(page: Any) -> None:
     assert SAVE not in dict(wishes)
 
 
+def test_a_mark_of_a_single_step_is_shown_at_once(page: Any) -> None:
+    served, _ = page
+    served.show(a_state(5))
+    served._set_paused(True)
+    served.show(replace(a_state(6), marked=3))
+    assert "m away" in served._marked.content
+
+
 # The command ----------------------------------------------------------------------------------------------------------
 
 

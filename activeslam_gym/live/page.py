@@ -194,7 +194,8 @@ class Page:
             self._show_map(state)
             if first:
                 self._show_start(state)
-            if state.command != self._command_shown or self._shown - self._drawn > _SELDOM or state.frame < 2:
+            due = self._paused or state.frame < 2 or self._shown - self._drawn > _SELDOM
+            if due or state.command != self._command_shown:
                 self._show_reasons(state)
         self._server.flush()
 

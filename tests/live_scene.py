@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from activeslam_gym.live.link import About
+from activeslam_gym.live.messages import About
 from activeslam_gym.live.state import TRACKING, State
 from activeslam_gym.motion import Motion
 
-ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True, True, False)
+ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True)
 
 
 def a_state(frame: int = 1, n: int = 12) -> State:
@@ -19,6 +19,6 @@ def a_state(frame: int = 1, n: int = 12) -> State:
         points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)), mapped=np.arange(n) % 2 == 0,
         fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1), pixels=rng.uniform(20, 220, (n, 2)),
         ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3, command=int(Motion.UP),
-        scores=np.arange(7.0), told=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)), landmarks=n, births=0,
-        milliseconds=8.0, follows=True,
+        scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)), landmarks=n,
+        births=0, milliseconds=8.0, follows=True,
     )  # fmt: skip

@@ -6,14 +6,14 @@ from typing import Any
 
 import pytest
 
-from .test_live_page import serving, until, visitor
+from .test_live_page import camera_message, serving, until, visitor
 
 viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 
 from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from activeslam_gym.live.guard import Guard, guarding  # noqa: E402
-from activeslam_gym.live.link import PAUSE  # noqa: E402
+from activeslam_gym.live.messages import PAUSE  # noqa: E402
 from activeslam_gym.live.page import Page  # noqa: E402
 
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -33,10 +33,8 @@ def pressing(button: Any) -> list[bytes]:
     """The messages of a browser that comes and presses ``button``."""
     from msgspec.msgpack import encode
 
-    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0), "look_at": (0.0, 0.0, 1.0)}
-    lens = {"fov": 1.0, "near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "up_direction": (0.0, 1.0, 0.0)}
     return [
-        encode({"type": "ViewerCameraMessage", **pose, **lens}),
+        camera_message(),
         encode({"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}),
     ]
 

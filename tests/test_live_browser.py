@@ -30,7 +30,8 @@ playwright = pytest.importorskip("playwright.sync_api", reason="playwright is no
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
-from activeslam_gym.live.link import PAUSE  # noqa: E402
+from activeslam_gym.live import drawing  # noqa: E402
+from activeslam_gym.live.messages import PAUSE  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
@@ -97,8 +98,18 @@ def map_pixels(page: Any) -> np.ndarray:
     """(h, w, 3) of the part of the window that shows the map alone."""
     size = page.viewport_size
     clip = {"x": 360, "y": 160, "width": size["width"] - 800, "height": size["height"] - 200}
-    shot = np.frombuffer(page.screenshot(clip=clip), np.uint8)
-    return cv2.cvtColor(cv2.imdecode(shot, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(int)
+    return pixels(page.screenshot(clip=clip))
+
+
+def pixels(shot: bytes) -> np.ndarray:
+    """(h, w, 3) of a screenshot."""
+    return cv2.cvtColor(cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB).astype(int)
+
+
+def dots(page: Any) -> int:
+    """Pixels of new landmarks in the curves, which stand in the upper left of the window."""
+    shot = pixels(page.screenshot(clip={"x": 0, "y": 200, "width": 330, "height": 200}))
+    return int((np.abs(shot - drawing.rgb(drawing.ORANGE)).sum(axis=2) < 30).sum())
 
 
 def changed(before: np.ndarray, after: np.ndarray) -> float:
@@ -118,10 +129,10 @@ def press(page: Any, name: str) -> None:
 def test_the_map_grows_and_the_view_is_live(visit: Any, served: Served) -> None:
     page = visit(DESK)
     first, view = map_pixels(page), page.locator(VIEW).get_attribute("src")
-    until(lambda: page.locator("#curves circle").count() >= 6, PATIENCE)
+    until(lambda: dots(page) > 100, PATIENCE)
     until(lambda: changed(first, map_pixels(page)) > 0.002, PATIENCE)
+    until(lambda: bluish(map_pixels(page)) > 150, PATIENCE)  # features
     now = map_pixels(page)
-    assert bluish(now) > 150, "features are drawn in blue"
     assert len(np.unique(now.reshape(-1, 3), axis=0)) > 100, "it is no blank canvas"
     assert page.locator(VIEW).get_attribute("src") != view
     assert page.get_by_text("Share").count() == 0

@@ -10,7 +10,7 @@ import pytest
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main  # noqa: E402
-from activeslam_gym.live.link import About  # noqa: E402
+from activeslam_gym.live.messages import About  # noqa: E402
 from activeslam_gym.live.recording import Recording, read_about, read_states  # noqa: E402
 from activeslam_gym.live.state import plain  # noqa: E402
 
@@ -27,7 +27,7 @@ def folder(tmp_path: Path) -> Path:
     made = Recording(tmp_path / "run", ABOUT)
     for frame in (1, 2):
         made.add(a_state(frame), None)
-    made.close(None)
+    made.close()
     return made.folder
 
 
@@ -49,7 +49,7 @@ def test_a_replay_whose_rate_is_none_ends_with_one_line(rate: Any, folder: Path,
 
 
 def test_a_replay_of_a_huge_number_names_its_line(folder: Path) -> None:
-    for name in ("frame", "time", "ids", "points", "marked", "told"):
+    for name in ("frame", "time", "ids", "points", "marked", "advised"):
         rewrite(folder / "states.jsonl", name, [HUGE] if isinstance(plain(a_state())[name], list) else HUGE)
         with pytest.raises(ValueError, match=r"^line 1 of .*states.jsonl is damaged \(.{1,160}\)$"):
             next(read_states(folder))
@@ -66,7 +66,7 @@ def test_an_about_is_read_or_refused(name: str, folder: Path) -> None:
         except ValueError as error:
             assert "\n" not in str(error) and "live.json is damaged" in str(error)
         else:
-            expected = {"replay": True, "recorded": False}.get(name, value)
+            expected = True if name == "replay" else value
             assert type(getattr(about, name)) is type(getattr(ABOUT, name)) and getattr(about, name) == expected
 
 

@@ -22,7 +22,8 @@ from websockets.sync.client import connect  # noqa: E402
 
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.live import drawing  # noqa: E402
-from activeslam_gym.live.link import MARK, PAUSE, SAVE, Link, check_address  # noqa: E402
+from activeslam_gym.live.link import Link, check_address  # noqa: E402
+from activeslam_gym.live.messages import MARK, PAUSE, SAVE  # noqa: E402
 from activeslam_gym.live.page import Page  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
 
@@ -77,6 +78,22 @@ def visitor(address: str, **how: Any) -> Any:
     """A client that connects as viser's own does."""
     url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
     return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None, **how)
+
+
+def camera_message() -> bytes:
+    """The first message of a browser, after which the page counts it as a visitor."""
+    from msgspec.msgpack import encode
+
+    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0), "look_at": (0.0, 0.0, 1.0)}
+    lens = {"fov": 1.0, "near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "up_direction": (0.0, 1.0, 0.0)}
+    return encode({"type": "ViewerCameraMessage", **pose, **lens})
+
+
+def unpacked(message: bytes) -> bytes:
+    """A message of viser without its binary arrays: two lengths, then the rest, compressed."""
+    from zstandard import ZstdDecompressor
+
+    return ZstdDecompressor().decompressobj().decompress(message[16:])
 
 
 def hears(client: Any) -> bool:
@@ -194,7 +211,7 @@ def test_nonsense_on_its_port_is_shrugged_off(link: Link) -> None:
     link.show(a_state())
     with visitor(link.address) as client:
         assert hears(client)
-    assert link.alive and link.wishes() == []
+    assert link.alive and link.requests() == []
 
 
 def test_tracking_does_not_wait_for_a_page_that_hangs(link: Link) -> None:
@@ -207,15 +224,34 @@ def test_tracking_does_not_wait_for_a_page_that_hangs(link: Link) -> None:
             before = time.perf_counter()
             link.show(a_state(k, 40))
             worst = max(worst, time.perf_counter() - before)
-        assert len(link._latest) <= 3
+        assert len(link._latest) == 1
         assert link._latest[-1].frame == 299
         assert time.process_time() - began < 30.0
-        link.wishes()
+        link.requests()
     finally:
         os.kill(pid, signal.SIGCONT)
     until(lambda: not link._latest)
     with visitor(link.address) as client:
         assert hears(client)
+
+
+def test_a_late_message_saved_does_not_vanish_behind_newer_states(link: Link) -> None:
+    pid = link._process.pid
+    assert pid is not None
+    with visitor(link.address) as client:
+        client.send(camera_message())
+        link.show(a_state())
+        assert hears(client)
+        os.kill(pid, signal.SIGSTOP)
+        try:
+            for k in range(20):  # more than the pipe holds
+                link.show(a_state(k, 40))
+            link.notify("Saved in here.")
+            for k in range(20, 40):
+                link.show(a_state(k, 40))
+        finally:
+            os.kill(pid, signal.SIGCONT)
+        until(lambda: b"Saved in here." in unpacked(client.recv(timeout=10.0)))
 
 
 def test_a_slow_visitor_holds_up_nobody(link: Link) -> None:
@@ -232,7 +268,7 @@ def test_a_page_that_is_killed_does_not_end_tracking(link: Link) -> None:
     until(lambda: not link.alive)
     for k in range(5):
         link.show(a_state(k))
-    assert link.wishes() == []
+    assert link.requests() == []
 
 
 # What it shows --------------------------------------------------------------------------------------------------------
@@ -247,7 +283,7 @@ def test_states_of_all_kinds_are_shown(page: Any) -> None:
         replace(plain, frame=2, points=np.full((12, 3), np.nan)),
         replace(plain, frame=3, camera=np.full(13, np.nan)),
         replace(plain, frame=4, scores=np.full(7, np.nan), log2_dets=broken, command=int(Motion.STAY)),
-        replace(a_state(5, 0), told=np.zeros(7, int)),
+        replace(a_state(5, 0), advised=np.zeros(7, int)),
         a_state(6, 100),
         replace(plain, frame=7, marked=3),
         replace(plain, frame=8, ellipses=np.tile(np.diag((1e12, -1.0)), (12, 1, 1))),
@@ -280,11 +316,12 @@ def test_the_command_is_told_in_words_with_its_gain() -> None:
 
 
 def test_curves_have_a_dot_for_each_new_landmark() -> None:
-    rows = np.array([(k / 15, -100.0 - k, -200.0 - k, -300.0 - k, float(k in (3, 50))) for k in range(90)])
-    drawn = drawing.curves(rows)
-    assert drawn.count("<circle") == 2 and drawn.count("<polyline") == 3
-    assert "<svg" not in drawing.curves(rows[:1])
-    assert "<svg" not in drawing.curves(np.full((5, 5), np.nan))
+    rows = np.array([(k / 15, -100.0 - k, -200.0 - k, -300.0 - k, float(k in (3, 501))) for k in range(1000)])
+    *curves, dots = drawing.columns(rows)
+    assert dots[np.isfinite(dots)].tolist() == [-303.0, -801.0]
+    assert {len(curve) for curve in (*curves, dots)} == {202}
+    for none in (rows[:0], np.full((5, 5), np.nan)):
+        assert [len(column) for column in drawing.columns(none)] == [0] * 5
 
 
 def test_buttons_wish_and_a_click_marks_the_nearest(page: Any) -> None:
@@ -292,8 +329,8 @@ def test_buttons_wish_and_a_click_marks_the_nearest(page: Any) -> None:
     state = a_state(1, 3)
     state.points = np.array([(0.0, 0.0, 2.0), (1.0, 0.0, 2.0), (0.0, 1.0, 2.0)])
     served.show(state)
-    served._toggle()
-    served._toggle()
+    served._set_paused(True)
+    served._set_paused(False)
     served._mark_middle()
 
     class Click:
@@ -305,6 +342,14 @@ def test_buttons_wish_and_a_click_marks_the_nearest(page: Any) -> None:
     middle = drawing.middle_feature(state)
     assert wishes == [(PAUSE, True), (PAUSE, False), (MARK, middle), (MARK, 2), (MARK, 0)]
     assert SAVE not in dict(wishes)
+
+
+def test_a_mark_of_a_single_step_is_shown_at_once(page: Any) -> None:
+    served, _ = page
+    served.show(a_state(5))
+    served._set_paused(True)
+    served.show(replace(a_state(6), marked=3))
+    assert "m away" in served._marked.content
 
 
 # The command ----------------------------------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ def test_a_map_grows_and_the_camera_knows_its_place(walk: Any) -> None:
 
 def test_a_command_a_second_is_the_best_of_seven(walk: Any) -> None:
     _, states = walk
-    assert [state.told.sum() for state in states] == [0] * 15 + [1] * 15 + [2] * 15 + [3]
+    assert [state.advised.sum() for state in states] == [0] * 15 + [1] * 15 + [2] * 15 + [3]
     for k in (15, 30, 45):
         assert np.isfinite(states[k].scores).all()
         assert states[k].command == best(states[k].scores)
@@ -71,7 +71,7 @@ def test_one_motion_is_evaluated_an_image(walk: Any, monkeypatch: pytest.MonkeyP
     session, _ = walk
     for rate, turns in ((15, [0] * 7 + [1] * 7), (30, [0] * 22 + [1] * 7), (4, [3, 2, 2])):
         scenario = replace(ROOM, frame_time=1.0 / rate, controller_frequency=1.0, rate_loop_time=1.0)
-        adviser = Adviser(scenario, session.knowledge)
+        adviser = Adviser(scenario, session.expected)
         calls: list[int] = []
 
         def score(motion: int, calls: list[int] = calls) -> float:
@@ -86,7 +86,7 @@ def test_one_motion_is_evaluated_an_image(walk: Any, monkeypatch: pytest.MonkeyP
         assert told == ([False] * (rate - 1) + [True]) * 2
         assert np.diff(counts).tolist() == [*turns, 0] * 2
         assert calls == [*range(7)] * 2
-        assert adviser.command == Motion.UP and adviser.told.tolist() == [0, 0, 0, 0, 2, 0, 0]
+        assert adviser.command == Motion.UP and adviser.advised.tolist() == [0, 0, 0, 0, 2, 0, 0]
 
 
 def test_the_scores_are_those_of_the_kernel_that_the_environment_uses(walk: Any) -> None:
@@ -95,10 +95,10 @@ def test_the_scores_are_those_of_the_kernel_that_the_environment_uses(walk: Any)
 
     session, _ = walk
     front_end, motion = session.front_end, motion_of(ROOM, 1.0)
-    adviser, out = Adviser(ROOM, session.knowledge), np.empty(1)
+    adviser, out = Adviser(ROOM, session.expected), np.empty(1)
     number, plans = CRITERIA.number("mutual_information_position_map"), motion_plans(15)
     for one in range(len(Motion)):
-        prospect = session.knowledge.prospect()
+        prospect = session.expected.prospect()
         score_plans(front_end.camera, motion, prospect, 0.0, plans[one : one + 1], number, out)
         np.testing.assert_allclose(adviser.score(Motion(one)), out[0], rtol=1e-12)
     assert advice.CRITERION == ROOM.motion_criterion
@@ -134,7 +134,7 @@ def moved_by(prospect: Any, *way: float) -> np.ndarray:
 
 def test_no_more_is_foreseen_than_the_front_end_wants_in_view(walk: Any) -> None:
     session, _ = walk
-    before, expected = session.knowledge.prospect(), []
+    before, expected = session.expected.prospect(), []
     for way in (-0.3, 0.0, 0.3):
         pose = moved_by(before, 0.0, 0.0, way)
         features, new = foreseen(session, before, pose)
@@ -147,7 +147,7 @@ def test_no_more_is_foreseen_than_the_front_end_wants_in_view(walk: Any) -> None
 
 def test_features_are_foreseen_from_where_the_front_end_searches_them_alone(walk: Any) -> None:
     session, _ = walk
-    before, lost = session.knowledge.prospect(), 0
+    before, lost = session.expected.prospect(), 0
     known = len(before.points) - before.waiting
     for way in (0.0, 0.4, 0.8):
         pose = moved_by(before, way, 0.0, 0.0)
@@ -238,7 +238,7 @@ def test_it_says_when_it_is_lost() -> None:
 class Late(RenderedRoom):
     """The target is not there before the fifth image; then there are ten more."""
 
-    patient = True
+    is_camera = True
 
     def start(self, image: np.ndarray) -> Any:
         if self._frame < 5:
@@ -292,7 +292,7 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     states = [session.step() for _ in range(11)]
     assert [state.standing for state in states] == [TRACKING] * 10 + [OVER]
     assert np.linalg.norm(states[9].camera[:3] - places[9][:3]) < 0.02
-    assert states[9].told.sum() == 1 and np.isfinite(states[9].scores).all()  # five images a second
+    assert states[9].advised.sum() == 1 and np.isfinite(states[9].scores).all()  # five images a second
     assert states[9].follows is None and states[9].truth is None
     session.restart()
     assert session.step().frame == 1

@@ -1,4 +1,4 @@
-"""`python -m agents live`: its tables say what the runs say, and its referee sees the truth."""
+"""`python -m agents live`: its tables agree with its runs, which an evaluator compares with the ground truth."""
 
 from dataclasses import replace
 from inspect import signature
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import multivariate_normal, norm
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("tyro", reason="the extra `compare` is not installed")
@@ -14,8 +15,9 @@ pytest.importorskip("tyro", reason="the extra `compare` is not installed")
 from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, Motion  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import RenderedRoom  # noqa: E402
-from activeslam_gym.live.trial import Referee, Second, trial  # noqa: E402
+from activeslam_gym.live.source import ROOM, RenderedRoom  # noqa: E402
+from activeslam_gym.live.trial import Evaluator, Second, trial  # noqa: E402
+from activeslam_gym.metrics import camera_error  # noqa: E402
 from agents import advising  # noqa: E402
 from agents.__main__ import main  # noqa: E402
 from agents.compare.command import Args  # noqa: E402
@@ -101,7 +103,7 @@ def test_each_claim_has_the_verdict_of_its_interval() -> None:
     assert "**holds**" not in advising.claims(runs(6), (35.0,))  # fewer rooms than a verdict needs
 
 
-def test_the_referee_sees_the_truth() -> None:
+def test_the_evaluator_sees_the_ground_truth() -> None:
     told = trial(5, FOLLOW, 3.0)
     assert [round(one.time, 6) for one in told] == [1.0, 2.0, 3.0]
     assert all(np.isfinite(one.log_score) for one in told)
@@ -113,19 +115,40 @@ def test_the_referee_sees_the_truth() -> None:
     assert still[0].log2_dets[2] == pytest.approx(told[0].log2_dets[2], abs=1e-6)  # nobody was told anything yet
 
 
-def test_lost_is_in_the_live_study_what_it_is_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images() -> None:
+    """Its N slots have true points: scene points of features, and random points of the room scored by the prior."""
+    room = RenderedRoom(5)
+    session, evaluator, seconds = Session(room, 5), Evaluator(room, 5), []
+    for k in range(31):
+        evaluator.look(session, session.step())
+        if k % 15 == 0:
+            seconds.append(evaluator.second())
+    assert seconds[0].log_score == 0.0 and seconds[2].log_score > seconds[1].log_score > 50.0
+    estimate, truth = session.front_end.filter.estimate(), room.person.state
+    slots, _ = session.expected.factored()
+    landmarks, variance = evaluator._spare.copy(), np.array(ROOM.landmark_prior_variance)
+    counting = slots[slots >= 0]
+    landmarks[slots >= 0] = [evaluator._scene_points[id] for id in estimate.ids[counting].tolist()]
+    rows = np.r_[:12, (12 + 3 * counting[:, None] + np.arange(3)).ravel()]
+    error = np.r_[camera_error(truth, estimate.camera), (landmarks[slots >= 0] - estimate.points[counting]).ravel()]
+    density = multivariate_normal(cov=estimate.covariance[np.ix_(rows, rows)]).logpdf(error)
+    density += norm(scale=np.sqrt(variance)).logpdf(landmarks[slots < 0]).sum()
+    assert 0 < len(counting) < ROOM.landmark_count
+    assert seconds[2].log_score == pytest.approx(density / np.log(2.0) - evaluator._first_density, rel=1e-9)
+
+
+def test_lost_is_in_the_live_study_what_it_is_in_the_environment() -> None:
     told = [
         signature(made).parameters["lost_position_error"].default for made in (ActiveSLAMEnv, ActiveSLAMVectorEnv, Args)
     ]
     room = RenderedRoom(5)
     session = Session(room, 5)
-    state, referee = session.step(), Referee(room)
-    monkeypatch.setattr(referee, "_log_score", lambda *_: 0.0)
+    state, evaluator = session.step(), Evaluator(room, 5)
     for share, lost in ((0.98, False), (1.02, True), (0.0, True)):
         camera = state.truth.copy()
         camera[0] += share * told[0]
-        referee.look(session, replace(state, camera=camera, births=0))
-        assert referee.second().lost == lost
+        evaluator.look(session, replace(state, camera=camera, births=0))
+        assert evaluator.second().lost == lost
     assert set(told) == {0.5}
 
 

@@ -16,6 +16,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.evaluation import Episode, Store, run_episode
 from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
 from activeslam_gym.motion import CAMERA_DIM
 from agents import policies
 from agents import task as tasks
@@ -25,7 +26,7 @@ from agents.study import runs, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
 from agents.study.command import median_alive, median_room
 from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, conditions
-from agents.study.measures import CLOSURE_GAP, Notes, Observer, measures
+from agents.study.measures import Notes, Observer, measures
 from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
 from agents.task import Task
 from agents.tools.statistics import Estimate
@@ -215,11 +216,10 @@ def test_notes_of_a_run_and_when_a_loop_closes() -> None:
     assert 0 < notes.fiducials.max() <= SCENARIO.fiducial_count
     assert len(notes.visited_log2_det) == len(episode.landmark_times) > 0
     assert (np.diff(notes.visited_log2_det) < 0).all()  # each brings three small variances
-    observer, fiducials = Observer(), [-1, -2, -3]
-    observer._last_match[fiducials[0]] = -CLOSURE_GAP
-    observer._last_match[fiducials[1]] = 0.1 - CLOSURE_GAP
-    assert observer._closures(fiducials, now=0.0) == 1
-    assert observer._closures(fiducials, now=0.0) == 0
+    loops = LoopClosures()
+    assert loops.count([-1], 0.0) == loops.count([-2], 0.1) == 0
+    assert loops.count([-1, -2, -3], CLOSURE_GAP) == 1
+    assert loops.count([-1, -2, -3], CLOSURE_GAP) == 0
 
 
 def test_measures_of_a_made_up_run() -> None:

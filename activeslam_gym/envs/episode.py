@@ -12,7 +12,7 @@ from activeslam_gym.envs.observation import (
     observe_globals,
     observe_tokens,
 )
-from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, log2_density, owners_of
+from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, owners_of
 from activeslam_gym.envs.reward import EVALUATION, FORFEIT, REWARDS, potential_of_number
 from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, present, run_at
 from activeslam_gym.geometry import rotation_matrix
@@ -20,7 +20,7 @@ from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, t
 from activeslam_gym.information.expectation import find_counting, waiting_count
 from activeslam_gym.kernels import borrowing, compiled, inlined
 from activeslam_gym.linalg import cholesky_in_place, count_true
-from activeslam_gym.metrics import camera_error, nees
+from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
 from activeslam_gym.registry import REGISTERED
 from activeslam_gym.slam.estimate import mapped_of, points_of
@@ -33,8 +33,6 @@ _FORFEIT = len(REWARDS.own)
 """Entry of `terms` behind those of the package's rewards."""
 LOSS = 100.0
 """What a loss costs, beside all that was gained [bit]."""
-UNSOUND_LOG_SCORE = -10_000.0
-"""Log score of a belief whose public covariance is not positive definite [bit]."""
 
 
 @compiled
@@ -168,14 +166,15 @@ def evaluate(run: Run) -> None:
     U = gathered(covariance, order[:standing], order[standing:])
     sound = cholesky_in_place(U)
     _evaluate_errors(run, owners)
-    episode.lost_now = not (sound and e.position_error <= run.models.task.lost_position_error)  # NaN is lost too
+    episode.lost_now = is_lost(sound, e.position_error, run.models.task.lost_position_error)
     episode.sound = sound and not math.isnan(e.position_error)
     if sound:
         waiting = N - counted
         log2_dets(var, waiting, covariance, U, order[:counted], standing, e)
         e.landmarks = N
         e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
-        e.log_density = log2_density(run.world, estimate, var, of_landmark, U)
+        truth, points = run.world.state.camera, points_of(estimate)
+        e.log_density = log2_density(truth, run.world.landmarks, estimate.state.camera, points, var, of_landmark, U)
         e.position_trace, e.trace = traces(var, waiting, covariance, order[:counted])
     else:
         e.log_density = episode.first_density + UNSOUND_LOG_SCORE

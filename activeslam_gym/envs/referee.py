@@ -6,13 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from activeslam_gym.kernels import borrowing, compiled, record
-from activeslam_gym.linalg import copy_into
-from activeslam_gym.metrics import camera_error, log2_normal_of_factor
-from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.association import ANYTHING, REJECTED
 from activeslam_gym.slam.belief import fiducial_id
 from activeslam_gym.slam.estimate import EstimateArrays, index_of
-from activeslam_gym.world.simulator import CLUTTER_LABEL, World
+from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 OWNER = record(
     id="i8",  # of the landmark of the estimate; 0: none
@@ -140,28 +137,3 @@ def landmark_errors(landmarks: np.ndarray, points: np.ndarray, of_landmark: np.n
             y, y_hat = landmarks[i], points[of_landmark[i]]
             out[i] = math.sqrt((y[0] - y_hat[0]) ** 2 + (y[1] - y_hat[1]) ** 2 + (y[2] - y_hat[2]) ** 2)
     return out
-
-
-@compiled
-def log2_density(
-    world: World, estimate: EstimateArrays, landmark_var: np.ndarray, of_landmark: np.ndarray, U: np.ndarray
-) -> float:
-    """log2 N(truth | belief) over the camera and all true landmarks [bit]: a proper score.
-
-    ``of_landmark`` (L,): the counting feature, by position k, that stands for each landmark; one without is scored by
-    the room's prior; features that stand for none are marginalised out. ``U`` is a factor of the public covariance
-    that begins with the features of ``of_landmark``, in its order, and the camera.
-    """
-    error = np.empty(3 * of_landmark.shape[0] + CAMERA_DIM)
-    rest, at = 0.0, 0
-    for i in range(of_landmark.shape[0]):
-        y, k = world.landmarks[i], of_landmark[i]
-        for axis in range(3):
-            if k >= 0:
-                error[at] = y[axis] - estimate.landmark[k].point[axis]
-                at += 1
-            else:
-                variance = landmark_var[axis]
-                rest -= 0.5 * (math.log2(2.0 * math.pi * variance) + y[axis] ** 2 / variance * math.log2(math.e))
-    copy_into(error[at:], camera_error(world.state.camera, estimate.state.camera))
-    return rest + log2_normal_of_factor(error[: at + CAMERA_DIM], U)

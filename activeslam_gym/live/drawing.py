@@ -1,4 +1,4 @@
-"""The camera's view with what was searched in it, and the command, as pictures and as pieces of HTML."""
+"""The camera's view with the searched ellipses, and the command, as pictures and as pieces of HTML."""
 
 import math
 from html import escape
@@ -14,7 +14,7 @@ from activeslam_gym.vision.opencv import opencv
 # Okabe and Ito's colours, safe for colour-blind readers, as in `rendering.scene`.
 BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#D55E00", "#009E73", "#9AA0A6"
 OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (VERMILLION, "missed"), DOUBTED: (ORANGE, "rejected")}
-"""Colour and word of what becomes of a search."""
+"""Colour and word for each outcome of a search."""
 STANDINGS = {TRACKING: GREEN, UNSURE: ORANGE, LOST: VERMILLION, WAITING: BLUE, OVER: GREY}
 NAMES = {
     Motion.FORWARD: "Move forward",
@@ -25,9 +25,9 @@ NAMES = {
     Motion.DOWN: "Move down",
     Motion.STAY: "Hold still",
 }
-"""What people are told."""
+"""Commands in words."""
 SIGNS = dict(zip(Motion, ("⤢", "⤡", "→", "←", "↑", "↓", "■")))
-"""And in one letter."""
+"""Commands as a character."""
 SCALE = 2
 """Pixels of the picture for one of the image."""
 _SIGMAS = 3.0
@@ -42,7 +42,7 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def view(state: State) -> np.ndarray:
-    """(2 h, 2 w, 3) uint8, RGB: the image with the 3-sigma ellipses that were searched, coloured by what was found."""
+    """(2 h, 2 w, 3) uint8, RGB: the image with the 3-sigma ellipses of the searches, coloured by their outcomes."""
     cv2 = opencv()
     size = (SCALE * state.image.shape[1], SCALE * state.image.shape[0])
     picture = cv2.cvtColor(cv2.resize(state.image, size, interpolation=cv2.INTER_LINEAR), cv2.COLOR_GRAY2RGB)
@@ -56,7 +56,7 @@ def view(state: State) -> np.ndarray:
 
 
 def _ellipse(cv2: Any, picture: np.ndarray, pixel: np.ndarray, covariance: np.ndarray, colour: Any, width: int) -> None:
-    """A Gaussian's contour, unless it is larger than the picture; never so small that nobody sees it."""
+    """Draw the contour of a Gaussian, of a visible size, unless it is larger than the picture."""
     if not (np.isfinite(pixel).all() and np.isfinite(covariance).all()):
         return
     squares, axes = np.linalg.eigh(covariance)
@@ -90,22 +90,22 @@ def command(state: State) -> str:
     """The command, large, with its arrow."""
     motion = state.motion
     if state.standing in (WAITING, OVER):
-        told, why = "Please wait", "Advice comes once the target has been seen."
+        words, why = "Please wait", "Advice comes once the target has been seen."
     elif np.isnan(state.scores).all():
-        told, why = NAMES[Motion.STAY], "The first advice comes after a second."
+        words, why = NAMES[Motion.STAY], "The first advice comes after a second."
     else:
         more = state.scores[motion] - state.scores[Motion.STAY]
-        told = NAMES[motion]
+        words = NAMES[motion]
         why = f"+{more:.1f} bits over holding still" if motion != Motion.STAY else "No motion promises more."
     return (
         f'<div id="command" style="display:flex;align-items:center;gap:14px;padding:4px 2px">{arrow(motion, BLUE, 72)}'
-        f'<div><div style="font-size:30px;font-weight:700;line-height:1.15">{told}</div>'
+        f'<div><div style="font-size:30px;font-weight:700;line-height:1.15">{words}</div>'
         f'<div style="font-size:14px;opacity:.75">{why}</div></div></div>'
     )
 
 
 def standing(state: State, paused: bool) -> str:
-    """How it goes, in words, on a coloured strip."""
+    """The standing in words, on a coloured strip."""
     words = "Paused." if paused else state.words
     colour = GREY if paused else STANDINGS[state.standing]
     return (
@@ -132,62 +132,21 @@ def bars(heading: str, values: np.ndarray, best: int | None, digits: int, unit: 
     return f'{title(heading, unit)}<div style="{grid}">{"".join(rows)}</div>'
 
 
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM = 320, 190, 44, 18
-"""Of the curves [px], with room for the numbers beside and under them."""
-_CURVES = {"camera": VERMILLION, "map": SKY, "total": BLUE}
+CURVES = {"camera": VERMILLION, "map": SKY, "total": BLUE}
+"""Colours of the entropies over time."""
 _POINTS = 240
-"""Of a curve, at most."""
+"""Of a curve, beside its dots, at most."""
 
 
-def curves(rows: np.ndarray) -> str:
-    """Entropies over time (k, 5), see `History.curves`, as SVG; a dot on the total where a landmark is new."""
-    names = "".join(f'<span style="color:{colour}">━</span> {name} &nbsp;' for name, colour in _CURVES.items())
-    above = title("Entropy, log₂ |P|", "the lower, the more is known")
-    below = f'<div style="font-size:12px">{names}<span style="color:{ORANGE}">●</span> new landmark</div>'
+def columns(rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    """(5 columns) for a plot of the entropies ``rows`` (k, 5) of `History.curves`: time, camera, map, total, dots.
+
+    A dot is the total where a landmark is new, else NaN. Between landmarks, rows are left out.
+    """
     rows = rows[np.isfinite(rows).all(1)]
-    if len(rows) < 2:
-        return above + below
-    x, y = _scale(rows[:, 0], _LEFT, _WIDTH - 6), _scale(rows[:, 1:4], _HEIGHT - _BOTTOM, 8)
-    parts = [_upright(x(value), f"{value:g} s") for value in _ticks(rows[:, 0])]
-    parts += [_level(y(value), f"{value:g}") for value in _ticks(rows[:, 1:4])]
-    few = rows[:: -(-len(rows) // _POINTS)]
-    for k, colour in enumerate(_CURVES.values(), 1):
-        line = " ".join(f"{x(row[0]):.1f},{y(row[k]):.1f}" for row in few)
-        parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.8"/>')
-    for row in rows[rows[:, 4] > 0.0]:
-        parts.append(f'<circle cx="{x(row[0]):.1f}" cy="{y(row[3]):.1f}" r="2.6" fill="{ORANGE}"/>')
-    return f'{above}<svg id="curves" width="100%" viewBox="0 0 {_WIDTH} {_HEIGHT}">{"".join(parts)}</svg>{below}'
-
-
-def _scale(values: np.ndarray, low: float, high: float) -> Any:
-    """From values to pixels, so that all lie between ``low`` and ``high``."""
-    least, most = float(values.min()), float(values.max())
-    return lambda value: low + (high - low) * (value - least) / max(most - least, 1e-9)
-
-
-def _ticks(values: np.ndarray) -> list[float]:
-    """A few round numbers within the values."""
-    least, most = float(values.min()), float(values.max())
-    rough = max(most - least, 1e-9) / 4.0
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= rough)
-    first = math.ceil(least / step)
-    return [k * step for k in range(first, math.floor(most / step) + 1)]
-
-
-_LINE, _SMALL = 'stroke="#8884" stroke-width="1"', 'font-size="10" fill="currentColor"'
-
-
-def _upright(x: float, text: str) -> str:
-    """A grid line at ``x`` with its number under it."""
-    foot = f'<text x="{x:.1f}" y="{_HEIGHT - 5}" text-anchor="middle" {_SMALL}>{text}</text>'
-    return f'<line x1="{x:.1f}" y1="4" x2="{x:.1f}" y2="{_HEIGHT - _BOTTOM}" {_LINE}/>{foot}'
-
-
-def _level(y: float, text: str) -> str:
-    """A grid line at ``y`` with its number beside it."""
-    beside = f'<text x="{_LEFT - 4}" y="{y + 3.5:.1f}" text-anchor="end" {_SMALL}>{text}</text>'
-    return f'<line x1="{_LEFT}" y1="{y:.1f}" x2="{_WIDTH}" y2="{y:.1f}" {_LINE}/>{beside}'
+    new = rows[:, 4] > 0.0
+    rows, new = (column[new | (np.arange(len(rows)) % max(-(-len(rows) // _POINTS), 1) == 0)] for column in (rows, new))
+    return *rows[:, :4].T.copy(), np.where(new, rows[:, 3], np.nan)
 
 
 def counts(state: State) -> str:
@@ -212,7 +171,7 @@ def counts(state: State) -> str:
 
 
 def legend() -> str:
-    """What the colours in the view and in the map mean."""
+    """The colours in the view and in the map."""
     rings = "".join(f'<span style="color:{colour}">◯</span> {word} &nbsp;' for colour, word in OUTCOMES.values())
     balls = {BLUE: "well placed", SKY: "vague", ORANGE: "target", VERMILLION: "camera and its way"}
     dots = "".join(f'<span style="color:{colour}">●</span> {word} &nbsp;' for colour, word in balls.items())
@@ -220,12 +179,12 @@ def legend() -> str:
 
 
 def mark(state: State) -> str:
-    """Where the marked feature is, in words."""
+    """The distance of the marked feature, in words."""
     at = np.flatnonzero(state.ids == state.marked)
     if state.marked == 0:
-        text = "Nothing is marked. Click a feature in the map, or mark what is in the middle of the view."
+        text = "Nothing is marked. Click a feature in the map, or mark the one in the middle of the view."
     elif not len(at):
-        text = "What was marked has been dropped from the map."
+        text = "The marked feature has been deleted from the map."
     else:
         way = state.points[at[0]] - state.camera[:3]
         distance = float(np.linalg.norm(way))

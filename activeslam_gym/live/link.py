@@ -1,60 +1,25 @@
-"""Between the tracker and the page: a process of its own, for which tracking never waits.
+"""The tracker's end of the page, which has a process of its own, so that tracking never waits for it.
 
-States go through a bounded queue that drops the oldest, and a thread that sends what is left; wishes come back. The
-page's process is spawned, not forked: threads and kernels are not copied into it.
+A thread sends the newest state and every message; the page sends requests back. The page's process is spawned, not
+forked: threads and kernels are not copied into it.
 """
 
 import errno
 import os
-import signal
 import socket
 import threading
 from collections import deque
-from dataclasses import dataclass
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from typing import Any
 
+from activeslam_gym.live.messages import REQUESTS, About
+from activeslam_gym.live.page import serve
 from activeslam_gym.live.state import State
 
-PAUSE, STEP, RESTART, FOLLOW, MARK, SAVE = "pause", "step", "restart", "follow", "mark", "save"
-"""What the page may wish: (name, value). Whether to pause; one image; begin anew; whether the simulated person follows;
-the id of a feature, or 0; write what is known."""
-WISHES = {PAUSE: bool, STEP: bool, RESTART: bool, FOLLOW: bool, MARK: int, SAVE: bool}
-"""And the types of their values."""
-NEWS = "news"
-"""What the tracker may tell: (NEWS, a sentence)."""
-
-_KEPT = 3
-"""States that wait to be sent; of more, the oldest are dropped."""
 _START = 60.0
-"""The page is there after so long, or never [s]."""
+"""Longest time that the page's process takes to start [s]."""
 _FAREWELL = 2.0
 """Time that the page's process has to end [s]."""
-
-
-@dataclass(frozen=True)
-class About:
-    """What a page must know beforehand."""
-
-    name: str
-    """Of the source."""
-    image_size: tuple[int, int]
-    """Width and height [px]."""
-    focal: float
-    """[px]"""
-    rate: float
-    """Images a second that the source has [Hz]."""
-    room_size: tuple[float, float, float]
-    """[m]"""
-    room_is_known: bool
-    """Whether there is a room about the origin, or only a guess."""
-    person: bool
-    """Whether a simulated person holds the camera, who may be told to follow or not."""
-    recorded: bool
-    """Whether there is a folder to save to."""
-    replay: bool = False
-    """Whether this is a recording that is shown again."""
 
 
 def check_address(host: str, port: int) -> None:
@@ -81,7 +46,7 @@ def check_address(host: str, port: int) -> None:
 
 
 class Link:
-    """The tracker's end: starts the page's process, shows it states, and hears its wishes.
+    """Starts the page's process, sends it states and messages, and receives its requests.
 
     Raises:
         OSError: no page can be served there.
@@ -91,30 +56,31 @@ class Link:
     def __init__(self, about: About, host: str, port: int) -> None:
         check_address(host, port)
         spawn = get_context("spawn")
-        self._states, theirs = spawn.Pipe(duplex=True)
-        self._process = spawn.Process(target=_serve, args=(theirs, about, host, port), daemon=True)
+        self._connection, theirs = spawn.Pipe(duplex=True)
+        self._process = spawn.Process(target=serve, args=(theirs, about, host, port), daemon=True)
         self._process.start()
         theirs.close()
-        self._latest: deque[Any] = deque(maxlen=_KEPT)
+        self._latest: deque[State] = deque(maxlen=1)
+        self._messages: deque[str] = deque()
         self._new, self._closed = threading.Event(), False
         self._sender: threading.Thread | None = None
         self.address = self._wait()
-        """Where the page is."""
+        """Address of the page, with its token."""
         self._sender = threading.Thread(target=self._send_all, daemon=True)
         self._sender.start()
 
     def _wait(self) -> str:
-        """The address that the process says, once it serves."""
-        said: Any = None
-        if self._states.poll(_START):
+        """The address that the process sends once it serves."""
+        answer: Any = None
+        if self._connection.poll(_START):
             try:
-                said = self._states.recv()
+                answer = self._connection.recv()
             except EOFError:
                 pass
-        if isinstance(said, str):
-            return said
+        if isinstance(answer, str):
+            return answer
         self.close()
-        raise said or OSError("the page's process ended before it served")
+        raise answer or OSError("the page's process ended before it served")
 
     @property
     def alive(self) -> bool:
@@ -122,26 +88,26 @@ class Link:
         return self._process.is_alive()
 
     def show(self, state: State) -> None:
-        """Show a state; returns at once, and drops the oldest where the page is behind."""
+        """Show a state; returns at once. It replaces a state that is not sent yet."""
         self._latest.append(state)
         self._new.set()
 
-    def tell(self, news: str) -> None:
-        """Show a sentence."""
-        self._latest.append((NEWS, news))
+    def notify(self, message: str) -> None:
+        """Show a message to every visitor; returns at once. None is dropped."""
+        self._messages.append(message)
         self._new.set()
 
-    def wishes(self) -> list[tuple[str, Any]]:
-        """What the page wished since the last call."""
-        heard = []
+    def requests(self) -> list[tuple[str, Any]]:
+        """Requests of the page since the last call."""
+        received = []
         try:
-            while self._states.poll(0):
-                wish = self._states.recv()
-                if wish[0] in WISHES:
-                    heard.append((wish[0], WISHES[wish[0]](wish[1])))
+            while self._connection.poll(0):
+                name, value = self._connection.recv()
+                if name in REQUESTS:
+                    received.append((name, REQUESTS[name](value)))
         except (EOFError, OSError):
             pass
-        return heard
+        return received
 
     def close(self) -> None:
         """End the page's process."""
@@ -153,47 +119,16 @@ class Link:
             self._process.kill()
             self._process.join()
         if self._sender is not None:
-            self._sender.join(_FAREWELL)  # with nobody to read, what it was sending has failed
-        self._states.close()
+            self._sender.join(_FAREWELL)  # a blocked send fails once the reader is gone
+        self._connection.close()
 
     def _send_all(self) -> None:
-        """In a thread of its own: send what is there; waits for a slow page, for which nobody else waits."""
+        """In a thread of its own: send messages, then the newest state; only this thread waits for a slow page."""
         while not self._closed:
             self._new.wait()
             self._new.clear()
-            while self._latest and not self._closed:
+            while (waiting := self._messages or self._latest) and not self._closed:
                 try:
-                    self._states.send(self._latest.popleft())
-                except (OSError, ValueError, IndexError):
+                    self._connection.send(waiting.popleft())
+                except (OSError, ValueError):
                     return
-
-
-def _serve(link: Connection, about: About, host: str, port: int) -> None:
-    """The page's process: says where it serves, and shows the newest state until the tracker is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the tracker's business
-    one_at_a_time = threading.Lock()
-
-    def wish(name: str, value: Any) -> None:
-        with one_at_a_time:
-            link.send((name, value))
-
-    try:
-        from activeslam_gym.live.page import Page
-
-        page = Page(about, host, port, wish)
-    except (ImportError, OSError) as error:
-        link.send(error)
-        return
-    link.send(page.address)
-    try:
-        while True:
-            state = None
-            while state is None or link.poll(0):
-                said = link.recv()
-                if isinstance(said, State):
-                    state = said
-                else:
-                    page.tell(said[1])
-            page.show(state)
-    except (EOFError, OSError):
-        page.close()

@@ -1,4 +1,4 @@
-"""A simulated person with a camera in the hand, who is told where to move, and looks about as people do."""
+"""A simulated person with a camera in the hand, who hears the advice and looks about as people do."""
 
 import math
 
@@ -20,24 +20,24 @@ from activeslam_gym.motion import (
 )
 
 FOLLOW, NEVER, STILL = "always", "never", "still"
-"""What a person does: what is advised; whatever comes to mind; nothing, but for looking about."""
+"""Habits: to follow the advice; to move at random; to stay, and only look about."""
 HABITS = (FOLLOW, NEVER, STILL)
 _REACTION = 0.2
 """Time from hearing a command to moving [s]."""
 _STIFFNESS = 6.0
-"""Natural frequency with which a hand goes where it is meant to [rad/s]; critically damped."""
+"""Natural frequency of a hand's control [rad/s]; critically damped."""
 _LOOK, _LOOK_PERIOD = math.radians(30.0), 20.0
-"""The gaze wanders so far to either side [rad], in so much time [s]."""
+"""Amplitude [rad] and period [s] of the gaze to either side."""
 _SETTLING = 3.0
-"""At first a person looks at the target, and begins to look about in this time [s]."""
+"""Time in which a person turns from looking at the target to looking about [s]."""
 _DISTANCE = 0.4
-"""A person keeps so far from boxes [m]."""
+"""Least distance of a person from boxes [m]."""
 
 
 class Person:
     """Moves the true camera.
 
-    The hand is drawn along a smooth path of a second to where the person wants it, and held level, with a tremor:
+    The hand follows a smooth path of a second to its goal, and holds the camera level, with a tremor:
     accelerations of ``acceleration_std`` and ``angular_acceleration_std``, each frame anew. The goal of a command is in
     axes of the true camera, clipped into the room and kept away from ``boxes`` (B, 2, 3) [m].
     """
@@ -54,7 +54,7 @@ class Person:
 
     def hear(self, command: Motion) -> None:
         """A new command."""
-        random = Motion(int(self._rng.integers(MOTION_COUNT)))  # drawn always: the tremor does not depend on the habit
+        random = Motion(int(self._rng.integers(MOTION_COUNT)))  # always drawn: the tremor does not depend on the habit
         chosen = {FOLLOW: command, NEVER: random, STILL: Motion.STAY}[self.habit]
         self._heard.append((self._time + _REACTION, chosen))
 
@@ -93,7 +93,7 @@ class Person:
         return _STIFFNESS**2 * (place - x[POSITION]) + 2.0 * _STIFFNESS * (speed - x[VELOCITY]) + push
 
     def _turn(self, x: np.ndarray) -> np.ndarray:
-        """Angular acceleration (3,) towards a level camera that looks where the person looks."""
+        """Angular acceleration (3,) towards a level camera with the person's gaze."""
         pulse, ease = 2.0 * math.pi / _LOOK_PERIOD, minimum_jerk(self._time / _SETTLING)
         yaw = ease * _LOOK * math.sin(pulse * self._time)
         wanted = quaternion_product(quaternion_exp(np.array((0.0, yaw, 0.0))), _LEVEL)

@@ -1,6 +1,6 @@
-"""A live run on disk: written as it happens, so that whatever ends it loses nothing, and shown again.
+"""A live run on disk, written image by image, so that no way of ending loses images; and its reader.
 
-A folder with ``images/`` (PNG, by number), ``live.json`` (what it is of), ``states.jsonl`` (a state a line),
+A folder with ``images/`` (PNG, by number), ``live.json`` (its `About`), ``states.jsonl`` (a state a line),
 ``frames.csv`` and ``trajectory.tum`` as `track` writes them, growing, and ``map.csv``, written at the end and when
 asked.
 """
@@ -14,24 +14,23 @@ from typing import Any, get_args
 import numpy as np
 
 from activeslam_gym.files import Lines, demand_writable, written_whole
-from activeslam_gym.live.link import About
+from activeslam_gym.live.messages import About
 from activeslam_gym.live.state import OVER, WAITING, State, plain, scalar, state_of
-from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.track import TrackFiles
 
 ABOUT, STATES = "live.json", "states.jsonl"
 _FAST = 1
-"""PNG's compression: 0 … 9."""
+"""PNG's compression, of 0 … 9."""
 _LONGEST = 2**24
-"""Characters that are read of a line, or of `live.json`."""
+"""Greatest number of characters of a line, and of `live.json`."""
 _RANGES = {"image_size": (1, 8192), "focal": (1e-3, 1e9), "rate": (1e-6, 1e6), "room_size": (1e-3, 1e6)}
 """Least and greatest numbers of an `About`."""
 
 
 def check_folder(folder: Path) -> None:
-    """Demand that a recording can begin in ``folder``, which need not be there yet.
+    """Check that a recording can start in ``folder``, which need not exist.
 
     Raises:
         OSError: it holds a recording already, or cannot be written to.
@@ -42,7 +41,7 @@ def check_folder(folder: Path) -> None:
 
 
 class Recording:
-    """Writes a run into ``folder``, which is made.
+    """Writes a run into ``folder``, which it makes.
 
     Raises:
         OSError: it cannot be written to, or holds a recording already.
@@ -57,11 +56,12 @@ class Recording:
         with written_whole(self.folder / ABOUT) as unfinished:
             unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")
         self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
+        self._last: State | None = None
         self.count = 0
         """Images kept."""
 
     def add(self, state: State, log: FrameLog | None) -> None:
-        """Keep a state, its image, and the ``log`` of the image where it was searched.
+        """Write a state, its image, and the ``log`` of the image where there is one.
 
         Raises:
             OSError: the disk is full, or gone.
@@ -74,22 +74,23 @@ class Recording:
         self._states.write(json.dumps(plain(state)) + "\n")
         if state.standing != WAITING:
             self._track.add(state.time, state.camera, log)
+            self._last = state
         self.count += 1
 
-    def save(self, filter: Filter | None) -> None:
-        """Write the map as it is."""
-        if filter is not None:
-            self._track.save(filter)
+    def save(self) -> None:
+        """Write the present map."""
+        if self._last is not None:
+            self._track.save(self._last.ids, self._last.points, self._last.stds)
 
-    def close(self, filter: Filter | None) -> None:
+    def close(self) -> None:
         """Write the map and finish."""
-        self.save(filter)
+        self.save()
         self._states.close()
         self._track.close()
 
 
 def read_about(folder: str | Path) -> About:
-    """What a recording is of.
+    """The `About` of a recording.
 
     Raises:
         OSError: there is none.
@@ -103,7 +104,7 @@ def read_about(folder: str | Path) -> About:
         with path.open() as file:
             values = _object(file.read(_LONGEST))
         values = {name: _of_about(name, kinds[name], value) for name, value in values.items()}
-        return About(**{**values, "replay": True, "recorded": False})
+        return About(**{**values, "replay": True})
     except (ValueError, TypeError, KeyError) as error:
         raise ValueError(f"{path} is damaged ({error})") from None
 

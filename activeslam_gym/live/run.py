@@ -1,36 +1,35 @@
-"""`python -m activeslam_gym live`: a session or a recording in real time, on a page, until it is told to end."""
+"""`python -m activeslam_gym live`: a session or a recording in real time, on a page, until Ctrl-C."""
 
 import sys
 import time
 from argparse import Namespace
 from collections import deque
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from activeslam_gym.live.guard import is_loopback
-from activeslam_gym.live.link import FOLLOW, MARK, PAUSE, RESTART, SAVE, STEP, About, Link
+from activeslam_gym.live.link import Link
+from activeslam_gym.live.messages import FOLLOW, MARK, PAUSE, RESTART, SAVE, STEP, About
 from activeslam_gym.live.person import FOLLOW as ALWAYS
 from activeslam_gym.live.person import NEVER
 from activeslam_gym.live.recording import Recording, check_folder, read_about, read_states
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import RENDERED, RenderedRoom, Sequence, Source
 from activeslam_gym.live.state import OVER, State
-from activeslam_gym.slam.filter import Filter
-from activeslam_gym.vision.frontend import FrameLog
 
 _NAP = 0.02
-"""Between two looks for wishes while nothing moves [s]."""
-_LATELY = 15
-"""Images over which the rate is told."""
+"""Time between two looks for requests while nothing moves [s]."""
+_RATE_IMAGES = 15
+"""Images over which the rate is measured."""
 
 
 class Live:
-    """A session, with a recording where there is a folder for it; a restart has a folder of its own, 2, 3, ..."""
+    """A session and, with a ``folder``, its recording; each restart has a folder of its own: 2, 3, ..."""
 
     def __init__(self, source: Source, seed: int, folder: str | Path | None) -> None:
-        self.session, self.paced = Session(source, seed), source.paced
+        self.session, self.is_camera = Session(source, seed), source.is_camera
         scenario = source.scenario
         self.about = About(
             name=source.name,
@@ -38,21 +37,13 @@ class Live:
             focal=scenario.focal_px,
             rate=1.0 / scenario.frame_time,
             room_size=scenario.room_size,
-            room_is_known=source.person is not None,
             person=source.person is not None,
-            recorded=folder is not None,
         )
         self._home = self._folder = None if folder is None else Path(folder)
-        self._recording: Recording | None = (
-            None  # begun with the first image, so that a start that fails leaves nothing
-        )
+        self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
         self._runs = 1
         if self._folder is not None:
             check_folder(self._folder)
-
-    @property
-    def _filter(self) -> Filter | None:
-        return None if self.session.front_end is None else self.session.front_end.filter
 
     def step(self) -> State:
         """The next state, recorded."""
@@ -60,15 +51,11 @@ class Live:
         if self._folder is not None:
             if self._recording is None:
                 self._recording = Recording(self._folder, self.about)
-            self._recording.add(state, self._log)
+            self._recording.add(state, self.session.log)
         return state
 
-    @property
-    def _log(self) -> FrameLog | None:
-        return self.session.log
-
     def restart(self) -> None:
-        """Begin anew; what was recorded is finished."""
+        """Finish the recording and start again."""
         self.close()
         self.session.restart()
         if self._home is not None:
@@ -77,43 +64,39 @@ class Live:
             check_folder(self._folder)
 
     def follow(self, value: bool) -> None:
-        """Whether the simulated person follows."""
+        """Set whether the simulated person follows the advice."""
         if self.session.source.person is not None:
             self.session.source.person.habit = ALWAYS if value else NEVER
 
-    def mark(self, id: int) -> None:
-        """Mark a feature, or none (0)."""
-        self.session.marked = id
-
     def save(self) -> str:
-        """Write the map; what to tell the user."""
+        """Write the map; the answer to the user."""
         if self._recording is None:
             return "Your browser has the map. To keep images and trajectory too, start with --record DIR."
-        self._recording.save(self._filter)
+        self._recording.save()
         return f"Saved in {self._recording.folder}."
 
     def close(self) -> None:
         """Finish the recording."""
         if self._recording is not None:
-            self._recording.close(self._filter)
+            self._recording.close()
 
 
 class Replay:
     """A recording, shown again."""
 
-    paced = False
+    is_camera = False
 
     def __init__(self, folder: str | Path) -> None:
         self._folder, self.about = folder, read_about(folder)
         self.restart()
 
     def restart(self) -> None:
-        """From the beginning."""
+        """Start again."""
         self._states: Iterator[State] = read_states(self._folder)
         self._last: State | None = None
 
     def step(self) -> State:
-        """The next state; the last one over and over, as OVER.
+        """The next state; the last one again, as OVER, where there is none.
 
         Raises:
             ValueError: it holds no state, or is damaged.
@@ -126,14 +109,8 @@ class Replay:
         self._last = state
         return state
 
-    def follow(self, value: bool) -> None:
-        """Nobody is there."""
-
-    def mark(self, id: int) -> None:
-        """Nobody is there."""
-
     def save(self) -> str:
-        """What to tell the user."""
+        """The answer to the user."""
         return "Your browser has the map of this moment."
 
     def close(self) -> None:
@@ -141,10 +118,10 @@ class Replay:
 
 
 def show_of(args: Namespace) -> Live | Replay:
-    """What the arguments of the command mean.
+    """The session or recording that the arguments of the command name.
 
     Raises:
-        ValueError, OSError: a file, folder or number is not what it should be.
+        ValueError, OSError: a file, folder or number is bad.
         ModuleNotFoundError: OpenCV is not installed.
     """
     if args.replay is not None:
@@ -162,55 +139,48 @@ def show_of(args: Namespace) -> Live | Replay:
 
 
 def live(args: Namespace) -> str | None:
-    """Run the command, until Ctrl-C or for ``args.seconds``; why it ended early, or None.
+    """Run the command, until Ctrl-C or for ``args.seconds``; the reason of an early end, or None.
 
     Raises:
-        ValueError, OSError: an argument, a file or the port is not what it should be.
+        ValueError, OSError: an argument, a file or the port is bad.
         ModuleNotFoundError: OpenCV or viser is not installed.
     """
     if args.seconds is not None and not 0.0 < args.seconds < float("inf"):
         raise ValueError(f"--seconds must be a positive number, got {args.seconds}")
     if not 0 <= args.port <= 65535:
         raise ValueError(f"--port must be in 0 to 65535, got {args.port}")
-    show = show_of(args)
-    try:
-        link = Link(show.about, args.host, args.port)
-        try:
-            print(_welcome(link.address, args.host), flush=True)
-            return _run(show, link, args.seconds)
-        finally:
-            link.close()
-    finally:
-        show.close()
-
-
-def _welcome(address: str, host: str) -> str:
-    if is_loopback(host):
-        reach = "Only this machine can open it (--host says otherwise)."
-    else:
-        reach = "Whoever has this whole address can open it and press its buttons; it travels unencrypted."
-    return f"Open {address} in a browser. {reach} Ctrl-C ends."
+    here = "Only this machine can open it (see --host)."
+    afar = "Every holder of this whole address can open it and press its buttons; it travels unencrypted."
+    with closing(show_of(args)) as show, closing(Link(show.about, args.host, args.port)) as link:
+        print(f"Open {link.address} in a browser. {here if is_loopback(args.host) else afar} Ctrl-C ends.", flush=True)
+        return _run(show, link, args.seconds)
 
 
 def _run(show: Live | Replay, link: Link, seconds: float | None) -> str | None:
-    """Step after step; what ended it early, or None."""
-    clock, end = Clock(1.0 / show.about.rate, show.paced), time.monotonic() + (seconds or float("inf"))
+    """Step after step; the reason of an early end, or None."""
+    clock, end = Clock(1.0 / show.about.rate, show.is_camera), time.monotonic() + (seconds or float("inf"))
     paused = over = alone = False
     try:
         while time.monotonic() < end:
             if not link.alive and not alone:
                 alone = True
                 print("The page has broken down; tracking goes on. Ctrl-C ends.", file=sys.stderr, flush=True)
-            one = False
-            for name, value in link.wishes():
+            single = False
+            for name, value in link.requests():
                 if name == PAUSE:
                     paused = value
                 elif name == STEP:
-                    one = True
-                else:
-                    _grant(show, link, name, value)
-                    over = over and name != RESTART
-            if (paused or over) and not one:
+                    single = True
+                elif name == RESTART:
+                    show.restart()
+                    over = False
+                elif name == SAVE:
+                    link.notify(show.save())
+                elif name == FOLLOW and isinstance(show, Live):
+                    show.follow(value)
+                elif name == MARK and isinstance(show, Live):
+                    show.session.marked = value
+            if (paused or over) and not single:
                 clock.rest()
                 continue
             state = show.step()
@@ -225,40 +195,29 @@ def _run(show: Live | Replay, link: Link, seconds: float | None) -> str | None:
     return None
 
 
-def _grant(show: Live | Replay, link: Link, name: str, value: Any) -> None:
-    if name == RESTART:
-        show.restart()
-    elif name == FOLLOW:
-        show.follow(value)
-    elif name == MARK:
-        show.mark(value)
-    elif name == SAVE:
-        link.tell(show.save())
-
-
 class Clock:
-    """Real time: a state every ``period`` [s], unless they come at their own times. Where the machine is too slow,
-    nothing is left out, and what was late is not caught up."""
+    """Real time: a state every ``period`` [s]; a live camera has times of its own. On a slow machine no image is left
+    out, and a delay is not caught up."""
 
-    def __init__(self, period: float, paced: bool) -> None:
-        self._period, self._paced = period, paced
+    def __init__(self, period: float, is_camera: bool) -> None:
+        self._period, self._is_camera = period, is_camera
         self._due = time.monotonic()
-        self._ticks: deque[float] = deque(maxlen=_LATELY + 1)
+        self._ticks: deque[float] = deque(maxlen=_RATE_IMAGES + 1)
 
     def tick(self) -> float:
-        """A state is there; states a second, lately."""
+        """Count a state; the present rate [Hz]."""
         self._ticks.append(time.monotonic())
         passed = self._ticks[-1] - self._ticks[0]
         return (len(self._ticks) - 1) / passed if passed > 0.0 else 0.0
 
     def wait(self) -> None:
-        """Until the next is due."""
-        if not self._paced:
+        """Wait until the next state is due."""
+        if not self._is_camera:
             self._due = max(self._due + self._period, time.monotonic() - self._period)
             time.sleep(max(0.0, self._due - time.monotonic()))
 
     def rest(self) -> None:
-        """A moment in which nothing moves."""
+        """Wait a moment while nothing moves."""
         self._ticks.clear()
         time.sleep(_NAP)
         self._due = time.monotonic()

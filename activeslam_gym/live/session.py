@@ -1,25 +1,24 @@
-"""One run of the live system: image by image, from a source to what is known and what is advised."""
+"""One run of the live system: image by image, from a source to a state estimate and advice."""
 
 import time
-from typing import Any
 
 import numpy as np
 
 from activeslam_gym.live.advice import Adviser
-from activeslam_gym.live.knowledge import Knowledge
-from activeslam_gym.live.source import Source, habit_of, tell
+from activeslam_gym.live.expected import ExpectedMap
+from activeslam_gym.live.person import FOLLOW
+from activeslam_gym.live.source import Source
 from activeslam_gym.live.state import LOST, OVER, TRACKING, UNSURE, WAITING, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
-from activeslam_gym.vision.frontend import FrameLog, FrontEnd
+from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.vision.frontend import FrameLog, FrontEnd, Searched
 
 _FEW = 4
-"""Fewer matches than that tell little of the pose."""
+"""Fewer matches hardly constrain the pose."""
 _VAGUE = 0.5
-"""A camera that is less sure of its place along any axis is lost [m]."""
+"""The camera is lost when the deviation of its position along any axis is greater [m]."""
 _PATIENCE = 1.0
 """Time with few matches after which the camera is lost [s]."""
-_MAPPED = 0.3
-"""A feature is mapped when the deviation of its depth over its depth is under this, as in the scenarios."""
 
 WORDS = {
     WAITING: "Waiting for the target: {why}.",
@@ -30,24 +29,29 @@ WORDS = {
 }
 """Sentences for people."""
 _BEGUN = "The target is there; the map begins."
+_NO_IDS, _NO_POINTS = np.zeros(0, int), np.zeros((0, 3))
+_NO_ESTIMATE = Estimate(
+    np.eye(1, CAMERA_SIZE, 3)[0], _NO_IDS, _NO_POINTS, np.zeros((CAMERA_DIM, CAMERA_DIM)), _NO_IDS > 0, _NO_IDS > 0
+)
+_NO_SEARCH = Searched(_NO_IDS, _NO_POINTS[:, :2], np.zeros((0, 2, 2)), _NO_IDS)
 
 
 class Session:
-    """A run: `step` takes an image, `restart` begins anew.
+    """A run: `step` processes an image, `restart` starts again.
 
     Args:
-        source: Where images come from.
-        seed: Of the landmarks that are expected.
+        source: Of the images.
+        seed: Of the expected landmarks.
     """
 
     def __init__(self, source: Source, seed: int = 0) -> None:
         self.source, self._seed = source, seed
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self.front_end: FrontEnd | None = None
         self.adviser: Adviser | None = None
-        self.knowledge: Knowledge | None = None
+        self.expected: ExpectedMap | None = None
         self.marked = 0
         """Id of the feature that the user has marked, or 0."""
         self._frame, self._time, self._zero = 0, 0.0, 0.0
@@ -55,15 +59,15 @@ class Session:
         self.log: FrameLog | None = None
         """Of the last image but the first."""
         self._good = 0.0
-        self._known: set[int] = set()
+        self._mapped: set[int] = set()
 
     def restart(self) -> None:
-        """Begin anew, with the source."""
+        """Start again, with the source."""
         self.source.restart()
-        self._forget()
+        self._reset()
 
     def step(self) -> State:
-        """Take the next image; what is known after it. Where there is none, the last state is told again, as OVER.
+        """The state after the next image; the last one again, as OVER, where there is none.
 
         Raises:
             ValueError: an image cannot be read, or the first one does not show the target.
@@ -77,7 +81,7 @@ class Session:
             try:
                 self._begin(*frame)
             except ValueError as error:
-                if not self.source.patient:
+                if not self.source.is_camera:
                     raise
                 return self._state(WAITING, began, str(error))
         else:
@@ -90,17 +94,17 @@ class Session:
         self.front_end = source.start(image)
         seed = np.random.SeedSequence((self._seed, 1))
         self._zero, self._time, self._good = at, 0.0, 0.0
-        self.knowledge = Knowledge(source.scenario, self.front_end, seed)
-        self.adviser = Adviser(source.scenario, self.knowledge)
+        self.expected = ExpectedMap(source.scenario, self.front_end, seed)
+        self.adviser = Adviser(source.scenario, self.expected)
 
     def _track(self) -> None:
-        assert self.front_end and self.knowledge and self.adviser
+        assert self.front_end and self.expected and self.adviser
         self.log = self.front_end.step(self._image, self._time)
-        self.knowledge.update()
+        self.expected.update()
         if self.log.matched >= _FEW:
             self._good = self._time
-        if self.adviser.consider():
-            tell(self.source, self.adviser.command)
+        if self.adviser.consider() and self.source.person is not None:
+            self.source.person.hear(self.adviser.command)
 
     def _standing(self) -> str:
         assert self.front_end
@@ -110,77 +114,41 @@ class Session:
         log = self.log
         return TRACKING if log is None or log.matched >= max(_FEW, log.searched / 2) else UNSURE
 
-    # What is known ----------------------------------------------------------------------------------------------------
-
     def _state(self, standing: str, began: float, why: str = "") -> State:
-        log, person, adviser = self.log, self.source.person, self.adviser
+        log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
+        estimate, search = (
+            (front_end.filter.estimate(), front_end.searched) if front_end else (_NO_ESTIMATE, _NO_SEARCH)
+        )
         matched, searched = (log.matched, log.searched) if log else (0, 0)
         words = WORDS[standing].format(matched=matched, searched=searched, why=why)
-        shared: dict[str, Any] = {
-            "frame": self._frame,
-            "time": self._time,
-            "image": self._image,
-            "standing": standing,
-            "words": _BEGUN if standing == TRACKING and log is None else words,
-            "births": log.births if log else 0,
-            "command": int(adviser.command) if adviser else int(Motion.STAY),
-            "scores": adviser.scores.copy() if adviser else np.full(MOTION_COUNT, np.nan),
-            "told": adviser.told.copy() if adviser else np.zeros(MOTION_COUNT, int),
-            "follows": habit_of(self.source),
-            "truth": None if person is None else person.state.copy(),
-            "marked": self.marked,
-        }
-        map = self._map() if self.front_end else _nothing()
-        return State(**shared, **map, landmarks=len(self._known), milliseconds=1e3 * (time.process_time() - began))
-
-    def _map(self) -> dict[str, Any]:
-        """The parts of a state that are of the belief."""
-        assert self.front_end and self.knowledge
-        filter, searched = self.front_end.filter, self.front_end.searched
-        points, P = filter.points()
-        at = CAMERA_DIM + 3 * np.arange(len(points))[:, None, None] + np.arange(3)
-        covariances, camera = P[np.swapaxes(at, 1, 2), at], filter.mean
-        mapped = _depth_ratios(points - camera[:3], covariances) < _MAPPED
-        self._known.update(filter.ids[mapped].tolist())
-        return {
-            "camera": camera,
-            "camera_covariance": P[:3, :3].copy(),
-            "ids": filter.ids,
-            "points": points,
-            "covariances": covariances,
-            "mapped": mapped,
-            "fiducials": filter.fiducials,
-            "searched": searched.id,
-            "pixels": searched.pixel,
-            "ellipses": searched.covariance,
-            "outcomes": searched.outcome,
-            "log2_dets": self.knowledge.log2_dets(P),
-        }
-
-
-def _nothing() -> dict[str, Any]:
-    """The parts of a state that are of the belief, before there is one."""
-    camera = np.zeros(CAMERA_SIZE)
-    camera[3] = 1.0
-    none, whole = np.zeros((0, 3)), np.zeros(0, int)
-    return {
-        "camera": camera,
-        "camera_covariance": np.zeros((3, 3)),
-        "ids": whole,
-        "points": none,
-        "covariances": np.zeros((0, 3, 3)),
-        "mapped": np.zeros(0, bool),
-        "fiducials": none,
-        "searched": whole,
-        "pixels": np.zeros((0, 2)),
-        "ellipses": np.zeros((0, 2, 2)),
-        "outcomes": whole,
-        "log2_dets": np.full(3, np.nan),
-    }
-
-
-def _depth_ratios(sights: np.ndarray, covariances: np.ndarray) -> np.ndarray:
-    """(n,) deviation of the depth over the depth, of points at ``sights`` (n, 3) from the camera."""
-    squares = np.maximum(np.sum(sights**2, axis=1), 1e-12)
-    along = np.einsum("ni,nij,nj->n", sights, covariances, sights) / squares
-    return np.sqrt(np.maximum(along, 0.0) / squares)
+        P, n = estimate.covariance, len(estimate.ids)
+        rows = CAMERA_DIM + 3 * np.arange(n)[:, None, None] + np.arange(3)
+        self._mapped.update(estimate.ids[estimate.mapped].tolist())
+        return State(
+            frame=self._frame,
+            time=self._time,
+            image=self._image,
+            standing=standing,
+            words=_BEGUN if standing == TRACKING and log is None else words,
+            camera=estimate.camera,
+            camera_covariance=P[:3, :3],
+            ids=estimate.ids,
+            points=estimate.points,
+            covariances=P[np.swapaxes(rows, 1, 2), rows],
+            mapped=estimate.mapped,
+            fiducials=front_end.filter.fiducials if front_end else _NO_POINTS,
+            searched=search.id,
+            pixels=search.pixel,
+            ellipses=search.covariance,
+            outcomes=search.outcome,
+            command=int(adviser.command) if adviser else int(Motion.STAY),
+            scores=adviser.scores.copy() if adviser else np.full(MOTION_COUNT, np.nan),
+            advised=adviser.advised.copy() if adviser else np.zeros(MOTION_COUNT, int),
+            log2_dets=self.expected.log2_dets() if self.expected else np.full(3, np.nan),
+            landmarks=len(self._mapped),
+            births=log.births if log else 0,
+            follows=None if person is None else person.habit == FOLLOW,
+            marked=self.marked,
+            truth=None if person is None else person.state.copy(),
+            milliseconds=1e3 * (time.process_time() - began),
+        )

@@ -1,18 +1,18 @@
-"""Where images come from: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
+"""Sources of images: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
 
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from activeslam_gym.camera import camera_of
-from activeslam_gym.config import SCENARIOS, Scenario
+from activeslam_gym.config import SCENARIOS
 from activeslam_gym.live.advice import PERIOD
 from activeslam_gym.live.person import FOLLOW, Person
-from activeslam_gym.motion import CAMERA_SIZE, Motion, motion_of
+from activeslam_gym.motion import CAMERA_SIZE, motion_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.frontend import FrontEnd
@@ -23,7 +23,7 @@ from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import HAND_HELD, start
 
 RENDERED = "rendered"
-"""What the source is called that needs no hardware."""
+"""Name of the source that needs no hardware."""
 
 ROOM = replace(
     SCENARIOS["hand-held"],
@@ -31,63 +31,30 @@ ROOM = replace(
     landmark_count=36,  # with the spare places, a map of 49: "fewer than 50"
     fiducial_count=4,  # the corners of the target
     pixel_std=SCENARIOS["pixels"].pixel_std,
-    scripted_gaze_amplitude=0.0,  # the gaze is the user's, and nobody knows it
+    scripted_gaze_amplitude=0.0,  # the filter does not know the person's gaze
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
 HELD = replace(SIGHTED, memory=0.97, trials=30, least_success=0.35, most_change=0.4, room_below=16)
-"""The front end of the rendered room. A hand comes back to what it left: a feature that is searched in vain, since
-something stands before it, is kept for two seconds, where `SIGHTED` at 15 images a second keeps it for half of one.
-Nor is it searched from another side, where it would be missed and given up: the hand comes back from there too. When
-the map is full, what was not seen for longest makes room until as many are in view as are wanted."""
+"""The front end of the rendered room. A hand comes back to features that it left. So an occluded feature is kept for
+two seconds, where `SIGHTED` at 15 images a second keeps it for half of one; and no feature is searched from another
+side, where it would be missed and deleted. When the map is full, the features not seen for longest are deleted until as
+many are in view as are wanted."""
 _DESK = (3.0, 2.0, 3.0)
-"""Where landmarks are expected about the target of a real sequence [m]."""
-
-
-class Source(Protocol):
-    """Gives images, and the front end that begins with one of them."""
-
-    name: str
-    scenario: Scenario
-    paced: bool
-    """Whether images come at their own times."""
-    patient: bool
-    """Whether it is waited for an image that shows the target."""
-    person: Person | None
-    """Who holds the camera, where that is simulated."""
-
-    def restart(self) -> None:
-        """Begin anew.
-
-        Raises:
-            ValueError: there is nothing there.
-        """
-
-    def next(self) -> Frame | None:
-        """The next image, or None when there are no more.
-
-        Raises:
-            ValueError: it cannot be read.
-        """
-
-    def start(self, image: np.ndarray) -> FrontEnd:
-        """A front end that has seen ``image``, the first.
-
-        Raises:
-            ValueError: it does not show the target.
-        """
+"""Size of the box of expected landmarks about the target of a real sequence [m]."""
 
 
 class RenderedRoom:
-    """The room of ``seed``, seen by a simulated `Person` of that ``habit``."""
+    """The room of ``seed``, and a simulated `Person` with a ``habit``."""
 
-    paced = patient = False
+    scenario, is_camera = ROOM, False
+    person: Person | None = None
 
-    def __init__(self, seed: int, habit: str = FOLLOW, scenario: Scenario = ROOM) -> None:
-        self.name = f"rendered room {seed}"
-        self.scenario, self._seed, self._habit = scenario, seed, habit
+    def __init__(self, seed: int, habit: str = FOLLOW) -> None:
+        self.name, self._seed, self._habit = f"rendered room {seed}", seed, habit
         self.restart()
 
     def restart(self) -> None:
+        """Start again; the person keeps the habit."""
         room, first, hand = np.random.SeedSequence(self._seed).spawn(3)
         scenario, rng = self.scenario, np.random.default_rng(first)
         self.camera = RoomCamera(scenario, camera_of(scenario), room)
@@ -98,42 +65,48 @@ class RenderedRoom:
         self.person = Person(motion, state, self.camera.scene.boxes, habit, np.random.default_rng(hand))
         self._frame = -1
 
-    person: Person | None = None
-
     def next(self) -> Frame:
+        """The next image."""
         assert self.person is not None
         self._frame += 1
         state = self.person.move() if self._frame else self.person.state
         return self._frame * self.scenario.frame_time, self.camera.photograph(state, self._frame)
 
     def start(self, image: np.ndarray) -> FrontEnd:
+        """A front end at the room's target."""
         front_end = FrontEnd(Filter(self.scenario, fiducials=self.camera.fiducials), HELD)
         introduce_target(front_end, self.camera.fiducials)
         return front_end
 
 
 class Sequence:
-    """A recorded sequence at its own ``rate``, or a live camera: what `open_images` reads, before a known target."""
+    """A recorded sequence at its own ``rate``, or a live camera, as `open_images` reads it, before a known target."""
 
-    person: Person | None = None
+    person = None
 
     def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
         self.name = images
-        self.paced = self.patient = images.startswith(CAMERA)
+        self.is_camera = images.startswith(CAMERA)
+        """A live camera's images come at their own times, and at first may not show the target."""
         self._calibration, self.target, self._rate = read_calibration(calibration), read_target(target), rate
         if not 0.0 < rate < math.inf:
             raise ValueError(f"--rate must be a positive number of images a second, got {rate!r}")
-        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}  # of no use here
+        slow = {
+            "controller_frequency": min(5.8, 0.5 * rate),
+            "rate_loop_time": max(0.1, 1.0 / rate),
+        }  # unused, but checked
         self._fields: dict[str, Any] = {"room_size": _DESK, **slow}
         self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **self._fields)
         self._images: Iterator[Frame] | None = None
         self.restart()
 
     def restart(self) -> None:
-        if self._images is None or not self.paced:
+        """Start again. Raises ValueError: there is no image."""
+        if self._images is None or not self.is_camera:
             self._images = open_images(self.name, self._rate)
 
     def next(self) -> Frame | None:
+        """The next image, or None. Raises ValueError: it cannot be read."""
         assert self._images is not None
         frame = next(self._images, None)
         if frame is not None:
@@ -141,15 +114,8 @@ class Sequence:
         return frame
 
     def start(self, image: np.ndarray) -> FrontEnd:
+        """A front end that has seen the first ``image``. Raises ValueError: it does not show the target."""
         return start(image, self._calibration, self.target, self._rate, scenario_fields=self._fields)
 
 
-def habit_of(source: Source) -> bool | None:
-    """Whether a simulated person follows; None where there is none."""
-    return None if source.person is None else source.person.habit == FOLLOW
-
-
-def tell(source: Source, command: Motion) -> None:
-    """Tell the simulated person, if there is one; a real one reads the page."""
-    if source.person is not None:
-        source.person.hear(command)
+Source = RenderedRoom | Sequence

@@ -1,4 +1,4 @@
-"""What is known after an image: all that a page shows and a recording keeps, in plain numbers and arrays."""
+"""The state of a live run after an image: all that a page shows and a recording keeps, in plain numbers and arrays."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -9,23 +9,23 @@ from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED
 
 WAITING, TRACKING, UNSURE, LOST, OVER = "waiting", "tracking", "unsure", "lost", "over"
-"""How it goes: no target seen yet; well; hardly anything is found; nothing is found for a second; no image is left."""
+"""No target seen yet; tracking well; few matches; few matches for a second; no image left."""
 
 
 @dataclass
 class State:
-    """After an image. n features, m searched things; world axes as the filter's."""
+    """After an image, with n features, of which and of the fiducials m were searched; in the filter's world axes."""
 
     frame: int
-    """Images before this one."""
+    """Images that were tracked, this one included."""
     time: float
     """[s]"""
     image: np.ndarray
     """(h, w) uint8."""
     standing: str
-    """How it goes: WAITING, TRACKING, UNSURE, LOST or OVER."""
+    """WAITING, TRACKING, UNSURE, LOST or OVER."""
     words: str
-    """The same in a sentence for people."""
+    """The same as a sentence."""
     camera: np.ndarray
     """(13,) estimate: position, quaternion, velocity, angular velocity."""
     camera_covariance: np.ndarray
@@ -37,87 +37,84 @@ class State:
     covariances: np.ndarray
     """(n, 3, 3) [m^2]."""
     mapped: np.ndarray
-    """(n,) bool: its depth is known well."""
+    """(n,) bool, as in `slam.estimate.Estimate`."""
     fiducials: np.ndarray
     """(K, 3) corners of the target [m]."""
     searched: np.ndarray
-    """(m,) ids of what was searched in the image."""
+    """(m,) ids of the features and fiducials searched in the image."""
     pixels: np.ndarray
-    """(m, 2) where each was expected [px]."""
+    """(m, 2) predicted measurements [px]."""
     ellipses: np.ndarray
-    """(m, 2, 2) covariances of that [px^2]."""
+    """(m, 2, 2) covariances of the innovations [px^2]."""
     outcomes: np.ndarray
     """(m,) `vision.frontend` MISSED, MATCHED or DOUBTED."""
     command: int
-    """The `Motion` that is advised now."""
+    """The `Motion` advised at present."""
     scores: np.ndarray
     """(7,) information [bit] of each motion when the command was chosen; NaN before the first."""
-    told: np.ndarray
-    """(7,) how often each motion was advised."""
+    advised: np.ndarray
+    """(7,) times that each motion was advised."""
     log2_dets: np.ndarray
     """(3,) log2 |P| of camera, map and total."""
     landmarks: int
-    """Landmarks that were ever mapped: it never falls."""
+    """Features that were ever mapped."""
     births: int
-    """Features born in this image."""
+    """Features initialised in this image."""
     milliseconds: float
-    """Time that this image took on one core."""
+    """Processor time of this image."""
     rate: float = 0.0
-    """Images a second, lately."""
+    """Images a second, by the clock."""
     follows: bool | None = None
-    """Whether the simulated person follows; None where a real one holds the camera."""
+    """Whether the simulated person follows the advice; None for a real one."""
     marked: int = 0
-    """Id of the feature that the user has marked, or 0."""
+    """Id of the marked feature, or 0."""
     truth: np.ndarray | None = None
-    """(13,) where the camera really is, where somebody knows."""
+    """(13,) the true camera, in a rendered room."""
 
     @property
     def motion(self) -> Motion:
         """The command."""
         return Motion(self.command)
 
+    @property
+    def stds(self) -> np.ndarray:
+        """(n, 3) standard deviations of the points [m]."""
+        return np.sqrt(np.maximum(np.einsum("nii->ni", self.covariances), 0.0))
 
-ARRAYS = {"camera", "camera_covariance", "ids", "points", "covariances", "mapped", "fiducials", "searched", "pixels",
-          "ellipses", "outcomes", "scores", "told", "log2_dets", "truth"}  # fmt: skip
-"""Fields of `State` that are arrays, but for the image."""
-_SHAPES = {"camera": (CAMERA_SIZE,), "camera_covariance": (3, 3), "points": (-1, 3), "covariances": (-1, 3, 3),
-           "fiducials": (-1, 3), "pixels": (-1, 2), "ellipses": (-1, 2, 2), "scores": (MOTION_COUNT,),
-           "told": (MOTION_COUNT,), "log2_dets": (3,), "truth": (CAMERA_SIZE,)}  # fmt: skip
-_ALIKE = ("ids", "points", "covariances", "mapped"), ("searched", "pixels", "ellipses", "outcomes")
-"""Arrays of n rows, and of m."""
+
+_ARRAYS: dict[str, tuple[type, tuple[Any, ...]]] = {
+    "camera": (float, (CAMERA_SIZE,)), "camera_covariance": (float, (3, 3)),
+    "ids": (int, ("n",)), "points": (float, ("n", 3)), "covariances": (float, ("n", 3, 3)), "mapped": (bool, ("n",)),
+    "searched": (int, ("m",)), "pixels": (float, ("m", 2)), "ellipses": (float, ("m", 2, 2)), "outcomes": (int, ("m",)),
+    "fiducials": (float, ("K", 3)), "scores": (float, (MOTION_COUNT,)), "advised": (int, (MOTION_COUNT,)),
+    "log2_dets": (float, (3,)), "truth": (float, (CAMERA_SIZE,)),
+}  # fmt: skip
+"""Types and shapes of the arrays of a `State`, but for the image."""
 _ALLOWED = {"standing": (WAITING, TRACKING, UNSURE, LOST, OVER), "command": range(MOTION_COUNT)}
 _LARGEST = 1e30
-"""Whose square is still a number."""
+"""Greatest number; its square is finite."""
 
 
 def plain(state: State) -> dict[str, Any]:
     """The state without its image as JSON holds it; numbers to six digits, NaN as None."""
-    out: dict[str, Any] = {}
-    for field in fields(State):
-        if field.name != "image":
-            out[field.name] = _plain(getattr(state, field.name))
-    return out
+    return {field.name: _plain(getattr(state, field.name)) for field in fields(State) if field.name != "image"}
 
 
 def state_of(values: dict[str, Any], image: np.ndarray) -> State:
-    """The state that `plain` made these ``values`` of, with its ``image``.
+    """The state that `plain` turned into ``values``, with its ``image``.
 
     Raises:
-        ValueError: they are not of a state.
+        ValueError: ``values`` are those of no state.
     """
-    kinds = {field.name: field.type for field in fields(State)}
+    kinds, sizes = {field.name: field.type for field in fields(State)}, dict.fromkeys("nmK", -1)
     try:
         made: dict[str, Any] = {
-            name: _array(name, value) if name in ARRAYS else scalar(name, kinds[name], value)
+            name: _array(name, value, sizes) if name in _ARRAYS else scalar(name, kinds[name], value)
             for name, value in values.items()
         }
-        state = State(image=image, **made)
+        return State(image=image, **made)
     except (TypeError, KeyError) as error:
         raise ValueError(f"this is no state of a live recording ({error})") from None
-    for names in _ALIKE:
-        if len({len(getattr(state, name)) for name in names}) > 1:
-            raise ValueError(f"{', '.join(names)} have different lengths")
-    return state
 
 
 def scalar(name: str, kind: Any, value: Any) -> Any:
@@ -147,11 +144,12 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _array(name: str, value: Any) -> np.ndarray | None:
+def _array(name: str, value: Any, sizes: dict[str, int]) -> np.ndarray | None:
+    """The array ``value`` of a field; ``sizes`` are the known lengths of n, m and K, else -1."""
     if value is None and name == "truth":
         return None
-    kind = {"ids": int, "searched": int, "outcomes": int, "told": int, "mapped": bool}.get(name, float)
-    shape = _SHAPES.get(name, (-1,))
+    kind, axes = _ARRAYS[name]
+    shape = tuple(sizes.get(axis, axis) for axis in axes)
     try:
         made: np.ndarray = np.array(value, kind).reshape(shape)
         fits = isinstance(value, list) and not (np.abs(made) > _LARGEST).any()
@@ -159,4 +157,5 @@ def _array(name: str, value: Any) -> np.ndarray | None:
         fits = False
     if not fits or (name == "outcomes" and not np.isin(made, (MISSED, MATCHED, DOUBTED)).all()):
         raise ValueError(f"{name}: {value!r:.40}; allowed: {kind.__name__} in the shape {shape}")
+    sizes.update({axis: length for axis, length in zip(axes, made.shape) if isinstance(axis, str)})
     return made

@@ -1,136 +1,135 @@
-"""A live run without a page, judged against the truth: for studies. A rendered room and a simulated person."""
+"""A live run without a page, evaluated against the ground truth: rendered room, simulated person; for studies."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
+from activeslam_gym.live.expected import ExpectedMap, points_anywhere
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.live.state import State
-from activeslam_gym.metrics import LOST_POSITION_ERROR, camera_error
-from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.metrics import (
+    LOST_POSITION_ERROR,
+    UNSOUND_LOG_SCORE,
+    LoopClosures,
+    is_lost,
+    log2_density,
+    nees,
+)
 from activeslam_gym.vision.frontend import MATCHED
-
-CLOSURE_GAP = 5.0
-"""A loop closes when something known is matched again after so long without a match [s]. The paper names no number."""
 
 
 class Second(NamedTuple):
-    """How it stands when a command is told."""
+    """Measures at a command, once a second."""
 
     time: float
     """[s]"""
     command: int
-    """The `Motion` that is told now."""
+    """The new `Motion`."""
     log2_dets: np.ndarray
     """(3,) log2 |P| of camera, map and total."""
     log_score: float
-    """log2 N(truth | belief) of camera and N landmarks; one that nobody has found scores by the prior [bit]."""
+    """log2 N(truth | estimate) of camera and N landmarks, less that of the first image [bit]; see `Evaluator`."""
     position_error: float
     """[m]"""
     position_nees: float
     """Per degree of freedom."""
     landmark_rmse: float
-    """Of those well placed, against the scene points of their birth pixels [m]; NaN without any."""
+    """Of mapped features, against the scene points of the pixels that initialised them [m]; NaN without any."""
     features: int
     mapped: int
-    """Well placed."""
     births: int
-    """In the last second."""
+    """Features initialised in the last second."""
     closures: int
-    """Of loops, in the last second."""
+    """Loops closed in the last second."""
     matched: float
-    """Share of the searched, in the last second; NaN if nothing was."""
+    """Share of the searched features in the last second; NaN without any."""
     lost: bool
-    """Now or at an earlier command: the position error is over `LOST_POSITION_ERROR`."""
+    """At this or an earlier command, see `metrics.is_lost`."""
     milliseconds: float
-    """Of an image, in the last second: the mean."""
+    """Mean time of an image in the last second."""
 
 
 def trial(seed: int, habit: str, seconds: float) -> list[Second]:
-    """The run of a person of that ``habit`` (`person.HABITS`) in the rendered room of ``seed``, second by second."""
+    """The run of a person with a ``habit`` (`person.HABITS`) in the rendered room of ``seed``, second by second."""
     room = RenderedRoom(seed, habit)
-    session, referee = Session(room, seed), Referee(room)
-    told: list[Second] = []
+    session, evaluator = Session(room, seed), Evaluator(room, seed)
+    out: list[Second] = []
     period = max(2, round(1.0 / ROOM.frame_time))
     for k in range(round(seconds / ROOM.frame_time) + 1):
-        referee.look(session, session.step())
+        evaluator.look(session, session.step())
         if k and k % period == 0:
-            told.append(referee.second())
-    return told
+            out.append(evaluator.second())
+    return out
 
 
-class Referee:
-    """Sees the truth, and counts within a second."""
+class Evaluator:
+    """Compares a run with the ground truth, as the environments with images do.
 
-    def __init__(self, room: RenderedRoom) -> None:
+    The true landmarks of the N slots of the log score: the scene point of the pixel that initialised the slot's
+    feature; of a slot without one, a random point of the room, drawn from ``seed``.
+    """
+
+    def __init__(self, room: RenderedRoom, seed: int) -> None:
         self._room = room
-        self._points: dict[int, np.ndarray] = {}
-        self._last: dict[int, float] = {}
-        self._lost = False
-        self._begin()
-
-    def _begin(self) -> None:
-        self._births = self._closures = self._matched = self._searched = self._images = 0
-        self._milliseconds = 0.0
+        self._spare = points_anywhere(room.scenario, np.random.SeedSequence((seed, 2)))
+        self._scene_points: dict[int, np.ndarray] = {}
+        self._loops, self._lost = LoopClosures(), False
+        self._first_density: float | None = None
+        self._images: list[tuple[float, ...]] = []
+        """Of this second: births, closures, matches, searches and milliseconds."""
 
     def look(self, session: Session, state: State) -> None:
-        """After an image."""
-        assert session.front_end and state.truth is not None
-        self._session, self._state = session, state
+        """Take in an image."""
+        assert session.front_end and session.expected and state.truth is not None
+        self._expected, self._state = session.expected, state
         if state.births:
             for one in session.front_end.candidates[-state.births :]:
-                self._points[int(one["match"])] = self._room.camera.point(state.truth, one["pixel"])
-        matched = state.searched[state.outcomes == MATCHED]
-        for id in matched.tolist():
-            self._closures += state.time - self._last.get(id, state.time) >= CLOSURE_GAP
-            self._last[id] = state.time
-        self._births += state.births
-        self._matched, self._searched = self._matched + len(matched), self._searched + len(state.searched)
-        self._milliseconds, self._images = self._milliseconds + state.milliseconds, self._images + 1
+                self._scene_points[int(one["match"])] = self._room.camera.point(state.truth, one["pixel"])
+        if self._first_density is None:
+            self._first_density = self._log2_density(self._expected, state)
+        matched = state.searched[state.outcomes == MATCHED].tolist()
+        closures = self._loops.count(matched, state.time)
+        self._images.append((state.births, closures, len(matched), len(state.searched), state.milliseconds))
 
     def second(self) -> Second:
-        """What the last second came to; the next begins."""
+        """Measures of the second that ends here."""
         state, truth = self._state, self._state.truth
-        assert truth is not None
-        error = state.camera[:3] - truth[:3]
-        distance = float(np.linalg.norm(error))
-        self._lost = self._lost or not distance <= LOST_POSITION_ERROR
-        there = np.array([self._points[id] for id in state.ids.tolist()]).reshape(-1, 3)
-        squares = np.sum((state.points - there)[state.mapped] ** 2, axis=1)
-        out = Second(
+        assert truth is not None and self._first_density is not None
+        error, density = state.camera[:3] - truth[:3], self._log2_density(self._expected, state)
+        distance, sound = float(np.linalg.norm(error)), density is not None
+        self._lost = self._lost or is_lost(sound, distance, LOST_POSITION_ERROR)
+        births, closures, matched, searched, milliseconds = np.sum(self._images, axis=0).tolist()
+        count, self._images = len(self._images), []
+        squares = np.sum((state.points - self._points_of(state))[state.mapped] ** 2, axis=1)
+        return Second(
             time=state.time,
             command=state.command,
             log2_dets=state.log2_dets,
-            log_score=self._log_score(there, truth),
+            log_score=UNSOUND_LOG_SCORE if density is None else density - self._first_density,
             position_error=distance,
-            position_nees=float(error @ np.linalg.solve(state.camera_covariance, error)) / 3.0,
+            position_nees=nees(error, state.camera_covariance) / 3.0,
             landmark_rmse=math.sqrt(squares.mean()) if len(squares) else math.nan,
             features=len(state.ids),
             mapped=int(state.mapped.sum()),
-            births=self._births,
-            closures=self._closures,
-            matched=self._matched / self._searched if self._searched else math.nan,
+            births=int(births),
+            closures=int(closures),
+            matched=matched / searched if searched else math.nan,
             lost=self._lost,
-            milliseconds=self._milliseconds / max(self._images, 1),
+            milliseconds=milliseconds / count,
         )
-        self._begin()
-        return out
 
-    def _log_score(self, there: np.ndarray, truth: np.ndarray) -> float:
-        """See `Second`. ``there`` (n, 3) is where the features really are.
+    def _points_of(self, state: State) -> np.ndarray:
+        """(n, 3) the scene points of the features [m]."""
+        return np.array([self._scene_points[id] for id in state.ids.tolist()]).reshape(-1, 3)
 
-        A point anywhere in the room has under the prior, a Gaussian of the same moments, an expected square of 3.
-        """
-        session, state = self._session, self._state
-        assert session.front_end and session.knowledge
-        points, P = session.front_end.filter.points()
-        counting = session.knowledge.counting()
-        rows = np.concatenate((np.arange(CAMERA_DIM), (CAMERA_DIM + 3 * counting[:, None] + np.arange(3)).ravel()))
-        error = np.concatenate((camera_error(truth, state.camera), (there - points)[counting].ravel()))
-        P = P[np.ix_(rows, rows)]
-        square = float(error @ np.linalg.solve(P, error))
-        waiting = ROOM.landmark_count - len(counting)
-        size, log2_det = len(rows) + 3 * waiting, float(state.log2_dets[2])
-        return -0.5 * (size * math.log2(2.0 * math.pi) + log2_det + (square + 3.0 * waiting) / math.log(2.0))
+    def _log2_density(self, expected: ExpectedMap, state: State) -> float | None:
+        """log2 N(truth | estimate) [bit], or None where the covariance is not positive definite."""
+        of_landmark, U = expected.factored()
+        if U is None:
+            return None
+        landmarks, standing = self._spare.copy(), of_landmark >= 0
+        landmarks[standing] = self._points_of(state)[of_landmark[standing]]
+        variances = expected.landmark_var
+        return float(log2_density(state.truth, landmarks, state.camera, state.points, variances, of_landmark, U))

@@ -9,6 +9,7 @@ free: lengths are in a unit that only the prior of depth has chosen, and that ma
 """
 
 import csv
+import io
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -204,7 +205,8 @@ def track(
                 painter.add(front_end, frame[1])
 
         done = _followed(front_end, first, source, lens, keep)
-        files.save(done.filter)
+        points, P = done.filter.points()
+        files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
     return done
 
 
@@ -254,9 +256,10 @@ class TrackFiles:
         if log is not None:
             self._rows.writerow(_log_row(log))
 
-    def save(self, filter: Filter) -> None:
-        """Write the map as it is."""
-        _write_map(self._map, filter)
+    def save(self, ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> None:
+        """Write the map, see `map_table`."""
+        with written_whole(self._map) as unfinished, unfinished.open("w", newline="") as file:
+            file.write(map_table(ids, points, stds))
 
     def close(self) -> None:
         """Nothing more is written."""
@@ -270,15 +273,13 @@ def _pose_line(time: float, camera: np.ndarray) -> str:
     return f"{time:.6f} " + " ".join(f"{number:.7f}" for number in (*camera[:3], x, y, z, w)) + "\n"
 
 
-def _write_map(path: Path, filter: Filter) -> None:
-    """The features at the end: id, position and its standard deviations [m]."""
-    positions, P = filter.points()
-    stds = np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3)
-    with written_whole(path) as unfinished, unfinished.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
-        for id, position, std in zip(filter.ids, positions, stds):
-            writer.writerow((id, *(f"{value:.6f}" for value in (*position, *std))))
+def map_table(ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> str:
+    """A map as CSV: ids (n,), positions (n, 3) and their standard deviations (n, 3) [m]."""
+    table = io.StringIO()
+    writer = csv.writer(table)
+    writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
+    writer.writerows((id, *(f"{value:.6f}" for value in row)) for id, row in zip(ids, np.hstack((points, stds))))
+    return table.getvalue()
 
 
 def _log_row(log: FrameLog) -> tuple[str | int, ...]:

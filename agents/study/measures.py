@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.evaluation import Episode, gaze_counts, matched_ids, motion_counts, outcome
+from activeslam_gym.metrics import LoopClosures
 from activeslam_gym.motion import CAMERA_DIM
 
 Array = NDArray[Any]
@@ -24,10 +25,6 @@ POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02
 """Half heights of figure 3's axes: m, and a quaternion's component."""
 
 
-CLOSURE_GAP = 5.0
-"""A loop closes when something known is matched again after so long without a match [s]. The paper names no number."""
-
-
 @dataclass(frozen=True)
 class Notes:
     """Of K steps."""
@@ -37,7 +34,7 @@ class Notes:
     births: Array
     """(K,) features born."""
     closures: Array
-    """(K,) features and fiducials matched again after `CLOSURE_GAP`."""
+    """(K,) features and fiducials matched again after `metrics.CLOSURE_GAP`."""
     nearest: Array
     """(K,) distance of the true camera to the nearest point that was detected [m]; NaN without any."""
     visited_log2_det: Array
@@ -52,7 +49,7 @@ class Observer:
     def __init__(self) -> None:
         self._steps: list[tuple[int, int, int, float]] = []
         self._visited: list[float] = []
-        self._last_match: dict[int, float] = {}
+        self._loops = LoopClosures()
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
         """See what there is to note of a step."""
@@ -60,17 +57,9 @@ class Observer:
             return
         matches = matched_ids(core)
         fiducials = sum(id < 0 for id in matches)
-        self._steps.append((fiducials, info["events"]["births"], self._closures(matches, core.time), _nearest(core)))
+        self._steps.append((fiducials, info["events"]["births"], self._loops.count(matches, core.time), _nearest(core)))
         if info["landmarks_mapped"] > len(self._visited):
             self._note_visited(core.belief, info["landmarks_mapped"])
-
-    def _closures(self, ids: list[int], now: float) -> int:
-        """How many fiducials and features are back after a long absence."""
-        back = 0
-        for id in ids:
-            back += now - self._last_match.get(id, now) >= CLOSURE_GAP
-            self._last_match[id] = now
-        return back
 
     def _note_visited(self, belief: Any, mapped_count: int) -> None:
         oldest = np.flatnonzero(belief.mapped)

@@ -38,10 +38,10 @@ def score_plans_with(
     out = np.zeros(len(plans))
     for a, plan in enumerate(plans):
         P, pose = prospect.covariance, prospect.camera
-        for step, action in enumerate(plan):
+        for action in plan:
             turn = turn_of(motion, int(action["gaze"]), time)
             P = propagated(motion, P, turn, int(action["frames"]))
-            pose = goal_pose(motion, prospect, pose, action, turn, step == 0)
+            pose = goal_pose(motion, prospect, pose, action, turn)
             sight = look(P, pose)
             before, P = P, updated(P, sight)
             if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):

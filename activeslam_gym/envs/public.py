@@ -157,13 +157,18 @@ def score_runs(
 
 
 @compiled
+def _frames_left(run: Run) -> int:
+    """Frames to the end of the episode."""
+    return (run.models.task.steps - run.episode.steps) * run.models.task.frames_per_step
+
+
+@compiled
 def net_of_runs(runs: Run, plans: np.ndarray, step_time: float, out: np.ndarray, start: int, stop: int) -> None:
     """Write the net information of each of ``plans`` (A, L) for the runs ``start`` … ``stop - 1``, till they end."""
     for i in range(start, stop):
         run = run_at(runs, i)
-        models, steps = run.models, run.episode.steps
-        frames = (models.task.steps - steps) * models.task.frames_per_step
-        net_of_plans(models.camera, models.motion, prospect(run), steps * step_time, frames, plans, out[i])
+        models, time = run.models, run.episode.steps * step_time
+        net_of_plans(models.camera, models.motion, prospect(run), time, _frames_left(run), plans, out[i])
 
 
 # The readers --------------------------------------------------------------------------------------------------------
@@ -253,12 +258,14 @@ class Reads:
         """(A,) the scores of run ``i`` with a registered sensor or by a registered criterion."""
         run = row(self._runs, i)
         given, camera, time = prospect(run), run.models.camera, int(run.episode.steps) * self.gaze_period
+        if criterion == "net_information":
+            given = candidates.without_present(camera, given)
         var = float(camera.pixel_std**2)
         if self.scenario.sensor in SENSORS.own:
             look = partial(sight_after, camera, given)
         else:
             look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
-        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var)
+        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, int(_frames_left(run)))
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import distance_between, free_way
+from activeslam_gym.camera import View, distance_between, free_way, visible
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
@@ -178,14 +178,16 @@ def score_plans(
     poses, gained = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1)
     copy_into(poses[0], prospect.camera)
     for a in range(plans.shape[0]):
-        same = a > 0
+        same, elapsed = a > 0, 0
         for step in range(L):
             action, last = plans[a, step], plans[max(a - 1, 0), step]
             turned = same and action.gaze == last.gaze and action.frames == last.frames
             same = turned and action.motion == last.motion
             if same and step < L - 1:
+                elapsed += action.frames
                 continue
-            turn = turn_of(motion, action.gaze, time)
+            turn = turn_of(motion, action.gaze, time + elapsed * motion.dt)
+            elapsed += action.frames
             if not turned:
                 before = prospect.covariance if step == 0 else measured[step - 1]
                 copy_block(before, after[step])
@@ -226,6 +228,20 @@ def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np
         along = sign * min(max(sign * along, -behind), ahead)
         for i in range(3):
             after[i] += R_WC[i, axis] * along
+
+
+def without_present(camera: Record, prospect: Prospect) -> Prospect:
+    """The prospect without the expected landmarks that the present image would show: nothing is there."""
+    M, z = len(prospect.points), np.empty(2)
+    view = View(camera, prospect.camera, rotation_matrix(prospect.camera[QUATERNION]), prospect.boxes)
+    shown = [k >= M - prospect.waiting and visible(view, prospect.points[k], 0.0, z) for k in range(M)]
+    kept = np.flatnonzero(~np.array(shown, bool))
+    rows = np.concatenate((np.arange(CAMERA_DIM), (CAMERA_DIM + 3 * kept[:, None] + np.arange(3)).ravel()))
+    return prospect._replace(
+        points=prospect.points[kept],
+        covariance=prospect.covariance[np.ix_(rows, rows)],
+        waiting=prospect.waiting - sum(shown),
+    )
 
 
 def goal_pose(motion: Record, prospect: Prospect, pose: np.ndarray, action: Any, turn: float) -> np.ndarray:

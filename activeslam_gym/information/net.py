@@ -75,11 +75,12 @@ def net_of_plans(
         n, elapsed, prior = size, 0, 0.0
         for step in range(plans.shape[1]):
             action, taken = plans[a, step], min(plans[a, step].frames, frames - elapsed)
-            if taken <= 0:
+            if elapsed >= frames:
                 break
             turn = turn_of(motion, action.gaze, time + elapsed * motion.dt)
-            k = _find_noise(motion, turn, taken, noise)
-            _propagate(Y[:n, :n], noise.back[k], noise.factor[k])
+            if taken > 0:
+                k = _find_noise(motion, turn, taken, noise)
+                _propagate(Y[:n, :n], noise.back[k], noise.factor[k])
             after = pose_after(motion, pose, action.motion, turn, taken)
             if motion.bodies:
                 stop_short(motion, prospect, pose, after)

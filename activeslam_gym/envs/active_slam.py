@@ -257,7 +257,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
             raise gymnasium.error.ResetNeeded("the run has ended or has not begun: call reset() before step()")
         self._play_one(STEP, self._read_action(action))
         episode, observation = self._runs.episode, self._runs.observation[0].copy()
-        terminated = bool(self.setting.task.end_when_lost and episode["lost"][0])
+        terminated = self._end_when_lost and bool(episode["lost"][0])
         truncated = bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
         if self.render_mode is not None:

@@ -138,7 +138,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._record(np.ones(self.num_envs, bool))
         episode = self._runs.episode
         rewards = episode["reward"].copy()
-        terminated = episode["lost"] & ~beginning & bool(self.setting.task.end_when_lost)
+        terminated = episode["lost"] & ~beginning & self._end_when_lost
         truncated = episode["steps"] >= self._steps
         self._over = terminated | truncated
         infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}

@@ -41,10 +41,11 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
 
     ``phases`` (B,) are STEP, BEGIN or REST; ``commands`` (B, 4) as in `motion.COMMANDS`; those of a BEGIN are zero.
     """
+    covariance = np.empty(runs.estimate.covariance.shape[1:])  # one for all: it stays in the processor's cache
     for i in range(start, stop):
         if phases[i] == REST:
             continue
-        run = run_at(runs, i)
+        run = run_at(runs, i, covariance)
         if phases[i] == BEGIN:
             present(run)
             begin_motion(run, commands[i], math.inf)
@@ -54,6 +55,7 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
             for frame in range(frames):
                 advance(run, commands[i, 3], frame == frames - 1)
         conclude(run, phases[i] == BEGIN)
+        run.estimate.state.whole = False  # see `complete`
 
 
 @borrowing
@@ -126,7 +128,7 @@ def _settle(run: Run) -> None:
 @compiled
 def _settle_at(runs: Run, i: int) -> None:
     """Settle run ``i``."""
-    _settle(run_at(runs, i))
+    _settle(run_at(runs, i, runs.estimate.covariance[i]))
 
 
 def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
-from activeslam_gym.envs.simulation import Run, Setting, close_frame, present_at, run_at
+from activeslam_gym.envs.simulation import Run, Setting, close_frame, complete, run_at
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled, row
@@ -46,7 +46,7 @@ class Eye:
 
     def begin(self, runs: Run, i: int) -> None:
         """Write the prior."""
-        present_at(runs, i)
+        complete(runs, i, i + 1)
 
     def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
@@ -55,7 +55,8 @@ class Eye:
         if contact:
             self._filter.feel_contact(u, float(run.models.motion.dt))
         self._look(run, u)
-        present_at(runs, i)
+        run.estimate.state.whole = False
+        complete(runs, i, i + 1)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
         account_scene(runs, i, self.scene_points(ids), self._spare)
@@ -90,7 +91,7 @@ def account_scene(runs: Run, i: int, scene_points: np.ndarray, spare: np.ndarray
     slot of the expected landmark that a feature has retired is the feature's; of an empty one, ``spare`` (N, 3),
     anywhere in the room, is the truth.
     """
-    run = run_at(runs, i)
+    run = run_at(runs, i, runs.estimate.covariance[i])
     world, estimate, expected, owner = run.world, run.estimate, run.expected, run.owner
     reconcile(run.owner, run.estimate)
     close_frame(run)

@@ -147,7 +147,7 @@ class Imagination:
         return self._batch.episode["evaluation"][at]
 
     def _own(self) -> Run:
-        return row(self._env._runs, self._i)
+        return self._env._at(self._i)
 
     def _begin(self, run: Run) -> None:
         """Of a new episode: landmarks may be wherever a reset would put them in a room of this size."""

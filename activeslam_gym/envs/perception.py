@@ -19,9 +19,9 @@ from activeslam_gym.envs.simulation import (
     begin_motion,
     box_scenes,
     close_frame,
+    complete,
     drive,
     judge,
-    present_at,
     run_at,
 )
 from activeslam_gym.kernels import compiled, row
@@ -125,31 +125,31 @@ def _sense(scene: Scene | None, runs: Run, i: int) -> bool:
 @compiled
 def begin(runs: Run, i: int) -> None:
     """Run ``i``, which has just been reset, stays where it is."""
-    begin_motion(run_at(runs, i), np.zeros(3), np.inf)
+    begin_motion(run_at(runs, i, runs.estimate.covariance[i]), np.zeros(3), np.inf)
 
 
 @compiled
 def open_at(runs: Run, i: int, command: np.ndarray, reach: float) -> None:
     """`episode.open_step`."""
-    open_step(run_at(runs, i), command, reach)
+    open_step(run_at(runs, i, runs.estimate.covariance[i]), command, reach)
 
 
 @compiled
 def move(runs: Run, i: int, gaze: float) -> tuple[np.ndarray, bool]:
     """One frame of true motion of run ``i``; see `simulation.drive`."""
-    return drive(run_at(runs, i), gaze)
+    return drive(run_at(runs, i, runs.estimate.covariance[i]), gaze)
 
 
 @compiled
 def sense(runs: Run, i: int) -> bool:
     """The detections of the sensor `points`; whether their ids are the true ones."""
-    return simulation.sense(run_at(runs, i))
+    return simulation.sense(run_at(runs, i, runs.estimate.covariance[i]))
 
 
 @compiled
 def take_in(runs: Run, i: int, u: np.ndarray, contact: bool, labelled: bool) -> None:
     """The estimator `ekf`; see `simulation.take_in`."""
-    run = run_at(runs, i)
+    run = run_at(runs, i, runs.estimate.covariance[i])
     ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
     simulation.take_in(run, u, contact, labelled, ends)
 
@@ -157,7 +157,7 @@ def take_in(runs: Run, i: int, u: np.ndarray, contact: bool, labelled: bool) -> 
 @compiled
 def account(runs: Run, i: int) -> None:
     """After the estimator: the data association by the hidden labels."""
-    run = run_at(runs, i)
+    run = run_at(runs, i, runs.estimate.covariance[i])
     reconcile(run.owner, run.estimate)
     judge(run)
     close_frame(run)
@@ -166,13 +166,13 @@ def account(runs: Run, i: int) -> None:
 @compiled
 def identify(runs: Run, i: int) -> None:
     """Give the detections their true ids, where the scenario does."""
-    simulation.identify(run_at(runs, i))
+    simulation.identify(run_at(runs, i, runs.estimate.covariance[i]))
 
 
 @compiled
 def finish(runs: Run, i: int, begins: bool) -> None:
     """After the frames of a step: what they were worth, and the range finders before the scene narrows them."""
-    run = run_at(runs, i)
+    run = run_at(runs, i, runs.estimate.covariance[i])
     appraise(run, begins)
     sense_clearance(run)
 
@@ -180,7 +180,7 @@ def finish(runs: Run, i: int, begins: bool) -> None:
 @compiled
 def show(runs: Run, i: int) -> None:
     """Write the observation."""
-    observe(run_at(runs, i))
+    observe(run_at(runs, i, runs.estimate.covariance[i]))
 
 
 # Perceptions --------------------------------------------------------------------------------------------------------
@@ -194,7 +194,7 @@ class PointPerception:
 
     def begin(self, runs: Run, i: int) -> None:
         """Write the prior."""
-        present_at(runs, i)
+        complete(runs, i, i + 1)
 
     def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""

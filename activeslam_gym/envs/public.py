@@ -11,7 +11,7 @@ import numpy as np
 from activeslam_gym.envs.episode import landmark_distances, play, settle_registered
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
-from activeslam_gym.envs.simulation import Run, Setting, box_scenes, known_boxes, reset_run, run_at
+from activeslam_gym.envs.simulation import Run, Setting, box_scenes, complete, known_boxes, present, reset_run, run_at
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
 from activeslam_gym.information.criteria import CRITERIA
@@ -133,6 +133,8 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
 @compiled
 def prospect(run: Run) -> Prospect:
     """What the run's belief lets a policy plan with."""
+    if not run.estimate.state.whole:
+        present(run)
     fiducials, motion, free = run.world.fiducials, run.models.motion, np.ones(MOTION_COUNT)  # fiducials are known
     if motion.bodies:
         gap = motion.goal_margin - motion.wall_margin
@@ -149,7 +151,7 @@ def score_runs(
 ) -> None:
     """Write what each of ``plans`` (A, L) would teach the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
     for i in range(start, stop):
-        run = run_at(runs, i)
+        run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * step_time
         score_plans(models.camera, models.motion, prospect(run), time, plans, criterion, out[i])
 
@@ -176,6 +178,8 @@ class Reads:
         self._runs = runs
         self._workers = workers
         self._compiled = is_compiled(setting)
+        self._registered_reward = int(task.reward) == REGISTERED  # a field of a record is slow to read
+        self._end_when_lost = bool(task.end_when_lost)
         self._perceptions: list[Any] = [None] * len(runs.episode)
         self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
         self._motion_plans = candidates.motion_plans(self._motion_frames)
@@ -199,7 +203,7 @@ class Reads:
             self._workers.call(play, self._runs, phases, commands)
         else:
             self._workers.call(play_rows, self.setting, self._runs, self._perceptions, phases, commands)
-        if self.setting.task.reward == REGISTERED:
+        if self._registered_reward:
             settle_registered(self.setting.reward, self._runs, phases)
 
     # For policies ---------------------------------------------------------------------------------------------------
@@ -307,8 +311,13 @@ class Reads:
         registered = [getattr(perception, "scene", None) for perception in self._perceptions]
         return tuple(one or boxes for one, boxes in zip(registered, box_scenes(self._runs), strict=True))
 
+    def _at(self, i: int) -> Run:
+        """Run ``i``, with its whole estimate."""
+        complete(self._runs, i, i + 1)
+        return row(self._runs, i)
+
     def _each(self) -> list[Run]:
-        return [row(self._runs, i) for i in range(len(self._runs.episode))]
+        return [self._at(i) for i in range(len(self._runs.episode))]
 
 
 class SingleReads(Reads):
@@ -316,7 +325,7 @@ class SingleReads(Reads):
 
     @property
     def _run(self) -> Run:
-        return row(self._runs, 0)
+        return self._at(0)
 
     def _given(self, batch: np.ndarray) -> Any:
         return batch[0] if batch.ndim > 1 else batch[0].item()

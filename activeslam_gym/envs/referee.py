@@ -43,7 +43,11 @@ def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
     A landmark that stays keeps its entry. A new one takes the lowest free slot; nothing is known of it yet.
     """
     kept, count = 0, estimate.state.count
-    for k in range(owner.shape[0]):
+    while kept < count and owner[kept].id == estimate.landmark[kept].id:
+        kept += 1
+    if kept == count and (kept == owner.shape[0] or owner[kept].id == 0):
+        return  # the same landmarks as before
+    for k in range(kept, owner.shape[0]):
         if owner[k].id > 0 and index_of(estimate, owner[k].id) >= 0:
             owner[kept] = owner[k]
             kept += 1

@@ -22,7 +22,7 @@ from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
 from activeslam_gym.envs.reward import EVALUATION, REWARDS
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.criteria import CRITERIA
-from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, update_expectation
+from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, find_counting, update_expectation
 from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, borrowed, compiled, filled, inlined, record, row
 from activeslam_gym.linalg import copy_into
@@ -46,6 +46,7 @@ from activeslam_gym.slam.belief import (
     reset_belief,
     start_of,
     write_estimate,
+    write_outline,
     write_points,
 )
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates, estimate_at
@@ -172,13 +173,13 @@ class Run(NamedTuple):
 
 
 @inlined
-def run_at(runs, i):  # type: ignore[no-untyped-def]
-    """Run ``i`` of a batch: views."""
+def run_at(runs, i, covariance):  # type: ignore[no-untyped-def]
+    """Run ``i`` of a batch: views; the covariance of its estimate is the array ``covariance``."""
     return Run(
         runs.models[i],
         world_at(runs.world, i),
         belief_at(runs.ekf, i),
-        estimate_at(runs.estimate, i),
+        estimate_at(runs.estimate, i, covariance),
         borrowed(runs.expected[i]),
         borrowed(runs.viewpoint[i]),
         borrowed(runs.candidate[i]),
@@ -367,7 +368,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     run.expected["point"] = expected_points(scenario, drawn, np.random.default_rng(expected))
     run.expected["serial"] = WAITING
     run.owner["id"] = 0
-    run.estimate.state.count = 0
+    run.estimate.state.count, run.estimate.state.whole = 0, False
     runs.episode[i] = np.zeros(1, EPISODE)[0]
     run.episode.begun = True
     run.episode.redraw_key[:] = redraws.generate_state(1, np.uint64)
@@ -493,7 +494,8 @@ def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) 
     if ends:
         present(run)
     else:
-        write_points(run.ekf, models.filter.initialisation.mapped_depth_ratio, run.estimate)
+        write_outline(run.ekf, run.estimate)
+        write_points(run.ekf, find_counting(run.expected, run.estimate), run.estimate)
     reconcile(run.owner, run.estimate)
     judge(run)
     close_frame(run)
@@ -534,9 +536,12 @@ def present(run: Run) -> None:
 
 
 @compiled
-def present_at(runs: Run, i: int) -> None:
-    """Write the whole estimate of run ``i``."""
-    present(run_at(runs, i))
+def complete(runs: Run, start: int, stop: int) -> None:
+    """Write the whole estimates of the runs ``start`` … ``stop - 1`` where that was not done yet."""
+    for i in range(start, stop):
+        run = run_at(runs, i, runs.estimate.covariance[i])
+        if not run.estimate.state.whole:
+            present(run)
 
 
 @compiled

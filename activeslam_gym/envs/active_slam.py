@@ -21,8 +21,9 @@ from activeslam_gym.envs.actions import (
 from activeslam_gym.envs.episode import BEGIN, STEP, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
-from activeslam_gym.envs.simulation import empty_runs, resolve
-from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
+from activeslam_gym.envs.setting import checked_size, resolve
+from activeslam_gym.envs.simulation import empty_runs
+from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
 from activeslam_gym.threads import Workers

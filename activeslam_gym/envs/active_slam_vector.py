@@ -24,8 +24,9 @@ from activeslam_gym.envs.actions import (
 from activeslam_gym.envs.episode import BEGIN, REST, STEP, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
-from activeslam_gym.envs.simulation import empty_runs, resolve
-from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
+from activeslam_gym.envs.setting import checked_size, resolve
+from activeslam_gym.envs.simulation import empty_runs
+from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS, nearest_gaze
@@ -186,7 +187,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         if not self._begun[i]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         gaze = nearest_gaze(self._commands[i, 3])
-        return snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i], self._perceptions[i])
+        return snapshot_of(self.setting, self._at(i), gaze, self._histories[i], self._perceptions[i])
 
     # Beginnings and ends --------------------------------------------------------------------------------------------
 

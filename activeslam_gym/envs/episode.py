@@ -5,23 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.envs.observation import (
-    FARTHEST_CLEARANCE,
-    GLOBAL_SIZE,
-    clip_into,
-    observe_globals,
-    observe_tokens,
-)
+from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
 from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, owners_of
 from activeslam_gym.envs.reward import EVALUATION, FORFEIT, REWARDS, potential_of_number
-from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, present, run_at
+from activeslam_gym.envs.run import EVENTS, Run, present, run_at
+from activeslam_gym.envs.simulation import advance, begin_motion
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
-from activeslam_gym.information.expectation import find_counting, waiting_count
-from activeslam_gym.kernels import borrowing, compiled, inlined
+from activeslam_gym.information.expectation import find_counting
+from activeslam_gym.kernels import borrowing, compiled, row
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees
-from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, QUATERNION
 from activeslam_gym.registry import REGISTERED
 from activeslam_gym.slam.estimate import mapped_of, points_of
 from activeslam_gym.world.simulator import find_clearance
@@ -54,7 +49,8 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
             frames = run.models.task.frames_per_step
             for frame in range(frames):
                 advance(run, commands[i, 3], frame == frames - 1)
-        conclude(run, phases[i] == BEGIN)
+        appraise(run, phases[i] == BEGIN)
+        observe(run)
         run.estimate.state.whole = False  # see `complete`
 
 
@@ -71,16 +67,8 @@ def open_step(run: Run, command: np.ndarray, reach: float) -> None:
 
 
 @compiled
-def conclude(run: Run, begins: bool) -> None:
-    """After the frames: what they were worth, and what is seen of them."""
-    appraise(run, begins)
-    sense_clearance(run)
-    observe(run)
-
-
-@inlined
 def appraise(run: Run, begins: bool) -> None:
-    """What the frames were worth."""
+    """After the frames: what they were worth, and the range finders where a body may stop the camera."""
     evaluate(run)
     if begins:
         _begin(run)
@@ -88,11 +76,6 @@ def appraise(run: Run, begins: bool) -> None:
         run.episode.gain += run.episode.terms[_ENTROPY]
         if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
             _settle(run)
-
-
-@inlined
-def sense_clearance(run: Run) -> None:
-    """The range finders, where something beside the walls may stop the camera."""
     if run.models.motion.bodies:
         R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
         find_clearance(run.models.motion, run.world, R_WC, FARTHEST_CLEARANCE, run.episode.clearance)
@@ -125,12 +108,6 @@ def _settle(run: Run) -> None:
     episode.reward += forfeit
 
 
-@compiled
-def _settle_at(runs: Run, i: int) -> None:
-    """Settle run ``i``."""
-    _settle(run_at(runs, i, runs.estimate.covariance[i]))
-
-
 def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
     """After `play`: the potential ``name`` that is registered, and the reward of the step.
 
@@ -147,7 +124,7 @@ def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
             episode.potential[REGISTERED] = REWARDS.value(name, where, episode.evaluation.copy())
         if phases[i] == STEP:
             episode.terms[REGISTERED] = episode.potential[REGISTERED] - before
-            _settle_at(runs, i)
+            _settle(row(runs, i))
 
 
 # What it was worth --------------------------------------------------------------------------------------------------
@@ -237,41 +214,6 @@ def landmark_distances(run: Run, owners: np.ndarray, mapped: np.ndarray) -> np.n
     """(L,) distance [m] of each true landmark from its ``mapped`` (n,) feature; NaN where it has none."""
     of_landmark = features_of_landmarks(owners, run.world.landmarks.shape[0], mapped)
     return landmark_errors(run.world.landmarks, points_of(run.estimate), of_landmark)
-
-
-@compiled
-def observe(run: Run) -> None:
-    """Write the observation; it reads the estimate, the task's rhythm and the range finders, where there are some."""
-    models, estimate, episode, task = run.models, run.estimate, run.episode, run.models.task
-    N = run.expected.shape[0]
-    flat, first_token = np.empty(run.observation.shape[0]), GLOBAL_SIZE
-    observe_globals(
-        models.motion,
-        estimate,
-        episode.steps / task.steps,
-        (episode.steps % task.steps_per_motion) / task.steps_per_motion,
-        episode.control.command,
-        count_true(mapped_of(estimate)),
-        N - waiting_count(run.expected),
-        N,
-        episode.gain,
-        flat[:GLOBAL_SIZE],
-    )
-    if models.motion.bodies:
-        for index in range(MOTION_COUNT):
-            flat[first_token + index] = episode.clearance[index] / FARTHEST_CLEARANCE
-        first_token += MOTION_COUNT
-    observe_tokens(
-        models.camera,
-        estimate,
-        run.owner,
-        run.expected,
-        models.landmark_var,
-        run.world.fiducials,
-        known_boxes(run),
-        flat[first_token:],
-    )
-    clip_into(flat, run.observation)
 
 
 # Information --------------------------------------------------------------------------------------------------------

@@ -20,7 +20,8 @@ import numpy as np
 from activeslam_gym.camera import View, visible
 from activeslam_gym.envs.episode import REST, STEP, play
 from activeslam_gym.envs.referee import NOBODY
-from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
+from activeslam_gym.envs.run import Run, known_boxes
+from activeslam_gym.envs.simulation import empty_runs
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, row
 from activeslam_gym.motion import COMMANDS, QUATERNION

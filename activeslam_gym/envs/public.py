@@ -11,7 +11,9 @@ import numpy as np
 from activeslam_gym.envs.episode import landmark_distances, play, settle_registered
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
-from activeslam_gym.envs.simulation import Run, Setting, box_scenes, complete, known_boxes, present, reset_run, run_at
+from activeslam_gym.envs.run import Run, complete, known_boxes, present, run_at
+from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.simulation import box_scene, reset_run
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
 from activeslam_gym.information.criteria import CRITERIA
@@ -202,7 +204,7 @@ class Reads:
         if self._compiled:
             self._workers.call(play, self._runs, phases, commands)
         else:
-            self._workers.call(play_rows, self.setting, self._runs, self._perceptions, phases, commands)
+            self._workers.call(play_rows, self._runs, self._perceptions, phases, commands)
         if self._registered_reward:
             settle_registered(self.setting.reward, self._runs, phases)
 
@@ -309,7 +311,7 @@ class Reads:
     def _scenes(self) -> tuple[Scene, ...]:
         """The scene of each run."""
         registered = [getattr(perception, "scene", None) for perception in self._perceptions]
-        return tuple(one or boxes for one, boxes in zip(registered, box_scenes(self._runs), strict=True))
+        return tuple(scene or box_scene(row(self._runs, i)) for i, scene in enumerate(registered))
 
     def _at(self, i: int) -> Run:
         """Run ``i``, with its whole estimate."""

@@ -5,34 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import Scenario, whole_number
+from activeslam_gym.config import Scenario
 from activeslam_gym.envs.public import public_belief
-from activeslam_gym.envs.simulation import Run, Setting, known_boxes
+from activeslam_gym.envs.run import Run, known_boxes
+from activeslam_gym.envs.setting import Setting
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
 from activeslam_gym.slam.estimator import EKF
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.simulator import boxes_of
 from activeslam_gym.world.truth import truth_of
-
-SIZES = (64, 8192)
-"""The least and the most pixels of a picture's side."""
-
-
-def checked_size(size: Any) -> tuple[int, int]:
-    """Width and height of a picture [px].
-
-    Raises:
-        ValueError: it is not two whole numbers in `SIZES`.
-    """
-    least, most = SIZES
-    try:
-        width, height = (whole_number("render_size", side, least) for side in size)
-    except (TypeError, ValueError):
-        width = height = 0
-    if not 0 < max(width, height) <= most:
-        raise ValueError(f"render_size must be (width, height) of {least} to {most} px, got {size!r}")
-    return width, height
 
 
 @dataclass(frozen=True)

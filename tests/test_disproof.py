@@ -26,7 +26,9 @@ def expectation(*points: tuple[float, float, float]) -> np.ndarray:
 
 def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0) -> int:
     """Frames from ``poses``, of which 5 make a look; the number of viewpoints."""
-    run = simulation_of(gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected)}))
+    run = simulation_of(
+        gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected), "negative_information": True})
+    )
     run.models.camera, run.models.motion.half = CAMERA, HALF
     run.models.filter.initialisation.birth_detections = 3
     run.models.filter.association.detection_probability, run.episode.redraw_key[:] = probability, 7

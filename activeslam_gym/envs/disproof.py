@@ -52,9 +52,8 @@ def disprove(run: Run) -> None:
         one.redraws += 1
         if luck[3 * TRIES] < models.filter.association.detection_probability:
             one.looked = 0
-            _draw_anew(
-                camera, boxes, models.motion.half, luck, view[: min(run.episode.views, view.shape[0])], one.point
-            )
+            entered = view[: min(run.episode.views, view.shape[0])]
+            _draw_anew(camera, boxes, models.motion.half, luck, entered, one.point)
         else:  # missed from here, whatever is there
             one.looked, one.looked_from = -1, here[0]
 

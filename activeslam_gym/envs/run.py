@@ -48,11 +48,8 @@ CONTROL = record(
 )
 """The motion under way."""
 
-EVENTS = record(
-    **dict.fromkeys(
-        (*(COUNTS.names or ()), "wrong_matches", "false_births", "wall_contacts"), "i8"
-    )  # the filter's first
-)
+_OF_THE_FILTER = COUNTS.names or ()
+EVENTS = record(**dict.fromkeys((*_OF_THE_FILTER, "wrong_matches", "false_births", "wall_contacts"), "i8"))
 """What happened in a step: counters."""
 
 EPISODE = record(

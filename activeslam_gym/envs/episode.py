@@ -144,7 +144,7 @@ def evaluate(run: Run) -> None:
     order, standing, counted = _ordered(counting, of_landmark)
     U = gathered(covariance, order[:standing], order[standing:])
     sound = cholesky_in_place(U)
-    _evaluate_errors(run, owners)
+    _evaluate_errors(run)
     episode.lost_now = is_lost(sound, e.position_error, run.models.task.lost_position_error)
     episode.sound = sound and not math.isnan(e.position_error)
     if sound:
@@ -172,48 +172,29 @@ def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray,
     number of the first, and of the first two.
     ``counting`` (n,); ``of_landmark`` (L,) the k that stands for each landmark, or -1.
     """
-    n, standing = counting.shape[0], 0
-    order, stands = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    for k in of_landmark:
-        if k >= 0:
-            order[standing], stands[k] = k, True
-            standing += 1
-    counted = standing
-    for k in range(n):
-        if counting[k] and not stands[k]:
-            order[counted] = k
-            counted += 1
-    last = counted
-    for k in range(n):
-        if not counting[k]:
-            order[last] = k
-            last += 1
-    return order, standing, counted
+    standing, others = of_landmark[of_landmark >= 0], counting.copy()
+    others[standing] = False
+    order = np.concatenate((standing, np.flatnonzero(others), np.flatnonzero(~counting)))
+    return order, standing.shape[0], np.sum(counting)
 
 
 @compiled
-def _evaluate_errors(run: Run, owners: np.ndarray) -> None:
-    """Errors against the truth, and counts of what is mapped; ``owners`` (n,) as in `referee.owners_of`."""
+def _evaluate_errors(run: Run) -> None:
+    """Errors against the truth, and counts of mapped landmarks."""
     e, mapped, covariance = run.episode.evaluation, mapped_of(run.estimate), run.estimate.covariance
     error = camera_error(run.world.state.camera, run.estimate.state.camera)
     p, theta = error[D_POSITION], error[D_ROTATION]
     e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
     e.position_nees = nees(p, covariance[D_POSITION, D_POSITION])
+    distances = landmark_errors(run.owner, run.world.landmarks, run.estimate, mapped)
     count, squares = 0, 0.0
-    for distance in landmark_distances(run, owners, mapped):
+    for distance in distances:
         if not math.isnan(distance):
             count += 1
             squares += distance * distance
     e.landmarks_mapped, e.distinct_landmarks = count_true(mapped), count
     e.landmark_rmse = math.sqrt(squares / count) if count > 0 else np.inf
-
-
-@compiled
-def landmark_distances(run: Run, owners: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-    """(L,) distance [m] of each true landmark from its ``mapped`` (n,) feature; NaN where it has none."""
-    of_landmark = features_of_landmarks(owners, run.world.landmarks.shape[0], mapped)
-    return landmark_errors(run.world.landmarks, points_of(run.estimate), of_landmark)
 
 
 # Information --------------------------------------------------------------------------------------------------------

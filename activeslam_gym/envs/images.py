@@ -109,22 +109,20 @@ def account_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None
 
 @compiled
 def _label(run: Run, scene_points: np.ndarray, match: int, pixel: np.ndarray) -> int:
-    """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
+    """The source of a detection that the filter took for ``match``: see `Labels`. Counts a wrong match."""
     world, K = run.world, run.world.fiducials.shape[0]
-    k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
-    if match > 0:
-        k = index_of(run.estimate, match)
+    k = index_of(run.estimate, match) if match > 0 else -1
     if k >= 0:
         point = scene_points[k]
-        if run.owner[k].landmark != NOBODY:
-            label = K + run.owner[k].landmark
+        label = K + run.owner[k].landmark if run.owner[k].landmark != NOBODY else CLUTTER_LABEL
     elif -K <= match < 0:
         point, label = world.fiducials[-1 - match], -1 - match
-    if k >= 0 or -K <= match < 0:
-        z, pose = np.empty(2), world.state.camera
-        p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
-        seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
-        if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
-            run.episode.events.wrong_matches += 1
-            label = CLUTTER_LABEL
+    else:
+        return CLUTTER_LABEL
+    z, pose = np.empty(2), world.state.camera
+    p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
+    seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
+    if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
+        run.episode.events.wrong_matches += 1
+        return CLUTTER_LABEL
     return label

@@ -64,26 +64,29 @@ class Snapshot:
 
 
 class History:
-    """What a picture shows of the past: kept only by environments that render."""
+    """The past that a picture shows: kept only by environments that render."""
 
     def __init__(self) -> None:
-        self.times: list[float] = []
-        self.true_positions: list[np.ndarray] = []
-        self.positions: list[np.ndarray] = []
-        self.entropy: list[float] = []
-        self.landmark_times: list[float] = []
-        self._most_mapped = 0
+        self._moments: list[tuple[float, np.ndarray, np.ndarray, float]] = []
+        self._landmark_times: list[float] = []
 
     def record(self, time: float, run: Run) -> None:
         """Add the present moment."""
         evaluation = run.episode.evaluation
-        self.times.append(time)
-        self.true_positions.append(run.world.state.camera[POSITION].copy())
-        self.positions.append(run.estimate.state.camera[POSITION].copy())
-        self.entropy.append(float(evaluation.entropy))
-        mapped = int(evaluation.landmarks_mapped)
-        self.landmark_times.extend([time] * (mapped - self._most_mapped))
-        self._most_mapped = max(self._most_mapped, mapped)
+        positions = (camera[POSITION].copy() for camera in (run.world.state.camera, run.estimate.state.camera))
+        self._moments.append((time, *positions, float(evaluation.entropy)))
+        self._landmark_times += [time] * (int(evaluation.landmarks_mapped) - len(self._landmark_times))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The fields of a `Snapshot` that tell the past."""
+        times, true_positions, positions, entropy = zip(*self._moments, strict=True) if self._moments else ((),) * 4
+        return {
+            "true_trajectory": np.reshape(true_positions, (-1, 3)),
+            "estimated_trajectory": np.reshape(positions, (-1, 3)),
+            "times": np.array(times),
+            "entropy": np.array(entropy),
+            "landmark_times": np.array(self._landmark_times),
+        }
 
 
 def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, perception: Any = None) -> Snapshot:
@@ -117,11 +120,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
         detections=run.candidate["pixel"][: episode.detections].copy(),
         predicted=things.thing["z_hat"][:drawn].copy(),
         predicted_covariance=things.S[np.swapaxes(own, 1, 2), own],
-        true_trajectory=np.reshape(history.true_positions, (-1, 3)),
-        estimated_trajectory=np.reshape(history.positions, (-1, 3)),
-        times=np.array(history.times),
-        entropy=np.array(history.entropy),
-        landmark_times=np.array(history.landmark_times),
+        **history.arrays(),
         image_size=np.array([scenario.image_width, scenario.image_height], float),
         image=image,
     )

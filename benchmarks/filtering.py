@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from activeslam_gym.envs.simulation import Run, advance, begin_motion, run_at
+from activeslam_gym.envs.run import Run, run_at
+from activeslam_gym.envs.simulation import advance, begin_motion
 from activeslam_gym.kernels import compiled
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.correction import correct
@@ -19,7 +20,7 @@ def advance_frames(runs: Run, command: np.ndarray, frames: int) -> None:
 
     ``command`` (4,) as in `motion.COMMANDS`.
     """
-    run = run_at(runs, 0)
+    run = run_at(runs, 0, runs.estimate.covariance[0])
     begin_motion(run, command, np.inf)
     for frame in range(frames):
         advance(run, command[3], frame == frames - 1)

@@ -6,7 +6,9 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, Scenario
-from activeslam_gym.envs.simulation import Run, empty_runs, reset_run, resolve
+from activeslam_gym.envs.run import Run
+from activeslam_gym.envs.setting import resolve
+from activeslam_gym.envs.simulation import empty_runs, reset_run
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import POINT, Belief, start_of

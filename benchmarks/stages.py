@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.envs.episode import STEP, evaluate, observe
-from activeslam_gym.envs.simulation import Run, advance, known_boxes
+from activeslam_gym.envs.run import Run, known_boxes
+from activeslam_gym.envs.simulation import advance
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import update_expectation
 from activeslam_gym.kernels import compiled, row

@@ -8,20 +8,14 @@ V P Vᵀ, exactly; so the picture needs no 3-D engine, and a frame costs a few t
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-
-def view_axes(azimuth: float, elevation: float) -> np.ndarray:
-    """Rows right, up, towards the viewer, (3, 3), of a viewer behind the start (at -Z) and above it; radians.
-
-    A positive azimuth moves the viewer to the right, which is -X, since the camera's x points left.
-    """
-    towards = np.array([-np.sin(azimuth) * np.cos(elevation), np.sin(elevation), -np.cos(azimuth) * np.cos(elevation)])
-    right = np.cross([0.0, 1.0, 0.0], towards)
-    right /= np.linalg.norm(right)
-    return np.stack((right, np.cross(towards, right), towards))
-
-
-_AXES = view_axes(np.deg2rad(25.0), np.deg2rad(37.0))
-VIEW, TOWARDS_VIEWER = _AXES[:2], _AXES[2]
+_AZIMUTH, _ELEVATION = np.deg2rad((25.0, 37.0))
+"""Of a viewer behind the start (at -Z), to its right, which is -X since the camera's x points left, and above it."""
+TOWARDS_VIEWER = np.array(
+    (-np.sin(_AZIMUTH) * np.cos(_ELEVATION), np.sin(_ELEVATION), -np.cos(_AZIMUTH) * np.cos(_ELEVATION))
+)
+_RIGHT = np.cross((0.0, 1.0, 0.0), TOWARDS_VIEWER) / np.cos(_ELEVATION)
+VIEW = np.stack((_RIGHT, np.cross(TOWARDS_VIEWER, _RIGHT)))
+"""Rows right and up (2, 3) of the page."""
 
 
 def screen_from_world(points: np.ndarray) -> np.ndarray:
@@ -113,13 +107,3 @@ def floor_grid(size: np.ndarray) -> np.ndarray:
     along_z = [[(x, floor, -half_z), (x, floor, half_z)] for x in xs]
     along_x = [[(-half_x, floor, z), (half_x, floor, z)] for z in zs]
     return np.array(along_z + along_x)
-
-
-def room_labels(size: np.ndarray) -> list[tuple[np.ndarray, str, str]]:
-    """(place (3,), text, horizontal alignment) of the lengths, beside the near edges."""
-    (x, y, z), off = size / 2, 0.025 * max(size)
-    return [
-        (np.array([0, -y, -z - off]), f"X  {size[0]:g} m", "right"),
-        (np.array([-x - off, -y, 0]), f"Z  {size[2]:g} m", "left"),
-        (np.array([x, -y - 0.6 * off, -z]), f"Y  {size[1]:g} m", "center"),
-    ]

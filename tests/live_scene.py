@@ -1,7 +1,13 @@
-"""A state of a live run without a run."""
+"""A state of a live run without a run, and a page with visitors (viser, of the extra `live`)."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
+from activeslam_gym.live.page import Page
 from activeslam_gym.live.state import About, Standing, State
 from activeslam_gym.motion import Motion
 
@@ -19,3 +25,52 @@ def a_state(frame: int = 1, n: int = 12) -> State:
         command=Motion.UP, scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)),
         landmarks=n, births=0, milliseconds=8.0, follows=True,
     )  # fmt: skip
+
+
+def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """Wait until it holds; its value."""
+    end = time.monotonic() + seconds
+    while not (value := holds()) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert value, "it did not happen in time"
+    return value
+
+
+Served = tuple[Page, list[tuple[str, Any]]]
+"""A page in this process, and the requests that it makes."""
+
+
+@contextmanager
+def serving(host: str = "127.0.0.1") -> Iterator[Served]:
+    requests: list[tuple[str, Any]] = []
+    made = Page(ABOUT, host, 0, lambda name, value: requests.append((name, value)))
+    try:
+        yield made, requests
+    finally:
+        made.close()
+
+
+def visitor(address: str, **how: Any) -> Any:
+    """A client that connects as viser's own does."""
+    import viser
+    from websockets.sync.client import connect
+
+    url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
+    return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None, **how)
+
+
+def camera_message() -> bytes:
+    """The first message of a browser, after which the page counts it as a visitor."""
+    from msgspec.msgpack import encode
+
+    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0), "look_at": (0.0, 0.0, 1.0)}
+    lens = {"fov": 1.0, "near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "up_direction": (0.0, 1.0, 0.0)}
+    return encode({"type": "ViewerCameraMessage", **pose, **lens})
+
+
+def pressing(button: Any) -> list[bytes]:
+    """The messages of a browser that comes and presses ``button``."""
+    from msgspec.msgpack import encode
+
+    click = {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}
+    return [camera_message(), encode(click)]

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from html import escape
+from itertools import combinations, product
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -116,6 +117,8 @@ class Page:
         save.on_click(self._save)
 
     def _add_map(self, scene: Any) -> None:
+        import trimesh
+
         scene.set_up_direction("+y")
         x, y, z = self._about.room_size
         scene.add_grid(
@@ -124,9 +127,9 @@ class Page:
         thin, red = {"thickness_units": "screen", "thickness": 1.0}, rgb(VERMILLION)
         if self._about.person:
             scene.add_line_segments("/room", _edges(self._about.room_size), (190, 195, 200), **thin)
-        ball = _ball()
+        ball, flat = trimesh.creation.icosphere(subdivisions=2), {"cast_shadow": False, "receive_shadow": False}
         self._ellipsoids = scene.add_batched_meshes_simple(
-            "/features", *ball, **_ellipsoids(None), opacity=0.55, lod="off", cast_shadow=False, receive_shadow=False
+            "/features", ball.vertices, ball.faces, **_ellipsoids(None), opacity=0.55, lod="off", **flat
         )
         if not self._about.replay:
             self._ellipsoids.on_click(self._mark_clicked)
@@ -136,7 +139,7 @@ class Page:
             "/camera", fov, width / height, scale=0.16, color=red, thickness=0.006, cast_shadow=False
         )
         self._label = scene.add_label("/camera/command", "", position=(0.0, -0.16, 0.1))
-        self._place_ball = scene.add_mesh_simple("/place", *ball, color=red, opacity=0.35)
+        self._place_ball = scene.add_icosphere("/place", color=red, subdivisions=2, opacity=0.35)
         size = {"shaft_radius": 0.015, "head_radius": 0.04, "head_length": 0.09}
         self._arrow = scene.add_arrows("/advice", _AHEAD, rgb(BLUE), **size, visible=False)
         self._way = scene.add_line_segments("/way", _AHEAD, red, **{**thin, "thickness": 2.0}, visible=False)
@@ -207,8 +210,7 @@ class Page:
         self._why.content = drawing.bars("Why: what each motion would teach", state.scores, best, 1, "bits")
         self._counts.content, self._marked.content = drawing.counts(state), drawing.mark(state)
         self._commands.content = drawing.bars("Advice so far", state.advised, best, 0, "times")
-        t, *curves, dots = self._history.curves
-        self._curves.data = (t, *curves, dots)
+        self._curves.data = t, *curves, _ = self._history.curves
         if t.size:  # NaN, where there is no dot, would leave uPlot without a range
             ranges = {"x": (t[0], t[-1] + 0.1), "y": (np.min(curves) - 5.0, np.max(curves) + 5.0)}
             self._curves.scales = {one: {"time": False, "range": tuple(map(float, ranges[one]))} for one in ranges}
@@ -301,19 +303,10 @@ def _axes(covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return sizes, Rotation.from_matrix(axes).as_quat(scalar_first=True)
 
 
-def _ball() -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) and faces (f, 3) of a unit ball."""
-    import trimesh
-
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    return ball.vertices, ball.faces
-
-
 def _edges(size: tuple[float, float, float]) -> np.ndarray:
     """The twelve edges (12, 2, 3) of a room about the origin."""
-    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) * np.array(size) / 2
-    pairs = [(a, b) for a in range(8) for b in range(a) if np.count_nonzero(corners[a] != corners[b]) == 1]
-    return corners[np.array(pairs)]
+    corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
+    return np.array([pair for pair in combinations(corners, 2) if np.count_nonzero(pair[0] != pair[1]) == 1])
 
 
 def serve(connection: Connection, about: About, host: str, port: int) -> None:

@@ -28,8 +28,7 @@ class Live:
     """A session and, with a ``folder``, its recording; each restart has a folder of its own: 2, 3, ..."""
 
     def __init__(self, source: Source, seed: int, folder: str | Path | None) -> None:
-        self.session, self.is_camera = Session(source, seed), source.is_camera
-        scenario = source.scenario
+        self.session, self.is_camera, scenario = Session(source, seed), source.is_camera, source.scenario
         self.about = About(
             name=source.name,
             image_size=(scenario.image_width, scenario.image_height),
@@ -38,9 +37,9 @@ class Live:
             room_size=scenario.room_size,
             person=source.person is not None,
         )
-        self._home = self._folder = None if folder is None else Path(folder)
+        self._home = None if folder is None else Path(folder)
+        self._folder, self._runs = self._home, 1
         self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
-        self._runs = 1
         if self._folder is not None:
             check_folder(self._folder)
 
@@ -183,7 +182,8 @@ def _run(show: Live | Replay, link: Link, seconds: float) -> None:
             elif name == "mark" and isinstance(show, Live):
                 show.session.marked = value
         if (paused or over) and not single:
-            clock.rest()
+            time.sleep(_NAP)
+            clock = Clock(1.0 / show.about.rate, show.is_camera)
             continue
         state = show.step()
         over = state.standing == Standing.OVER
@@ -214,9 +214,3 @@ class Clock:
         if not self._is_camera:
             self._due = max(self._due + self._period, time.monotonic() - self._period)
             time.sleep(max(0.0, self._due - time.monotonic()))
-
-    def rest(self) -> None:
-        """Wait a moment while nothing moves."""
-        self._ticks.clear()
-        time.sleep(_NAP)
-        self._due = time.monotonic()

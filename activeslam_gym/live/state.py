@@ -32,18 +32,16 @@ class Standing(str, Enum):
 
 @dataclass(frozen=True)
 class About:
-    """Facts about a run."""
+    """Facts about a run; metres, pixels."""
 
     name: str
     """Of the source."""
     image_size: Annotated[tuple[int, int], (1, 8192)]
-    """Width and height [px]."""
+    """Width and height."""
     focal: Annotated[float, (1e-3, 1e9)]
-    """[px]"""
     rate: Annotated[float, (1e-6, 1e6)]
     """Image rate of the source [Hz]."""
     room_size: Annotated[tuple[float, float, float], (1e-3, 1e6)]
-    """[m]"""
     person: bool
     """Whether a simulated person holds the camera, in a room of `room_size` about the origin; else it is a guess."""
     replay: bool = False
@@ -52,7 +50,7 @@ class About:
 
 @dataclass
 class State:
-    """After an image, in the world axes of the filter.
+    """After an image, in the world axes of the filter; metres, seconds, pixels, bits.
 
     The map has n features and K fiducials, of which m were searched. Each array has its type and shape beside it.
     """
@@ -60,7 +58,6 @@ class State:
     frame: int
     """Images that were tracked, this one included."""
     time: float
-    """[s]"""
     image: np.ndarray
     """(h, w) uint8."""
     standing: Standing
@@ -69,29 +66,27 @@ class State:
     camera: Annotated[np.ndarray, float, (CAMERA_SIZE,)]
     """Estimate: position, quaternion, velocity, angular velocity."""
     camera_covariance: Annotated[np.ndarray, float, (3, 3)]
-    """Of the position [m^2]."""
+    """Of the position."""
     ids: Annotated[np.ndarray, int, ("n",)]
     """Of the features."""
     points: Annotated[np.ndarray, float, ("n", 3)]
-    """[m]"""
     covariances: Annotated[np.ndarray, float, ("n", 3, 3)]
-    """[m^2]"""
     mapped: Annotated[np.ndarray, bool, ("n",)]
     """As in `slam.estimate.Estimate`."""
     fiducials: Annotated[np.ndarray, float, ("K", 3)]
-    """Corners of the target [m]."""
+    """Corners of the target."""
     searched: Annotated[np.ndarray, int, ("m",)]
     """Ids of the features and fiducials that were searched in the image."""
     pixels: Annotated[np.ndarray, float, ("m", 2)]
-    """Predicted measurements [px]."""
+    """Predicted measurements."""
     ellipses: Annotated[np.ndarray, float, ("m", 2, 2)]
-    """Covariances of the innovations [px^2]."""
+    """Covariances of the innovations."""
     outcomes: Annotated[np.ndarray, int, ("m",), (0, 2)]
     """`vision.frontend` MISSED, MATCHED or DOUBTED."""
     command: Motion
     """The present advice."""
     scores: Annotated[np.ndarray, float, (MOTION_COUNT,)]
-    """Information of each motion [bit] when the command was chosen; NaN before the first."""
+    """Information of each motion when the command was chosen; NaN before the first."""
     advised: Annotated[np.ndarray, int, (MOTION_COUNT,)]
     """Times that each motion was advised."""
     log2_dets: Annotated[np.ndarray, float, (3,)]
@@ -110,6 +105,11 @@ class State:
     """Id of the marked feature, or 0."""
     truth: Annotated[np.ndarray | None, float, (CAMERA_SIZE,)] = None
     """The true camera, in a rendered room."""
+
+    @property
+    def motion(self) -> Motion:
+        """The command."""
+        return self.command
 
     @property
     def stds(self) -> np.ndarray:

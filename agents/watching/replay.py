@@ -40,7 +40,7 @@ def _picture(state: State, width: int) -> Picture:
     view = Image.fromarray(drawing.view(state))
     view = view.resize((width, round(width * view.height / view.width)))
     strip = Image.new("RGB", (width, STRIP_PX), "white")
-    words = f"{state.time:.1f} s   {drawing.NAMES[state.command]}   {len(state.ids)} features"
+    words = f"{state.time:.1f} s   {drawing.NAMES[state.motion]}   {len(state.ids)} features"
     ImageDraw.Draw(strip).text((0.022 * width, 6), words, fill=TEXT, font=ImageFont.load_default(16))
     return np.vstack((np.asarray(strip), np.asarray(view)))
 
@@ -88,7 +88,7 @@ def _log(rerun: Any, stream: Any, state: State, way: np.ndarray) -> None:
         colours = [MAPPED if placed else INITIALISED for placed in state.mapped]
         shapes = {"centers": state.points, "half_sizes": sizes, "quaternions": turns}
         stream.log("world/features", rerun.Ellipsoids3D(**shapes, colors=[drawing.rgb(colour) for colour in colours]))
-    stream.log("command", rerun.TextLog(drawing.NAMES[state.command]))
+    stream.log("command", rerun.TextLog(drawing.NAMES[state.motion]))
     for name, value in zip(("camera", "map", "total"), state.log2_dets):
         if np.isfinite(value):
             stream.log(f"log2_det/{name}", rerun.Scalars(float(value)))

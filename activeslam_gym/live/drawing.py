@@ -77,7 +77,8 @@ def middle_feature(state: State) -> int:
 
 def part(style: str, *inside: str, id: str = "") -> str:
     """A part of a panel; its ``id`` is what a test finds it by."""
-    return f'<div style="padding:0 12px"><div id="{id}" style="{style}">{"".join(inside)}</div></div>'
+    name = f' id="{id}"' if id else ""
+    return f'<div style="padding:0 12px"><div{name} style="{style}">{"".join(inside)}</div></div>'
 
 
 def title(text: str, unit: str) -> str:

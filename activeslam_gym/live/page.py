@@ -57,8 +57,6 @@ class Page:
         self._paused, self._history = False, History()
         self._state: State | None = None
         self._shown, self._drawn = 0.0, 0.0
-        self._command_shown: Motion | None = None
-        self._eye = self._aim = np.full(3, np.nan)
         guard = Guard.of(host)
         self._server = _quiet_server(host, port, guard)
         self.address = guard.address(host, self._server.get_port())
@@ -161,7 +159,7 @@ class Page:
             if first:
                 self._show_start(state)
             due = self._paused or state.frame < 2 or self._shown - self._drawn > _SELDOM
-            if due or state.command != self._command_shown:
+            if due or self._label.text != NAMES[state.command]:
                 self._show_reasons(state)
         self._server.flush()
 
@@ -188,22 +186,22 @@ class Page:
         if len(state.fiducials):
             look = {"point_size": 0.035, "point_shape": "circle"}
             self._server.scene.add_point_cloud("/target", state.fiducials, rgb(ORANGE), **look)
-        self._eye, self._aim = p + R_WC @ np.array((0.8, 1.2, -2.8)), p + R_WC @ np.array((0.0, -0.1, 0.9))
-        self._server.initial_camera.position, self._server.initial_camera.look_at = self._eye, self._aim
+        self._server.initial_camera.position = p + R_WC @ np.array((0.8, 1.2, -2.8))
+        self._server.initial_camera.look_at = p + R_WC @ np.array((0.0, -0.1, 0.9))
         for client in self._server.get_clients().values():
             self._place_viewer(client)
 
     def _place_viewer(self, client: Any) -> None:
         """Look from behind the start; on a phone from farther away, with the map above the sheet."""
-        if np.isfinite(self._eye).all():
+        if self._state is not None:
+            eye, aim = self._server.initial_camera.position, self._server.initial_camera.look_at
             back, down = (1.5, 1.4) if client.camera.aspect < 1.0 else (1.0, 0.0)
-            client.camera.position = self._aim + back * (self._eye - self._aim)
-            client.camera.look_at = self._aim - (0.0, down, 0.0)
+            client.camera.position, client.camera.look_at = aim + back * (eye - aim), aim - (0.0, down, 0.0)
 
     def _show_reasons(self, state: State) -> None:
         """Show the command, bars, curves and the way, which change slowly."""
-        self._drawn, self._command_shown = self._shown, state.command
-        name = self._label.text = NAMES[state.command]
+        self._drawn, name = self._shown, NAMES[state.command]
+        self._label.text = name
         self._server.gui.set_panel_label(f"{SIGNS[state.command]}  {name}")
         best = state.command if np.isfinite(state.scores).all() else None
         self._command.content = drawing.command(state)

@@ -59,22 +59,18 @@ def test_a_page_of_another_site_neither_reads_nor_steers_it(page: Served) -> Non
         until(lambda: requests == [("pause", True)])
 
 
-def test_a_rebound_name_neither_reads_nor_steers_it(page: Served) -> None:
+def test_a_rebound_name_neither_reads_nor_steers_it_and_the_own_page_is_answered(page: Served) -> None:
     place = place_of(page[0])
+    for name in ("localhost", "127.0.0.1", "[::1]", "LOCALHOST"):
+        host = f"{name}:{place[1]}"
+        assert answers(place, f"Host: {host}") == (200, 101)
+        assert answers(place, f"Host: {host}", f"Origin: http://{host.lower()}") == (200, 101)
     hosts = ("evil.example", f"evil.example:{place[1]}", f"localhost.:{place[1]}", "localhost:1", "localhost", "")
     for host in hosts:
         assert answers(place, f"Host: {host}") == (403, 403), host
         assert answers(place, f"Host: {host}", f"Origin: http://{host}") == (403, 403), host
     own = f"Host: localhost:{place[1]}"
     assert answers(place) == answers(place, own, own) == answers(place, own, "Host: evil.example") == (403, 403)
-
-
-def test_the_own_page_is_answered(page: Served) -> None:
-    place = place_of(page[0])
-    for name in ("localhost", "127.0.0.1", "[::1]", "LOCALHOST"):
-        host = f"{name}:{place[1]}"
-        assert answers(place, f"Host: {host}") == (200, 101)
-        assert answers(place, f"Host: {host}", f"Origin: http://{host.lower()}") == (200, 101)
 
 
 def test_no_address_for_the_page_to_connect_to_is_taken_and_no_frame_shows_it(page: Served) -> None:

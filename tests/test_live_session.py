@@ -131,14 +131,11 @@ def test_a_person_goes_as_the_habit_says() -> None:
     assert len({tuple(np.sign(np.round(way, 1))) for way in random}) >= 4
 
 
-def test_a_person_keeps_away_from_boxes() -> None:
+def test_a_person_keeps_away_from_boxes_and_a_hand_trembles_and_stays_level() -> None:
     who = person(boxes=[[(-1, -1, 0.6), (1, 1, 0.9)]])
     for _ in range(4):
         moved(who, Motion.FORWARD)
     assert 0.0 < who.state[2] < 0.3
-
-
-def test_a_hand_trembles_and_stays_level() -> None:
     who = person(STILL, ROOM)
     states = np.array([who.move() for _ in range(600)])
     assert 0.001 < np.std(states[:, 1]) < 0.02 and np.abs(states[:, [4, 6]]).max() < 0.03
@@ -249,8 +246,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[State
     return folder, states
 
 
-def test_a_recording_that_was_cut_off_is_shown_again(recorded: Any) -> None:
+def test_a_recording_has_a_trajectory_and_a_log_and_one_that_was_cut_off_is_shown_again(recorded: Any) -> None:
     folder, states = recorded
+    poses = np.loadtxt(folder / "trajectory.tum")
+    np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
+    assert len((folder / "frames.csv").read_text().splitlines()) == 20  # a header, and all images but the first
+    assert len(list((folder / "images").iterdir())) == 20
     with (folder / "states.jsonl").open("a") as file:
         file.write('{"frame": 21, "ti')
     again = list(read_states(folder))
@@ -286,15 +287,6 @@ def test_a_recording_becomes_one_for_rerun(recorded: Any, tmp_path: Path) -> Non
 
     log_rerun(recorded[0], tmp_path / "run.rrd")
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
-
-
-def test_a_recording_has_a_trajectory_and_a_log(recorded: Any) -> None:
-    folder, states = recorded
-    poses = np.loadtxt(folder / "trajectory.tum")
-    assert poses.shape == (20, 8)
-    np.testing.assert_allclose(poses[:, 1:4], [state.camera[:3] for state in states], atol=1e-6)
-    assert len((folder / "frames.csv").read_text().splitlines()) == 20  # a header, and all images but the first
-    assert len(list((folder / "images").iterdir())) == 20
 
 
 def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Path) -> None:

@@ -21,22 +21,20 @@ from activeslam_gym.vision.frontend import MATCHED
 
 
 class Second(NamedTuple):
-    """Measures at a command, once a second."""
+    """Measures at a command, once a second; metres, seconds, bits, and NaN where there is nothing to measure."""
 
     time: float
-    """[s]"""
     command: int
     """The new `Motion`."""
     log2_dets: np.ndarray
     """(3,) log2 |P| of camera, map and total."""
     log_score: float
-    """log2 N(truth | estimate) of camera and N landmarks, less that of the first image [bit]; see `Evaluator`."""
+    """log2 N(truth | estimate) of camera and N landmarks, less that of the first image; see `Evaluator`."""
     position_error: float
-    """[m]"""
     position_nees: float
     """Per degree of freedom."""
     landmark_rmse: float
-    """Of mapped features, against the scene points of the pixels that initialised them [m]; NaN without any."""
+    """Of mapped features, against the scene points of the pixels that initialised them."""
     features: int
     mapped: int
     births: int
@@ -44,11 +42,11 @@ class Second(NamedTuple):
     closures: int
     """Loops closed in the last second."""
     matched: float
-    """Share of the searched features in the last second; NaN without any."""
+    """Share of the searched features in the last second."""
     lost: bool
     """At this or an earlier command, see `metrics.is_lost`."""
     milliseconds: float
-    """Mean time of an image in the last second."""
+    """Mean time of an image in the last second [ms]."""
 
 
 def trial(seed: int, habit: str, seconds: float) -> list[Second]:

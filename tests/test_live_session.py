@@ -219,6 +219,8 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     assert states[9].follows is None and states[9].truth is None
     session.restart()
     assert session.step().frame == 1
+    with pytest.raises(ValueError, match="rate must be a positive number of images a second, got 0.0"):
+        Sequence(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 0.0)
 
 
 # Recordings -----------------------------------------------------------------------------------------------------------

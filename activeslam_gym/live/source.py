@@ -1,6 +1,5 @@
 """Sources of images: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,12 +81,10 @@ class Sequence:
         self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
         self._calibration, self._target, self._rate = read_calibration(calibration), read_target(target), rate
-        if not 0.0 < rate < math.inf:
-            raise ValueError(f"--rate must be a positive number of images a second, got {rate!r}")
+        self._images = open_images(images, rate)
         slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
         self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
         self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **self._fields)
-        self._images = open_images(images, rate)
 
     def restart(self) -> None:
         """Start again. Raises ValueError: there is no image."""

@@ -1,4 +1,4 @@
-"""A film of a track: the image with what was searched and found, beside the map from above."""
+"""A film of a track: the image with the searches and matches, beside the map from above."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,10 +12,9 @@ from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
 
-_SCALE = 2
-"""Pixels of the film for one of the image."""
-_BELIEVED, _MISSED, _PATH, _GREY = (80, 200, 80), (60, 60, 230), (0, 94, 213), (150, 150, 150)
-"""Blue, green, red: ellipses of what was matched and what was not, the camera's path, features."""
+_SCALE = 2  # pixels of the film for one of the image
+_MATCHED, _MISSED, _PATH, _FEATURE = (80, 200, 80), (60, 60, 230), (0, 94, 213), (150, 150, 150)  # blue, green, red
+_CODES = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
 class Film:
@@ -33,10 +32,8 @@ class Film:
         self._at_close = ExitStack()
         self._written = 0
         self._track: list[np.ndarray] = []
-        kinds = {".mp4": "mp4v", ".avi": "MJPG"}
-        if self._path.suffix not in kinds:
+        if self._path.suffix not in _CODES:
             raise ValueError(f"a film is .mp4 or .avi, got {path}")
-        self._kind = kinds[self._path.suffix]
 
     def add(self, front_end: FrontEnd, image: np.ndarray) -> None:
         """The moment after ``image`` (h, w)."""
@@ -44,7 +41,7 @@ class Film:
         picture = np.hstack((_seen(cv2, front_end, image), self._map(cv2, front_end, image.shape)))
         if self._writer is None:
             self._unfinished = self._at_close.enter_context(written_whole(self._path))
-            code = cv2.VideoWriter_fourcc(*self._kind)
+            code = cv2.VideoWriter_fourcc(*_CODES[self._path.suffix])
             self._writer = cv2.VideoWriter(str(self._unfinished), code, self._rate, picture.shape[1::-1])
             self._at_close.push(self._finish)
         self._writer.write(picture)
@@ -69,43 +66,38 @@ class Film:
         """X to the right and Z downwards, as seen from above: features with their ellipses (2 sigma), and the path."""
         points, P = front_end.filter.points()
         self._track.append(front_end.filter.mean[:3])
-        everything = np.concatenate((points, front_end.filter.fiducials, self._track))[:, [0, 2]]
-        low, high = np.percentile(everything, [2, 98], axis=0)
-        h, w = _SCALE * shape[0], _SCALE * shape[1]
-        per_metre = 0.8 * min(w / max(high[0] - low[0], 0.5), h / max(high[1] - low[1], 0.5))
-        picture, middle = np.full((h, w, 3), 255, np.uint8), 0.5 * (low + high)
-
-        def at(point: np.ndarray) -> np.ndarray:
-            return per_metre * (point[..., [0, 2]] - middle) + (0.5 * w, 0.5 * h)
-
+        path, fiducials, points = (np.array(p)[:, [0, 2]] for p in (self._track, front_end.filter.fiducials, points))
+        low, high = np.percentile(np.concatenate((points, fiducials, path)), [2, 98], axis=0)
+        size = _SCALE * np.array(shape[::-1])
+        scale = 0.8 * (size / np.maximum(high - low, 0.5)).min()
+        path, fiducials, points = (scale * (p - 0.5 * (low + high)) + 0.5 * size for p in (path, fiducials, points))
+        picture = np.full((*size[::-1], 3), 255, np.uint8)
         for k, point in enumerate(points):
-            own = slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
-            _ellipse(cv2, picture, at(point), per_metre**2 * P[own, own][np.ix_([0, 2], [0, 2])], 2.0, _GREY)
-        for point in at(front_end.filter.fiducials):
+            own = CAMERA_DIM + 3 * k + np.array((0, 2))
+            _ellipse(cv2, picture, point, scale**2 * P[np.ix_(own, own)], 2.0, _FEATURE)
+        for point in fiducials:
             cv2.circle(picture, tuple(np.rint(point).astype(int).tolist()), 3, (0, 0, 0), -1)
-        cv2.polylines(picture, [np.rint(at(np.array(self._track))).astype(np.int32)], False, _PATH, 2)
+        cv2.polylines(picture, [np.rint(path).astype(np.int32)], False, _PATH, 2)
         return picture
 
 
 def _seen(cv2: Any, front_end: FrontEnd, image: np.ndarray) -> np.ndarray:
-    """The image with the ellipses (3 sigma) of what should be in view, and a point where a match was believed."""
+    """The image with the ellipses (3 sigma) of the features that should be in view, and a point at each match."""
     picture = cv2.cvtColor(np.repeat(np.repeat(image, _SCALE, 0), _SCALE, 1), cv2.COLOR_GRAY2BGR)
     sight, found = front_end.filter.sight(), front_end.candidates
-    believed = found[found["match"] != REJECTED]
+    matched = found[found["match"] != REJECTED]
     for a, (id, z) in enumerate(zip(sight.thing["id"], sight.thing["z_hat"])):
         S = sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
-        colour = _BELIEVED if id in believed["match"] else _MISSED
+        colour = _MATCHED if id in matched["match"] else _MISSED
         _ellipse(cv2, picture, _SCALE * z, _SCALE**2 * S, 3.0, colour)
-    for pixel in believed["pixel"]:
-        cv2.circle(picture, tuple(np.rint(_SCALE * pixel).astype(int).tolist()), 2, _BELIEVED, -1)
+    for pixel in matched["pixel"]:
+        cv2.circle(picture, tuple(np.rint(_SCALE * pixel).astype(int).tolist()), 2, _MATCHED, -1)
     return picture
 
 
 def _ellipse(cv2: Any, picture: np.ndarray, middle: np.ndarray, covariance: np.ndarray, sigmas: float, colour: Any):
     """The contour of a Gaussian, unless it is larger than the picture."""
     squares, axes = np.linalg.eigh(covariance)
-    if not (np.isfinite(middle).all() and 0.0 < squares[0] and squares[1] < max(picture.shape) ** 2):
-        return
-    angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
-    half = tuple((sigmas * np.sqrt(squares[::-1])).tolist())
-    cv2.ellipse(picture, (tuple(middle.tolist()), (2 * half[0], 2 * half[1]), angle), colour, 1)
+    if np.isfinite(middle).all() and 0.0 < squares[0] and squares[1] < max(picture.shape) ** 2:
+        angle, sides = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))), 2.0 * sigmas * np.sqrt(squares[::-1])
+        cv2.ellipse(picture, (tuple(middle.tolist()), tuple(sides.tolist()), angle), colour, 1)

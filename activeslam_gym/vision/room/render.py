@@ -17,39 +17,27 @@ from activeslam_gym.vision.room.sensor import PAD, Sensor, develop, extend, smea
 from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, clear_tile, empty_tile
 from activeslam_gym.vision.room.visibility import SIGHT, WHOLLY, candidates, inverse_depth_at, look, place
 
-_STILL = 1.0
-"""Where nothing flows farther than that during the exposure [px], the blur is none."""
+_STILL = 1.0  # where nothing flows farther than that during the exposure [px], there is no blur
 
 
 class Workspace(NamedTuple):
-    """Room to work in, one for each thread; nothing in it is kept from an image to the next."""
+    """Arrays to work in, one set for each thread; nothing in them is kept from an image to the next."""
 
-    sights: np.ndarray
-    """(S,) of `SIGHT`: the rectangles that the camera sees."""
-    near: np.ndarray
-    """(S,) those of a tile."""
-    tile: Tile
-    """The one that is being drawn."""
-    flows: np.ndarray
-    """(tiles, 2) how far the picture moves during the exposure [px]."""
-    sharp: np.ndarray
+    sights: np.ndarray  # (S,) of SIGHT: the rectangles that the camera sees
+    near: np.ndarray  # (S,) those of a tile
+    tile: Tile  # the one that is being drawn
+    flows: np.ndarray  # (tiles, 2) how far the picture moves during the exposure [px]
+    sharp: np.ndarray  # pictures float32, whole tiles with a margin of PAD around them
     soft: np.ndarray
-    """Pictures float32, whole tiles with a margin of `PAD` around them."""
 
 
 def workspace_of(scene: Scene, lens: Lens) -> Workspace:
-    """Room for pictures of such a scene through that lens."""
-    tiles = lens.rays.shape[0]
+    """The arrays for pictures of such a scene through that lens."""
+    tiles, surfaces = lens.rays.shape[0], scene.surfaces.shape[0]
     shape = (tiles // lens.columns * TILE_HEIGHT + 2 * PAD, lens.columns * TILE_WIDTH + 2 * PAD)
-    surfaces = scene.surfaces.shape[0]
-    return Workspace(
-        np.zeros(surfaces, SIGHT),
-        np.zeros(surfaces, np.int64),
-        empty_tile(),
-        np.zeros((tiles, 2)),
-        np.zeros(shape, np.float32),
-        np.zeros(shape, np.float32),
-    )
+    sharp, soft = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    sights, near = np.zeros(surfaces, SIGHT), np.zeros(surfaces, np.int64)
+    return Workspace(sights, near, empty_tile(), np.zeros((tiles, 2)), sharp, soft)
 
 
 @compiled
@@ -62,7 +50,7 @@ def render(
     ``state`` (13,) is the camera's in the middle of the exposure: position, quaternion, velocity, angular velocity
     (world frame). ``key`` (1,) uint64 is the stream of the noise, of which frame k uses its own part.
     """
-    expose(scene, lens, state, work)
+    _expose(scene, lens, state, work)
     extend(work.sharp)
     soften(work.sharp, sensor.side, work.soft)
     if sensor.exposure > 0.0 and _flow(lens, sensor.exposure, state, work) > _STILL:
@@ -73,7 +61,7 @@ def render(
 
 
 @compiled
-def expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> None:
+def _expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> None:
     """The light in each pixel into ``work.sharp`` [grey levels]; the inverse depth of each tile into ``work.flows``."""
     count = look(scene, state, lens.image_bounds, work.sights)
     for tile in range(lens.rays.shape[0]):

@@ -1,4 +1,4 @@
-"""Which rectangles a pose sees, from front to back, and which of them a tile of the image holds.
+"""The rectangles in view of a pose, from front to back, and those in a tile of the image.
 
 The ray (x, y, 1) in camera axes meets a rectangle's plane at a depth 1/w and at a texel (u/w, v/w), where u, v and w
 are linear in (x, y): a homography. It holds beyond the edges too, where a pixel may still be covered in part.
@@ -27,8 +27,7 @@ SIGHT = record(
 """A rectangle as a pose sees it."""
 
 OUTSIDE, PARTLY, WHOLLY = 0, 1, 2
-_NEAREST = 1e-6
-"""Of a plane, to be seen from its front [m]."""
+_NEAREST = 1e-6  # of a plane, to be seen from its front [m]
 
 
 @compiled
@@ -60,15 +59,11 @@ def _next_box(boxes: np.ndarray, origin: np.ndarray, done: np.ndarray) -> int:
     """
     first = -1
     for a in range(boxes.shape[0]):
-        if done[a]:
-            continue
-        if first < 0:
+        hidden = done[a]
+        if first < 0 and not hidden:
             first = a
-        hidden = False
         for b in range(boxes.shape[0]):
-            if b != a and not done[b] and _may_hide(boxes[b], boxes[a], origin):
-                hidden = True
-                break
+            hidden = hidden or (b != a and not done[b] and _may_hide(boxes[b], boxes[a], origin))
         if not hidden:
             return a
     return first
@@ -92,8 +87,7 @@ def _sight_of(surface: Record, origin: np.ndarray, R_WC: np.ndarray, sight: Reco
     With d the ray in the world, n the normal and h = n . (p - corner): 1/depth = w = -n . d / h. Along the edge a, the
     share of the way is s = a . (p + d/w - corner) / a.a, so that s w = w a . (p - corner) / a.a + a . d / a.a.
     """
-    height, along, down = 0.0, 0.0, 0.0
-    along_square, down_square = 0.0, 0.0
+    height, along, down, along_square, down_square = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         away = origin[i] - surface.corner[i]
         height += surface.normal[i] * away

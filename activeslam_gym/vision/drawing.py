@@ -18,8 +18,8 @@ _LEAST_SLANT = 0.3  # sine of the angle between sight line and plane under which
 _RIM = 1.5  # pixels at the edge of its sheet in which there is some of the background
 _AROUND = 22.0  # pixels around a corner that its templates may need: half a patch, and the reach of the blur
 
-Box = tuple[np.ndarray, np.ndarray]
-"""The first pixel (2,) of a part of an image, and the one after its last (2,)."""
+Box = tuple[slice, slice]
+"""Rows and columns of a part of an image."""
 
 
 def drawn(
@@ -50,7 +50,7 @@ def _draw_rectangle(out: np.ndarray, camera: Record, target: Rectangle, pose: np
 
     box = _box_around(projected(camera, pose, target.fiducials), _BESIDE, out.shape)
     inside, depth = _pixel_means(camera, pose, box, _EDGE_RAYS, depths)
-    part = _part(out, box)
+    part = out[box]
     dark, bright = np.median(part[(depth > 1.5) & (depth < 4.0)]), np.median(part[(depth < -1.5) & (depth > -4.0)])
     near = np.abs(depth) < _BESIDE
     part[near] = (bright + (dark - bright) * inside)[near]
@@ -62,7 +62,7 @@ def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray)
     ends = np.array(((-x, -y, 0.0), (-x, y, 0.0), (x, -y, 0.0), (x, y, 0.0)))
     box, picture = _box_around(projected(camera, pose, ends), 2.0, out.shape), printed(board)
     seen = _pixel_means(camera, pose, box, _BOARD_RAYS, lambda X: printed_value(board, picture, X))
-    part, on = _part(out, box), np.isfinite(seen)
+    part, on = out[box], np.isfinite(seen)
     contrast, black = np.polyfit(seen[on], part[on], 1)
     part[on] = (contrast * seen + black)[on]
 
@@ -106,30 +106,25 @@ def printed_rectangle(
         raise ValueError("the target is not seen from before it")
     corners = projected(camera, pose, target.fiducials)
     out = np.full((int(camera.height), int(camera.width)), np.nan, np.float32)
-    low, high = box = _box_around(corners, _AROUND, out.shape)
-    if (high - low < 2).any():
+    box = rows, columns = _box_around(corners, _AROUND, out.shape)
+    if min(out[box].shape) < 2:
         return out, corners
-    X = plane_points(camera, pose, np.arange(low[0], high[0]), np.arange(low[1], high[1]))
+    X = plane_points(camera, pose, *(np.arange(part.start, part.stop) for part in (columns, rows)))
     share, on = 1.0, True
     for axis, half in enumerate((0.5 * target.width, 0.5 * target.height)):
         from_middle = np.abs(X[..., axis])
         per_pixel = np.hypot(*np.gradient(X[..., axis]))
         share = share * np.clip((half - from_middle) / per_pixel + 0.5, 0.0, 1.0)
         on = on & (from_middle < 0.5 * sheet[axis] - _RIM * per_pixel)
-    _part(out, box)[:] = np.where(on, gaussian_filter(_WHITE + (_BLACK - _WHITE) * share, softness), np.nan)
+    out[box] = np.where(on, gaussian_filter(_WHITE + (_BLACK - _WHITE) * share, softness), np.nan)
     return out, corners
 
 
 def _box_around(pixels: np.ndarray, reach: float, shape: tuple[int, ...]) -> Box:
     """The part of an image of ``shape`` (h, w) that is ``reach`` pixels around ``pixels`` (n, 2)."""
     low = np.maximum(np.floor(pixels.min(axis=0) - reach).astype(int), 0)
-    return low, np.minimum(np.ceil(pixels.max(axis=0) + reach).astype(int) + 1, shape[::-1])
-
-
-def _part(image: np.ndarray, box: Box) -> np.ndarray:
-    """That part of the image: a view."""
-    low, high = box
-    return image[low[1] : high[1], low[0] : high[0]]
+    high = np.maximum(np.minimum(np.ceil(pixels.max(axis=0) + reach).astype(int) + 1, shape[::-1]), 0)
+    return slice(low[1], high[1]), slice(low[0], high[0])
 
 
 def _pixel_means(
@@ -137,8 +132,7 @@ def _pixel_means(
 ) -> np.ndarray:
     """(..., h, w) the mean over each pixel of a ``box`` of the ``value`` (..., m, n) of points (m, n, 2) of the plane
     [m], by ``rays`` a side of a pixel."""
-    (left, top), (right, bottom) = box
     steps = (np.arange(rays) + 0.5) / rays - 0.5
-    x, y = ((np.arange(a, b)[:, None] + steps).ravel() for a, b in ((left, right), (top, bottom)))
+    y, x = ((np.arange(part.start, part.stop)[:, None] + steps).ravel() for part in box)
     values = value(plane_points(camera, pose, x, y))
-    return values.reshape(*values.shape[:-2], bottom - top, rays, right - left, rays).mean(axis=(-3, -1))
+    return values.reshape(*values.shape[:-2], len(y) // rays, rays, len(x) // rays, rays).mean(axis=(-3, -1))

@@ -43,9 +43,6 @@ def fiducials_among(points: np.ndarray) -> np.ndarray:
     return points[sorted(chosen)]
 
 
-# A rectangle's corners ------------------------------------------------------------------------------------------------
-
-
 def refine_corners(image: np.ndarray, camera: Record, corners_px: np.ndarray) -> np.ndarray:
     """Corners (4, 2) [px] of the rectangle in ``image`` (h, w), from corners known to 4 pixels.
 
@@ -108,9 +105,6 @@ def _line_through(rays: np.ndarray) -> np.ndarray:
     return np.array((*normal, -normal @ centre))
 
 
-# A board's corners ----------------------------------------------------------------------------------------------------
-
-
 def find_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
     """The corners of the ``board`` in the ``image`` (h, w) uint8: their numbers (m,) and pixels (m, 2).
 
@@ -153,9 +147,6 @@ def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.nda
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.002)
     rough = pixels.astype(np.float32).reshape(-1, 1, 2)
     return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
-
-
-# The pose -------------------------------------------------------------------------------------------------------------
 
 
 def start_pose(

@@ -99,9 +99,13 @@ class FrontEnd:
     def _draw_target(self, sight: Sight) -> None:
         """Draw the fiducials as they should look now, if some are in ``sight`` and were drawn for another view; those
         that are not wholly in the image keep their looks."""
-        pose = self.filter.mean[:7]
-        if self._target is None or not (sight.thing["id"] < 0).any() or not self._is_new(pose):
+        pose, last = self.filter.mean[:7], self._drawn_from
+        if self._target is None or not (sight.thing["id"] < 0).any():
             return
+        if last is not None:
+            change = change_of_view(last[:3], pose[:3], self.filter.fiducials.mean(axis=0)[None])[0]
+            if max(change, turn_between(last[3:], pose[3:])) <= self.settings.redrawn:
+                return
         target, normal = self._target
         try:
             picture, pixels = target(pose)
@@ -112,14 +116,6 @@ class FrontEnd:
             self._gallery.hang(-1 - k, picture, pixels[k], pose, normal, self._frame)
         if all(whole):
             self._drawn_from, self._drawn_at = pose, self._frame
-
-    def _is_new(self, pose: np.ndarray) -> bool:
-        """Whether the target's view from ``pose`` (7,) differs from the one for which it was drawn."""
-        last = self._drawn_from
-        if last is None:
-            return True
-        change = change_of_view(last[:3], pose[:3], self.filter.fiducials.mean(axis=0)[None])[0]
-        return max(change, turn_between(last[3:], pose[3:])) > self.settings.redrawn
 
     # A frame ----------------------------------------------------------------------------------------------------------
 

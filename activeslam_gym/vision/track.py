@@ -24,7 +24,7 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration, read_calibration
 from activeslam_gym.vision.drawing import drawn
-from activeslam_gym.vision.film import Film
+from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
@@ -102,43 +102,32 @@ def follow(
     target: Target | None,
     rate: float,
     settings: FrontEndSettings | None = None,
+    watch: Callable[[FrontEnd, Frame, FrameLog | None], None] = lambda front_end, frame, log: None,
 ) -> Track:
-    """Track ``images``; trouble with an image ends the track, and the part before it is kept.
+    """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
-    Without a ``target`` the scale is free; see the module.
+    Without a ``target`` the scale is free; see the module. ``watch`` is called after each image; the first has no log.
 
     Raises:
         SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target.
     """
     source = iter(images)
-    first = next(source)
-    front_end = start(first[1], calibration, target, rate, settings)
-    return _followed(front_end, first, source, calibration, lambda frame, log: None)
-
-
-def _followed(
-    front_end: FrontEnd,
-    first: Frame,
-    rest: Iterable[Frame],
-    calibration: Calibration,
-    watch: Callable[[Frame, FrameLog | None], None],
-) -> Track:
-    """The track of a ``front_end`` that has seen the ``first`` image; ``watch`` is called after each."""
-    filter, trouble = front_end.filter, None
+    frame: Frame = next(source)
+    front_end = start(frame[1], calibration, target, rate, settings)
+    filter, trouble, log = front_end.filter, None, None
     times, cameras, covariances, logs = [], [], [], []
-
-    def took(frame: Frame, log: FrameLog | None) -> None:
-        times.append(frame[0])
-        cameras.append(filter.mean)
-        covariances.append(filter.camera_covariance[:6, :6])
-        watch(frame, log)
-
     try:
-        took(first, None)
-        for time, image in rest:
-            calibration.check_image(image)
-            logs.append(front_end.step(image, time))
-            took((time, image), logs[-1])
+        while True:
+            times.append(frame[0])
+            cameras.append(filter.mean)
+            covariances.append(filter.camera_covariance[:6, :6])
+            watch(front_end, frame, log)
+            frame = next(source)
+            calibration.check_image(frame[1])
+            log = front_end.step(frame[1], frame[0])
+            logs.append(log)
+    except StopIteration:
+        pass
     except ValueError as error:
         trouble = str(error)
     except KeyboardInterrupt:
@@ -154,10 +143,8 @@ def track(
     out: str | Path,
     film: bool = False,
 ) -> Track:
-    """Track the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film`` the
-    images with their ellipses beside the map, film.mp4.
-
-    Ctrl-C ends it early, as trouble with an image does.
+    """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
+    the images with their ellipses beside the map, film.mp4.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -168,21 +155,22 @@ def track(
     lens, known = read_calibration(calibration), None if target is None else read_target(target)
     frames, folder = open_images(images, rate), Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    source = iter(_with_progress(frames, image_count(images)))
-    first = next(source)
-    front_end = start(first[1], lens, known, rate)
     with ExitStack() as at_close:
-        painter = at_close.enter_context(Film(folder / "film.mp4", rate)) if film else None
-        files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
+        files, picture = None, None
 
-        def keep(frame: Frame, log: FrameLog | None) -> None:
+        def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
+            nonlocal files, picture
+            if files is None:  # the first image shows the target
+                picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
+                files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
             files.add(frame[0], front_end.filter.mean, log)
-            if painter is not None and log is not None:
-                painter.add(front_end, frame[1])
+            if picture is not None and log is not None:
+                picture(front_end, frame[1])
 
-        done = _followed(front_end, first, source, lens, keep)
-        points, P = done.filter.points()
-        files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
+        done = follow(_with_progress(frames, image_count(images)), lens, known, rate, watch=keep)
+        if files is not None:
+            points, P = done.filter.points()
+            files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
     return done
 
 

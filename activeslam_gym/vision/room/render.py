@@ -15,7 +15,7 @@ from activeslam_gym.vision.room.geometry import Scene
 from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens
 from activeslam_gym.vision.room.sensor import PAD, Sensor, develop, extend, smear, soften
 from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, clear_tile, empty_tile
-from activeslam_gym.vision.room.visibility import SIGHT, WHOLLY, candidates, inverse_depth_at, look, place
+from activeslam_gym.vision.room.visibility import SIGHT, candidates, inverse_depth_at, look
 
 _STILL = 1.0  # where nothing flows farther than that during the exposure [px], there is no blur
 
@@ -66,17 +66,16 @@ def _expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> Non
     count = look(scene, state, lens.image_bounds, work.sights)
     for tile in range(lens.rays.shape[0]):
         bounds, rays = lens.bounds[tile], lens.rays[tile].reshape(-1)
-        found = candidates(work.sights, count, bounds, work.near)
+        found, covered = candidates(work.sights, count, bounds, work.near)
         clear_tile(work.tile)
         work.flows[tile, 0] = 0.0
         for k in range(found):
             sight = work.sights[work.near[k]]
-            whole = k == found - 1 and place(sight, bounds) == WHOLLY
             texture = scene.textures[sight.texture].reshape(-1)
-            add_rectangle(sight, whole, rays, texture, work.tile)
+            add_rectangle(sight, covered and k == found - 1, rays, texture, work.tile)
             if work.flows[tile, 0] == 0.0:
-                middle = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
-                work.flows[tile, 0] = inverse_depth_at(sight, middle[0], middle[1])
+                x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
+                work.flows[tile, 0] = inverse_depth_at(sight, x, y)
         _hang(work.tile.floats, tile, lens.columns, work.sharp)
 
 

@@ -54,9 +54,6 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
     return Scene(np.array(surfaces, SURFACE), boxes, corners, texture_library(0))
 
 
-# Rectangles -----------------------------------------------------------------------------------------------------------
-
-
 def _faces(box: np.ndarray, inside: bool = False) -> Rectangles:
     """The six faces of a box (2, 3), seen from outside or from ``inside``; -X, +X, -Y, +Y, -Z, +Z.
 
@@ -95,9 +92,6 @@ def _paper(surface: Record, texture: int, period: float | None = None, brightnes
     """Give the rectangle a texture that repeats every ``period`` [m], or that fits once (None)."""
     surface.texture, surface.brightness = texture, brightness
     surface.texels = SIZE * (np.ones(2) if period is None else _sides(surface) / period)
-
-
-# Boxes ----------------------------------------------------------------------------------------------------------------
 
 
 def _draw_cabinet(
@@ -143,9 +137,6 @@ def _stands_free(box: np.ndarray, others: list[np.ndarray]) -> bool:
     )
 
 
-# Posters --------------------------------------------------------------------------------------------------------------
-
-
 def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rng: np.random.Generator) -> Rectangles:
     """Posters on the upright faces of the room and the boxes, none over another, and most of them different."""
     pictures, upright = rng.permutation(texture_range(patterns.poster)), (0, 1, 4, 5)
@@ -179,9 +170,6 @@ def _clear(a: Record, b: Record) -> bool:
         np.sort([one.corner, one.corner + one.along + one.down], axis=0) for one in (a, b)
     )
     return bool(np.any((low_a > high_b + 0.01) | (low_b > high_a + 0.01)))
-
-
-# Textures -------------------------------------------------------------------------------------------------------------
 
 
 def _paper_walls(walls: Rectangles, rng: np.random.Generator) -> None:

@@ -65,14 +65,9 @@ def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndar
     ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,).
     """
     floats, probes, integers, quads = tile
-    rows = (
-        np.float32(sight.rows[0, 0]), np.float32(sight.rows[0, 1]), np.float32(sight.rows[0, 2]),
-        np.float32(sight.rows[1, 0]), np.float32(sight.rows[1, 1]), np.float32(sight.rows[1, 2]),
-        np.float32(sight.rows[2, 0]), np.float32(sight.rows[2, 1]), np.float32(sight.rows[2, 2]),
-    )  # fmt: skip
-    limits = (
-        np.float32(sight.low[0]), np.float32(sight.high[0]), np.float32(sight.low[1]), np.float32(sight.high[1])
-    )  # fmt: skip
+    H, low, high = sight.rows, sight.low, sight.high
+    rows = (H[0, 0], H[0, 1], H[0, 2], H[1, 0], H[1, 1], H[1, 2], H[2, 0], H[2, 1], H[2, 2])
+    limits = (low[0], high[0], low[1], high[1])
     if whole:
         floats[_WEIGHT : _WEIGHT + TILE] = floats[REST : REST + TILE]
     else:
@@ -89,7 +84,7 @@ def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndar
             for i in range(vectors):
                 quads[i] = texture[np.uint32(integers[_AT + i])]
             _blend(vectors, coarser == 1, quads, floats)
-    _lay(count, np.float32(_HALF * np.float32(sight.brightness)), floats, integers)
+    _lay(count, np.float32(_HALF * sight.brightness), floats, integers)
 
 
 @compiled

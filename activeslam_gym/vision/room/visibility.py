@@ -7,8 +7,6 @@ Boxes are asked from front to back, which needs no depth per pixel: what is seen
 and of two boxes with a plane between them, the one on the camera's side cannot be hidden by the other.
 """
 
-import math
-
 import numpy as np
 
 from activeslam_gym.geometry import rotation_matrix
@@ -17,12 +15,12 @@ from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.room.geometry import Scene
 
 SIGHT = record(
-    rows=("f8", (3, 3)),  # u, v, w of its homography [texels/m, texels/m, 1/m]
-    low=("f8", 2),  # its least texel
-    high=("f8", 2),  # and its greatest
+    rows=("f4", (3, 3)),  # u, v, w of its homography [texels/m, texels/m, 1/m]
+    low=("f4", 2),  # its least texel
+    high=("f4", 2),  # and its greatest
     inside=("f8", (5, 3)),  # linear forms of the ray, all positive in its inside: from its four edges, and w
     texture="i8",
-    brightness="f8",
+    brightness="f4",
 )
 """A rectangle as a pose sees it."""
 
@@ -73,9 +71,8 @@ def _next_box(boxes: np.ndarray, origin: np.ndarray, done: np.ndarray) -> int:
 def _may_hide(b: np.ndarray, a: np.ndarray, origin: np.ndarray) -> bool:
     """Whether box ``b`` (2, 3) may be before ``a``: unless a plane has them apart, and the camera on a's side."""
     for i in range(3):
-        if a[1, i] <= b[0, i] and origin[i] <= b[0, i]:
-            return False
-        if b[1, i] <= a[0, i] and origin[i] >= b[1, i]:
+        before, behind = a[1, i] <= b[0, i], b[1, i] <= a[0, i]
+        if (before and origin[i] <= b[0, i]) or (behind and origin[i] >= b[1, i]):
             return False
     return True
 
@@ -139,18 +136,18 @@ def place(sight: Record, bounds: np.ndarray) -> int:
 @compiled
 def inverse_depth_at(sight: Record, x: float, y: float) -> float:
     """1/depth [1/m] of the rectangle along the ray (x, y, 1), or zero where it is not."""
+    form = 0.0
     for k in range(5):
-        if sight.inside[k, 0] * x + sight.inside[k, 1] * y + sight.inside[k, 2] <= 0.0:
+        form = sight.inside[k, 0] * x + sight.inside[k, 1] * y + sight.inside[k, 2]
+        if form <= 0.0:
             return 0.0
-    return math.fabs(sight.rows[2, 0] * x + sight.rows[2, 1] * y + sight.rows[2, 2])
+    return form  # the last is w
 
 
 @compiled
-def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarray) -> int:
-    """The first ``count`` of the ``sights`` that a tile may show, into ``out``, up to one that covers it; how many.
-
-    Only the last may cover the whole tile.
-    """
+def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarray) -> tuple[int, bool]:
+    """The first ``count`` of the ``sights`` that a tile may show, into ``out``, up to one that covers it: how many, and
+    whether the last of them covers the tile."""
     found = 0
     for k in range(count):
         where = place(sights[k], bounds)
@@ -158,5 +155,5 @@ def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarr
             out[found] = k
             found += 1
         if where == WHOLLY:
-            break
-    return found
+            return found, True
+    return found, False

@@ -19,7 +19,7 @@ from activeslam_gym.vision.room.geometry import Scene, scene_point  # noqa: E402
 from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens, lens_of  # noqa: E402
 from activeslam_gym.vision.room.render import Workspace, render, workspace_of  # noqa: E402
 from activeslam_gym.vision.room.scene import draw_scene  # noqa: E402
-from activeslam_gym.vision.room.sensor import Sensor, gain, sensor_of  # noqa: E402
+from activeslam_gym.vision.room.sensor import Sensor, gain  # noqa: E402
 from activeslam_gym.vision.room.shading import SIZE  # noqa: E402
 from activeslam_gym.vision.room.textures import texture_library, write_pyramid  # noqa: E402
 from activeslam_gym.vision.search import Findings, search  # noqa: E402
@@ -27,7 +27,7 @@ from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.templates import Templates, empty_templates, store  # noqa: E402
 from activeslam_gym.vision.views import projected, view_from  # noqa: E402
 
-PLAIN = sensor_of(exposure=0.0, noise_std=0.0, gain_std=0.0)
+PLAIN = Sensor(exposure=0.0, noise_std=0.0, gain_std=0.0)
 KEY = np.array([11], np.uint64)
 CAMERA = camera_of(Scenario())
 
@@ -176,7 +176,7 @@ def found_at(x: np.ndarray, templates: Templates, points: np.ndarray, image: np.
     return search(view_from(CAMERA, x), model, templates, image.astype(np.float32), places, points, guess, S)
 
 
-@pytest.mark.parametrize("sensor", [PLAIN, sensor_of()], ids=["plain", "noisy"])
+@pytest.mark.parametrize("sensor", [PLAIN, Sensor()], ids=["plain", "noisy"])
 def test_corners_stay_where_they_are_while_the_camera_moves(sensor: Sensor) -> None:
     scene, errors, count = room(0), [], 0
     path = [state((0.016 * k, 0.006 * k, 0.02 * k), (0.004 * k, 0.01 * k, 0.002 * k)) for k in range(16)]
@@ -220,21 +220,21 @@ def test_a_picture_depends_on_its_arguments_alone() -> None:
     states = [random_state(rng) for _ in range(6)]
     for x in states:
         x[7:] = rng.uniform(-1.0, 1.0, 6)
-    alone = [photograph(scene, x, sensor_of(), k) for k, x in enumerate(states)]
+    alone = [photograph(scene, x, Sensor(), k) for k, x in enumerate(states)]
     work = workspace_of(scene, lens())
     for k in (3, 1, 5, 0, 2, 4, 4):  # in any order, in a workspace that was used before
-        assert np.array_equal(photograph_with(work, scene, states[k], sensor_of(), k), alone[k])
+        assert np.array_equal(photograph_with(work, scene, states[k], Sensor(), k), alone[k])
     with ThreadPoolExecutor(3) as pool:
-        for mine, theirs in zip(alone, pool.map(lambda k: photograph(scene, states[k], sensor_of(), k), range(6))):
+        for mine, theirs in zip(alone, pool.map(lambda k: photograph(scene, states[k], Sensor(), k), range(6))):
             assert np.array_equal(mine, theirs)
-    assert not np.array_equal(alone[0], photograph(scene, states[0], sensor_of(), 7))
-    assert not np.array_equal(alone[0], photograph(scene, states[0], sensor_of(), 0, np.array([12], np.uint64)))
+    assert not np.array_equal(alone[0], photograph(scene, states[0], Sensor(), 7))
+    assert not np.array_equal(alone[0], photograph(scene, states[0], Sensor(), 0, np.array([12], np.uint64)))
 
 
 def test_noise_has_the_deviation_asked_for_and_is_new_in_every_frame() -> None:
     x = state()
     clean = photograph(room(0), x).astype(float)
-    noisy = [photograph(room(0), x, sensor_of(0.0, 3.0, 0.0), k) - clean for k in range(2)]
+    noisy = [photograph(room(0), x, Sensor(0.0, 3.0, 0.0), k) - clean for k in range(2)]
     grey = (clean > 30) & (clean < 225)
     for noise in noisy:
         assert noise[grey].std() == pytest.approx(np.sqrt(9.0 + 1.0 / 6.0), rel=0.02)
@@ -245,7 +245,7 @@ def test_noise_has_the_deviation_asked_for_and_is_new_in_every_frame() -> None:
 
 
 def test_gain_drifts_slowly_by_the_deviation_asked_for() -> None:
-    sensor = sensor_of(gain_std=0.05, gain_period=50)
+    sensor = Sensor(gain_std=0.05, gain_period=50)
     gains = np.array([gain(sensor, frame, KEY) for frame in range(0, 100_000, 10)])
     assert gains.std() == pytest.approx(0.05, rel=0.1) and gains.mean() == pytest.approx(1.0, abs=0.01)
     assert np.abs(np.diff([gain(sensor, frame, KEY) for frame in range(500)])).max() < 0.02
@@ -258,7 +258,7 @@ def test_blur_follows_the_motion(axis: int) -> None:
         return np.array([np.abs(du).mean(), np.abs(dv).mean()])
 
     turn = (0.0, 4.0, 0.0) if axis == 0 else (4.0, 0.0, 0.0)
-    blurred = photograph(room(0), state(rate=turn), sensor_of(0.02, 0.0, 0.0))
+    blurred = photograph(room(0), state(rate=turn), Sensor(0.02, 0.0, 0.0))
     left = roughness(blurred) / roughness(photograph(room(0), state()))
     assert left[axis] < 0.4 and left[axis] < 0.6 * left[1 - axis]
 
@@ -266,7 +266,7 @@ def test_blur_follows_the_motion(axis: int) -> None:
 def test_blur_is_as_long_as_the_picture_moves() -> None:
     x = state((0.2, 0.1, -0.3), (0.1, 0.4, 0.05), (0.7, -0.4, 0.5), (0.3, -0.5, 0.4))
     work, exposure = workspace_of(room(0), lens()), 0.02
-    photograph_with(work, room(0), x, sensor_of(exposure), 0)
+    photograph_with(work, room(0), x, Sensor(exposure), 0)
     for tile in range(0, 600, 7):
         middle = np.array([tile % 20 * TILE_WIDTH + 7.5, tile // 20 * TILE_HEIGHT + 3.5])
         point, surface = shown(room(0), x, middle)

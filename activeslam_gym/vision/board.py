@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import written_whole
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.first_sight import LEAST_CORNERS, squares_in
+from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import open_images
 from activeslam_gym.vision.target import CHARUCO, Board
@@ -46,8 +46,8 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
     """The corners of the board in a grey ``image`` (h, w) uint8, or None if it does not show enough of it."""
     if kind == CHARUCO:
         board = Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50")
-        numbers, pixels = squares_in(image, board)
-        return (board.points[numbers] * (1.0, -1.0, 1.0), pixels) if len(numbers) >= LEAST_CORNERS else None
+        points, pixels = corners_in(image, board)
+        return (points * (1.0, -1.0, 1.0), pixels) if len(points) >= LEAST_CORNERS else None
     cv2 = opencv()
     found, pixels = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
     y, x = (axis.ravel() for axis in np.mgrid[:rows, :columns])

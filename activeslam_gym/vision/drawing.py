@@ -6,8 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.kernels import Record
-from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.target import CHARUCO, Board, Rectangle, Target, markers_of
+from activeslam_gym.vision.target import Board, Rectangle, Target
 from activeslam_gym.vision.views import plane_points, projected
 
 _EDGE_RAYS, _BOARD_RAYS = 20, 6  # rays a side of a pixel by which a rectangle's edges, or a board, are drawn
@@ -69,16 +68,7 @@ def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray)
 
 def printed(board: Board) -> np.ndarray:
     """The board as it is printed (h, w) uint8, ``_CELL`` pixels to the pitch, without a margin."""
-    if board.kind == CHARUCO:
-        return board.charuco.generateImage((board.columns * _CELL, board.rows * _CELL))
-    cv2, dictionary, per_metre = opencv(), markers_of(board.dictionary), _CELL / board.pitch
-    side, (width, height) = round(board.marker * per_metre), np.rint(board.size * per_metre).astype(int)
-    out = np.full((height, width), 255, np.uint8)
-    for tag in range(board.columns * board.rows):
-        i, j = divmod(tag, board.columns)
-        marker = cv2.aruco.generateImageMarker(dictionary, tag, side)
-        out[i * _CELL : i * _CELL + side, j * _CELL : j * _CELL + side] = marker
-    return out
+    return board.pattern.generateImage(np.rint(board.size * _CELL / board.pitch).astype(int).tolist())
 
 
 def printed_value(board: Board, picture: np.ndarray, X: np.ndarray) -> np.ndarray:

@@ -1,5 +1,7 @@
 """The target in the first image: its corners below the pixel, and the pose of the camera before it."""
 
+from typing import Any
+
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.optimize import least_squares
@@ -30,8 +32,7 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     """
     if isinstance(target, Rectangle):
         return target.fiducials, refine_corners(image, camera, target.corners_px)
-    numbers, pixels = find_corners(image, target)
-    return target.points[numbers], pixels
+    return find_corners(image, target)
 
 
 def fiducials_among(points: np.ndarray) -> np.ndarray:
@@ -106,35 +107,31 @@ def _line_through(rays: np.ndarray) -> np.ndarray:
 
 
 def find_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the ``board`` in the ``image`` (h, w) uint8: their numbers (m,) and pixels (m, 2).
+    """The corners of the ``board`` in the ``image`` (h, w) uint8: (n, 3) [m] and their pixels (n, 2).
 
     Raises:
         ValueError: it shows fewer than LEAST_CORNERS.
     """
-    numbers, pixels = squares_in(image, board) if board.kind == CHARUCO else _tags_in(image, board)
-    if len(numbers) < LEAST_CORNERS:
+    points, pixels = corners_in(image, board)
+    if len(points) < LEAST_CORNERS:
         raise ValueError(
-            f"the first image shows {len(numbers)} of the {len(board.points)} corners of the target, a board of kind "
+            f"the first image shows {len(points)} of the {len(board.points)} corners of the target, a board of kind "
             f"{board.kind}; {LEAST_CORNERS} or more are needed"
         )
-    return numbers, _refined(image, board, board.points[numbers, :2], pixels)
+    return points, _refined(image, board, points[:, :2], pixels)
 
 
-def squares_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (m,) and pixels (m, 2) of a ChArUco board's corners in the ``image`` (h, w) uint8, roughly."""
-    pixels, numbers = opencv().aruco.CharucoDetector(board.charuco).detectBoard(image)[:2]
-    if numbers is None:
-        return np.zeros(0, int), np.zeros((0, 2))
-    return np.ravel(numbers).astype(int), np.reshape(pixels, (-1, 2)).astype(float)
-
-
-def _tags_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """The same of tags."""
-    corners, tags, _ = opencv().aruco.ArucoDetector(markers_of(board.dictionary)).detectMarkers(image)
-    found = zip(np.ravel([] if tags is None else tags), corners)
-    known = [(int(tag), quad) for tag, quad in found if tag < board.columns * board.rows]
-    numbers = [4 * tag + corner for tag, _ in known for corner in range(4)]
-    return np.array(numbers, int), np.reshape([quad for _, quad in known], (-1, 2)).astype(float)
+def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
+    """The same, however few, and roughly."""
+    aruco, pattern = opencv().aruco, board.pattern
+    if board.kind == CHARUCO:
+        found, numbers = aruco.CharucoDetector(pattern).detectBoard(image)[:2]
+    else:
+        found, numbers = aruco.ArucoDetector(markers_of(board.dictionary)).detectMarkers(image)[:2]
+    matched: Any = (None, None) if numbers is None else pattern.matchImagePoints(found, numbers)
+    if matched[0] is None:
+        return np.zeros((0, 3)), np.zeros((0, 2))
+    return board.upright(matched[0]), np.reshape(matched[1], (-1, 2)).astype(float)
 
 
 def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:

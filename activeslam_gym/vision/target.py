@@ -61,20 +61,24 @@ class Board(NamedTuple):
         return np.array((self.columns, self.rows)) * self.pitch - gap
 
     @property
-    def points(self) -> np.ndarray:
-        """(n, 3) corners by number [m]: inner corners of the squares row by row; of tags, each one's four, clockwise
-        from its top left."""
-        first, side = (1, 0.0) if self.kind == CHARUCO else (0, self.marker)
-        j, i = np.meshgrid(np.arange(first, self.columns), np.arange(first, self.rows))
-        corners = side * np.array(((0, 0), (1, 0), (1, 1), (0, 1)))[: 1 if self.kind == CHARUCO else 4]
-        down = (self.pitch * np.stack((j.ravel(), i.ravel()), axis=1)[:, None] + corners).reshape(-1, 2)
-        return np.pad((down - 0.5 * self.size) * (1.0, -1.0), ((0, 0), (0, 1)))
+    def pattern(self) -> Any:
+        """OpenCV's board."""
+        aruco, size, markers = opencv().aruco, (self.columns, self.rows), markers_of(self.dictionary)
+        if self.kind == CHARUCO:
+            return aruco.CharucoBoard(size, self.pitch, self.marker, markers)
+        return aruco.GridBoard(size, self.marker, self.pitch - self.marker, markers)
 
     @property
-    def charuco(self) -> Any:
-        """OpenCV's ChArUco board."""
-        size = (self.columns, self.rows)
-        return opencv().aruco.CharucoBoard(size, self.pitch, self.marker, markers_of(self.dictionary))
+    def points(self) -> np.ndarray:
+        """(n, 3) corners [m]: inner corners of the squares row by row; of tags, each one's four, clockwise from its top
+        left."""
+        squares = self.kind == CHARUCO
+        return self.upright(self.pattern.getChessboardCorners() if squares else self.pattern.getObjPoints())
+
+    def upright(self, corners: Any) -> np.ndarray:
+        """(n, 3) [m] in the target's frame of OpenCV's ``corners``, which it counts from the top left downwards."""
+        down = np.round(np.reshape(corners, (-1, 3))[:, :2].astype(float), 7)  # OpenCV's have 24 bits
+        return np.pad((down - 0.5 * self.size) * (1.0, -1.0), ((0, 0), (0, 1)))
 
 
 Target = Rectangle | Board

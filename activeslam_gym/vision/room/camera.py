@@ -14,7 +14,7 @@ from activeslam_gym.vision.room.geometry import scene_point
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
 from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
-from activeslam_gym.vision.room.sensor import sensor_of
+from activeslam_gym.vision.room.sensor import Sensor
 from activeslam_gym.vision.target import FACING, Rectangle
 
 TARGET_CORNERS = 4
@@ -36,7 +36,7 @@ class RoomCamera:
         room, noise = seed.spawn(2)
         self.scene = draw_scene(scenario, np.random.default_rng(room))
         self.fiducials = self.scene.target
-        self._sensor, self._lens = sensor_of(), lens_of(lens)
+        self._sensor, self._lens = Sensor(), lens_of(lens)
         self._key = noise.generate_state(1, np.uint64)
         self._work = workspace_of(self.scene, self._lens)
 

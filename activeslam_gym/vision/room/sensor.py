@@ -17,30 +17,23 @@ PAD = 20
 _LONGEST = 30.0  # blur is no longer than that [px]
 _NOISE_TILE = 1 << 16  # normal numbers, drawn once; each row of an image takes its own, from a random place on
 _WIDEST = 4096  # greatest width of an image
+_NOISE = np.random.default_rng(0).standard_normal(_NOISE_TILE + _WIDEST).astype(np.float32)  # of every camera
 _DRAWS = 4096  # draws that an image may use: one for each row
 _GAIN_STREAM = 1 << 50  # draws from here on are of the gain, which is far beyond those of any frame
 
 
 class Sensor(NamedTuple):
-    """The way from light to grey values.
+    """The way from light to grey values; as it is, of a webcam in a lit room.
 
     The lens blurs by the weights (side, 1 - 2 side, side) across and down, of variance 2 side [px^2].
     """
 
-    exposure: float  # time during which an image is exposed [s]; zero: no blur
-    noise_std: float  # of a pixel [grey levels]
-    gain_std: float  # of the gain's drift about one
-    gain_period: int  # frames between two independent gains; smooth between them
-    side: float  # weight of each neighbour in the lens's blur
-    noise: np.ndarray  # standard normal numbers, float32, the same for every camera
-
-
-def sensor_of(
-    exposure: float = 0.02, noise_std: float = 2.0, gain_std: float = 0.03, gain_period: int = 60, side: float = 0.125
-) -> Sensor:
-    """A webcam in a lit room."""
-    noise = np.random.default_rng(0).standard_normal(_NOISE_TILE + _WIDEST).astype(np.float32)
-    return Sensor(float(exposure), float(noise_std), float(gain_std), int(gain_period), float(side), noise)
+    exposure: float = 0.02  # time during which an image is exposed [s]; zero: no blur
+    noise_std: float = 2.0  # of a pixel [grey levels]
+    gain_std: float = 0.03  # of the gain's drift about one
+    gain_period: int = 60  # frames between two independent gains; smooth between them
+    side: float = 0.125  # weight of each neighbour in the lens's blur
+    noise: np.ndarray = _NOISE
 
 
 @compiled

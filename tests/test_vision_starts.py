@@ -11,7 +11,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.geometry import rotation_error  # noqa: E402
 from activeslam_gym.vision.drawing import drawn, printed, printed_value  # noqa: E402
-from activeslam_gym.vision.first_sight import fiducials_among, find_corners, seen_corners, start_pose  # noqa: E402
+from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.target import Board, target_from  # noqa: E402
 from activeslam_gym.vision.track import follow  # noqa: E402
@@ -63,7 +63,7 @@ def test_a_part_of_the_board_is_enough_and_a_sliver_is_not() -> None:
     half[:, 110:] = 128
     said = r"shows \d of the 12 corners of the target, a board of kind charuco; 6 or more"
     with pytest.raises(ValueError, match=said):
-        find_corners(half, board)
+        seen_corners(half, CAMERA, board)
 
 
 def test_the_drawn_board_is_the_pictured_one() -> None:

@@ -18,14 +18,10 @@ _MATCHED, _MISSED, _PATH, _FEATURE = (80, 200, 80), (60, 60, 230), (0, 94, 213),
 _CODES = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
-Add = Callable[[FrontEnd, np.ndarray], None]
-"""Adds the picture of the moment after an image (h, w)."""
-
-
 @contextmanager
-def film_to(path: Path, rate: float) -> Iterator[Add]:
-    """A context that writes a picture an image to the video ``path`` (.mp4 or .avi), ``rate`` [Hz]; at its end the file
-    is there, whole or not at all.
+def film_to(path: Path, rate: float) -> Iterator[Callable[[FrontEnd, np.ndarray], None]]:
+    """A function that adds the picture of the moment after an image (h, w) to the video ``path`` (.mp4 or .avi), of
+    ``rate`` [Hz]: a context, at whose end the file is there, whole or not at all.
 
     Raises:
         ValueError: ``path`` ends otherwise.

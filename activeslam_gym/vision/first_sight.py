@@ -28,11 +28,17 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     """The target's corners that the ``image`` (h, w) uint8 shows: (n, 3) [m] and their pixels (n, 2).
 
     Raises:
-        ValueError: the target is not there.
+        ValueError: the target is not there, or fewer than LEAST_CORNERS of a board's corners are.
     """
     if isinstance(target, Rectangle):
         return target.fiducials, refine_corners(image, camera, target.corners_px)
-    return find_corners(image, target)
+    points, pixels = corners_in(image, target)
+    if len(points) < LEAST_CORNERS:
+        raise ValueError(
+            f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
+            f"{target.kind}; {LEAST_CORNERS} or more are needed"
+        )
+    return points, _refined(image, target, points[:, :2], pixels)
 
 
 def fiducials_among(points: np.ndarray) -> np.ndarray:
@@ -106,23 +112,8 @@ def _line_through(rays: np.ndarray) -> np.ndarray:
     return np.array((*normal, -normal @ centre))
 
 
-def find_corners(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """The corners of the ``board`` in the ``image`` (h, w) uint8: (n, 3) [m] and their pixels (n, 2).
-
-    Raises:
-        ValueError: it shows fewer than LEAST_CORNERS.
-    """
-    points, pixels = corners_in(image, board)
-    if len(points) < LEAST_CORNERS:
-        raise ValueError(
-            f"the first image shows {len(points)} of the {len(board.points)} corners of the target, a board of kind "
-            f"{board.kind}; {LEAST_CORNERS} or more are needed"
-        )
-    return points, _refined(image, board, points[:, :2], pixels)
-
-
 def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
-    """The same, however few, and roughly."""
+    """The corners of the ``board`` in the ``image`` (h, w) uint8, roughly: (n, 3) [m] and their pixels (n, 2)."""
     aruco, pattern = opencv().aruco, board.pattern
     if board.kind == CHARUCO:
         found, numbers = aruco.CharucoDetector(pattern).detectBoard(image)[:2]

@@ -267,18 +267,17 @@ class FrontEnd:
         failed = self._gallery.failed()
         for id in failed:
             self._forget(id)
-        return self._give_births(image, grey, self._occupied(sight)) if clear else 0, len(failed)
+        if not clear:
+            return 0, len(failed)
+        thing = sight.thing[self._gallery.places(sight.thing["id"]) >= 0]
+        places, points = self._gallery.places(thing["id"]), self._points(thing["id"])
+        change = self._gallery.change_of_view(places, points, self.filter.mean[:3])
+        occupied = thing["z_hat"][change <= self.settings.most_change]
+        return self._give_births(image, grey, occupied), len(failed)
 
     def _forget(self, id: int) -> None:
         self._gallery.remove(id)
         self.filter.delete(id)
-
-    def _occupied(self, sight: Sight) -> np.ndarray:
-        """(m, 2) predicted pixels of the features that are in view and searched."""
-        thing = sight.thing[self._gallery.places(sight.thing["id"]) >= 0]
-        places, points = self._gallery.places(thing["id"]), self._points(thing["id"])
-        change = self._gallery.change_of_view(places, points, self.filter.mean[:3])
-        return thing["z_hat"][change <= self.settings.most_change]
 
     def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray) -> int:
         """New features where the image has few; when the map is full, those not seen for longest make room."""

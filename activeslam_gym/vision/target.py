@@ -112,59 +112,57 @@ def target_from(fields: dict[str, Any], where: str = "the target") -> Target:
     if not isinstance(kind, str) or kind not in _FIELDS:
         raise ValueError(f"{where}: kind must be {', '.join(_FIELDS)}, got {reprlib.repr(kind)}")
     check_names(fields, _FIELDS[kind], where)
-    return _rectangle_from(fields, where) if kind == RECTANGLE else _board_from(fields, where)
+    try:
+        return _rectangle_from(fields) if kind == RECTANGLE else _board_from(fields)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
 
 
-def _rectangle_from(fields: dict[str, Any], where: str) -> Rectangle:
-    width, height = (_metres(fields, name, where) for name in ("width", "height"))
-    corners = fields["corners_px"]
+def _rectangle_from(fields: dict[str, Any]) -> Rectangle:
+    width, height, corners = _metres(fields, "width"), _metres(fields, "height"), fields["corners_px"]
     if not isinstance(corners, dict):
-        raise ValueError(f"{where}: corners_px must name {', '.join(CORNERS)}")
-    check_names(corners, set(CORNERS), f"{where}: corners_px")
+        raise ValueError(f"corners_px must name {', '.join(CORNERS)}")
+    check_names(corners, set(CORNERS), "corners_px")
     try:
         pixels = np.array([corners[name] for name in CORNERS], float)
     except (TypeError, ValueError, OverflowError):
         pixels = np.empty(0)
     if pixels.shape != (4, 2) or not (np.abs(pixels) <= _FARTHEST).all():
-        raise ValueError(f"{where}: each of corners_px must be two numbers [x, y] of at most {_FARTHEST:g} pixels")
+        raise ValueError(f"each of corners_px must be two numbers [x, y] of at most {_FARTHEST:g} pixels")
     return Rectangle(width, height, pixels)
 
 
-def _board_from(fields: dict[str, Any], where: str) -> Board:
-    squares = fields["kind"] == CHARUCO
-    least = 3 if squares else 1
-    for name in ("columns", "rows"):
-        value = fields[name]
+def _board_from(fields: dict[str, Any]) -> Board:
+    kind, columns, rows, name = (fields[name] for name in ("kind", "columns", "rows", "dictionary"))
+    least = 3 if kind == CHARUCO else 1
+    for side in ("columns", "rows"):
+        value = fields[side]
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise ValueError(f"{where}: {name} must be a whole number of {least} or more, got {reprlib.repr(value)}")
-    columns, rows = fields["columns"], fields["rows"]
-    if squares:
-        pitch, marker = (_metres(fields, name, where) for name in ("square", "marker"))
+            raise ValueError(f"{side} must be a whole number of {least} or more, got {reprlib.repr(value)}")
+    if kind == CHARUCO:
+        pitch, marker, needed = _metres(fields, "square"), _metres(fields, "marker"), columns * rows // 2
         if marker >= pitch:
-            raise ValueError(f"{where}: marker must be smaller than square, got {marker!r} and {pitch!r}")
+            raise ValueError(f"marker must be smaller than square, got {marker!r} and {pitch!r}")
     else:
-        marker, gap = (_metres(fields, name, where) for name in ("tag", "gap"))
-        pitch = marker + gap
-        if columns * rows < 2:
-            raise ValueError(f"{where}: an AprilTag board must have two tags or more")
-    name, example = fields["dictionary"], "4x4_50" if squares else "36h11"
-    dictionary = f"{'DICT' if squares else 'DICT_APRILTAG'}_{name.upper() if isinstance(name, str) else ''}"
+        marker, needed = _metres(fields, "tag"), columns * rows
+        pitch = marker + _metres(fields, "gap")
+        if needed < 2:
+            raise ValueError("an AprilTag board must have two tags or more")
+    prefix, example = ("DICT", "4x4_50") if kind == CHARUCO else ("DICT_APRILTAG", "36h11")
+    dictionary = f"{prefix}_{name.upper() if isinstance(name, str) else ''}"
     try:
         there = len(markers_of(dictionary).bytesList)
     except AttributeError:
-        raise ValueError(
-            f"{where}: dictionary must be one of OpenCV's, {example} for example, got {reprlib.repr(name)}"
-        ) from None
-    needed = columns * rows // 2 if squares else columns * rows
+        wrong = reprlib.repr(name)
+        raise ValueError(f"dictionary must be one of OpenCV's, {example} for example, got {wrong}") from None
     if needed > there:
-        raise ValueError(f"{where}: the board has {reprlib.repr(needed)} markers, the dictionary {name} only {there}")
-    return Board(fields["kind"], columns, rows, pitch, marker, dictionary)
+        raise ValueError(f"the board has {reprlib.repr(needed)} markers, the dictionary {name} only {there}")
+    return Board(kind, columns, rows, pitch, marker, dictionary)
 
 
-def _metres(fields: dict[str, Any], name: str, where: str) -> float:
+def _metres(fields: dict[str, Any], name: str) -> float:
     value, (least, greatest) = fields[name], _METRES
-    if not is_number(value) or not least <= value <= greatest:
-        raise ValueError(
-            f"{where}: {name} must be a positive number of metres, {least:g} to {greatest:g}, got {reprlib.repr(value)}"
-        )
-    return float(value)
+    if is_number(value) and least <= value <= greatest:
+        return float(value)
+    given = reprlib.repr(value)
+    raise ValueError(f"{name} must be a positive number of metres, {least:g} to {greatest:g}, got {given}")

@@ -12,9 +12,9 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.room.geometry import Scene
-from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens
+from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens
 from activeslam_gym.vision.room.sensor import PAD, Sensor, develop, extend, smear, soften
-from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, clear_tile, empty_tile
+from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, empty_tile
 from activeslam_gym.vision.room.visibility import SIGHT, candidates, inverse_depth_at, look
 
 _STILL = 1.0  # where nothing flows farther than that during the exposure [px], there is no blur
@@ -67,7 +67,8 @@ def _expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> Non
     for tile in range(lens.rays.shape[0]):
         bounds, rays = lens.bounds[tile], lens.rays[tile].reshape(-1)
         found, covered = candidates(work.sights, count, bounds, work.near)
-        clear_tile(work.tile)
+        work.tile.floats[REST : REST + TILE] = np.float32(1.0)
+        work.tile.floats[COLOUR : COLOUR + TILE] = np.float32(0.0)
         work.flows[tile, 0] = 0.0
         for k in range(found):
             sight = work.sights[work.near[k]]

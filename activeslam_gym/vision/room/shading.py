@@ -52,13 +52,6 @@ def empty_tile() -> Tile:
 
 
 @compiled
-def clear_tile(tile: Tile) -> None:
-    """An empty tile."""
-    tile.floats[REST : REST + TILE] = _ONE
-    tile.floats[COLOUR : COLOUR + TILE] = _ZERO
-
-
-@compiled
 def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndarray, tile: Tile) -> None:
     """Lay a rectangle under what the ``tile`` shows already. ``whole``: it is known to cover the tile.
 

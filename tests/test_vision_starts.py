@@ -107,9 +107,6 @@ def test_a_wrong_board_is_named(fields, change, word) -> None:
         target_from(lacking)
 
 
-# Tracking from them -------------------------------------------------------------------------------------------------
-
-
 @both_kinds
 def test_a_track_from_a_board_has_scale(fields) -> None:
     board, poses = target_from(fields), path(20, 0.4, -0.002)

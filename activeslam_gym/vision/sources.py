@@ -4,6 +4,7 @@ import glob
 import math
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -34,15 +35,19 @@ def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
     """
     if not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
-    if str(path).startswith(CAMERA):
-        return _live(str(path))
+    frames = _live(str(path)) if str(path).startswith(CAMERA) else _timed(_stored(path), rate)
+    return chain([next(frames)], frames)  # so that errors come at once
+
+
+def _stored(path: str | Path) -> Iterator[tuple[str, np.ndarray]]:
+    """The images of a folder, a pattern or a video with their names."""
     if Path(path).is_file():
-        return _checked(_video(Path(path)), rate)
+        return _video(Path(path))
     files = _picture_files(path)
     if Path(path).is_dir():
-        return _checked(_pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})"), rate)
+        return _pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})")
     if glob.has_magic(str(path)):
-        return _checked(_pictures(files, f"nothing matches the pattern {path}"), rate)
+        return _pictures(files, f"nothing matches the pattern {path}")
     raise SourceError(f"there is no {path}")
 
 
@@ -61,21 +66,16 @@ def _picture_files(path: str | Path) -> list[Path]:
     return sorted(Path(name) for name in glob.glob(str(path)))
 
 
-def _checked(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
-    """The images with their times, each grey and of the first one's size. Opened at once, so errors come at once."""
-    name, image = next(images)
-    first = _grey(image, name)
-
-    def rest() -> Iterator[Frame]:
-        yield 0.0, first
-        for k, (name, image) in enumerate(images, 1):
-            grey = _grey(image, name)
-            if grey.shape != first.shape:
-                now, then = (f"{w} x {h}" for h, w in (grey.shape, first.shape))
-                raise SourceError(f"{name} is of {now} pixels, the first image of {then}")
-            yield k / rate, grey
-
-    return rest()
+def _timed(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
+    """The images with their times, each grey and of the first one's size."""
+    shape = None
+    for k, (name, image) in enumerate(images):
+        grey = _grey(image, name)
+        shape = shape or grey.shape
+        if grey.shape != shape:
+            now, then = (f"{w} x {h}" for h, w in (grey.shape, shape))
+            raise SourceError(f"{name} is of {now} pixels, the first image of {then}")
+        yield k / rate, grey
 
 
 def _grey(image: np.ndarray, name: str) -> np.ndarray:
@@ -125,23 +125,18 @@ def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _live(name: str) -> Iterator[Frame]:
-    """The images of a live camera, until it stops; opened at once, so that errors come at once."""
+    """The images of a live camera, until it stops."""
     cv2, number = opencv(), name.removeprefix(CAMERA)
     if not number.isdecimal():
         raise SourceError(f"a camera is camera:0, camera:1 and so on, got {name}")
     capture = cv2.VideoCapture(int(number))
     if not capture.isOpened():
         raise SourceError(f"{name} is not there or cannot be opened")
-
-    def frames() -> Iterator[Frame]:
-        began = time.monotonic()
-        try:
-            while (frame := capture.read())[0]:
-                image = frame[1]
-                grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-                yield time.monotonic() - began, grey
-            raise SourceError(f"{name} has stopped")
-        finally:
-            capture.release()
-
-    return frames()
+    began = time.monotonic()
+    try:
+        while (frame := capture.read())[0]:
+            image = frame[1]
+            yield time.monotonic() - began, image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        raise SourceError(f"{name} has stopped")
+    finally:
+        capture.release()

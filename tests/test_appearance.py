@@ -14,6 +14,11 @@ from activeslam_gym.slam.sight import INSIDE, THING, Sight
 MODEL = appearance_of(Scenario())
 PIXEL_VAR = 1.0
 PAPER = Scenario()
+GRID = 40.0 * np.arange(6)[:, None] + np.zeros(2)
+SHIFT = np.array((12.0, -9.0))
+STRANGERS = np.array([(3, 4), (-5, 2), (9, 9), (-9, -1), (0, -7), (2, 8)])
+"""Beside where each thing was predicted."""
+PIXELS = np.array([[80.0, 80.0], [240.0, 80.0], [160.0, 200.0], [100.0, 180.0]])
 
 
 def sight_of_a_turn(z_hat: np.ndarray) -> Sight:
@@ -30,23 +35,14 @@ def chosen(sight: Sight, candidates: np.ndarray, least: int = 1) -> list[bool]:
     return (candidates["match"] == candidates["id"]).tolist()
 
 
-GRID = 40.0 * np.arange(6)[:, None] + np.zeros(2)
-SHIFT = np.array((12.0, -9.0))
-STRANGERS = np.array([(3, 4), (-5, 2), (9, 9), (-9, -1), (0, -7), (2, 8)])
-"""Beside where each thing was predicted."""
-
-
-def shifted_among_strangers() -> np.ndarray:
+def test_candidates_that_agree_are_matched_in_any_order_and_strangers_not() -> None:
     """Two candidates of each of six things: a stranger, nearer and more alike, and the thing itself, moved by SHIFT."""
     pixels = np.repeat(GRID, 2, axis=0) + SHIFT
     pixels[::2] = GRID + STRANGERS
-    return candidates_of(pixels, ids=np.repeat(np.arange(1, 7), 2), log_ratios=np.tile((2.0, 1.0), 6))
-
-
-def test_candidates_that_agree_are_matched_in_any_order_and_strangers_not() -> None:
+    shifted = candidates_of(pixels, ids=np.repeat(np.arange(1, 7), 2), log_ratios=np.tile((2.0, 1.0), 6))
     order, wanted = np.random.default_rng(0).permutation(12), np.array([False, True] * 6)
-    assert chosen(sight_of_a_turn(GRID), shifted_among_strangers()) == wanted.tolist()
-    assert chosen(sight_of_a_turn(GRID), shifted_among_strangers()[order]) == wanted[order].tolist()
+    assert chosen(sight_of_a_turn(GRID), shifted.copy()) == wanted.tolist()
+    assert chosen(sight_of_a_turn(GRID), shifted[order]) == wanted[order].tolist()
 
 
 @pytest.mark.parametrize(("ratios", "wanted"), [((2.0, 0.0, 2.0), 0), ((0.0, 2.0, 2.0), 1)])
@@ -67,9 +63,6 @@ def test_if_too_few_agree_or_nothing_is_in_sight_none_is_believed() -> None:
     assert chosen(sight, candidates_of(GRID[:1], ids=[99], log_ratios=5.0)) == [False]
     assert chosen(sight, candidates_of(GRID[:1], ids=[1], log_ratios=-20.0)) == [False]
     assert chosen(sight, np.zeros(0, CANDIDATE)) == []
-
-
-PIXELS = np.array([[80.0, 80.0], [240.0, 80.0], [160.0, 200.0], [100.0, 180.0]])
 
 
 def filter_with_a_map() -> Filter:

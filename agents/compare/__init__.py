@@ -1,4 +1,4 @@
-"""The comparison: policies in the same unseen rooms, and where they were not trained."""
+"""The comparison: policies in the same held-out rooms, and in scenarios in which they were not trained."""
 
 from agents.compare.command import Args, compare, main
 

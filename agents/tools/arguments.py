@@ -1,4 +1,4 @@
-"""What the commands take and check; a ValueError names the argument, its value and what is allowed."""
+"""Arguments that commands share, and their checks; a ValueError names the argument, its value and the allowed ones."""
 
 import json
 import math
@@ -13,17 +13,17 @@ from typing import Any
 from activeslam_gym.config import benchmark_seed
 from activeslam_gym.evaluation import Store
 from agents.tools.files import writable_folder
-from agents.tools.sections import page_with
+from agents.tools.sections import page_with, provenance, put_section
 
 SEEDS = (0, 2**62)
-"""What a seed may be: the rooms after it have seeds too."""
+"""Bounds of a seed: the rooms after it have seeds too."""
 UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")
 """Arguments that decide no number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rooms:
-    """What every command takes that plays many rooms."""
+    """Arguments of every command that plays many rooms, beside its own `episodes` and `out`."""
 
     seed: int = 1_000_000
     """Episode j is reset(seed=seed + j)."""
@@ -33,7 +33,7 @@ class Rooms:
     """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a number outside of what it may be."""
+        """Raises ValueError for a number outside its bounds."""
         within(self, episodes=(1, 10**6), seed=SEEDS, jobs=(1, 4096))
 
     def prepare(self, *sections: str) -> None:
@@ -45,14 +45,26 @@ class Rooms:
             writable_folder("store", self.store)
 
     @property
+    def seeds(self) -> range:
+        """Of the rooms."""
+        return range(self.seed, self.seed + self.episodes)  # type: ignore[attr-defined]
+
+    @property
     def episode_store(self) -> Store:
-        """Where episodes are kept."""
+        """The store of the episodes."""
         return Store(self.store or self.out / "episodes")  # type: ignore[attr-defined]
 
     @property
     def drawn(self) -> bool:
         """Whether figures are wanted and matplotlib is there to draw them."""
         return self.figures and find_spec("matplotlib") is not None  # type: ignore[attr-defined]
+
+
+def publish(name: str, args: Any, **sections: str) -> None:
+    """Put the texts into the sections of the pages of ``args.report``, each under the command that made it."""
+    for page in args.report:
+        for section, text in sections.items():
+            put_section(page, section.replace("_", "-"), f"{provenance(command_line(name, args))}\n\n{text}")
 
 
 def command_line(name: str, args: Any) -> str:
@@ -67,15 +79,8 @@ def command_line(name: str, args: Any) -> str:
     return " ".join([f"python -m agents {name}", *told])
 
 
-def at_least(args: Any, **least: int) -> None:
-    """Raise ValueError where an argument is less than it may be."""
-    for name, bound in least.items():
-        if not getattr(args, name) >= bound:
-            raise ValueError(f"{name}: {getattr(args, name)}; allowed: {bound} or more")
-
-
 def within(args: Any, **bounds: tuple[float, float]) -> None:
-    """Raise ValueError where an argument is less or more than it may be."""
+    """Raise ValueError where an argument lies outside its bounds."""
     for name, (low, high) in bounds.items():
         if not low <= getattr(args, name) <= high:
             raise ValueError(f"{name}: {getattr(args, name)!r}; allowed: {low} to {high}")
@@ -96,14 +101,14 @@ def given(args: Any, *names: str) -> None:
 
 
 def times(args: Any, name: str) -> None:
-    """Raise ValueError where a list of times has one that is none [s]."""
+    """Raise ValueError where a list of times has a negative or an infinite one [s]."""
     for time in getattr(args, name):
         if not 0 <= time < math.inf:
             raise ValueError(f"{name}: {time!r}; allowed: finite times of 0 s or more")
 
 
 def times_within(times: Sequence[float], duration: float) -> list[float]:
-    """Those within the duration, and its end."""
+    """The times before the duration, and the duration."""
     return sorted({*(time for time in times if time < duration), duration})
 
 
@@ -113,7 +118,7 @@ def first_room(scenario: str, seed: int) -> int:
 
 
 def scenario_argument(text: str) -> str | dict[str, Any]:
-    """A scenario as the command line gives it: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
+    """A scenario of the command line: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
     if not text.lstrip().startswith("{"):
         return text
     try:

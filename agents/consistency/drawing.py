@@ -1,4 +1,4 @@
-"""The picture of the consistency report: average NEES over time. Imports matplotlib where it draws."""
+"""The picture of the consistency report: average NEES over time. matplotlib is imported where it draws."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agents.consistency.calibration import BAR_TIMES, QUANTITIES, Calibration, nees_bar
 from agents.figures import grid_of_panels, legend_below, save_figure
-from agents.honesty.calibration import BAR_TIMES, QUANTITIES, Calibration, nees_bar
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,23 +18,27 @@ LIMITS = (0.1, 30.0)
 
 
 def draw(calibrations: Sequence[Calibration], path: Path) -> Path:
-    """A row for each quantity, a column for each strategy, a colour for each initialiser; the path that was written.
+    """A row for each quantity, a column for each strategy, a colour for each initialiser; the path of the picture.
 
     Lines: the average over the runs alive (dashed: the median). Bands in colour: χ² bounds of the average. Grey: the
     bars, at their times.
     """
     strategies = list(dict.fromkeys(one.strategy for one in calibrations))
-    initialisations = list(dict.fromkeys(one.initialisation for one in calibrations))
+    colours = dict(zip(dict.fromkeys(one.initialisation for one in calibrations), COLOURS))
     figure, grid = grid_of_panels(len(QUANTITIES), len(strategies), (3.4, 2.5), sharex=True, sharey=True)
-    for i, quantity in enumerate(QUANTITIES):
-        for j, strategy in enumerate(strategies):
-            axes = grid[i, j]
+    for row, quantity in zip(grid, QUANTITIES):
+        for axes, strategy in zip(row, strategies):
             for one in (one for one in calibrations if one.strategy == strategy):
-                _curves(axes, one, quantity, COLOURS[initialisations.index(one.initialisation) % len(COLOURS)])
-            _bars(axes, strategy)
-            axes.set(yscale="log", ylim=LIMITS, ylabel=f"NEES of {quantity}" if j == 0 else "")
-            axes.set_title(strategy if i == 0 else "")
-            axes.set_xlabel("time, s" if i == len(QUANTITIES) - 1 else "")
+                _curves(axes, one, quantity, colours[one.initialisation])
+            axes.axhline(1.0, color="black", linewidth=0.5)  # where a filter is consistent
+            for time in BAR_TIMES:
+                if bar := nees_bar(strategy, time):
+                    axes.vlines(time, max(bar.low, LIMITS[0]), bar.high, color="grey", alpha=0.5, linewidth=4.0)
+            axes.set(yscale="log", ylim=LIMITS)
+        row[0].set_ylabel(f"NEES of {quantity}")
+    for top, bottom, strategy in zip(grid[0], grid[-1], strategies):
+        top.set_title(strategy)
+        bottom.set_xlabel("time, s")
     legend_below(figure, grid[0, :1])
     title = "NEES per degree of freedom over the runs alive: average, median (dashed), 95 % χ² band, bars (grey)"
     figure.suptitle(title)
@@ -47,11 +51,3 @@ def _curves(axes: Axes, one: Calibration, quantity: str, colour: str) -> None:
     axes.fill_between(curve["time"], curve["low"], curve["high"], color=colour, alpha=0.2, linewidth=0)
     axes.plot(curve["time"], curve["mean"], color=colour, linewidth=1.3, label=one.initialisation)
     axes.plot(curve["time"], curve["median"], "--", color=colour, linewidth=0.8)
-
-
-def _bars(axes: Axes, strategy: str) -> None:
-    """1, where a filter is consistent, and the bars at their times."""
-    axes.axhline(1.0, color="black", linewidth=0.5)
-    for time in BAR_TIMES:
-        if bar := nees_bar(strategy, time):
-            axes.vlines(time, max(bar.low, LIMITS[0]), bar.high, color="grey", alpha=0.5, linewidth=4.0)

@@ -17,9 +17,9 @@ from activeslam_gym.live.trial import Second, trial
 from agents.figures import PARTS, grid_of_panels, save_figure
 from agents.study.measures import FIRST_MINUTE, LATERAL
 from agents.study.verdicts import Finding, Side, judge, judged
-from agents.tools.arguments import SEEDS, command_line, given, publish, within
+from agents.tools.arguments import SEEDS, Figures, Pages, command_line, given, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
-from agents.tools.sections import page_with, table
+from agents.tools.sections import table
 from agents.tools.statistics import LEGEND, Column, Estimate, estimate
 
 NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
@@ -51,7 +51,7 @@ Runs = dict[str, dict[int, list[Row]]]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(Pages, Figures):
     """Figures 4 and 5 of the paper from rendered pixels: does a person who follows the advice know more?"""
 
     rooms: tuple[int, ...] = (3,)
@@ -64,10 +64,6 @@ class Args:
     """Processes."""
     out: Path = Path("results/live")
     """Folder of the results; runs that it holds of the same code are not made again."""
-    report: tuple[Path, ...] = ()
-    """Markdown files whose generated sections "live" (docs/live.md) and "live-claims" (the study) are regenerated."""
-    figures: bool = True
-    """Draw figure 5 (needs matplotlib)."""
 
     def check(self) -> None:
         """Raises ValueError for a bad argument."""
@@ -80,8 +76,7 @@ class Args:
         if len(self.rooms) not in (1, len(self.seconds)):
             raise ValueError(f"rooms: {len(self.rooms)} numbers; allowed: 1 or {len(self.seconds)}, as of seconds")
         writable_folder("out", self.out)
-        for page in self.report:
-            page_with(page, "live", "live-claims")
+        self.check_pages("live", "live-claims")
 
     @property
     def lasting(self) -> dict[int, float]:
@@ -105,12 +100,12 @@ def main(args: Args) -> int:
             )
             write_json(args.out / "settings.json", {"command": command_line("live", args)})
             write_text(args.out / "live.md", text + "\n")
-            if args.figures:
+            if args.drawn:
                 draw(runs, args.out / "figure5.png")
     except KeyboardInterrupt:
         print("Interrupted; the runs that are over are kept, and the same command goes on from them.")
         return 130
-    publish("live", args, live=text, live_claims=told)
+    args.publish("live", live=text, live_claims=told)
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 

@@ -26,7 +26,7 @@ from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
 from agents import figures, policies, pretrained
 from agents import task as tasks
-from agents.compare import Args, compare
+from agents.compare.command import Args, compare
 from agents.figures import over_rooms, quaternion_error
 from agents.pretrained import FOLDER
 from agents.summary import markdown, summarise, tables, text

@@ -29,7 +29,7 @@ def test_ellipsoid_axes_are_those_of_the_covariance_and_colours_are_bytes() -> N
     flat, quaternions = ellipsoid_axes(np.diag([1.0, 1.0, 0.0])[None], 2.0)
     np.testing.assert_allclose(np.sort(flat[0]), [0.0, 2.0, 2.0])
     assert np.isfinite(quaternions).all()
-    np.testing.assert_array_equal(recording._rgb("#0072B2", "#FFFFFF"), [[0, 114, 178], [255, 255, 255]])
+    np.testing.assert_array_equal(recording.rgb("#0072B2", "#FFFFFF"), [[0, 114, 178], [255, 255, 255]])
 
 
 def test_without_rerun_the_message_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

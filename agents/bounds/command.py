@@ -10,12 +10,12 @@ from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
 from agents import pretrained
 from agents.bounds.ceiling import ceiling
-from agents.bounds.drawing import draw
 from agents.bounds.planners import BUDGETS
 from agents.compare import command as compare
+from agents.figures import grid_of_panels, save_figure
 from agents.summary import BASE
 from agents.task import check
-from agents.tools.arguments import Rooms, first_room, given, publish
+from agents.tools.arguments import Figures, Pages, Rooms, first_room, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import Table
 from agents.tools.statistics import estimate, shares
@@ -31,7 +31,7 @@ Scores = dict[str, dict[int, float]]
 
 
 @dataclass(frozen=True)
-class Args(Rooms):
+class Args(Rooms, Pages, Figures):
     """Bounds: open-loop, greedy and learned policies, the planner at three budgets, and upper bounds."""
 
     scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "noisy", "corner")
@@ -41,17 +41,11 @@ class Args(Rooms):
     learned: tuple[str, ...] = ()
     """Learned policies; those trained in the scenario, and `ppo-mixed`, if none is given."""
     episodes: int = 50
-    """Rooms for each policy and scenario."""
     gaze_period: float = 0.25
     """Seconds between gaze commands."""
     duration: float | None = None
     """Seconds of an episode; the scenario's if not given."""
     out: Path = Path("results/bounds")
-    """Folder of the results; finished episodes that it holds are not run again."""
-    report: tuple[Path, ...] = ()
-    """Pages whose generated section "bounds" is regenerated, with its picture in `images/` beside the page."""
-    figures: bool = True
-    """Draw the figure (needs matplotlib)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -71,7 +65,8 @@ def main(args: Args) -> int:
     comparisons = {scenario: args.comparison(scenario) for scenario in args.scenarios}
     for one in comparisons.values():
         check(one.names, [one.environment])
-    args.prepare("bounds")
+    args.check_pages("bounds")
+    args.prepare()
     if compare.compare_each(comparisons) is None:
         return 130
     results = {scenario: scores(one) for scenario, one in comparisons.items()}
@@ -79,7 +74,7 @@ def main(args: Args) -> int:
     text = "\n\n".join([*texts, *(["![bounds](images/bounds.png)"] if args.drawn else [])])
     write_text(args.out / "bounds.md", text + "\n")
     write_json(args.out / "bounds.json", {"settings": asdict(args), **results})
-    publish("bounds", args, bounds=text)
+    args.publish("bounds", bounds=text)
     for folder in (args.out, *(page.parent for page in args.report)) if args.drawn else ():
         draw(results, folder / "images" / "bounds.png")
     print(f"\n{text}\n\nWritten to {args.out}/")
@@ -110,3 +105,26 @@ def bounds_table(found: Mapping[str, Mapping[int, float]]) -> str:
         leads = estimate(lead, "IQM").text(), estimate(lead, "median").text()
         rows.append([name, score, *leads, of_lead[name].text(100.0, 0), str(len(own))])
     return Table("", header, rows).markdown()
+
+
+def draw(results: Mapping[str, Mapping[str, Mapping[int, float]]], path: Path) -> Path:
+    """Draw scenario → policy → seed → log score into `path`: each room a dot, medians with their intervals.
+
+    The first policy is at the top of a panel, with a line at its median.
+    """
+    height = 1.2 + 0.34 * max(len(found) for found in results.values())
+    figure, panels = grid_of_panels(len(results), 1, (7.0, height))
+    for axes, (scenario, found) in zip(panels[:, 0], results.items()):
+        scores = [np.array(list(of_policy.values())) for of_policy in found.values()]
+        medians = [estimate(values, "median") for values in scores]
+        for y, (values, median) in enumerate(zip(scores, medians)):
+            axes.plot(values, np.full(len(values), y), ".", color="tab:blue", alpha=0.35, markersize=4)
+            axes.plot([median.low, median.high], [y, y], color="black", linewidth=2.0)
+            axes.plot(median.value, y, "d", color="black", markersize=6)
+        axes.axvline(medians[0].value, color="tab:red", linewidth=0.8, linestyle="--")
+        lowest, highest = min(np.quantile(values, 0.1) for values in scores), max(values.max() for values in scores)
+        axes.set_xlim(lowest - 0.05 * (highest - lowest), highest + 0.05 * (highest - lowest))
+        axes.set_yticks(range(len(found)), list(found), fontsize=8)
+        axes.invert_yaxis()
+        axes.set(title=scenario, xlabel="log score gained, bits (dots: rooms; diamonds: medians, with intervals)")
+    return save_figure(figure, path)

@@ -14,21 +14,13 @@ from agents import policies
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import (
-    Rooms,
-    command_line,
-    given,
-    scenario_argument,
-    times,
-    times_within,
-    within,
-)
+from agents.tools.arguments import Figures, Pages, Rooms, given, scenario_argument, times, times_within, within
 from agents.tools.files import alone_in, write_csv, write_json, write_text
-from agents.tools.sections import provenance, put_section
+from agents.tools.sections import put_section
 
 
 @dataclass(frozen=True)
-class Args(Rooms):
+class Args(Rooms, Pages, Figures):
     """Run policies in the same held-out rooms; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
@@ -36,7 +28,6 @@ class Args(Rooms):
     policy: tuple[str, ...] = ()
     """More of them, beside `policies`."""
     episodes: int = 8
-    """Rooms for each policy."""
     out: Path = Path("results/compare")
     """Folder of the results."""
     scenario: str = "paper"
@@ -57,10 +48,6 @@ class Args(Rooms):
     """Seconds at which the NEES is told; those within the duration count."""
     resume: bool = False
     """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones."""
-    report: tuple[Path, ...] = ()
-    """Markdown files whose generated sections "compare" (all tables) and "headline" (one) are regenerated."""
-    figures: bool = True
-    """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -112,7 +99,8 @@ def compare(args: Args) -> Summary | None:
     policy or a bad argument of the environment, before any episode.
     """
     check(args.names, [args.environment])
-    args.prepare("compare", "headline")
+    args.check_pages("compare", "headline")
+    args.prepare()
     rehearse(args.names, [args.environment], args.seed)
     with alone_in(args.out):
         episodes = _play(args)
@@ -173,8 +161,8 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", markdown(summary))
+    args.publish("compare", compare=markdown(summary))
     for page in args.report:
-        put_section(page, "compare", f"{provenance(command_line('compare', args))}\n\n{markdown(summary)}")
         put_section(page, "headline", headline(summary))
     if args.drawn:
         draw_all(episodes, args.out)

@@ -8,7 +8,7 @@ from activeslam_gym.config import SCENARIOS
 from agents.compare import command
 from agents.summary import ERRORS, LEARNED, Summary
 from agents.task import check
-from agents.tools.arguments import Rooms, first_room, publish
+from agents.tools.arguments import Pages, Rooms, first_room
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import Table
 from agents.tools.statistics import LEGEND, MISSING
@@ -25,20 +25,16 @@ CONDITIONS: dict[str, str] = {
 
 
 @dataclass(frozen=True)
-class Args(Rooms):
+class Args(Rooms, Pages):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
 
     policies: tuple[str, ...] = ("ppo", "ppo-mixed", "orbit", "mi-constant", "mi-fisher", "sweep")
     """Names of policies, as for compare."""
     episodes: int = 50
-    """Rooms for each policy and condition."""
     out: Path = Path("results/generalise")
-    """Folder of the results; episodes of the same rooms that it holds are not run again."""
     scenarios: tuple[str, ...] = ()
     """Named scenarios in place of the conditions, each in rooms of its own: `seed` counts from its first, and
     1 000 000 is that one."""
-    report: tuple[Path, ...] = ()
-    """Markdown files whose generated section "generalise" is regenerated, for instance RESULTS.md."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -59,14 +55,15 @@ def main(args: Args) -> int:
     """Run the command; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     comparisons = args.comparisons()
     check(args.policies, [one.environment for one in comparisons.values()])
-    args.prepare("generalise")
+    args.check_pages("generalise")
+    args.prepare()
     if (summaries := command.compare_each(comparisons)) is None:
         return 130
     found = shares(summaries)
     text = f"{table(summaries).markdown()}\n\n{LEGEND}\n\n{found.title}:\n\n{found.markdown()}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
-    publish("generalise", args, generalise=text)
+    args.publish("generalise", generalise=text)
     print(f"\n{text}\n\nWritten to {args.out}/")
     return 0
 

@@ -9,16 +9,16 @@ from typing import Any
 from activeslam_gym.config import INITIALISATIONS, scenario_from
 from activeslam_gym.evaluation import Episode, honesty, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
-from agents.consistency import drawing, page
+from agents.consistency import page
 from agents.consistency.calibration import Calibration, calibrate, initialisation_of
 from agents.consistency.witness import Witness
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Rooms, given, publish, times, times_within
+from agents.tools.arguments import Figures, Pages, Rooms, given, times, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 
 
 @dataclass(frozen=True)
-class Args(Rooms):
+class Args(Rooms, Pages, Figures):
     """Is the filter consistent? NEES, depth errors, associations and losses over rooms; report, CSV, JSON, figure."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep", "random")
@@ -26,21 +26,14 @@ class Args(Rooms):
     initialisations: tuple[str, ...] = tuple(reversed(INITIALISATIONS))
     """Initialisers of features that each policy runs with."""
     episodes: int = 100
-    """Rooms for each policy with each initialiser."""
     seed: int = field(default=2_000_000, kw_only=True)
-    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/consistency")
-    """Folder of the results; finished episodes that it holds are not run again."""
     scenario: str = "paper"
     """Name of the scenario; under `clutter` only the share of lost runs has a bar."""
     duration: float = 35.0
     """Seconds of an episode."""
     times: tuple[float, ...] = (5.0, 15.0, 25.0, 35.0)
     """Seconds at which the NEES is told; those within the duration count."""
-    report: tuple[Path, ...] = ()
-    """Markdown files whose generated section "consistency" is regenerated, for instance docs/HONESTY.md."""
-    figures: bool = True
-    """Draw the figure (needs matplotlib)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -85,7 +78,8 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
     initialiser or a bad argument of the environment, before any episode.
     """
     check(args.policies, args.environments)
-    args.prepare("consistency")
+    args.check_pages("consistency")
+    args.prepare()
     rehearse(args.policies, args.environments, args.seed)
     with alone_in(args.out):
         tasks = args.tasks()
@@ -129,7 +123,7 @@ def _write(calibrations: Sequence[Calibration], args: Args, complete: bool) -> N
     write_json(args.out / "report.json", {"settings": settings, "results": [asdict(one) for one in calibrations]})
     text = page.markdown(calibrations, args.told_at, settings)
     write_text(args.out / "report.md", text)
-    publish("consistency", args, consistency=text.replace("# ", "## ").replace("(nees.png)", "(images/nees.png)"))
+    args.publish("consistency", consistency=text.replace("# ", "## ").replace("(nees.png)", "(images/nees.png)"))
     pictures = [args.out / "nees.png", *(path.parent / "images" / "nees.png" for path in args.report)]
     for picture in pictures if args.drawn else ():
-        drawing.draw(calibrations, picture)
+        page.draw(calibrations, picture)

@@ -32,7 +32,8 @@ class Keeper(BaseCallback):
     def __init__(self, args: Args, learner: Any, rooms: VecEnv) -> None:
         super().__init__()
         self.args, self.learner, self.rooms = args, learner, rooms
-        self.weights, self.bar, self.visited = args.out / WEIGHTS, None, 0
+        self.weights, self.visited = args.out / WEIGHTS, 0
+        self.bar: Any = None
         self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
         self.best: float = -math.inf
         if self.weights.exists():

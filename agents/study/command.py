@@ -22,7 +22,7 @@ from agents.study.conditions import (
 )
 from agents.study.verdicts import Finding
 from agents.task import check, rehearse, results
-from agents.tools.arguments import Rooms, command_line, within
+from agents.tools.arguments import Figures, Rooms, command_line, within
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.machine import machine, versions
 
@@ -33,7 +33,7 @@ RULE = (
 
 
 @dataclass(frozen=True)
-class Args(Rooms):
+class Args(Rooms, Figures):
     """The paper's study: its figures redrawn from our runs, and a verdict on each of its claims."""
 
     episodes: int = 100
@@ -41,11 +41,8 @@ class Args(Rooms):
     choice_episodes: int = 50
     """Rooms, the first of these, for the other choices that the paper leaves open."""
     out: Path = Path("results/figures")
-    """Folder of the results; finished episodes that it holds are not run again."""
     duration: float | None = None
     """Seconds of an episode, for a quick look; the paper's if not given."""
-    figures: bool = True
-    """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -23,12 +23,16 @@ UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")
 
 @dataclass(frozen=True, kw_only=True)
 class Rooms:
-    """Arguments of every command that plays many rooms, beside its own `episodes` and `out`."""
+    """Arguments of every command that plays many rooms."""
 
+    episodes: int
+    """Rooms for each policy, in each scenario or condition."""
     seed: int = 1_000_000
     """Episode j is reset(seed=seed + j)."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
+    out: Path
+    """Folder of the results; finished episodes that it holds are not run again."""
     store: Path | None = None
     """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
 
@@ -36,35 +40,53 @@ class Rooms:
         """Raises ValueError for a number outside its bounds."""
         within(self, episodes=(1, 10**6), seed=SEEDS, jobs=(1, 4096))
 
-    def prepare(self, *sections: str) -> None:
-        """Raises ValueError where `out` cannot be written to, or a page of `report` has none of these sections."""
-        for page in getattr(self, "report", ()):
-            page_with(page, *sections)
-        writable_folder("out", self.out)  # type: ignore[attr-defined]
+    def prepare(self) -> None:
+        """Raises ValueError where a folder cannot be written to."""
+        writable_folder("out", self.out)
         if self.store:
             writable_folder("store", self.store)
 
     @property
     def seeds(self) -> range:
         """Of the rooms."""
-        return range(self.seed, self.seed + self.episodes)  # type: ignore[attr-defined]
+        return range(self.seed, self.seed + self.episodes)
 
     @property
     def episode_store(self) -> Store:
         """The store of the episodes."""
-        return Store(self.store or self.out / "episodes")  # type: ignore[attr-defined]
+        return Store(self.store or self.out / "episodes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pages:
+    """Generated sections of pages that people write."""
+
+    report: tuple[Path, ...] = ()
+    """Markdown pages whose generated sections of this command are regenerated."""
+
+    def check_pages(self, *sections: str) -> None:
+        """Raises ValueError where a page has none of these sections."""
+        for page in self.report:
+            page_with(page, *sections)
+
+    def publish(self, name: str, **sections: str) -> None:
+        """Put the texts into the sections of the pages, each under the command that made it."""
+        for page in self.report:
+            for section, text in sections.items():
+                put_section(page, section.replace("_", "-"), f"{provenance(command_line(name, self))}\n\n{text}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures, which need matplotlib."""
+
+    figures: bool = True
+    """Draw the figures (needs matplotlib)."""
 
     @property
     def drawn(self) -> bool:
         """Whether figures are wanted and matplotlib is there to draw them."""
-        return self.figures and find_spec("matplotlib") is not None  # type: ignore[attr-defined]
-
-
-def publish(name: str, args: Any, **sections: str) -> None:
-    """Put the texts into the sections of the pages of ``args.report``, each under the command that made it."""
-    for page in args.report:
-        for section, text in sections.items():
-            put_section(page, section.replace("_", "-"), f"{provenance(command_line(name, args))}\n\n{text}")
+        return self.figures and find_spec("matplotlib") is not None
 
 
 def command_line(name: str, args: Any) -> str:

@@ -86,21 +86,19 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status. Raises as `watch` does, and ValueError for a bad argument."""
+    """Run the command; the exit status. Raises as `watch`, and ValueError for a bad argument or a damaged recording."""
     args.check()
-    for path in watch(args) if args.recording is None else watch_recording(args.recording, args):
-        print(f"Written to {path}")
-    return 0
-
-
-def watch_recording(folder: Path, args: Args) -> Iterator[Path]:
-    """Yield the files of a live recording once they are written. Raises OSError or ValueError where it is damaged."""
+    if args.recording is None:
+        for path in watch(args):
+            print(f"Written to {path}")
+        return 0
     if args.save:
-        animate(folder, args.save, args.every, args.speed, args.width)
-        yield args.save
+        animate(args.recording, args.save, args.every, args.speed, args.width)
+        print(f"Written to {args.save}")
     if args.rerun:
-        log_rerun(folder, args.rerun)
-        yield args.rerun
+        log_rerun(args.recording, args.rerun)
+        print(f"Written to {args.rerun}")
+    return 0
 
 
 def watch(args: Args) -> Iterator[Path]:

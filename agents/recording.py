@@ -86,8 +86,8 @@ def rgb(*colours: str) -> np.ndarray:
     return np.array([list(bytes.fromhex(colour[1:])) for colour in colours], np.uint8).reshape(-1, 3)
 
 
-class Recording:
-    """Writes an environment moment by moment; the file is there, whole, after `close`.
+class Recording(ExitStack):
+    """Writes an environment moment by moment; the file is there, whole, after `close` or the end of the block.
 
     Args:
         path: The file, ``*.rrd``.
@@ -99,17 +99,11 @@ class Recording:
     """
 
     def __init__(self, path: str | os.PathLike[str], scenario: Scenario, name: str = "active SLAM") -> None:
-        self._at_close = ExitStack()
-        self._rr, self._stream = open_stream(Path(path), name, self._at_close, with_views=True)
+        super().__init__()
+        self._rr, self._stream = open_stream(Path(path), name, self, with_views=True)
         self._log_setting(scenario)
         self._paths: dict[str, list[np.ndarray]] = {"truth": [], "belief": []}
         self._command = ""
-
-    def __enter__(self) -> Recording:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def log(self, env: Any, info: dict[str, Any]) -> None:
         """Add the present moment of a single environment; ``info`` is that of its last `reset` or `step`."""
@@ -129,10 +123,6 @@ class Recording:
         if command != self._command and not first:
             self._stream.log("command", self._rr.TextLog(command))
             self._command = command
-
-    def close(self) -> None:
-        """Complete the file; harmless when it is closed already."""
-        self._at_close.close()
 
     def _log_setting(self, scenario: Scenario) -> None:
         """The axes, the room and the cameras' lenses."""

@@ -220,23 +220,22 @@ def _notes(rows: Mapping[str, Mapping[int, Row]], policies: Mapping[str, Figures
 
 def _headline(rows: Mapping[str, Mapping[int, Row]], policies: Mapping[str, Figures]) -> str:
     """The highest median log score and its lead in the same rooms; policies lost too often, or under 0, are barred."""
-    barred = {name: reason for name, figures in policies.items() if (reason := _barred(figures))}
-    out = "; ".join(f"{name} {reason}" for name, reason in barred.items())
-    left_out = f" Not in the running: {out}." if out else ""
-    running = [name for name in by_log_score(policies) if name not in barred]
+    running, barred = [], []
+    for name in policies:
+        lost, gain = (policies[name][key].value for key in ("lost", "log_score_gain_median"))
+        if lost > MOST_LOST:
+            barred.append(f"{name} is lost in {100 * lost:.0f} % of the rooms")
+        elif gain <= 0:
+            barred.append(f"{name} has a median log score gain of 0 or less")
+        else:
+            running.append(name)
+    left_out = f" Not in the running: {'; '.join(barred)}." if barred else ""
     if not running:
         return f"No policy has won anything.{left_out}"
-    first, *others = running
-    gain = policies[first]["log_score_gain_median"].text()
-    told = f"Highest median log score gain (overconfidence cannot win it): {first}, {gain} bits"
+    first, *others = by_log_score({name: policies[name] for name in running})
+    best = policies[first]["log_score_gain_median"].text()
+    told = f"Highest median log score gain (overconfidence cannot win it): {first}, {best} bits"
     if others:
         lead = _paired(rows[first], rows[others[0]])["log_score_gain_median"].text()
         told += f"; its lead over {others[0]} in the same rooms: {lead} bits"
     return f"{told}.{left_out}"
-
-
-def _barred(figures: Figures) -> str:
-    """Why a policy cannot have the headline, or nothing."""
-    if figures["lost"].value > MOST_LOST:
-        return f"is lost in {100 * figures['lost'].value:.0f} % of the rooms"
-    return "has a median log score gain of 0 or less" if figures["log_score_gain_median"].value <= 0 else ""

@@ -1,19 +1,14 @@
 """`python -m agents train`: PPO, A2C or DQN from Stable-Baselines3 on the native batch."""
 
-from __future__ import annotations
-
 import json
 from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.learn.recipe import CHECKPOINT, WEIGHTS, Recipe
 from agents.tools.arguments import within
 from agents.tools.files import alone_in, reading, writable_folder, write_json
-
-if TYPE_CHECKING:
-    from stable_baselines3.common.vec_env import VecEnv
 
 ARGUMENTS = "arguments.json"
 
@@ -60,38 +55,28 @@ def train(args: Args) -> bool:
             that goes on, or weights that are no longer finite.
     """
     from agents.learn import algorithms
+    from agents.learn.keeper import Keeper
 
     args.check()
     env = algorithms.make_batch(args, args.num_envs, algorithms.training_seed(args))
     rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.held_out_seed(args))
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), closing(rooms):
-        return _train(args, env, rooms)
-
-
-def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
-    from agents.learn import algorithms
-    from agents.learn.keeper import Keeper
-
-    _require_same(args)
-    checkpoint, logs = args.out / CHECKPOINT, args.out / "logs"
-    if checkpoint.exists():
-        learner = algorithms.load_learner(args, env, logs, checkpoint)
-    else:
-        learner = algorithms.make_learner(args, env, logs)
-    write_json(args.out / ARGUMENTS, args.recipe())
-    keeper = Keeper(args, learner, rooms)
-    try:
-        if (left := args.total_steps - learner.num_timesteps) > 0:
-            learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
-        finished = True
-    except KeyboardInterrupt:
-        finished = False
-    finally:
-        keeper.close()
-    if finished and args.unseen_rooms:
-        keeper.add_results()
-    return finished
+        _require_same(args)
+        learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs")
+        write_json(args.out / ARGUMENTS, args.recipe())
+        keeper = Keeper(args, learner, rooms)
+        try:
+            if (left := args.total_steps - learner.num_timesteps) > 0:
+                learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
+            finished = True
+        except KeyboardInterrupt:
+            finished = False
+        finally:
+            keeper.close()
+        if finished and args.unseen_rooms:
+            keeper.add_results()
+        return finished
 
 
 def _require_same(args: Args) -> None:

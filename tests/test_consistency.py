@@ -112,7 +112,8 @@ def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pyte
         return play(group)
 
     monkeypatch.setattr(tasks, "play_tasks", interrupted)
-    args = Args(("random",), (INVERSE_DEPTH,), 3, seed=0, out=tmp_path, duration=1.0, jobs=1, figures=False)
+    few: dict[str, Any] = {"policies": ("random",), "initialisations": (INVERSE_DEPTH,), "episodes": 3, "seed": 0}
+    args = Args(**few, out=tmp_path, duration=1.0, jobs=1, figures=False)
     calibrations, complete = report(args)
     assert (calibrations[0].runs, complete) == (1, False)
     assert "Interrupted" in (tmp_path / "report.md").read_text()

@@ -153,10 +153,6 @@ def test_what_does_not_fit_is_said(trained: Path) -> None:
         agents.load("absent", env, trained)
     with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
         agents.load("policy", quick, trained)
-    with pytest.raises(ValueError, match="total_steps must be positive and finite, got 0"):
-        Args(total_steps=0).check()
-    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file of weights"):
-        policies.factory("absent.npz")
 
 
 def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
@@ -225,14 +221,6 @@ def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monk
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert "2 held-out rooms" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
-
-
-def test_nothing_is_written_before_all_is_checked(tmp_path: Path) -> None:
-    bad: dict[str, Any] = {"reward": "bogus", "learning_rate": np.inf, "entropy_bonus": np.nan, "decision_period": 0.13}
-    for name, value in bad.items():
-        with pytest.raises(ValueError, match=f"{name}|gaze_period"):
-            train(Args(out=tmp_path / "new", total_steps=40, **(SMALL | {name: value})))
-    assert not (tmp_path / "new").exists()
 
 
 class Evil:

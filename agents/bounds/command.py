@@ -30,7 +30,7 @@ Scores = dict[str, dict[int, float]]
 """Policy → seed → log score gained [bit]."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Args(Rooms, Pages, Figures):
     """Bounds: open-loop, greedy and learned policies, the planner at three budgets, and upper bounds."""
 

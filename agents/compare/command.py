@@ -19,7 +19,7 @@ from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.sections import put_section
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Args(Rooms, Pages, Figures):
     """Run policies in the same held-out rooms; write a table, CSV, JSON and figures."""
 

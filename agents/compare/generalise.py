@@ -24,7 +24,7 @@ CONDITIONS: dict[str, str] = {
 """Name → scenario: the default, a denser room, a large one, 5 % missed and 2 false detections a frame, other noise."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Args(Rooms, Pages):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
 

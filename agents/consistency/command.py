@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from agents.tools.arguments import Figures, Pages, Rooms, given, times, times_wi
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Args(Rooms, Pages, Figures):
     """Is the filter consistent? NEES, depth errors, associations and losses over rooms; report, CSV, JSON, figure."""
 
@@ -26,7 +26,7 @@ class Args(Rooms, Pages, Figures):
     initialisations: tuple[str, ...] = tuple(reversed(INITIALISATIONS))
     """Initialisers of features that each policy runs with."""
     episodes: int = 100
-    seed: int = field(default=2_000_000, kw_only=True)
+    seed: int = 2_000_000
     out: Path = Path("results/consistency")
     scenario: str = "paper"
     """Name of the scenario; under `clutter` only the share of lost runs has a bar."""

@@ -106,13 +106,15 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
     return learner
 
 
-def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> Any:
+def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path) -> Any:
     """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
 
-    Of the file, tensors and plain numbers are read, never a pickle: `BaseAlgorithm.load` would run its code.
-    Raises ValueError for a damaged file, or one of another learner.
+    Without a checkpoint it is new. Of the file, tensors and plain numbers are read, never a pickle:
+    `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another learner.
     """
     learner = make_learner(recipe, env, logs)
+    if not checkpoint.exists():
+        return learner
     with reading(checkpoint), ZipFile(checkpoint) as archive:
         kept = json.loads(archive.read("data"))
         try:

@@ -1,6 +1,6 @@
 """The paper's claims, and the findings of our runs on each."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -86,14 +86,10 @@ def _against(
         yield Claim(key.format(other), words.format(STRATEGIES[other]), where, findings)
 
 
-def _strategies(rows: Rows) -> dict[str, list[Row]]:
-    """Numeral → the runs of the strategy."""
-    return {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
-
-
-def _with_live(rows: Rows) -> dict[str, list[Row]]:
-    """Those, and the runs of the live system."""
-    return _strategies(rows) | {name: rows[name, LIVE] for name in LIVE_CHOICES}
+def _runs(rows: Rows, live: Sequence[str] = LIVE_CHOICES) -> dict[str, list[Row]]:
+    """Numeral → the runs of the strategy; then the runs of the live system."""
+    runs = {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
+    return runs | {name: rows[name, LIVE] for name in live}
 
 
 def _stated_times(rows: Rows) -> Iterator[Finding]:
@@ -128,12 +124,12 @@ def _consistent_errors(rows: Rows) -> Iterator[Finding]:
         "position_in_bounds": ("% of position errors within 2σ (nominal 95.4)", 0.9),
         "orientation_in_bounds": ("% of orientation errors within 2σ (nominal 95.4)", 0.9),
     }
-    for (name, (measure, bound)), (numeral, runs) in product(forms.items(), _strategies(rows).items()):
+    for (name, (measure, bound)), (numeral, runs) in product(forms.items(), _runs(rows, live=()).items()):
         yield judged(DEFAULT, f"{measure}, {numeral}", column(runs, name), "above", bound, 100.0)
 
 
 def _closure_drop(rows: Rows) -> Iterator[Finding]:
-    for part, (name, runs) in product(("camera", "total"), _with_live(rows).items()):
+    for part, (name, runs) in product(("camera", "total"), _runs(rows).items()):
         change = column(runs, f"closure_change_{part}") - column(runs, f"before_change_{part}")
         measure = f"change of log₂\\|P\\| ({part}) in the second from a closure on − before it, {name}"
         yield judged(DEFAULT, measure, change, "below")
@@ -164,7 +160,7 @@ def _approach(rows: Rows) -> Iterator[Finding]:
 
 
 def _perpendicular(rows: Rows) -> Iterator[Finding]:
-    for event, (name, runs) in product(("birth", "mapping"), _with_live(rows).items()):
+    for event, (name, runs) in product(("birth", "mapping"), _runs(rows).items()):
         after, measure = column(runs, f"lateral_after_{event}"), f"% of motions that are lateral after a {event}"
         yield judged(event, f"{measure}, {name} (chance 57)", after, "above", CHANCE_LATERAL, 100.0)
         more = after - column(runs, "lateral_otherwise")

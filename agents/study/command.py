@@ -32,7 +32,7 @@ RULE = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Args(Rooms, Figures):
     """The paper's study: its figures redrawn from our runs, and a verdict on each of its claims."""
 

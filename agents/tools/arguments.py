@@ -92,7 +92,7 @@ class Figures:
 def command_line(name: str, args: Any) -> str:
     """The command that `args` are of: how many rooms, and whatever else decides its numbers and is no default."""
     told = []
-    for one in sorted(fields(args), key=lambda field: field.name == "seed"):
+    for one in sorted(fields(args), key=lambda field: (field.name == "seed", field.name != "policies")):
         value = getattr(args, one.name)
         if one.name in ("episodes", "rooms", "seed") or (one.name not in UNTOLD and value != one.default):
             several = value if isinstance(value, tuple) else (value,)

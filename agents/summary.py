@@ -93,7 +93,7 @@ def summarise(
     runs = grouped(episodes)
     rows = {name: {run.seed: _row(run, target_landmarks) for run in of_policy} for name, of_policy in runs.items()}
     columns = (*LEARNED, *ERRORS, *SPEED)
-    policies = {name: {one.key: one.of(seen.values()) for one in columns} for name, seen in rows.items()}
+    policies = {name: _figures(list(seen.values()), columns) for name, seen in rows.items()}
     known = [name for name in policies if name in baselines.names()]
     best = max(known, key=lambda name: policies[name]["bits"].value, default=None)
     references = dict.fromkeys((reference, best, by_log_score(policies)[0]))
@@ -102,7 +102,7 @@ def summarise(
         settings=settings or {},
         policies=policies,
         honesty={
-            name: {f"{t:g}": {c.key: c.of([honesty(run, t) for run in of_policy]) for c in NEES} for t in honesty_times}
+            name: {f"{t:g}": _figures([honesty(run, t) for run in of_policy], NEES) for t in honesty_times}
             for name, of_policy in runs.items()
         },
         paired={
@@ -191,14 +191,17 @@ def _table(
 Row = dict[str, Any]
 
 
+def _figures(rows: Sequence[Row], columns: Sequence[Column]) -> Figures:
+    return {column.key: column.of(rows) for column in columns}
+
+
 def _row(run: Episode, target_landmarks: int) -> Row:
     return outcome(run, target_landmarks) | {"landmark_errors": run.landmark_errors}
 
 
 def _paired(rows: Mapping[int, Row], others: Mapping[int, Row]) -> Figures:
     """Figures of the differences in the rooms that both policies saw."""
-    differences = [_difference(row, others[seed]) for seed, row in rows.items() if seed in others]
-    return {one.key: one.of(differences) for one in PAIRED}
+    return _figures([_difference(row, others[seed]) for seed, row in rows.items() if seed in others], PAIRED)
 
 
 def _difference(row: Row, other: Row) -> dict[str, float]:

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, inlined, record
+from activeslam_gym.kernels import Record, borrowing, compiled, constants, inlined
 from activeslam_gym.motion import QUATERNION
 
 Vector = np.ndarray | tuple[float, float, float]
@@ -20,34 +19,19 @@ Vector = np.ndarray | tuple[float, float, float]
 Pixel = np.ndarray | tuple[float, float]
 """Two numbers, likewise."""
 
-CAMERA = record(
-    focal="f8",  # f k_u = f k_v [px]
-    u0="f8",
-    v0="f8",
+CAMERA, camera_of = constants(
+    focal=lambda s: s.focal_px,  # f k_u = f k_v [px]
+    u0=lambda s: s.principal_x_px,
+    v0=lambda s: s.principal_y_px,
     distortion="f8",  # K_d [1/px^2]
-    width="f8",
-    height="f8",
+    width=lambda s: float(s.image_width),
+    height=lambda s: float(s.image_height),
     minimum_depth="f8",  # points nearer than this are not seen [m]
-    maximum_distance="f8",  # nor are points farther than this [m]
+    maximum_distance=lambda s: math.inf if s.maximum_distance is None else s.maximum_distance,  # nor farther ones [m]
     pixel_std="f8",  # of the image noise, each axis [px]
-    point_curvature="f8",  # 1: what the line leaves out of a point's measurement counts as noise; 0: it does not
+    command_known="b1",  # whether the motion is known between frames: see `slam.curvature`
 )
-"""Intrinsics, in pixels where nothing else is said; and what a filter takes for the noise of what it sees."""
-
-
-def camera_of(scenario: Scenario) -> Record:
-    """The camera of a scenario, a CAMERA record."""
-    return filled(
-        CAMERA,
-        scenario,
-        focal=scenario.focal_px,
-        u0=scenario.principal_x_px,
-        v0=scenario.principal_y_px,
-        width=scenario.image_width,
-        height=scenario.image_height,
-        maximum_distance=math.inf if scenario.maximum_distance is None else scenario.maximum_distance,
-        point_curvature=1.0 if scenario.command_known else 0.0,
-    )
+"""The lens, in pixels where nothing else is said; and the filter's model of the noise of its measurements."""
 
 
 class View(NamedTuple):

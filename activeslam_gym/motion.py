@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
-from activeslam_gym.kernels import Record, compiled, filled, record
+from activeslam_gym.kernels import Record, compiled, constants
 from activeslam_gym.linalg import congruence, copy_into, product
 
 CAMERA_SIZE = 13
@@ -64,22 +64,22 @@ for _motion, (_axis, _sign) in enumerate(zip(MOTION_AXIS, MOTION_SIGN, strict=Tr
 COMMANDS[:, :, 3] = GAZE_SHARE
 
 
-MOTION = record(
-    dt="f8",
+MOTION, _motion_of = constants(
+    dt=lambda s: s.frame_time,
     acceleration_std="f8",
     angular_acceleration_std="f8",
-    filter_acceleration_std="f8",
-    filter_angular_acceleration_std="f8",
+    filter_acceleration_std=lambda s: s.filter_acceleration_std or s.acceleration_std,
+    filter_angular_acceleration_std=lambda s: s.filter_angular_acceleration_std or s.angular_acceleration_std,
     command_known="b1",
     step_length="f8",
     turn_rate="f8",
     controller_frequency="f8",
     rate_loop_time="f8",
-    period="f8",
-    half=("f8", 3),
+    period=1.0,
+    half=lambda s: 0.5 * np.array(s.room_size),
     goal_margin="f8",
     wall_margin="f8",
-    bodies="b1",  # whether something beside the walls may stop the camera
+    bodies=lambda s: s.has_bodies,  # whether something beside the walls may stop the camera
     scripted_gaze_amplitude="f8",
     scripted_gaze_period="f8",
 )
@@ -88,16 +88,9 @@ MOTION = record(
 
 def motion_of(scenario: Scenario, motion_period: float) -> Record:
     """The MOTION record of a scenario whose commanded translations take ``motion_period`` seconds."""
-    return filled(
-        MOTION,
-        scenario,
-        dt=scenario.frame_time,
-        filter_acceleration_std=scenario.filter_acceleration_std or scenario.acceleration_std,
-        filter_angular_acceleration_std=scenario.filter_angular_acceleration_std or scenario.angular_acceleration_std,
-        period=motion_period,
-        half=0.5 * np.array(scenario.room_size),
-        bodies=scenario.has_bodies,
-    )
+    motion = _motion_of(scenario)
+    motion.period = motion_period
+    return motion
 
 
 LARGEST_ACCELERATION, LARGEST_ANGULAR_ACCELERATION = 10.0, 10.0

@@ -14,8 +14,7 @@ from activeslam_gym.motion import accelerations, turn_of
 from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import INVERSE_DEPTH as INVERSE_DEPTH_KIND
 from activeslam_gym.slam.belief import POINT, fiducial_id, point_of
-from activeslam_gym.slam.filter import Filter, candidates_of
-from activeslam_gym.slam.initialisation import follow_tracks
+from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.kalman import wander
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
@@ -51,7 +50,7 @@ def test_a_feature_is_born_seen_again_and_forgotten() -> None:
     np.testing.assert_allclose(thing[0].z_hat, [100.0, 80.0], atol=1e-6)
     np.testing.assert_allclose(filter.sight().S, filter.sight().S.T)
     before = np.linalg.slogdet(filter.points()[1])[1]
-    found = filter.update(candidates_of([[201.0, 121.0], [99.0, 81.0], [20.0, 20.0]], R_PAPER))
+    found = filter.update(detections_of([[201.0, 121.0], [99.0, 81.0], [20.0, 20.0]], R_PAPER))
     assert found.tolist() == [2, 1, NEW]
     assert np.linalg.slogdet(filter.points()[1])[1] < before
     filter.delete(first)
@@ -81,13 +80,13 @@ def test_a_full_map_gives_no_birth_and_known_boxes_hide_fiducials() -> None:
     assert filter.sight().thing["id"].tolist() == [fiducial_id(1)]
 
 
-def test_labelled_candidates_are_taken_at_their_word() -> None:
+def test_labelled_detections_are_taken_at_their_word() -> None:
     """Two fiducials, swapped in the image: only their ids tell, and the filter follows them."""
     filter = Filter(replace(PAPER, orientation_std=0.3), fiducials=[[0.3, 0.0, 2.0], [-0.3, 0.0, 2.0]])
     turned = np.zeros(13)
     turned[3:7] = rotate_left(np.array([0.0, 0.0, 0.4]), np.array([1.0, 0, 0, 0]))
     pixels = [pixel_of(CAMERA, turned, y) for y in filter.fiducials]
-    found = filter.update(candidates_of(pixels, R_PAPER, ids=[-1, -2]), labelled=True)
+    found = filter.update(detections_of(pixels, R_PAPER, ids=[-1, -2]), labelled=True)
     assert found.tolist() == [-1, -2]
     for z, thing in zip(pixels, filter.sight().thing, strict=True):
         np.testing.assert_allclose(thing.z_hat, z, atol=4.0)
@@ -155,8 +154,8 @@ def test_features_wander_as_their_view_changes(turned) -> None:
         (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
         (lambda f: f.birth([[1.0], [2.0, 3.0]]), "pixel must be"),
         (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
-        (lambda f: f.update([[1.0, 2.0]]), "candidates must be of type CANDIDATE"),
-        (lambda f: f.update(candidates_of([[1.0, np.inf]])), "candidates must have finite pixels"),
+        (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),
+        (lambda f: f.update(detections_of([[1.0, np.inf]])), "detections must have finite pixels"),
     ],
 )
 def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
@@ -183,11 +182,10 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
         turn = turn_of(motion, int(action[1]), frame * motion.dt)
         u = accelerations(motion, filter.belief.state.camera, control.start, control.goal, begun, turn)
         filter.predict(u, scenario.frame_time)
-        candidates = run.candidate[: run.episode.detections].copy()
-        candidates["match"] = filter.update(candidates)
-        for i in follow_tracks(filter.camera, filter.model.initialisation, filter.belief, candidates):
-            candidates["match"][i] = filter.birth(candidates[i]["pixel"], candidates[i]["R"])
-        np.testing.assert_array_equal(candidates["match"], run.candidate["match"][: run.episode.detections])
+        detections = run.candidate[: run.episode.detections].copy()
+        detections["match"] = filter.update(detections)
+        filter.initialise(detections)
+        np.testing.assert_array_equal(detections["match"], run.candidate["match"][: run.episode.detections])
         assert filter.belief.state == run.ekf.state
     assert filter.belief.state.serial > 5
     for own, its in zip(filter.belief, run.ekf, strict=True):

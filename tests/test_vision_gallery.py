@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of  # noqa: E402
-from activeslam_gym.slam.association import CANDIDATE, REJECTED  # noqa: E402
+from activeslam_gym.slam.association import DETECTION, REJECTED  # noqa: E402
 from activeslam_gym.slam.sight import THING, Sight  # noqa: E402
 from activeslam_gym.vision.gallery import Gallery  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
@@ -34,7 +34,7 @@ def gallery(grey) -> Gallery:
 
 def seen_at(gallery: Gallery, id: int, error: tuple[float, float]) -> None:
     """One match of ``id``, so far [px] from where the updated belief has it."""
-    found = np.zeros(1, CANDIDATE)
+    found = np.zeros(1, DETECTION)
     found["id"], found["match"], found["pixel"] = id, id, PIXEL + error
     thing = np.zeros(1, THING)
     thing["id"], thing["z_hat"] = id, PIXEL
@@ -77,7 +77,7 @@ def test_a_feature_whose_pixels_stay_beside_the_belief_fails_and_one_that_shakes
 
 def test_a_rejected_match_is_no_residual(gallery) -> None:
     for _ in range(40):
-        found = np.zeros(1, CANDIDATE)
+        found = np.zeros(1, DETECTION)
         found["id"], found["match"], found["pixel"] = 7, REJECTED, PIXEL + 9.0
         thing = np.zeros(1, THING)
         thing["id"], thing["z_hat"] = 7, PIXEL

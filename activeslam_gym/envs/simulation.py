@@ -37,7 +37,7 @@ from activeslam_gym.motion import (
     turn_by,
 )
 from activeslam_gym.sensors.sensor import IMAGES, SENSORS
-from activeslam_gym.slam.association import ANYTHING, CANDIDATE
+from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
     Belief,
     belief_at,
@@ -50,7 +50,8 @@ from activeslam_gym.slam.belief import (
 )
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates, estimate_at
 from activeslam_gym.slam.estimator import ESTIMATORS
-from activeslam_gym.slam.filter import FILTER, filter_frame, filter_of
+from activeslam_gym.slam.filter import Ekf  # noqa: F401 (registers the estimator)
+from activeslam_gym.slam.frame import FILTER, filter_frame, filter_of
 from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
 from activeslam_gym.world.scenes import SCENES, BoxScene, Scene
@@ -157,7 +158,7 @@ class Run(NamedTuple):
     viewpoint: np.ndarray
     """(V,) VIEW from which was looked for them; V = 0 without negative information."""
     candidate: np.ndarray
-    """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
+    """(M,) DETECTION: the last frame's detections, as the filter gets them."""
     label: np.ndarray
     """(M,) of what each of them is; see `World`. For scoring alone."""
     first_seen: np.ndarray
@@ -300,7 +301,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
 def empty_runs(scenario: Scenario, count: int) -> Run:
     """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills one of them."""
     features, detections = feature_capacity(scenario), detection_capacity(scenario)
-    candidate = np.zeros((count, detections), CANDIDATE)
+    candidate = np.zeros((count, detections), DETECTION)
     candidate["R"] = scenario.pixel_std**2 * np.eye(2)
     return Run(
         models=np.zeros(count, MODELS),
@@ -486,10 +487,7 @@ def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) 
     if contact:
         feel_contact(run.ekf, u, motion.dt)
     boxes = known_boxes(run)
-    filter_frame(
-        models.camera, motion, models.filter, run.ekf, world.fiducials, boxes, u, motion.dt, candidates, labelled,
-        events,
-    )  # fmt: skip
+    filter_frame(models, run.ekf, world.fiducials, boxes, u, candidates, labelled, events)
     if ends:
         present(run)
     else:

@@ -84,7 +84,7 @@ class Gallery:
                 self._matched[place] = keep * self._matched[place] + hit
 
     def remember_residuals(self, found: np.ndarray, sight: Sight) -> None:
-        """How far the matched pixels of ``found`` (M,) CANDIDATE are from where the updated belief, which ``sight`` is
+        """How far the matched pixels of ``found`` (M,) DETECTION are from where the updated belief, which ``sight`` is
         of, has them: each feature's running mean."""
         at = {int(id): z for id, z in zip(sight.thing["id"], sight.thing["z_hat"])}
         keep = self._settings.memory

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, inlined
 from activeslam_gym.motion import QUATERNION
@@ -20,6 +21,7 @@ Pixel = np.ndarray | tuple[float, float]
 """Two numbers, likewise."""
 
 CAMERA, camera_of = constants(
+    Scenario(),
     focal=lambda s: s.focal_px,  # f k_u = f k_v [px]
     u0=lambda s: s.principal_x_px,
     v0=lambda s: s.principal_y_px,
@@ -95,7 +97,8 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     It is where it lies in front of the camera and not too far away, its pixel in the image grown by ``margin`` [px] on
     each side, and none of the boxes between them. Writes the pixel into ``z`` (2,).
     """
-    return in_reach(view, (y[0], y[1], y[2]), margin, z) and not too_far(view, y)
+    reached = in_reach(view, (y[0], y[1], y[2]), margin, z)
+    return reached and distance_between(view.pose, y) <= view.camera.maximum_distance
 
 
 @borrowing
@@ -105,12 +108,6 @@ def in_reach(view: View, y: tuple[float, float, float], margin: float, z: np.nda
     if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
         return False
     return inside_image(view.camera, (z[0], z[1]), margin) and not hidden(view.boxes, view.pose, y)
-
-
-@borrowing
-def too_far(view: View, y: np.ndarray) -> bool:
-    """Whether the world point ``y`` (>= 3,) is beyond the camera's greatest distance."""
-    return distance_between(view.pose, y) > view.camera.maximum_distance
 
 
 @borrowing

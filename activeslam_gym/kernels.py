@@ -28,7 +28,6 @@ from numba.core.serialize import dumps
 from numba.core.typing.templates import infer_global
 from numba.extending import intrinsic
 
-from .config import Scenario
 from .files import read_sealed, write_sealed
 
 Tree = TypeVar("Tree", bound=tuple)
@@ -43,8 +42,7 @@ def compiled(function: Any = None, **options: Any) -> Any:
     """Decorator of a function of numbers, arrays and records that kernels and Python may call; see `numba.njit`.
 
     Called from Python it is a kernel of its own, ``function.kernel``: Numba's dispatcher. A kernel that calls it has it
-    compiled into itself, and is optimised there and nowhere else. Where that is faster, it is written into its caller
-    before that is compiled (``inline="always"``).
+    compiled into itself, and is optimised there and nowhere else.
     """
     if function is None:
         return functools.partial(compiled, **options)
@@ -52,8 +50,6 @@ def compiled(function: Any = None, **options: Any) -> Any:
         return function
     alone = njit(nogil=True, error_model="numpy", **options)(function)  # a division by zero is no exception
     alone._cache = _cache_of(function)
-    if "inline" in options:
-        return alone
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
@@ -142,21 +138,23 @@ def filled(kind: np.dtype[Any], source: Any = None, **values: Any) -> Record:
     return out
 
 
-def constants(**fields: Any) -> tuple[np.dtype[Any], Callable[[Scenario], Record]]:
+def constants(example: Any, **fields: Any) -> tuple[np.dtype[Any], Callable[[Any], Record]]:
     """The type of a record of constants, and the function that fills it for a scenario, from one definition.
 
     A field is ``"f8"`` for the scenario's field of that name and this type, a function of the scenario, or a value; the
-    type of the last two is that of the value for the default scenario.
+    type of the last two is that of the value for the scenario ``example``.
     """
 
-    def value(scenario: Scenario, name: str) -> Any:
+    def value(scenario: Any, name: str) -> Any:
         field = fields[name]
         return getattr(scenario, name) if isinstance(field, str) else field(scenario) if callable(field) else field
 
-    examples = {name: field if isinstance(field, str) else value(Scenario(), name) for name, field in fields.items()}
-    kind = record(
-        **{name: x if isinstance(x, str) else (np.asarray(x).dtype, np.shape(x)) for name, x in examples.items()}
-    )
+    values = {name: np.asarray(value(example, name)) for name in fields}
+    kinds = {
+        name: field if isinstance(field, str) else (values[name].dtype, values[name].shape)
+        for name, field in fields.items()
+    }
+    kind = record(**kinds)
     return kind, lambda scenario: filled(kind, **{name: value(scenario, name) for name in fields})
 
 

@@ -24,8 +24,8 @@ def follow(slam: Filter, sensor: Sensor, frames: int) -> None:
         slam.predict()  # a frame ahead; u: known accelerations, dt: another time
         sight = slam.sight()  # sight.thing: id, z_hat; sight.S: how far from there to look
         pixels = sensor(frame, sight)
-        candidates = detections_of(pixels, R=4.0 * np.eye(2))  # each may have an R of its own, an id, a likelihood
-        matched = slam.update(candidates)  # ids, or NEW, or REJECTED: too near to something to be new
+        detections = detections_of(pixels, R=4.0 * np.eye(2))  # each may have an R of its own, an id, a likelihood
+        matched = slam.update(detections)  # ids, or NEW, or REJECTED: too near to something to be new
         for pixel in pixels[matched == NEW]:
             slam.birth(pixel)
 

@@ -23,7 +23,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     # ground floor, from the bottom; names are inside `activeslam_gym`, and a package may always import itself
     "files": set(),
     "registry": set(),
-    "kernels": {"config", "files"},
+    "kernels": {"files"},
     "config": {"registry"},
     "threads": {"config"},
     "geometry": {"kernels"},

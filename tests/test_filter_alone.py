@@ -32,12 +32,15 @@ def sure_filter(**given) -> Filter:
 def test_it_begins_with_the_prior_or_with_what_it_is_given() -> None:
     rng = np.random.default_rng(0)
     camera, P = random_camera(rng), random_spd(rng, [0.1] * 12)
-    own, other = Filter(camera=camera, covariance=P), Filter()
-    np.testing.assert_array_equal(own.belief.state.camera, camera)
+    own = Filter(camera=camera, covariance=P)
+    np.testing.assert_array_equal(own.mean, camera)
     np.testing.assert_array_equal(own.points()[1], P)
-    np.testing.assert_array_equal(other.belief.state.camera, [0, 0, 0, 1] + [0] * 9)
     assert own.ids.shape == (0,) and own.points()[0].shape == (0, 3)
     assert len(own.sight().thing) == 0
+    scenario = replace(PAPER, position_std=(0.1, 0.2, 0.3), velocity_std=0.5, angular_velocity_std=0.6)
+    other = Filter(replace(scenario, orientation_std=0.4))
+    np.testing.assert_array_equal(other.mean, [0, 0, 0, 1] + [0] * 9)
+    np.testing.assert_allclose(other.points()[1], np.diag([0.1, 0.2, 0.3] + [0.4] * 3 + [0.5] * 3 + [0.6] * 3) ** 2)
 
 
 def test_a_feature_is_born_seen_again_and_forgotten() -> None:
@@ -72,14 +75,6 @@ def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:
     assert len(filter.ids) == 0 and filter.counts.deletions == 1 and filter.belief.state.dim == 12
 
 
-def test_a_full_map_gives_no_birth_and_known_boxes_hide_fiducials() -> None:
-    filter = Filter(replace(PAPER, landmark_count=1))
-    assert [filter.birth([10.0 * k, 100.0]) for k in range(20)] == [*range(1, 15), *[0] * 6]
-    behind, beside = [0.0, 0.0, 2.0], [0.8, 0.0, 2.0]
-    filter = Filter(fiducials=[behind, beside], boxes=[[[-0.1, -0.5, 1.0], [0.1, 0.5, 1.2]]])
-    assert filter.sight().thing["id"].tolist() == [fiducial_id(1)]
-
-
 def test_labelled_detections_are_taken_at_their_word() -> None:
     """Two fiducials, swapped in the image: only their ids tell, and the filter follows them."""
     filter = Filter(replace(PAPER, orientation_std=0.3), fiducials=[[0.3, 0.0, 2.0], [-0.3, 0.0, 2.0]])
@@ -95,16 +90,12 @@ def test_labelled_detections_are_taken_at_their_word() -> None:
 def test_time_steps_may_differ_from_call_to_call() -> None:
     """Without a command two halves move the mean as the whole does; noise enters once a step, so P is another."""
     whole, halves = (Filter(camera=random_camera(np.random.default_rng(1))) for _ in range(2))
-    for filter, steps in ((whole, [0.3]), (halves, [0.15, 0.15])):
-        for dt in steps:
-            filter.predict(dt=dt)
+    for filter, count in ((whole, 1), (halves, 2)):
+        for _ in range(count):
+            filter.predict(dt=0.3 / count)
     np.testing.assert_allclose(halves.belief.state.camera, whole.belief.state.camera, atol=1e-14)
     gained, gained_halves = (joint_covariance(f.belief)[6, 6] - PAPER.velocity_std**2 for f in (whole, halves))
     np.testing.assert_allclose(gained, 2.0 * gained_halves)
-    default, frame = Filter(), Filter()
-    default.predict()
-    frame.predict(dt=PAPER.frame_time)
-    np.testing.assert_array_equal(joint_covariance(default.belief), joint_covariance(frame.belief))
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.9])
@@ -142,17 +133,13 @@ def test_features_wander_as_their_view_changes(turned) -> None:
     ("call", "message"),
     [
         (lambda f: Filter(camera=np.zeros(12)), r"camera must be finite numbers of shape \(13,\)"),
-        (lambda f: Filter(covariance=np.eye(13)), r"covariance must be .* \(12, 12\)"),
-        (lambda f: Filter(fiducials=[1.0, 2.0, 3.0]), r"fiducials must be .* \(-1, 3\)"),
         (lambda f: Filter(fiducials=[[1.0, np.nan, 3.0]]), "fiducials must be finite"),
         (lambda f: Filter(boxes=np.zeros((1, 3, 2))), r"boxes must be .* \(-1, 2, 3\)"),
         (lambda f: f.predict(np.zeros(3)), r"u must be .* \(6,\)"),
         (lambda f: f.predict("fast"), "u must be .* got 'fast'"),
         (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
-        (lambda f: f.predict(dt=np.inf), "dt must be a positive number"),
         (lambda f: f.predict(drift=-0.1), "drift must be a number of radians that is not negative, got -0.1"),
         (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
-        (lambda f: f.birth([[1.0], [2.0, 3.0]]), "pixel must be"),
         (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
         (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),
         (lambda f: f.update(detections_of([[1.0, np.inf]])), "detections must have finite pixels"),

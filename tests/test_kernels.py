@@ -89,6 +89,7 @@ def test_a_kernel_is_called_from_python_too_and_a_record_filled_by_names() -> No
 
 def test_constants_have_the_types_of_the_default_scenario() -> None:
     kind, constants_of = constants(
+        Scenario(),
         pixel_std="f8",
         half=lambda s: 0.5 * np.array(s.room_size),
         some=3,

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
@@ -11,13 +12,13 @@ from activeslam_gym.camera import View
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_strangers
-from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO, Belief
 from activeslam_gym.slam.constellation import Margins, match_jointly, worth_of_pair
 from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, measure_distances
 from activeslam_gym.slam.kalman import update
-from activeslam_gym.slam.sight import INSIDE, measure, sight_with, visibility_of
+from activeslam_gym.slam.sight import INSIDE, Sight, measure, sight_with, visibility_of
 
 from .support import (
     CAMERA,
@@ -154,6 +155,25 @@ def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
     assert expected_strangers(model, 40) == pytest.approx(0.3 + 2.0)
 
 
+def answered(sight: Sight, pixels: ArrayLike, z_hat: ArrayLike, S: np.ndarray, ids: int = ANYTHING) -> list[list]:
+    """The matches of detections at ``pixels``, and which things wait, with other predicted pixels and covariances."""
+    sight.thing["z_hat"], sight.S[:] = z_hat, S
+    detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.thing), bool)
+    associate(association_of(PAPER), sight, detections, 10, waits)
+    return [detections["match"].tolist(), waits.tolist()]
+
+
+def belief_of_one(kind: int, unseen: float) -> Belief:
+    """A belief of one feature, last matched ``unseen`` seconds ago."""
+    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
+    belief.state.frame, belief.feature["born"][0] = 1000, -1
+    belief.feature["seen"][0] = 1000 - round(unseen / PAPER.frame_time)
+    return belief
+
+
+MIDDLE = (160.0, 120.0)
+
+
 @pytest.mark.parametrize(
     ("kind", "seconds", "std", "matched"),
     [(POINT, 1.0, 17.0, True), (POINT, 1.0, 30.0, True), (POINT, 11.0, 17.0, False)]
@@ -162,18 +182,12 @@ def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
 )
 def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, std: float, matched: bool) -> None:
     """A lone detection in a lone wide ellipse was refused until the ellipse was so wide that the run was lost."""
-    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
-    belief.state.frame = 1000
-    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
+    belief = belief_of_one(kind, seconds)
     never = ((belief.feature["seen"][0], False),) if kind == POINT else ()  # never matched is never seen again
     for born, found in ((-1, matched), *never):
         belief.feature["born"][0] = born
-        sight, waits = sight_of(belief), np.zeros(1, bool)
-        sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), std**2 * np.eye(2)
-        detections = detections_of([[162.0, 119.0]])
-        associate(association_of(PAPER), sight, detections, 10, waits)
-        assert detections["match"].tolist() == [belief.feature["serial"][0] if found else REJECTED]
-        assert waits.tolist() == [not found]
+        match = belief.feature["serial"][0] if found else REJECTED
+        assert answered(sight_of(belief), [[162.0, 119.0]], MIDDLE, std**2 * np.eye(2)) == [[match], [not found]]
 
 
 @pytest.mark.parametrize(
@@ -181,14 +195,10 @@ def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, st
 )
 def test_what_may_just_be_outside_is_not_taken_for_a_stranger_at_the_border(column: float, found: bool) -> None:
     """A fiducial that had left the image was matched, as clear, with an unmapped landmark two deviations inside."""
-    filter = Filter(fiducials=np.array([[0.0, 0.0, 2.0]]))
-    sight, waits = filter.sight(), np.zeros(1, bool)
-    sight.thing["z_hat"], sight.S[:] = (column, 120.0), 2.5**2 * np.eye(2)
-    sight.thing["visibility"] = visibility_of(CAMERA, sight.thing["z_hat"][0], sight.S)
-    detections = detections_of([[column - 5.0 if column > 200.0 else column + 5.0, 120.0]])
-    associate(association_of(PAPER), sight, detections, 10, waits)
-    assert detections["match"].tolist() == [-1 if found else REJECTED]
-    assert waits.tolist() == [not found]
+    sight, S = Filter(fiducials=np.array([[0.0, 0.0, 2.0]])).sight(), 2.5**2 * np.eye(2)
+    sight.thing["visibility"] = visibility_of(CAMERA, np.array((column, 120.0)), S)
+    beside = [[column - 5.0 if column > 200.0 else column + 5.0, 120.0]]
+    assert answered(sight, beside, (column, 120.0), S) == [[-1 if found else REJECTED], [not found]]
 
 
 @pytest.mark.parametrize(
@@ -200,16 +210,9 @@ def test_a_vague_depth_that_was_out_of_sight_takes_no_others_detection(
     kind: int, seconds: float, std: float, found: bool
 ) -> None:
     """A feature whose landmark had left the image took, along its epipolar line, another's detections for its own."""
-    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
-    belief.state.frame, belief.feature["born"][0] = 1000, -1
-    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
-    sight, waits, own = sight_of(belief), np.zeros(1, bool), int(belief.feature["serial"][0])
-    sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), np.diag([std**2, 2.5**2])
-    for id, matched in ((ANYTHING, own if found else NEW), (own, own)):  # what bears its id may still be it
-        detections = detections_of([[164.0, 120.0]], ids=id)
-        associate(association_of(PAPER), sight, detections, 10, waits)
-        assert detections["match"].tolist() == [matched]
-        assert not waits.any()
+    sight, S = sight_of(belief_of_one(kind, seconds)), np.diag([std**2, 2.5**2])
+    for id, matched in ((ANYTHING, 1 if found else NEW), (1, 1)):  # a detection that bears its id may still be it
+        assert answered(sight, [[164.0, 120.0]], MIDDLE, S, id) == [[matched], [False]]
 
 
 @pytest.mark.parametrize(("met", "ids", "believed"), [(1, 0, False), (2, 0, True), (3, 0, True), (1, 1, True)])
@@ -217,14 +220,13 @@ def test_a_fiducial_is_no_stranger_where_the_others_should_be_seen_and_are_not(
     met: int, ids: int, believed: bool
 ) -> None:
     """A camera that had drifted by many deviations took a stranger for one of three fiducials; nothing was near two."""
-    filter = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]]))
-    sight, waits = filter.sight(), np.zeros(3, bool)
-    sight.thing["z_hat"], sight.S[:] = [(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)], 2.5**2 * np.eye(6)
-    sight.thing["visibility"] = INSIDE
-    detections = detections_of(sight.thing["z_hat"][:met] + 1.0, ids=-ids)
-    associate(association_of(PAPER), sight, detections, 10, waits)
-    assert detections["match"].tolist() == ([-1, -2, -3][:met] if believed else [REJECTED])
-    assert waits.tolist() == [not believed, False, False]
+    sight = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]])).sight()
+    z_hat, sight.thing["visibility"] = np.array([(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)]), INSIDE
+    matches = [-1, -2, -3][:met] if believed else [REJECTED]
+    assert answered(sight, z_hat[:met] + 1.0, z_hat, 2.5**2 * np.eye(6), -ids) == [
+        matches,
+        [not believed, False, False],
+    ]
 
 
 # The way back -------------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import math
 
 import numpy as np
 
+from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import squared_distance
 from activeslam_gym.slam.association import REJECTED, chi_square_2_quantile
@@ -26,6 +27,7 @@ from activeslam_gym.slam.hypotheses import condition, distance_and_det, innovati
 from activeslam_gym.slam.sight import Sight
 
 APPEARANCE, appearance_of = constants(
+    Scenario(),
     search_gate=11.8,  # chi-square bound of the first detection: what is searched is an ellipse of 3 sigma
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # and of each further one, given those accepted
     stranger_area=500.0,  # pixels searched for one stranger that looks enough like a thing to be a detection [px^2]

@@ -25,6 +25,7 @@ import math
 
 import numpy as np
 
+from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT
 from activeslam_gym.slam.constellation import Margins, log_missed, match_jointly, worth_of_pair
@@ -50,10 +51,12 @@ def chi_square_2_quantile(probability: float) -> float:
 
 
 ASSOCIATION, association_of = constants(
+    Scenario(),
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
     birth_gate=lambda s: chi_square_2_quantile(s.birth_gate_probability),  # and of what is near a prediction
     pixel_var=lambda s: s.pixel_std**2,  # R of a detection that is still to come, each axis [px^2]
-    sharp_var=lambda s: 3.0 * s.pixel_std**2,  # a predicted ellipse is sharp when its longest axis squared is this
+    # a predicted ellipse, without R, is sharp when its longest axis squared is at most this [px^2]:
+    sharp_var=lambda s: 3.0 * s.pixel_std**2,
     clear_margin=20.0,  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
     border_margin=6.0,  # and, near the border of the image, its lead over the thing's being outside, in ln
     margin=8.0,  # lead over both that a joint match needs, in ln

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled, inlined
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, diagonal, solve_transposed
 from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measure_distances
 
@@ -182,7 +182,7 @@ def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
     return levels
 
 
-@compiled(inline="always")
+@inlined
 def _level(levels: Hypotheses, d: int) -> Hypotheses:
     """The hypotheses of one level: views."""
     return Hypotheses(
@@ -246,7 +246,7 @@ def _bound_pairs(S: np.ndarray, detections: np.ndarray, pair_worth: float) -> np
     return most
 
 
-@compiled(inline="always")
+@borrowing
 def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: np.ndarray) -> bool:
     """Prepare a level: things without a detection are missed, and the one with the fewest is decided next.
 
@@ -281,7 +281,7 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: 
     return fewest <= M
 
 
-@compiled(inline="always")
+@borrowing
 def _score_of_next(model: Record, h: Hypotheses, search: Search, depth: int) -> float:
     """The score that follows a level's next choice."""
     a = search.thing[depth]
@@ -289,7 +289,7 @@ def _score_of_next(model: Record, h: Hypotheses, search: Search, depth: int) -> 
     return search.score[depth] + (log_missed(model, h, a) if i == MISSED else search.pair_worth - 0.5 * h.cost[a, i])
 
 
-@compiled(inline="always")
+@borrowing
 def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> None:
     """The free detections near the level's thing, the likeliest first, and MISSED."""
     a, choice, count = search.thing[depth], search.choice[depth], 0
@@ -322,7 +322,7 @@ def log_missed(model: Record, h: Hypotheses, a: int) -> float:
     return math.log(1.0 - model.detection_probability * inside_u * inside_v)
 
 
-@compiled(inline="always")
+@borrowing
 def _descend(levels: Hypotheses, search: Search, depth: int, score: float, detections: np.ndarray) -> None:
     """Follow the next choice of a level, with its ``score``, into the level below."""
     h, below, a = _level(levels, depth), _level(levels, depth + 1), search.thing[depth]
@@ -340,7 +340,7 @@ def _descend(levels: Hypotheses, search: Search, depth: int, score: float, detec
         condition(below.z, below.S, below.open, a, detections[i])
 
 
-@compiled(inline="always")
+@borrowing
 def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: float) -> float:
     """Take down a leaf; returns the best score so far."""
     score, answer, M = search.score[depth], search.answer[depth], free.shape[0]

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View, view_of, visible
+from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, squared_distance, sum_of_squares
 from activeslam_gym.motion import POSITION
@@ -18,6 +19,7 @@ from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
 PARTICLES, particles_of = constants(
+    Scenario(),
     particle_depth=lambda s: np.array(s.particle_depth),  # nearest and farthest [m]
     particle_prune="f8",  # a particle with less than this share of the mean weight is dropped
     particle_baseline="f8",  # motion between two re-weightings of a ray [m]
@@ -71,22 +73,26 @@ def follow_rays(
 ) -> None:
     """One frame of all rays: match them to those of ``detections`` (M,) that are NEW, and weigh them.
 
-    Sets their ``match``, and REJECTED where a detection is near a ray without being its match; ``labelled``: what is a
-    ray's is already said. A miss counts when every particle was well in view; a ray whose particles explain nothing has
-    missed enough.
+    Sets their ``match``, and REJECTED where a detection is near a ray without being its match; ``labelled``: the
+    matches of rays are set already. A miss counts when every particle with weight is predicted well inside the image; a
+    ray whose particles explain nothing has missed enough.
     """
     rays = predict_rays(lens, belief, boxes)
-    if labelled:
-        of_ray = _labelled_rays(belief, rays, detections)
-    else:
-        of_ray = _match_rays(model, belief, rays, detections)
+    if not labelled:
+        _match_rays(model, belief, rays, detections)
     for r in range(rays.feature.shape[0]):
         feature = belief.feature[rays.feature[r]]
-        if of_ray[r] >= 0:
-            explained = reweight(model, belief, rays, r, detections[of_ray[r]])
+        matched, in_view = -1, True
+        for i in range(detections.shape[0]):
+            if detections[i].match == feature.serial:
+                matched = i
+        for j in range(rays.visibility.shape[1]):
+            in_view &= belief.particles[feature.slot, j, 1] == 0.0 or rays.visibility[r, j] == INSIDE
+        if matched >= 0:
+            explained = reweight(model, belief, rays, r, detections[matched])
             feature.misses = 0 if explained else model.maximum_misses
             feature.seen = belief.state.frame
-        elif surely_in_view(belief, rays, r):
+        elif in_view:
             feature.misses += 1
 
 
@@ -130,22 +136,10 @@ def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
 
 
 @compiled
-def _labelled_rays(belief: Belief, rays: Rays, detections: np.ndarray) -> np.ndarray:
-    """(R,) the detection that is said to be of each ray, or -1."""
-    of_ray = np.full(rays.feature.shape[0], -1)
-    for r in range(of_ray.shape[0]):
-        for i in range(detections.shape[0]):
-            if detections[i].match == belief.feature[rays.feature[r]].serial:
-                of_ray[r] = i
-    return of_ray
+def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarray) -> None:
+    """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
 
-
-@compiled
-def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarray) -> np.ndarray:
-    """(R,) the detection of each ray, or -1, of those that are NEW so far.
-
-    Mutual best by the mixture's likelihood, inside a particle's gate. What is near a ray without being its match is
-    REJECTED.
+    A detection near a ray without being its match is REJECTED.
     """
     R, M = rays.feature.shape[0], detections.shape[0]
     near, of_ray, ray_of = np.zeros(M, np.bool_), np.full(R, -1), np.full(M, -1)
@@ -162,14 +156,9 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarra
                     cost[i], ray_of[i] = value, r
     for i in range(M):
         if near[i]:
-            detections[i].match = REJECTED
-    for r in range(R):
-        i = of_ray[r]
-        if i >= 0 and near[i] and ray_of[i] == r:
-            detections[i].match = belief.feature[rays.feature[r]].serial
-        else:
-            of_ray[r] = -1
-    return of_ray
+            r = ray_of[i]
+            mutual = r >= 0 and of_ray[r] == i
+            detections[i].match = belief.feature[rays.feature[r]].serial if mutual else REJECTED
 
 
 @borrowing
@@ -191,16 +180,6 @@ def _distance_and_det(rays: Rays, r: int, k: int, detection: Record) -> tuple[fl
     z_hat, S, R = rays.z_hat[r, k], rays.S[r, k], detection.R
     s00, s11 = S[0, 0] + (R[0, 0] - rays.pixel_var), S[1, 1] + (R[1, 1] - rays.pixel_var)
     return squared_distance(s00, S[0, 1] + R[0, 1], s11, detection.pixel[0] - z_hat[0], detection.pixel[1] - z_hat[1])
-
-
-@borrowing
-def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
-    """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
-    slot = belief.feature[rays.feature[r]].slot
-    for j in range(rays.visibility.shape[1]):
-        if belief.particles[slot, j, 1] > 0.0 and rays.visibility[r, j] != INSIDE:
-            return False
-    return True
 
 
 @compiled

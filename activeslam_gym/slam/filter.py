@@ -14,8 +14,6 @@ from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
     Belief,
     empty_beliefs,
-    point_belief,
-    position_of,
     positions_of,
     reset_belief,
     start_of,
@@ -167,10 +165,10 @@ class Filter:
         Raises:
             KeyError: no feature has that id.
         """
-        k = int(position_of(self.belief, int(id))) if id > 0 else -1
-        if k < 0:
+        found = np.flatnonzero(self.ids == id)
+        if not len(found):
             raise KeyError(f"there is no feature with id {id}; there are {self.ids.tolist()}")
-        remove_feature(self.belief, k)
+        remove_feature(self.belief, int(found[0]))
         self._sight = None
 
     def arrays(self) -> EstimateArrays:
@@ -218,10 +216,8 @@ class Filter:
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """Every feature as a point, (n, 3) [m], and the joint covariance of camera and points (12 + 3 n)^2."""
-        n = int(self.belief.state.count)
-        points, P = np.empty((n, 3)), np.empty((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n))
-        point_belief(self.belief, points, P)
-        return points, P
+        estimate = self.estimate()
+        return estimate.points, estimate.covariance
 
 
 @ESTIMATORS.register(EKF)

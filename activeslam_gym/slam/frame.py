@@ -6,6 +6,7 @@
 import numpy as np
 
 from activeslam_gym.camera import distance_between
+from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import POSITION
@@ -21,6 +22,7 @@ from activeslam_gym.slam.restart import contradicted, restart, restart_of
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
 
 FILTER, filter_of = constants(
+    Scenario(),
     association=association_of,
     appearance=appearance_of,
     initialisation=initialisation_of,

@@ -9,6 +9,7 @@ import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.camera import camera_from_world, pixel_from_camera_point, ray_from_pixel, ray_jacobian
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix, skew
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, product
@@ -36,6 +37,7 @@ ALONE_STDS = 6.0
 """Nothing is born while another unexplained detection is nearer than so many deviations of the image noise."""
 
 INITIALISATION, initialisation_of = constants(
+    Scenario(),
     birth_detections="i8",
     alone_px=lambda s: ALONE_STDS * s.pixel_std,  # a birth's distance from other unexplained detections [px]
     inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY

@@ -36,6 +36,7 @@ def _missing(scenario: Scenario) -> float:
 
 
 RESTART, restart_of = constants(
+    Scenario(),
     gain=lambda s: min(s.frame_time / MEMORY, 1.0),  # of a frame in the running mean
     limit=lambda s: LIMIT if s.restarts else math.inf,  # over it the belief is contradicted
     missing=_missing,

@@ -90,25 +90,9 @@ def associate(
     Returns (v,) the detection of each thing, or -1, with the number of joint matches, and sets ``detections.match``.
     ``waits`` (v,) bool is set for the things that a detection may be of without being clear enough to match.
     """
-    v, M = sight.thing.shape[0], detections.shape[0]
-    z, S = predicted_pixels(sight)
-    h = Hypotheses(
-        z,
-        S,
-        np.ones(v, np.bool_),
-        np.ones(M, np.bool_),
-        np.empty((v, M), np.bool_),
-        np.full((v, M), np.inf),
-        np.full((v, M), np.inf),
-    )
-    for a in range(v):
-        vague = _is_vague(model, sight, a)
-        for i in range(M):
-            id = detections[i].id
-            h.allowed[a, i] = id == sight.thing[a].id or (id == ANYTHING and not vague)
+    h, v, M = _open_questions(model, sight, detections), sight.thing.shape[0], detections.shape[0]
     of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
     pair_worth, margins = worth_of_pair(model, expected_strangers(model, features)), _margins(model, sight.thing)
-    measure_distances(h, detections)
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
         if not _match_clear(model, h, sight.thing, detections, pair_worth, of_thing):
@@ -136,6 +120,29 @@ def associate(
             if _comes_back(model, sight.thing[a]):
                 taken_back += _take_back(detections, of_thing, waits, a)
     return of_thing, max(jointly - taken_back, 0)
+
+
+@compiled
+def _open_questions(model: Record, sight: Sight, detections: np.ndarray) -> Hypotheses:
+    """All things open, all detections free: which may be which, and by what distance."""
+    v, M = sight.thing.shape[0], detections.shape[0]
+    z, S = predicted_pixels(sight)
+    h = Hypotheses(
+        z,
+        S,
+        np.ones(v, np.bool_),
+        np.ones(M, np.bool_),
+        np.empty((v, M), np.bool_),
+        np.full((v, M), np.inf),
+        np.full((v, M), np.inf),
+    )
+    for a in range(v):
+        vague = _is_vague(model, sight, a)
+        for i in range(M):
+            id = detections[i].id
+            h.allowed[a, i] = id == sight.thing[a].id or (id == ANYTHING and not vague)
+    measure_distances(h, detections)
+    return h
 
 
 @compiled

@@ -24,8 +24,8 @@ from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measur
 
 MOST_THINGS = 14
 """A search takes so many things, the sharpest."""
-UNDECIDED, MISSED = -2, -1
-"""Answers beside the number of a detection."""
+MISSED = -1
+"""The answer in place of the number of a detection."""
 
 
 class Margins(NamedTuple):
@@ -127,7 +127,7 @@ def _search(
         np.empty((n + 1, M + 1), np.int64),
         np.zeros(n + 1, np.int64),
         np.zeros(n + 1, np.int64),
-        np.full((n + 1, n), UNDECIDED),
+        np.full((n + 1, n), MISSED),
         np.zeros(n + 1),
         np.zeros(n + 1),
         _bound_pairs(levels.S[0], detections, pair_worth),

@@ -56,4 +56,4 @@ class PointFilter:
     def run(self, frames: int) -> int:
         """So many frames; the points seen in the last."""
         f = self._filter
-        return predict_and_update(f.camera, f.motion, f.belief, f.fiducials, f.boxes, frames)
+        return predict_and_update(f.camera, f.models.motion, f.belief, f.fiducials, f.boxes, frames)

@@ -15,7 +15,7 @@ from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import COMMANDS, Gaze, Motion
 from activeslam_gym.slam.association import associate
 from activeslam_gym.slam.belief import write_estimate
-from activeslam_gym.slam.filter import update_by
+from activeslam_gym.slam.frame import update_by
 from activeslam_gym.slam.initialisation import follow_tracks
 from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.sight import sight_of_belief
@@ -62,11 +62,10 @@ class Stages:
         sight = sight_of_belief(*sight_with)
         waits = np.zeros(len(sight.thing), bool)
         self.features, self.rows = int(run.estimate.state.count), sight.HP.shape[1]
-        var, features = float(camera.pixel_std**2), self.features
-        match_with = (models.filter.association, var, sight, candidates, features, waits)
+        match_with = (models.filter.association, sight, candidates, self.features, waits)
         of_thing = associate(*match_with)[0]
-        self.matches, frames = int(np.sum(of_thing >= 0)), float(models.filter.correction.product_frames)
-        update_with = (frames, camera, belief, world.fiducials, sight, of_thing, candidates)
+        self.matches = int(np.sum(of_thing >= 0))
+        update_with = (camera, belief, world.fiducials, sight, of_thing, candidates)
         ratio = float(models.filter.initialisation.mapped_depth_ratio)
         self.restore()
         return {

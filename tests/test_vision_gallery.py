@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.slam.association import CANDIDATE, REJECTED  # noqa: E402
+from activeslam_gym.slam.association import DETECTION, REJECTED  # noqa: E402
 from activeslam_gym.slam.sight import THING, Sight  # noqa: E402
 from activeslam_gym.vision.gallery import Gallery  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
@@ -38,7 +38,7 @@ def search(gallery: Gallery, matched: set[int], frame: int, inside: bool = True)
 
 def seen_at(gallery: Gallery, id: int, error: tuple[float, float], match: int | None = None) -> None:
     """One match of ``id``, so far [px] from where the updated estimate has it."""
-    found, thing = np.zeros(1, CANDIDATE), np.zeros(1, THING)
+    found, thing = np.zeros(1, DETECTION), np.zeros(1, THING)
     found["id"], found["match"], found["pixel"] = id, id if match is None else match, PIXEL + error
     thing["id"], thing["z_hat"] = id, PIXEL
     gallery.remember_residuals(found, Sight(thing, np.zeros((2, 12)), np.eye(2)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import D_ROTATION
-from activeslam_gym.slam.association import CANDIDATE, REJECTED
+from activeslam_gym.slam.association import DETECTION, REJECTED
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners
@@ -121,7 +121,7 @@ class FrontEnd:
 
     @property
     def candidates(self) -> np.ndarray:
-        """(M,) CANDIDATE: those of the last image with the filter's answer; births at the end."""
+        """(M,) DETECTION: those of the last image with the filter's answer; births at the end."""
         return np.concatenate(self._found)
 
     @property
@@ -141,7 +141,7 @@ class FrontEnd:
         image = np.ascontiguousarray(image)
         grey = image.astype(np.float32)
         self._frame += 1
-        self._found, self._searched = [np.zeros(0, CANDIDATE)], []
+        self._found, self._searched = [np.zeros(0, DETECTION)], []
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self.camera.focal)
         lost = self._blind >= self.settings.lost_after
@@ -237,7 +237,7 @@ class FrontEnd:
     def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
         """The findings of the things ``ids`` (v,) as candidates (M,)."""
         s, (row, peak) = self.settings, np.nonzero(np.arange(PEAKS) < findings.peaks[:, None])
-        out = np.zeros(row.shape[0], CANDIDATE)
+        out = np.zeros(row.shape[0], DETECTION)
         out["id"], out["pixel"], out["R"] = ids[row], findings.pixel[row, peak], findings.R[row, peak]
         fiducial = out["id"] < 0
         out["R"][fiducial] = self._noise_of_fiducials(out["R"][fiducial])
@@ -287,7 +287,7 @@ class FrontEnd:
         due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
         if wanted <= 0 or not due:
             return 0
-        born, count = np.zeros(wanted, CANDIDATE), 0
+        born, count = np.zeros(wanted, DETECTION), 0
         for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner, s.least_ratio):
             if self._gallery.features >= self.filter.capacity:
                 oldest = self._gallery.longest_unseen(self._frame - 3)

@@ -74,7 +74,7 @@ class Gallery:
         self._matched[places[told]] = keep * self._matched[places[told]] + matched[told]
 
     def remember_residuals(self, found: np.ndarray, sight: Sight) -> None:
-        """The running mean, of each feature, of its matched pixel in ``found`` (M,) CANDIDATE less its pixel in the
+        """The running mean, of each feature, of its matched pixel in ``found`` (M,) DETECTION less its pixel in the
         ``sight`` of the updated estimate."""
         at = dict(zip(sight.thing["id"].tolist(), sight.thing["z_hat"]))
         keep = self._settings.memory

@@ -1,7 +1,9 @@
 """The evaluator and its store: a batch plays what single episodes play, and a key holds all that a result rests on."""
 
+import importlib
 import json
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +12,12 @@ import numpy as np
 import pytest
 
 import baselines
+from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.evaluation import Episode, Store, code, play, run_episode
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.sensors.sensor import SENSORS
+from activeslam_gym.slam.estimator import ESTIMATORS
+from activeslam_gym.world.scenes import SCENES
 from agents import policies
 from agents.task import Task, make_environment, play_tasks, run_policy
 
@@ -104,6 +111,33 @@ def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypa
         code.module_sources.cache_clear()
         found.append(code.module_sources("loose.mine"))
     assert found[0] != found[1] and "loose.other" not in sys.modules
+
+
+def test_a_changed_module_of_a_registered_entry_is_another_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keys held a registered estimator, sensor, scene, criterion or reward by its name alone."""
+    monkeypatch.syspath_prepend(tmp_path)
+    store, task = Store(tmp_path / "store"), Task("stay", 1, json.dumps({"duration": 1.0, "reward": "mine"}))
+
+    def kept_with(entry: Any) -> list[bool]:
+        """Whether results with a registered ``entry`` are kept: a reward, and each kind that a scenario names."""
+        code.module_sources.cache_clear()
+        kept = []
+        for registry in (REWARDS, CRITERIA, ESTIMATORS, SENSORS, SCENES):
+            with monkeypatch.context() as patch:
+                patch.setitem(registry, "mine", entry)
+                key = task.key if registry is REWARDS else {"scenario": {registry.kind: "mine"}}
+                kept.append(store.load("one", key) is not None)
+                store.save("one", key, {"a": np.ones(1)})
+        return kept
+
+    def written(line: str) -> Any:
+        (tmp_path / "foreign.py").write_text(f"def entry(*_):\n    {line}\n")
+        return importlib.import_module("foreign").entry
+
+    for line, kept in (("return 1", False), ("return 1", True), ("return 2", False), ("return 1", True)):
+        assert kept_with(written(line)) == [kept] * 5, line
+    for _ in range(2):  # nothing tells what an object without a module of its own does
+        assert kept_with(partial(written("return 1"), 0)) == [False] * 5
 
 
 def test_the_old_home_of_the_evaluator_still_works_and_says_so() -> None:

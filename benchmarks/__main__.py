@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from threadpoolctl import threadpool_limits
 
@@ -16,8 +16,7 @@ from agents.tools.sections import page_with, put_section
 
 from .report import Section, bar_table, provenance, report
 
-Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "start", "memory"]
-PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "peers", "memory", "start")
+Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "memory", "start"]
 """Each is a module of this package with `run(quick) -> Section`."""
 
 
@@ -25,7 +24,7 @@ PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "pee
 class Args:
     """Measure speed and memory beside peers, and hold the figures against the bars."""
 
-    parts: tuple[Part, ...] = PARTS
+    parts: tuple[Part, ...] = get_args(Part)
     """What to measure."""
     quick: bool = False
     """Small sizes and few repeats, to see that it runs; the figures mean little."""

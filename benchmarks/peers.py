@@ -26,19 +26,19 @@ def run(quick: bool) -> Section:
     section = Section("Peers")
     repeats, at_least, count = (3, 0.02, 100) if quick else (9, 0.2, 1000)
     for n, landmarks in LANDMARKS.items():
-        runs = mapped_runs(landmarks)
-        steps = [partial(whole_frames, runs, COMMANDS[Motion.FORWARD, Gaze.LEFT], frames) for frames in (FRAMES, 1)]
-        five, one = np.median(restored(steps, restoring(runs), count), axis=0)
-        demand_matches(runs, landmarks)
-        calls = {
-            "predict + update of ours": partial(filter_frames, mapped_runs(landmarks), FRAMES),
-            "predict + update of ours in plain NumPy": plain_numpy(n),
+        runs, command = mapped_runs(landmarks), COMMANDS[Motion.FORWARD, Gaze.LEFT]
+        ours = {
+            FRAME: partial(whole_frames, runs, command, FRAMES),
+            "the same, one frame a call": partial(whole_frames, runs, command, 1),
+            "predict + update of ours": partial(filter_frames, runs, FRAMES),
         }
+        seconds = np.median(restored(list(ours.values()), restoring(runs), count), axis=0) / (FRAMES, 1, FRAMES)
+        demand_matches(runs, landmarks)
+        peers = {"predict + update of ours in plain NumPy": plain_numpy(n)}
         if find_spec("filterpy"):
-            calls["filterpy EKF predict + update"] = filterpy_step(n)
-        times = {FRAME: five / FRAMES, "the same, one frame a call": one}
-        times |= {name: float(np.median(repeated(call, repeats, at_least))) for name, call in calls.items()}
-        times["predict + update of ours"] /= FRAMES
+            peers["filterpy EKF predict + update"] = filterpy_step(n)
+        times = dict(zip(ours, seconds.tolist()))
+        times |= {name: float(np.median(repeated(call, repeats, at_least))) for name, call in peers.items()}
         last = list(times.values())[-1]
         for name, time in times.items():
             section.rows.append({"n": n, "what": name, "time [µs]": 1e6 * time, "ratio to the last": time / last})

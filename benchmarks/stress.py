@@ -61,9 +61,9 @@ def _drawn(name: str, default: Any, rng: np.random.Generator) -> Any:
 
 def run(scenario: Scenario, frames: int, seed: int) -> int:
     """Fly `NUM_ENVS` cameras for so many frames in all; the episodes that ended. Raises as `fly`."""
-    times = [count * scenario.frame_time for count in (FRAMES_PER_STEP, 20, 350)]
+    step, motion, episode = (count * scenario.frame_time for count in (FRAMES_PER_STEP, 20, 350))
     env = ActiveSLAMVectorEnv(
-        NUM_ENVS, scenario, num_threads=1, **dict(zip(("gaze_period", "motion_period", "duration"), times))
+        NUM_ENVS, scenario, gaze_period=step, motion_period=motion, duration=episode, num_threads=1
     )
     env.reset(seed=seed)
     env.action_space.seed(seed)

@@ -7,20 +7,17 @@ import json
 import re
 import subprocess
 import sys
-from dataclasses import fields
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
-import activeslam_gym
 import baselines
 from activeslam_gym import ActiveSLAMEnv, Gaze, Motion, observation_layout
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from agents import pretrained
-from docs import tables
 from examples import fisher_trace
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,14 +79,6 @@ def test_information_tables_are_what_is_returned() -> None:
     for info in infos:
         assert sorted(first_names("Information")) == sorted([*info, *info["events"]])
         assert list(info["reward_terms"]) == [*REWARDS, "forfeit"]
-
-
-def test_tables_of_rewards_and_scenarios_hold_every_name_and_field() -> None:
-    field_names = [field.name for field in fields(activeslam_gym.Scenario)]
-    expected = {"rewards": list(REWARDS), "scenarios": list(SCENARIOS), "fields": field_names}
-    told = {name: rows(tables.TABLES[name]()) for name in expected}
-    assert {name: [row[0].strip("`") for row in own] for name, own in told.items()} == expected
-    assert all(len(row) == 2 and len(row[1]) > 5 for row in told["rewards"])
 
 
 def test_relative_links_lead_to_files() -> None:

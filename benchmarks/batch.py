@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv
 
 from .report import Bar, Section
-from .setups import WARM_UP, sweep_action
+from .setups import END, WARM_UP, sweep
 from .timing import timed
 
 PEER_BATCH, PROCESSES = 64, 8
@@ -40,22 +40,16 @@ def run(quick: bool) -> Section:
         if period == 0.25 and ("native", 64, 2) in rates:
             bar = "64 environments, 2 threads, gaze_period 0.25"
             section.bars.append(Bar(bar, rates["native", 64, 2], 3e4, "frames/s", at_least=True))
-    section.notes.append(f"From 20 s to 34 s of `sweep`, median of the seconds. {_cartpole()}")
+    section.notes.append(f"From {WARM_UP} s to {END} s of `sweep`, median of the seconds. {_cartpole()}")
     return section
 
 
 def frame_rate(env: VectorEnv, period: float) -> float:
     """Frames of all environments per second, after `WARM_UP` of sweep; median over the seconds from then on."""
-    per_second = round(1.0 / period)
     env.reset(seed=1)
-
-    def second(number: int) -> None:
-        for step in range(number * per_second, (number + 1) * per_second):
-            env.step(np.tile(sweep_action(step, per_second), (env.num_envs, 1)))
-
-    times = [timed(partial(second, number)) for number in range(34)]
+    seconds = sweep(env, period, 0, END)[WARM_UP:]
     env.close()
-    return env.num_envs * per_second * round(period / 0.05) / float(np.median(times[round(WARM_UP) :]))
+    return env.num_envs * round(1.0 / period) * round(period / 0.05) / float(np.median(seconds))
 
 
 def _cartpole() -> str:

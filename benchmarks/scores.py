@@ -1,7 +1,5 @@
 """What a policy pays for its scores, in the middle of a sweep."""
 
-from typing import Any
-
 import numpy as np
 
 from .report import Bar, Section
@@ -11,8 +9,8 @@ from .timing import repeated
 
 def run(quick: bool) -> Section:
     """Each set of scores, called as a policy calls it."""
-    section, (env, _) = Section("Scores"), swept(0)
-    inner: Any = env.unwrapped
+    section, env = Section("Scores"), swept(0)
+    inner = env.unwrapped
     calls = {
         "7 motion scores": (inner.motion_scores, 0.15),
         "21 joint scores": (inner.joint_scores, 0.4),

@@ -25,30 +25,35 @@ from activeslam_gym.slam.belief import POINT, start_of
 from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.slam.map import append_feature
 
-from .timing import Call
+from .timing import Call, timed
 
-WARM_UP = 20.0
-"""The sweep goes on for so long before anything is timed [s]: most of the room is then mapped."""
+WARM_UP, END = 20, 34
+"""The sweep goes on for so long before anything is timed [s]: most of the room is then mapped. When it ends [s]."""
 SEEN = 8
 """Features in the image of a map of a chosen size."""
 
 
-def sweep_action(step: int, steps_per_motion: int) -> tuple[int, int]:
-    """The action of `baselines.Sweep`: RIGHT and LEFT in turn, always turning LEFT."""
-    return (Motion.LEFT if step // steps_per_motion % 2 else Motion.RIGHT), Gaze.LEFT
+def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:
+    """Times (end - begin,) [s] that the seconds ``begin`` … ``end`` of `baselines.Sweep` take in an environment.
+
+    RIGHT and LEFT in turn, always turning LEFT; ``period``: of the gaze [s].
+    """
+
+    def second(number: int) -> None:
+        action = np.array(np.broadcast_to((Motion.LEFT if number % 2 else Motion.RIGHT, Gaze.LEFT), shape))
+        for _ in range(round(1.0 / period)):
+            env.step(action)
+
+    shape = env.action_space.shape
+    return np.array([timed(partial(second, number)) for number in range(begin, end)])
 
 
-def swept(seed: int, **arguments: Any) -> tuple[gymnasium.Env, int]:
-    """An environment after `WARM_UP` of sweep from ``seed`` (the next one if that is lost) and its steps so far."""
-    env = gymnasium.make("ActiveSLAM-v0", **arguments)
-    inner: Any = env.unwrapped
-    count = round(WARM_UP / inner.gaze_period)
-    actions = [np.array(sweep_action(step, inner.steps_per_motion)) for step in range(count)]
+def swept(seed: int, gaze_period: float = 0.05) -> Any:
+    """An environment after `WARM_UP` of sweep from ``seed``."""
+    env = gymnasium.make("ActiveSLAM-v0", gaze_period=gaze_period, end_when_lost=False)
     env.reset(seed=seed)
-    while any(env.step(action)[2] for action in actions):  # stops at the first that loses it
-        seed += 1
-        env.reset(seed=seed)
-    return env, count
+    sweep(env, gaze_period, 0, WARM_UP)
+    return env
 
 
 def restoring(live: Any) -> Call:

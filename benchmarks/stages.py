@@ -1,7 +1,6 @@
 """Where the microseconds of a frame go: a step that stops after each of its stages, in the middle of a sweep."""
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -87,9 +86,8 @@ def run(quick: bool) -> Section:
     Raises:
         RuntimeError: the stages do not make the step that `play` makes.
     """
-    section, (env, _) = Section("Where the microseconds of a frame go"), swept(0)
-    inner: Any = env.unwrapped
-    runs, command = inner._runs, COMMANDS[Motion.RIGHT, Gaze.LEFT]
+    section, env = Section("Where the microseconds of a frame go"), swept(0)
+    runs, command = env.unwrapped._runs, COMMANDS[Motion.RIGHT, Gaze.LEFT]
     whole = partial(play, runs, np.array([STEP]), command[None], 0, 1)
     steps = [partial(step_until, runs, command, last) for last in range(len(STAGES))]
     restore, count = restoring(runs), 100 if quick else 1000

@@ -165,12 +165,18 @@ def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
 @borrowing(fastmath=_FUSE)
 def subtract_symmetric(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= V^T W which is symmetric as P is; V, W (m, >= n): the upper triangle, whose copy is the lower."""
+    subtract_from_upper(P, V, W, n)
+    _copy_upper_to_lower(P, n)
+
+
+@borrowing(fastmath=_FUSE)
+def subtract_from_upper(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> None:
+    """`subtract_symmetric` of the upper triangle alone."""
     m, odd = W.shape[0], n % 4
     for i in range(odd):
         subtract_from_one(P, i, V, W, 0, m, i, n)
     for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
         _subtract_from_four(P, i, V, W, 0, m, i, n)
-    _copy_upper_to_lower(P, n)
 
 
 @borrowing

@@ -10,6 +10,7 @@ from typing import Any
 from .constants import BestConstant
 from .fixed import Orbit, Random, Stay, Sweep
 from .greedy import JointGreedy, Lookahead, greedy
+from .held import HeldInformation
 from .policy import Environment, Policy, Predictor, best
 from .rollout import Rollout
 from .sequences import BestSequence
@@ -31,6 +32,8 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "variance-reduction": partial(greedy, motion_criterion="variance_reduction", gaze_criterion="variance_reduction"),
     "joint-mi": partial(JointGreedy, gaze_criterion="mutual_information"),
     "lookahead-2": partial(Lookahead, horizon=2),
+    "held-information": HeldInformation,
+    "greedy-plus": HeldInformation,
     "rollout": Rollout,
 }
 

@@ -36,6 +36,8 @@ BATCH = 64
 """Episodes at a time."""
 Choose = Callable[..., dict[str, Any]]
 """(scenario, gaze period, motion period, duration, store) -> an entry of a table."""
+OF_PLANNERS = ("motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "amortised_decision")
+"""Fields of a scenario that change no open loop."""
 Times = tuple[float, float, float]
 """Gaze period, motion period and duration [s]."""
 CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])
@@ -82,9 +84,12 @@ def found_or_chosen(path: Path, env: Any, choose: Choose, what: str) -> dict[str
 
 
 def key_of(env: Any) -> str:
-    """What the choice depends on, as JSON: the fields of the scenario that are not `Scenario`'s own, and the times."""
+    """What the choice depends on, as JSON: the fields of the scenario that are not `Scenario`'s own, and the times.
+
+    Fields that only planners read change no open loop.
+    """
     scenario, plain = env.scenario, Scenario()
-    own = {field.name: getattr(scenario, field.name) for field in fields(scenario)}
+    own = {one.name: getattr(scenario, one.name) for one in fields(scenario) if one.name not in OF_PLANNERS}
     differing = {name: value for name, value in own.items() if value != getattr(plain, name) and name != "name"}
     return json.dumps(differing | {"motion_period": env.motion_period, "duration": env.duration}, sort_keys=True)
 

@@ -6,6 +6,7 @@ import numpy as np
 from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.disproof import VIEWS, WELL_INSIDE_PX, disprove
+from activeslam_gym.envs.simulation import MODELS
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING
 
@@ -24,11 +25,17 @@ def expectation(*points: tuple[float, float, float]) -> np.ndarray:
     return expected
 
 
-def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0, frames: int = 5) -> int:
+def look(
+    expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0, frames: int = 5, walls: bool = False
+) -> int:
     """Frames from ``poses``; the number of viewpoints."""
     view, seen = np.zeros(VIEWS, VIEW), 0
+    models = np.zeros(1, MODELS)[0]
+    models.camera, models.motion.half, models.on_surfaces = CAMERA, HALF, walls
+    models.filter.initialisation.birth_detections = frames - 2
+    models.filter.association.detection_probability = probability
     for pose in poses:
-        seen = disprove(CAMERA, NO_BOXES, pose, HALF, frames, probability, KEY, expected, view, seen)
+        seen = disprove(models, NO_BOXES, pose, KEY, expected, view, seen)
     return seen
 
 
@@ -42,6 +49,18 @@ def test_what_stood_long_enough_well_inside_is_expected_elsewhere() -> None:
     assert expected["redraws"].tolist() == [1, 0, 0]
     assert not inside(POSE, expected["point"][0]) and (abs(expected["point"][0]) <= HALF).all()
     np.testing.assert_array_equal(expected["point"][1:], at[1:])
+
+
+def test_landmarks_on_surfaces_are_expected_on_walls() -> None:
+    """Each of the four walls gets its share of redrawn points."""
+    expected = expectation(*[(0.0, 0.0, 2.0)] * 400)
+    look(expected, [POSE] * 5, walls=True)
+    share = abs(expected["point"]) / HALF
+    on_x, on_z = np.isclose(share[:, 0], 1.0), np.isclose(share[:, 2], 1.0)
+    assert (on_x | on_z).all() and (share <= 1.0).all()
+    for axis, on in ((0, on_x), (2, on_z)):
+        for side in (-1, 1):
+            assert 40 < (on & (expected["point"][:, axis] * side > 0)).sum() < 160
 
 
 def test_a_redraw_does_not_depend_on_the_others() -> None:

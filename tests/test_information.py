@@ -1,5 +1,6 @@
 """Entropy, mutual information and the other criteria, against brute force and against the updates that they predict."""
 
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +12,8 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
+from activeslam_gym.information.net import net_of_plans
+from activeslam_gym.information.registered import score_plans_with
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
 from activeslam_gym.slam.map import remove_feature
@@ -110,6 +113,9 @@ def test_the_trace_counts_what_is_known_and_information_what_is_not() -> None:
 
 def scores_of(prospect: c.Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
     out = np.full(len(plans), np.nan)
+    if criterion == "net_information":
+        net_of_plans(CAMERA, MOTION, prospect, 0.0, 10**6, plans, out)
+        return out
     c.score_plans(CAMERA, MOTION, prospect, 0.0, plans, CRITERIA.number(criterion), out)
     return out
 
@@ -139,6 +145,25 @@ def test_a_plan_is_worth_the_information_of_its_measurements_and_net_information
     assert min(expected) > 0.0
     for count in (1, 2):
         np.testing.assert_allclose(scores_of(prospect, plans_of(both[:count])), sum(expected[:count]), rtol=1e-7)
+
+
+@pytest.mark.parametrize("frames", [10**6, 50, 7])
+def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updates(frames: int) -> None:
+    """In information form, with expected landmarks that enter when seen, as by predictions and updates of P."""
+    prospect, waiting = case(3, 4)[0], 30
+    expected = np.random.default_rng(3).uniform(-1.0, 1.0, (waiting, 3)) * (3.0, 1.0, 3.0)
+    points = np.concatenate((prospect.points, expected))
+    P = block_diag(prospect.covariance, *[np.diag(VARIANCE)] * waiting)
+    prospect = prospect._replace(points=points, covariance=P, waiting=waiting)
+    rest, plans = c.without_present(CAMERA, prospect), c.held_plans(20, 5)
+    assert 0 < rest.waiting < waiting
+    by_updates = score_plans_with(
+        partial(c.sight_after, CAMERA, rest), MOTION, rest, 0.0, plans, "net_information", R, frames
+    )
+    out = np.empty(len(plans))
+    net_of_plans(CAMERA, MOTION, prospect, 0.0, frames, plans, out)
+    np.testing.assert_allclose(out, by_updates, rtol=1e-7, atol=1e-6)
+    assert np.ptp(out) > 10.0 or frames == 7
 
 
 def test_net_information_expects_nothing_where_the_camera_looks() -> None:

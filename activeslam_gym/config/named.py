@@ -12,9 +12,7 @@ from activeslam_gym.registry import Registry
 
 _CALM = {"pixel_std": 1.0, "acceleration_std": 0.2, "angular_acceleration_std": 0.2}
 """Less noise, for rooms where visible landmarks are up to 6 m away, and often none is in view."""
-_PATIENT = {"negative_information": True, "gaze_horizon": 3.0}
-"""Metrics for rooms where most of the landmarks are out of view."""
-_FURNISHED = _PATIENT | {
+_FURNISHED = {
     "room_size": (7.0, 2.4, 7.0), "landmark_count": 48, "landmark_layout": SURFACES, "start": ANYWHERE,
     "point_spacing": 0.3, "fiducial_distance": (1.2, 2.2), "miss_spacing": 0.3,
     "inverse_depth_mean": 0.25, "inverse_depth_std": 0.3,  # most visible landmarks are 3 to 7 m away
@@ -44,7 +42,8 @@ def _add(name: str, asked: str, /, *shared: Mapping[str, Any], **own: Any) -> No
 # fmt: off
 _add("paper", "the paper's simulation: improve the map and keep the camera localised")
 _add("paper-literal", "the paper's simulation with its vague first pose and depth particles",
-     orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES)
+     orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES,
+     negative_information=False, gaze_horizon=None)
 _add("clutter", "false detections and missed detections",
      missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93)
 _add("hall", "many landmarks in a large hall", room_size=(14.0, 4.0, 14.0), landmark_count=120)
@@ -60,14 +59,14 @@ _add("rooms", "90 s in two or three rooms, whose plan is known: find the doors a
      pixel_std=1.0, acceleration_std=0.1, angular_acceleration_std=0.1)
 _add("clusters", "a few distant groups of landmarks, of which only near ones are visible",
      room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5, start=ANYWHERE,
-     maximum_distance=4.5, negative_information=True,
+     maximum_distance=4.5,
      pixel_std=1.0, acceleration_std=0.07, angular_acceleration_std=0.07)
 _add("corner", "12 s from a corner, facing a wall: turn to the room and keep landmarks in view",
      _FURNISHED, _CALM, start=CORNER, duration=12.0)
 _add("sprint", "10 s along a wall, with the room on one side: choose where to look, as time is short",
-     _PATIENT, start=WALL, duration=10.0)
+     start=WALL, duration=10.0)
 _add("noisy", "10 s along a wall with 4 px of measurement noise and a strong process noise",
-     _PATIENT, room_size=(8.0, 2.4, 5.0), landmark_count=40, fiducial_count=10, inverse_depth_mean=0.3,
+     room_size=(8.0, 2.4, 5.0), landmark_count=40, fiducial_count=10, inverse_depth_mean=0.3,
      start=WALL, duration=10.0, pixel_std=4.0, acceleration_std=0.4, angular_acceleration_std=0.4)
 _add("mixed", "generalise: each reset draws the size of the room, the boxes and the noise",
      _FURNISHED, landmark_count=56, box_count=(0, 5), varied=(

@@ -35,10 +35,12 @@ class EpisodeSettings(bounds.Settings):
     """Fields that each reset draws uniformly between two values: (field, least, greatest)."""
     motion_criterion: bounds.String = "mutual_information"
     """Criterion of the paper's strategies for motion in this scenario."""
-    negative_information: bounds.Switch = False
+    negative_information: bounds.Switch = True
     """Whether an expected landmark moves when the camera looks at it and does not find it; the paper's stays."""
-    gaze_horizon: bounds.PositiveFloatOrNone = None
+    gaze_horizon: bounds.PositiveFloatOrNone = 3.0
     """Time for which a scored candidate turn is held [s], at least a gaze period; None: one gaze period."""
+    plan_horizon: bounds.PositiveFloat = 8.0
+    """Time over which `held-information` judges each held action, to the end of the episode at most [s]."""
     amortised_decision: bounds.Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""
 
@@ -57,6 +59,7 @@ class Scenario(FilterSettings, PriorSettings, MotionSettings, LensSettings, Room
         longest = MOST_HELD_FRAMES * self.frame_time
         allowed = f"at most {longest:g} s, {MOST_HELD_FRAMES} times frame_time"
         self._demand("gaze_horizon", self.gaze_horizon is None or self.gaze_horizon <= longest, allowed)
+        self._demand("plan_horizon", self.plan_horizon <= longest, allowed)
         for name, least, greatest in self.varied:  # where both ends are legal, all values between them are
             for end in (least, greatest):
                 replace(self, varied=(), **{name: end})

@@ -6,9 +6,11 @@ rewards telescope as before.
 
 A point is looked at once a viewpoint, when it has stood well inside the image for longer than a birth takes: frames
 from one place are not independent. A look misses what is there with the probability 1 - P_D, and tells nothing then.
-What is disproved is drawn anew in the room, where no viewpoint of this run would have seen it; draw r of point e is one
-of (key, e, r), so that no other point's fate changes it.
+A disproved point is drawn anew where no viewpoint of this run would have seen it: in the room, or on its walls where
+landmarks are on surfaces. Draw r of point e is one of (key, e, r), so that no other point's fate changes it.
 """
+
+import math
 
 import numpy as np
 
@@ -30,21 +32,21 @@ TRIES = 24
 
 @compiled
 def disprove(
-    camera: Record,
+    models: Record,
     boxes: np.ndarray,
     pose: np.ndarray,
-    half: np.ndarray,
-    frames: int,
-    detection_probability: float,
     key: np.ndarray,
     expected: np.ndarray,
     view: np.ndarray,
     seen: int,
 ) -> int:
-    """One frame from ``pose`` (>= 7): move those of ``expected`` (N,) that it disproves, after ``frames`` in view.
+    """One frame from ``pose`` (>= 7): move those of ``expected`` (N,) that it disproves.
 
-    ``half`` (3,) of the room [m]; ``view`` (V,) VIEW, of which ``seen`` were entered so far; returns how many are now.
+    ``models`` is MODELS of the run, ``boxes`` (B, 2, 3) [m] occlude; ``view`` (V,) VIEW, of which ``seen`` were entered
+    so far; returns how many are now.
     """
+    camera, frames = models.camera, models.filter.initialisation.birth_detections + 2
+    detection_probability = models.filter.association.detection_probability
     here, present, z = np.zeros(1, VIEW), view_of(camera, pose, boxes), np.empty(2)
     copy_into(here[0].pose, pose[:7])
     copy_into(here[0].axis, present.R_WC[:, 2])
@@ -63,7 +65,7 @@ def disprove(
         one.redraws += 1
         if luck[3 * TRIES] < detection_probability:
             one.looked = 0
-            _draw_anew(camera, boxes, half, luck, view[: min(seen, view.shape[0])], one.point)
+            _draw_anew(models, boxes, luck, view[: min(seen, view.shape[0])], one.point)
         else:  # missed from here, whatever is there
             one.looked, one.looked_from = -1, here[0]
     return seen
@@ -89,14 +91,18 @@ def _same_view(a: Record, b: Record) -> bool:
 
 
 @compiled
-def _draw_anew(
-    camera: Record, boxes: np.ndarray, half: np.ndarray, luck: np.ndarray, view: np.ndarray, y: np.ndarray
-) -> None:
-    """Write a point of the room, by ``luck`` (3 TRIES + 1,), into ``y`` (3,)."""
-    z = np.empty(2)
+def _draw_anew(models: Record, boxes: np.ndarray, luck: np.ndarray, view: np.ndarray, y: np.ndarray) -> None:
+    """Write a point of the room, or of its walls, by ``luck`` (3 TRIES + 1,), into ``y`` (3,)."""
+    camera, half, z = models.camera, models.motion.half, np.empty(2)
     for t in range(TRIES):
         for i in range(3):
             y[i] = half[i] * (2.0 * luck[3 * t + i] - 1.0)
+        if models.on_surfaces:  # each of the four walls with a chance of its area
+            side = luck[3 * t + 2] * (half[0] + half[2])
+            if side < half[2]:
+                y[0], y[2] = math.copysign(half[0], side - 0.5 * half[2]), half[2] * (2.0 * luck[3 * t] - 1.0)
+            else:
+                y[2] = math.copysign(half[2], side - half[2] - 0.5 * half[0])
         unseen = True
         for v in range(view.shape[0]):
             pose = view[v].pose

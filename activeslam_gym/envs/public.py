@@ -9,13 +9,15 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.envs.episode import landmark_distances, play, settle_registered
+from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
 from activeslam_gym.envs.simulation import Run, Setting, box_scenes, known_boxes, reset_run, run_at
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
-from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.information.criteria import CRITERIA, NET
 from activeslam_gym.information.foresight import SensorLimits
+from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.information.registered import score_plans_with, sight_by
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.metrics import camera_error, nees
@@ -133,14 +135,14 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
 @compiled
 def prospect(run: Run) -> Prospect:
     """What the run's belief lets a policy plan with."""
-    fiducials, motion, free = run.world.fiducials, run.models.motion, np.ones(MOTION_COUNT)  # fiducials are known
-    if motion.bodies:
-        gap = motion.goal_margin - motion.wall_margin
+    fiducials, clearance = run.world.fiducials, np.full(MOTION_COUNT, np.inf)  # fiducials are known
+    if run.models.motion.bodies:
         for index in range(MOTION_COUNT):
-            free[index] = min(max((run.episode.clearance[index] - gap) / motion.step_length, 0.0), 1.0)
+            if run.episode.clearance[index] < FARTHEST_CLEARANCE:
+                clearance[index] = run.episode.clearance[index]
     models, boxes, first_seen = run.models, known_boxes(run), run.first_seen[: run.estimate.state.count]
     var, limits = models.landmark_var, SensorLimits(models.greatest_change, models.wanted)
-    return prospect_of(run.estimate, run.expected, var, fiducials, boxes, free, limits, first_seen)
+    return prospect_of(run.estimate, run.expected, var, fiducials, boxes, clearance, limits, first_seen)
 
 
 @compiled
@@ -152,6 +154,21 @@ def score_runs(
         run = run_at(runs, i)
         models, time = run.models, run.episode.steps * step_time
         score_plans(models.camera, models.motion, prospect(run), time, plans, criterion, out[i])
+
+
+@compiled
+def _frames_left(run: Run) -> int:
+    """Frames to the end of the episode."""
+    return (run.models.task.steps - run.episode.steps) * run.models.task.frames_per_step
+
+
+@compiled
+def net_of_runs(runs: Run, plans: np.ndarray, step_time: float, out: np.ndarray, start: int, stop: int) -> None:
+    """Write the net information of each of ``plans`` (A, L) for the runs ``start`` … ``stop - 1``, till they end."""
+    for i in range(start, stop):
+        run = run_at(runs, i)
+        models, time = run.models, run.episode.steps * step_time
+        net_of_plans(models.camera, models.motion, prospect(run), time, _frames_left(run), plans, out[i])
 
 
 # The readers --------------------------------------------------------------------------------------------------------
@@ -228,7 +245,9 @@ class Reads:
         number, out = CRITERIA.number(criterion), np.empty((len(self._runs.episode), len(plans)))
         if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
-        if number != REGISTERED and self.scenario.sensor in SENSORS.own:
+        if number == NET and self.scenario.sensor in SENSORS.own:
+            self._workers.call(net_of_runs, self._runs, plans, self.gaze_period, out)
+        elif number != REGISTERED and self.scenario.sensor in SENSORS.own:
             self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
         else:
             for i in range(len(out)):
@@ -239,12 +258,14 @@ class Reads:
         """(A,) the scores of run ``i`` with a registered sensor or by a registered criterion."""
         run = row(self._runs, i)
         given, camera, time = prospect(run), run.models.camera, int(run.episode.steps) * self.gaze_period
+        if criterion == "net_information":
+            given = candidates.without_present(camera, given)
         var = float(camera.pixel_std**2)
         if self.scenario.sensor in SENSORS.own:
             look = partial(sight_after, camera, given)
         else:
             look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
-        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var)
+        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, int(_frames_left(run)))
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.

@@ -91,6 +91,7 @@ MODELS = record(
     filter=FILTER,
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
+    on_surfaces="b1",  # whether landmarks are expected on the walls
     boxes_known="b1",  # whether the belief knows what hides things
     negative_information="b1",  # whether what was looked at and not found is expected elsewhere
 )
@@ -289,6 +290,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
         filter=filter_of(scenario),
         task=task,
         landmark_var=scenario.landmark_prior_variance,
+        on_surfaces=scenario.on_surfaces,
         boxes_known=scenario.boxes_known,
         negative_information=scenario.negative_information,
     )
@@ -546,15 +548,5 @@ def close_frame(run: Run) -> None:
     run.world.state.frame += 1
     update_expectation(run.expected, models.landmark_var, estimate)
     if models.negative_information:
-        run.episode.views = disprove(
-            models.camera,
-            known_boxes(run),
-            estimate.state.camera,
-            models.motion.half,
-            models.filter.initialisation.birth_detections + 2,
-            models.filter.association.detection_probability,
-            run.episode.redraw_key,
-            run.expected,
-            run.viewpoint,
-            run.episode.views,
-        )
+        pose, key, seen = estimate.state.camera, run.episode.redraw_key, run.episode.views
+        run.episode.views = disprove(models, known_boxes(run), pose, key, run.expected, run.viewpoint, seen)

@@ -8,20 +8,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import distance_between, free_way, view_of, visible
-from activeslam_gym.geometry import rotate_left
-from activeslam_gym.information.criteria import NET, criterion_of_number
+from activeslam_gym.camera import View, distance_between, free_way, visible
+from activeslam_gym.geometry import rotate_left, rotation_matrix
+from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
 from activeslam_gym.information.foresight import UNLIMITED, SensorLimits, foresee
 from activeslam_gym.kernels import Record, compiled, record
-from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, log2_det, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_gram
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
     CAMERA_SIZE,
     GAZE_COUNT,
+    MOTION_AXIS,
     MOTION_COUNT,
+    MOTION_SIGN,
     POSITION,
     QUATERNION,
     Gaze,
@@ -61,8 +63,8 @@ class Prospect(NamedTuple):
     """(B, 2, 3) what is known to hide things [m]."""
     waiting: int
     """How many of the points, the last ones, are expected landmarks."""
-    free: np.ndarray = np.ones(MOTION_COUNT)
-    """(7,) share of each motion's step that is free of boxes, as it is sensed where the camera stands."""
+    clearance: np.ndarray = np.full(MOTION_COUNT, np.inf)
+    """(7,) how far the camera can go in each motion's direction, as it is sensed where the camera stands [m]."""
     limits: SensorLimits = UNLIMITED
     """Those of the sensor."""
     first_seen: np.ndarray = np.zeros((0, 3))
@@ -76,7 +78,7 @@ def prospect_of(
     landmark_var: np.ndarray,
     fiducials: np.ndarray,
     boxes: np.ndarray,
-    free: np.ndarray,
+    clearance: np.ndarray,
     limits: SensorLimits,
     first_seen: np.ndarray,
 ) -> Prospect:
@@ -103,7 +105,9 @@ def prospect_of(
             for i in range(3):
                 P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]
             n += 1
-    return Prospect(estimate.state.camera.copy(), points, P, fiducials, boxes, waiting, free, limits, own_first_seen)
+    return Prospect(
+        estimate.state.camera.copy(), points, P, fiducials, boxes, waiting, clearance, limits, own_first_seen
+    )
 
 
 @compiled
@@ -167,85 +171,84 @@ def score_plans(
 
     By the chain rule I(x; z_1, z_2) = I(x; z_1) + I(x; z_2 | z_1): after each action but the last the covariance is
     updated by the measurements expected there, and propagated on. What consecutive plans have in common, the leading
-    actions or the gaze and the frames of the last, is worked out once. By the criterion NET the entropy that an action
-    adds is taken off its score, and expected landmarks of the present image are left out.
+    actions or the gaze and the frames of the last, is worked out once.
     """
-    if criterion == NET:
-        prospect = _without_looked_at(camera, prospect)
     size, L = prospect.covariance.shape[0], plans.shape[1]
     after, measured = np.empty((L, size, size)), np.empty((L - 1, size, size))  # covariances at each action's end
-    poses, gained, added = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1), np.zeros(L)
+    poses, gained = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1)
     copy_into(poses[0], prospect.camera)
     for a in range(plans.shape[0]):
-        same = a > 0
+        same, elapsed = a > 0, 0
         for step in range(L):
             action, last = plans[a, step], plans[max(a - 1, 0), step]
             turned = same and action.gaze == last.gaze and action.frames == last.frames
             same = turned and action.motion == last.motion
             if same and step < L - 1:
+                elapsed += action.frames
                 continue
-            turn = turn_of(motion, action.gaze, time)
+            turn = turn_of(motion, action.gaze, time + elapsed * motion.dt)
+            elapsed += action.frames
             if not turned:
                 before = prospect.covariance if step == 0 else measured[step - 1]
                 copy_block(before, after[step])
                 propagate_by(motion, after[step], turn, action.frames)
-                if criterion == NET:
-                    added[step] = 0.5 * (log2_det(after[step]) - log2_det(before))
             copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn, action.frames))
-            if motion.bodies and action.motion != REMAIN:
-                sensed = prospect.free[action.motion] if step == 0 else 1.0
-                _stop_short(motion, prospect.boxes, sensed, poses[step], poses[step + 1])
+            if motion.bodies:
+                stop_short(motion, prospect, poses[step], poses[step + 1])
             sight = sight_after(camera, prospect, after[step], poses[step + 1])
             taught = criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
-            gained[step + 1] = gained[step] + taught - added[step]
+            gained[step + 1] = gained[step] + taught
             if step < L - 1:
                 copy_block(updated(after[step], sight), measured[step])
         out[a] = gained[L]
 
 
 @compiled
-def _without_looked_at(camera: Record, prospect: Prospect) -> Prospect:
-    """The prospect without the expected landmarks that the present image would show."""
-    pose, z, M = prospect.camera, np.empty(2), prospect.points.shape[0]
-    present = view_of(camera, pose, prospect.boxes)
-    points, n = prospect.points.copy(), M - prospect.waiting
-    for k in range(n, M):
-        if not visible(present, prospect.points[k], 0.0, z):
-            copy_into(points[n], prospect.points[k])
-            n += 1
-    size = CAMERA_DIM + 3 * n  # expected landmarks have one covariance, so the first of them stand for any
-    P = prospect.covariance[:size, :size].copy()
-    waiting = prospect.waiting - (M - n)
-    boxes, free, limits = prospect.boxes, prospect.free, prospect.limits
-    return Prospect(pose, points[:n], P, prospect.fiducials, boxes, waiting, free, limits, prospect.first_seen)
+def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np.ndarray) -> None:
+    """Move the position of ``after`` back to where the camera can get from that of ``before``, both (>= 3,).
 
-
-@compiled
-def _stop_short(motion: Record, boxes: np.ndarray, share: float, before: np.ndarray, after: np.ndarray) -> None:
-    """Move the place of ``after`` back towards that of ``before`` (>= 3): to the ``share`` of the way that is free.
-
-    And short of the known ``boxes``.
+    The known boxes end the way from ``before``; the sensed clearances bound all positions of a plan, as a box in the
+    axes of the present camera.
     """
     gap, length = motion.goal_margin - motion.wall_margin, distance_between(before, after)
     if length == 0.0:
         return
-    way = np.empty(3)
+    way, R_WC, now = np.empty(3), rotation_matrix(prospect.camera[QUATERNION]), prospect.camera
     for i in range(3):
         way[i] = (after[i] - before[i]) * (1.0 + gap / length)
-    known = (free_way(boxes, motion.wall_margin, before, way) * (length + gap) - gap) / length
-    share = min(share, max(known, 0.0))
+    share = (free_way(prospect.boxes, motion.wall_margin, before, way) * (length + gap) - gap) / length
     for i in range(3):
-        after[i] = before[i] + share * (after[i] - before[i])
+        way[i] = before[i] + max(share, 0.0) * (after[i] - before[i]) - now[i]
+        after[i] = now[i]
+    for index in range(0, MOTION_COUNT - 1, 2):
+        axis, sign, along = MOTION_AXIS[index], MOTION_SIGN[index], 0.0
+        for i in range(3):
+            along += R_WC[i, axis] * way[i]
+        ahead, behind = max(prospect.clearance[index] - gap, 0.0), max(prospect.clearance[index + 1] - gap, 0.0)
+        along = sign * min(max(sign * along, -behind), ahead)
+        for i in range(3):
+            after[i] += R_WC[i, axis] * along
 
 
-def goal_pose(
-    motion: Record, prospect: Prospect, pose: np.ndarray, action: Any, turn: float, first: bool
-) -> np.ndarray:
-    """The camera (13,) after an ``action`` of ACTION from ``pose`` (13,), short of boxes; ``first`` of its plan."""
+def without_present(camera: Record, prospect: Prospect) -> Prospect:
+    """The prospect without the expected landmarks that the present image would show: nothing is there."""
+    M, z = len(prospect.points), np.empty(2)
+    view = View(camera, prospect.camera, rotation_matrix(prospect.camera[QUATERNION]), prospect.boxes)
+    shown = [k >= M - prospect.waiting and visible(view, prospect.points[k], 0.0, z) for k in range(M)]
+    kept = np.flatnonzero(~np.array(shown, bool))
+    rows = np.concatenate((np.arange(CAMERA_DIM), (CAMERA_DIM + 3 * kept[:, None] + np.arange(3)).ravel()))
+    return prospect._replace(
+        points=prospect.points[kept],
+        covariance=prospect.covariance[np.ix_(rows, rows)],
+        waiting=prospect.waiting - sum(shown),
+    )
+
+
+def goal_pose(motion: Record, prospect: Prospect, pose: np.ndarray, action: Any, turn: float) -> np.ndarray:
+    """The camera (13,) after an ``action`` of ACTION from ``pose`` (13,), short of what is in the way."""
     after = pose_after(motion, pose, int(action["motion"]), turn, int(action["frames"]))
-    if motion.bodies and action["motion"] != REMAIN:
-        sensed = float(prospect.free[action["motion"]]) if first else 1.0
-        _stop_short(motion, prospect.boxes, sensed, pose, after)
+    if motion.bodies:
+        stop_short(motion, prospect, pose, after)
     return after
 
 
@@ -293,3 +296,8 @@ def sequence_plans(frames: int, horizon: int) -> np.ndarray:
     plans["motion"] = np.stack(np.unravel_index(np.arange(len(plans)), (MOTION_COUNT,) * horizon), axis=-1)
     plans["gaze"], plans["frames"] = Gaze.STAY, frames
     return plans
+
+
+def held_plans(frames: int, count: int) -> np.ndarray:
+    """(21, count): each motion with each gaze, held for ``count`` times ``frames`` frames; by gaze first."""
+    return np.repeat(joint_plans(frames), count, axis=1)

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.information.candidates import Prospect, goal_pose, propagated, updated
+from activeslam_gym.information.candidates import ACTION, Prospect, goal_pose, propagated, updated
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record
-from activeslam_gym.linalg import cholesky_in_place
+from activeslam_gym.linalg import cholesky_in_place, log2_det
 from activeslam_gym.motion import CAMERA_DIM, turn_of
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_with
@@ -26,22 +26,30 @@ def score_plans_with(
     plans: np.ndarray,
     criterion: str,
     pixel_var: float,
+    frames: int,
 ) -> np.ndarray:
-    """(A,) what each of ``plans`` (A, L) of ACTION would teach by the ``criterion``.
+    """(A,) scores of each of ``plans`` (A, L) of ACTION by the ``criterion``.
 
-    ``look`` (P, pose) predicts the measurements. Where their covariance S is not positive definite, or P not finite,
-    the score is NaN.
+    ``look`` (P, pose) predicts the measurements. By ``net_information`` the entropy that motions add is
+    taken off, and plans end after ``frames`` frames. Where their covariance S is not positive definite, or P not
+    finite, the score is NaN.
 
     Raises:
         ValueError: a registered criterion returns anything but a finite number; see `Registry.value`.
     """
-    out = np.zeros(len(plans))
+    out, net = np.zeros(len(plans)), criterion == "net_information"
     for a, plan in enumerate(plans):
-        P, pose = prospect.covariance, prospect.camera
-        for step, action in enumerate(plan):
-            turn = turn_of(motion, int(action["gaze"]), time)
-            P = propagated(motion, P, turn, int(action["frames"]))
-            pose = goal_pose(motion, prospect, pose, action, turn, step == 0)
+        P, pose, elapsed = prospect.covariance, prospect.camera, 0
+        for action in plan:
+            if net and elapsed >= frames:
+                break
+            turn = turn_of(motion, int(action["gaze"]), time + elapsed * float(motion.dt))
+            taken = min(int(action["frames"]), frames - elapsed) if net else int(action["frames"])
+            before, P = P, propagated(motion, P, turn, taken)
+            if net:
+                out[a] -= 0.5 * (log2_det(P) - log2_det(before))
+            action, elapsed = np.array((action["motion"], action["gaze"], taken), ACTION), elapsed + taken
+            pose = goal_pose(motion, prospect, pose, action, turn)
             sight = look(P, pose)
             before, P = P, updated(P, sight)
             if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):

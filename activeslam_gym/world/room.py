@@ -125,10 +125,11 @@ def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> 
 
 
 def expected_points(scenario: Scenario, room: Room, rng: np.random.Generator) -> np.ndarray:
-    """(L, 3) where landmarks are expected [m]: anywhere, or, by who knows the boxes, on the surfaces that there are."""
-    if scenario.boxes_known and scenario.on_surfaces:
+    """(L, 3) where landmarks are expected [m]: anywhere in the room, or on its walls and known boxes (surfaces)."""
+    if scenario.on_surfaces:
         anywhere = dataclasses.replace(scenario, point_spacing=0.0)
-        return _landmarks(anywhere, room.boxes, np.empty((0, 3)), rng)[:, :3]
+        known = room.boxes if scenario.boxes_known else room.boxes[:0]
+        return _landmarks(anywhere, known, np.empty((0, 3)), rng)[:, :3]
     return uniform_points(scenario, scenario.landmark_count, rng)
 
 

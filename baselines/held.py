@@ -1,0 +1,32 @@
+"""`held-information`: the first action of the best held action, with measurements predicted on its way."""
+
+import numpy as np
+
+from activeslam_gym import Gaze
+from activeslam_gym.information.candidates import held_plans
+
+from .policy import Actions, Environment, Policy, best
+
+
+class HeldInformation(Policy):
+    """Replans once a motion period: which of the 21 actions, held for ``horizon`` seconds, has most net information?
+
+    One set of measurements is predicted at the end of each motion period (`information.net`). The plans end with the
+    episode. ``horizon`` is the scenario's ``plan_horizon`` by default.
+    """
+
+    def __init__(self, env: Environment, horizon: float | None = None) -> None:
+        super().__init__(env)
+        frames = round(self.env.motion_period / self.env.scenario.frame_time)
+        seconds = self.env.scenario.plan_horizon if horizon is None else horizon
+        self._plans = held_plans(frames, max(1, round(seconds / self.env.motion_period)))
+        self._gaze = self.always(Gaze.STAY)
+
+    def choose_motion(self) -> Actions:
+        scores = self.per_env(self.env.scores(self._plans, "net_information"))
+        plan = self._plans[best(scores), 0]
+        self._gaze = np.where(self.motion_starts(), plan["gaze"], self._gaze)
+        return plan["motion"]
+
+    def choose_gaze(self) -> Actions:
+        return self._gaze

@@ -3,9 +3,9 @@
 A client whose package is not installed is skipped; `make clients` installs each in an environment of its own.
 """
 
-import importlib.util
 import math
 import re
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,6 @@ import pytest
 import activeslam_gym  # noqa: F401  (registers the environments)
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-
-
 CLIENTS: dict[str, tuple[str, str, dict[str, Any]]] = {
     "sb3-ppo": ("sb3_ppo.py", "stable_baselines3", {"steps": 8960}),
     "sb3-a2c": ("sb3_a2c.py", "stable_baselines3", {"steps": 640}),
@@ -37,12 +35,7 @@ def client(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.M
     script, package, smallest = CLIENTS[request.param]
     pytest.importorskip(package, reason=f"{package} is not installed: see make clients")
     monkeypatch.chdir(tmp_path)
-    path = EXAMPLES / script
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.main, smallest
+    return runpy.run_path(str(EXAMPLES / script))["main"], smallest
 
 
 def test_client_runs(client: tuple[Any, dict], capfd: pytest.CaptureFixture[str]) -> None:

@@ -36,6 +36,8 @@ class RoomSettings(bounds.Settings):
     """Standard deviation of a cluster, each axis [m]."""
     point_spacing: bounds.NonNegativeFloat = 0.0
     """Least distance between two points, landmarks and fiducials, as a detector suppresses neighbours [m]."""
+    landmark_prior_scale: bounds.PositiveFloat = 1.0
+    """Standard deviation of an unvisited landmark's prior, over that of a landmark anywhere in the room."""
     facing_angle: bounds.Angle = math.radians(75.0)
     """Greatest angle from its surface's normal at which a landmark on a surface is seen [rad]."""
     start: Annotated[str, bounds.among(CENTRE, CORNER, WALL, ANYWHERE)] = CENTRE
@@ -125,6 +127,6 @@ class RoomSettings(bounds.Settings):
 
     @property
     def landmark_prior_variance(self) -> tuple[float, float, float]:
-        """Variance of a uniform landmark along X, Y, Z [m^2]."""
-        x, y, z = self.room_size
+        """Prior variance of an unvisited landmark along X, Y, Z [m^2]: a uniform one's, times the squared scale."""
+        x, y, z = (self.landmark_prior_scale * side for side in self.room_size)
         return x * x / 12.0, y * y / 12.0, z * z / 12.0

@@ -1,0 +1,60 @@
+"""Horizons of the greedy policies: for each scenario the one with the highest median log score on training episodes.
+
+`python -m baselines` chooses them; they stand in the scenarios' fields, and their medians in `best_readings.json`.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from activeslam_gym import ActiveSLAMVectorEnv, Scenario
+from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.evaluation import play
+
+from .greedy import greedy
+from .held import HeldInformation
+from .policy import Policy
+
+TABLE = Path(__file__).with_name("best_readings.json")
+READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
+    "gaze_horizon": (lambda env: greedy(env, gaze_criterion="mutual_information"), (1.0, 2.0, 3.0, 5.0, 8.0)),
+    "plan_horizon": (HeldInformation, (4.0, 8.0, 12.0, 16.0)),
+}
+"""Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s]."""
+EPISODES = 48
+"""Training episodes of each candidate, after those that choose the open loops."""
+FIRST_SEED = TRAINING_SEED + 100_000
+
+
+def choose_readings(scenario: Scenario, gaze_period: float) -> dict[str, Any]:
+    """The best value of each field of `READINGS`, and the median log score of each candidate [bit].
+
+    A loss counts as it is scored. Candidates longer than the episode are left out.
+    """
+    entry: dict[str, Any] = {"scenario": scenario.name, "gaze_period": gaze_period, "episodes": EPISODES}
+    for field, (make, candidates) in READINGS.items():
+        values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
+        medians = [
+            float(np.median(_log_scores(make, dataclasses.replace(scenario, **{field: value}), gaze_period)))
+            for value in values
+        ]
+        scenario = dataclasses.replace(scenario, **{field: values[int(np.argmax(medians))]})
+        entry[field] = getattr(scenario, field)
+        entry[f"{field} medians"] = {f"{value:g}": round(median, 1) for value, median in zip(values, medians)}
+    return entry
+
+
+def _log_scores(make: Callable[[Any], Policy], scenario: Scenario, gaze_period: float) -> NDArray[np.float64]:
+    """(EPISODES,) log score [bit] at the end of training episodes."""
+    count = 16
+    env = ActiveSLAMVectorEnv(count, scenario, gaze_period=gaze_period, end_when_lost=False, autoreset_mode="DISABLED")
+    scores: list[float] = []
+    for first in range(FIRST_SEED, FIRST_SEED + EPISODES, count):
+        episodes = play(env, make(env), range(first, first + count), period=env.duration)
+        scores += [episode.log_score[-1] for episode in episodes]
+    env.close()
+    return np.array(scores)

@@ -1,0 +1,167 @@
+"""Which settings give the paper's numbers? The paper states the noise of its images, but not the rest of its filter.
+
+    python -m benchmarks.studies.replication --designs 128 --episodes 16 --out results/replication
+
+Six numbers are compared: for each of the three strategies the time of the 14th landmark, and log2 |P| then. Settings of
+a Sobol design, and then of Gaussian steps around the best of them, play training episodes. The loss of a number is the
+distance of its rank among the episodes from the central half; that of a setting is the sum. The best settings play
+fresh training episodes. `designs.json` keeps all; an interrupted search goes on.
+"""
+
+import json
+from argparse import ArgumentParser
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+import baselines
+from activeslam_gym import ActiveSLAMVectorEnv, Scenario
+from activeslam_gym.config import SCENARIOS, TRAINING_SEED
+from activeslam_gym.evaluation import play
+from activeslam_gym.files import written_whole
+
+STATED = {"mi-constant": (19.0, -530.0), "mi-mi": (18.0, -550.0), "mi-fisher": (30.0, -610.0)}
+"""Strategy: time of the 14th landmark [s] and log2 |P| then, as the paper reads them off figure 2 d-f."""
+TARGET = 14
+RANGES: dict[str, tuple[float, float, bool]] = {
+    "linearity_threshold": (0.03, 0.2, True),
+    "birth_detections": (3, 40, True),
+    "gaze_horizon": (0.25, 8.0, True),
+    "focal_px": (100.0, 200.0, True),
+    "distortion": (0.0, 1.8e-5, False),
+    "acceleration_std": (0.01, 0.5, True),
+    "angular_acceleration_std": (0.1, 1.0, True),
+    "noise_factor": (1.0, 4.0, True),
+    "landmark_prior_scale": (1.0, 6.0, True),
+}
+"""Least and greatest value of each setting, and whether it is varied by its logarithm. ``noise_factor``: the process
+noise that the filter assumes, over the true one."""
+FIRST_SEED, FRESH_SEED = TRAINING_SEED + 200_000, TRAINING_SEED + 300_000
+STEP = 0.12
+"""Standard deviation of a step around a good setting, as a share of each range."""
+
+
+def settings_of(share: np.ndarray) -> dict[str, float]:
+    """Settings at ``share`` (9,) in [0, 1] of the `RANGES`."""
+    out = {}
+    for (name, (low, high, logarithmic)), at in zip(RANGES.items(), share.tolist(), strict=True):
+        value = low * (high / low) ** at if logarithmic else low + at * (high - low)
+        out[name] = round(value) if name == "birth_detections" else float(f"{value:.3g}")
+    out["gaze_horizon"] = max(round(out["gaze_horizon"] / 0.05), 1) * 0.05
+    return out
+
+
+def scenario_of(settings: dict[str, float]) -> Scenario:
+    """The scenario ``paper`` with these settings."""
+    own = dict(settings)
+    factor = own.pop("noise_factor")
+    for name in ("acceleration_std", "angular_acceleration_std"):
+        own[f"filter_{name}"] = factor * own[name]
+    own["focal_px"] = own["focal_px"]
+    return replace(SCENARIOS["paper"], name="paper-2006", **own)  # type: ignore[arg-type]
+
+
+def numbers_of(scenario: Scenario, seeds: range, gaze_period: float = 0.25) -> dict[str, list[tuple[float, float]]]:
+    """By strategy, for each episode: time of the 14th landmark [s], or inf, and log2 |P| then, or NaN."""
+    out: dict[str, list[tuple[float, float]]] = {}
+    for name in STATED:
+        env = ActiveSLAMVectorEnv(
+            len(seeds), scenario, gaze_period=gaze_period, end_when_lost=False, autoreset_mode="DISABLED"
+        )
+        out[name] = []
+        for episode in play(env, baselines.make(name, env), list(seeds)):
+            reached = len(episode.landmark_times) >= TARGET
+            out[name].append(
+                (float(episode.landmark_times[TARGET - 1]), float(episode.landmark_log2_det[TARGET - 1]))
+                if reached
+                else (np.inf, np.nan)
+            )
+        env.close()
+    return out
+
+
+def ranks_of(numbers: dict[str, list[tuple[float, float]]]) -> dict[str, tuple[float, float]]:
+    """By strategy: the ranks in [0, 1] of the paper's time and log2 |P| among the episodes; NaN where none reached."""
+    ranks = {}
+    for name, (time, log2_det) in STATED.items():
+        times, dets = np.array(numbers[name]).T
+        dets = dets[np.isfinite(dets)]
+        of_det = float((dets < log2_det).mean()) if len(dets) >= 4 else np.nan
+        ranks[name] = (float((times < time).mean()), of_det)
+    return ranks
+
+
+def loss_of(ranks: dict[str, tuple[float, float]]) -> float:
+    """Sum over the six numbers of the distance of the rank from the central half, plus a little of that from 1/2."""
+    all_ranks = np.nan_to_num(np.array(list(ranks.values())).ravel(), nan=0.0)
+    off = np.abs(all_ranks - 0.5)
+    return float(np.maximum(off - 0.25, 0.0).sum() + 0.1 * off.sum())
+
+
+def search(designs: int, episodes: int, path: Path) -> list[dict[str, Any]]:
+    """All settings tried, each with its ranks and loss; half of them by a Sobol design, half around the best."""
+    tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
+    sobol = qmc.Sobol(len(RANGES), seed=0).random(designs)
+    while len(tried) < designs:
+        k = len(tried)
+        if k < designs // 2:
+            share = sobol[k]
+        else:
+            rng, best = np.random.default_rng(k), sorted(tried, key=lambda one: one["loss"])[: max(4, k // 16)]
+            start = np.array(best[int(rng.integers(len(best)))]["share"])
+            share = np.clip(start + STEP * rng.standard_normal(len(start)), 0.0, 1.0)
+        settings = settings_of(share)
+        ranks = ranks_of(numbers_of(scenario_of(settings), range(FIRST_SEED, FIRST_SEED + episodes)))
+        tried.append({"share": share.tolist(), "settings": settings, "ranks": ranks, "loss": loss_of(ranks)})
+        with written_whole(path) as unfinished:
+            unfinished.write_text(json.dumps(tried) + "\n", encoding="utf-8")
+        print(f"{k}: loss {tried[-1]['loss']:.2f}, best {min(one['loss'] for one in tried):.2f}", flush=True)
+    return tried
+
+
+def draw(tried: list[dict[str, Any]], path: Path) -> None:
+    """Loss over each setting: a setting that the numbers pin down has a narrow valley."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(3, 3, figsize=(10, 8), sharey=True, layout="constrained")
+    loss = [one["loss"] for one in tried]
+    for ax, (name, (_, _, logarithmic)) in zip(axes.flat, RANGES.items(), strict=True):
+        ax.plot([one["settings"][name] for one in tried], loss, ".", color="0.4")
+        ax.set_xlabel(name)
+        ax.set_xscale("log" if logarithmic else "linear")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("loss")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Search, draw, and validate the best settings."""
+    parser = ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--designs", type=int, default=128, help="settings tried")
+    parser.add_argument("--episodes", type=int, default=16, help="training episodes of each strategy and setting")
+    parser.add_argument("--fresh", type=int, default=96, help="fresh training episodes of the three best settings")
+    parser.add_argument("--out", type=Path, default=Path("results/replication"), help="folder")
+    args = parser.parse_args(argv)
+    args.out.mkdir(parents=True, exist_ok=True)
+    tried = search(args.designs, args.episodes, args.out / "designs.json")
+    draw(tried, args.out / "settings.png")
+    for one in sorted(tried, key=lambda one: one["loss"])[:3]:
+        numbers = numbers_of(scenario_of(one["settings"]), range(FRESH_SEED, FRESH_SEED + args.fresh))
+        print(json.dumps(one["settings"]))
+        for name, (of_time, of_det) in ranks_of(numbers).items():
+            times, dets = np.array(numbers[name]).T
+            quartiles = [
+                np.round(np.nanquantile(np.where(np.isinf(v), 1e9, v), (0.25, 0.5, 0.75)), 1) for v in (times, dets)
+            ]
+            print(f"  {name}: time rank {of_time:.2f} {quartiles[0]}, log2|P| rank {of_det:.2f} {quartiles[1]}")
+
+
+if __name__ == "__main__":
+    main()

@@ -201,7 +201,7 @@ def test_no_frames_leave_the_covariance_unpropagated() -> None:
     assert np.trace(c.propagated(MOTION, prospect.covariance, 0.0, 3)) > np.trace(prospect.covariance)
     for criterion in CRITERIA:
         here = scores_of(prospect, plans_of([(c.REMAIN, Gaze.STAY, 0)]), criterion)
-        assert here[0] == scored(prospect, criterion) > 0.0
+        assert here[0] == pytest.approx(scored(prospect, criterion), rel=1e-12) and here[0] > 0.0
 
 
 def test_plans_are_all_actions_in_order_and_what_is_none_is_named() -> None:
@@ -231,8 +231,11 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
     motion, time, frames = motion_of(env.scenario, env.motion_period), env.time, 20
 
     def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
-        out = np.empty(len(plans))
-        c.score_plans(CAMERA, motion, env.prospect, time, plans, CRITERIA.number(criterion), out)
+        out, given = np.empty(len(plans)), (CAMERA, motion, env.prospect, time)
+        if criterion == "net_information":  # of measurements until the end of the episode
+            net_of_plans(*given, round((env.duration - time) / env.scenario.frame_time), plans, out)
+        else:
+            c.score_plans(*given, plans, CRITERIA.number(criterion), out)
         return out
 
     for name in CRITERIA:

@@ -229,6 +229,7 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
     for _ in range(8):
         env.step((Motion.LEFT, 1))
     motion, time, frames = motion_of(env.scenario, env.motion_period), env.time, 20
+    turning = max(5, round((env.scenario.gaze_horizon or 0.0) / env.scenario.frame_time))
 
     def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
         out, given = np.empty(len(plans)), (CAMERA, motion, env.prospect, time)
@@ -243,7 +244,7 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
         np.testing.assert_array_equal(env.scores(c.joint_plans(frames), name), joint)
         np.testing.assert_allclose(env.joint_scores(name), joint.reshape(3, 7).T, rtol=1e-12)
         np.testing.assert_allclose(env.motion_scores(name), alone(c.motion_plans(frames), name), rtol=1e-12)
-        np.testing.assert_allclose(env.gaze_scores(name), alone(c.gaze_plans(5), name), rtol=1e-12)
+        np.testing.assert_allclose(env.gaze_scores(name), alone(c.gaze_plans(turning), name), rtol=1e-12)
     one, two = env.motion_scores(), alone(c.sequence_plans(frames, 2), "mutual_information").reshape(7, 7).max(axis=1)
     np.testing.assert_allclose(env.joint_scores()[:, Gaze.STAY], one)
     assert env.motion_score(2) == pytest.approx(one[2])

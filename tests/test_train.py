@@ -83,7 +83,8 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
     for name in pretrained.names():
         card = read_card(FOLDER / f"{name}.npz")
         measured = card.get("measured_behaviour", card["behaviour"])
-        assert measured == activeslam_gym.BEHAVIOUR, f"{name}: train it anew: {card['command']}"
+        current = measured == activeslam_gym.BEHAVIOUR
+        assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
         recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe)})
         of_its_own = ["reward", "scenario", "seed", "total_steps"]
         if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/worlds.md

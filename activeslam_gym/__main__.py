@@ -4,102 +4,94 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 import gymnasium
 
 from activeslam_gym.play import HELP, play
 
+_DEFAULT = "(default: %(default)s)"
+
 
 def parser() -> argparse.ArgumentParser:
-    """The commands and their options."""
+    """The commands and their options; ``run`` is the function of the chosen one."""
     top = argparse.ArgumentParser(
         prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment."
     )
     commands = top.add_subparsers(dest="command", required=True, metavar="play | live | track | ablate | calibrate")
-    flying = commands.add_parser(
+    one = commands.add_parser(
         "play",
         help="fly the camera by hand",
         description="Fly the camera by hand, in a window; each action's scores stand beside the picture.",
         epilog=f"keys:\n{HELP}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    flying.add_argument("--seed", type=int, default=0, help="the first room (default: %(default)s)")
-    flying.add_argument("--scenario", default="paper", help="the scenario's name (default: %(default)s)")
-    flying.add_argument("--gaze-period", type=float, default=0.25, help="time of a step [s] (default: %(default)s)")
-    flying.add_argument("--speed", type=float, default=1.0, help="1 is true time (default: %(default)s)")
-    _add_live(commands)
-    tracking = commands.add_parser(
+    one.set_defaults(run=_play)
+    one.add_argument("--seed", type=int, default=0, help=f"the first room {_DEFAULT}")
+    one.add_argument("--scenario", default="paper", help=f"the scenario's name {_DEFAULT}")
+    one.add_argument("--gaze-period", type=float, default=0.25, help=f"time of a step [s] {_DEFAULT}")
+    one.add_argument("--speed", type=float, default=1.0, help=f"1 is true time {_DEFAULT}")
+    one = commands.add_parser(
+        "live",
+        help="a page that tells you, once a second, where to move the camera",
+        description="Serve a page that shows the map, the camera's view, and once a second the motion that would teach "
+        "the most. Without hardware, a simulated person in a rendered room follows it. Needs the extra `live`.",
+    )
+    one.set_defaults(run=_live)
+    source = f"rendered, a folder, a pattern in quotes, a video, or camera:0 {_DEFAULT}"
+    one.add_argument("--source", default="rendered", help=source)
+    one.add_argument("--calibration", help="JSON file with the lens; of a source that is not rendered")
+    one.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
+    one.add_argument("--rate", type=float, default=30.0, help=f"its images a second {_DEFAULT}")
+    one.add_argument("--seed", type=int, default=0, help=f"the rendered room {_DEFAULT}")
+    follow = f"whether the simulated person follows the advice, or moves at random {_DEFAULT}"
+    one.add_argument("--follow", default="always", choices=("always", "never"), help=follow)
+    one.add_argument("--host", default="127.0.0.1", help=f"where to serve; beyond loopback with a token {_DEFAULT}")
+    one.add_argument("--port", type=int, default=8080, help=f"0: any free one {_DEFAULT}")
+    one.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
+    one.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
+    one.add_argument("--replay", metavar="DIR", help="show a recording again")
+    one = commands.add_parser(
         "track",
         help="track a real camera through images",
         description="Track a calibrated camera through images that begin before a target of known size (a rectangle, a "
         "ChArUco or an AprilTag board), or anywhere, without scale: its trajectory, the map and a log of every image. "
         "Needs the extra `vision`.",
     )
-    _add_sequence(tracking, "; without one the scale is free", required=False)
-    tracking.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
-    tracking.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
-    ablating = commands.add_parser(
+    one.set_defaults(run=_track)
+    _add_sequence(one, "; without one the scale is free", required=False)
+    one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
+    one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
+    one = commands.add_parser(
         "ablate",
         help="track with parts of the front end left out, side by side",
         description="Track the same images five times: in full, without warped templates, without the sub-pixel fit, "
         "without appearance in the association, and without recovery.",
     )
-    _add_sequence(ablating, "", required=True)
-    ablating.add_argument("--reference", help="a trajectory in TUM's format, to which the errors are told")
-    ablating.add_argument("--every", type=int, default=1, help="use every so many-th image (default: %(default)s)")
-    fitting = commands.add_parser(
+    one.set_defaults(run=_ablate)
+    _add_sequence(one, "", required=True)
+    one.add_argument("--reference", help="a trajectory in TUM's format, to which the errors are told")
+    one.add_argument("--every", type=int, default=1, help=f"use every so many-th image {_DEFAULT}")
+    one = commands.add_parser(
         "calibrate",
         help="the lens from pictures of a board",
         description="Fit the lens of equation 1 to pictures of a chessboard or a ChArUco board (dictionary 4x4_50, "
         "markers of 3/4 of a square), held at different places, distances and angles. Needs the extra `vision`.",
     )
-    fitting.add_argument("--images", required=True, help="a folder, a pattern in quotes, or a video; 8-bit grey")
-    fitting.add_argument("--kind", default="chessboard", help="chessboard or charuco (default: %(default)s)")
-    fitting.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
-    fitting.add_argument("--rows", type=int, required=True, help="rows of them")
-    fitting.add_argument("--out", required=True, help="the JSON file to write")
+    one.set_defaults(run=_calibrate)
+    one.add_argument("--images", required=True, help="a folder, a pattern in quotes, or a video; 8-bit grey")
+    one.add_argument("--kind", default="chessboard", help=f"chessboard or charuco {_DEFAULT}")
+    one.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
+    one.add_argument("--rows", type=int, required=True, help="rows of them")
+    one.add_argument("--out", required=True, help="the JSON file to write")
     return top
 
 
-def _add_live(commands: Any) -> None:
-    """The page that tells where to move."""
-    showing = commands.add_parser(
-        "live",
-        help="a page that tells you, once a second, where to move the camera",
-        description="Serve a page that shows the map, the camera's view, and once a second the motion that would teach "
-        "the most. Without hardware, a simulated person in a rendered room follows it. Needs the extra `live`.",
-    )
-    showing.add_argument(
-        "--source",
-        default="rendered",
-        help="rendered, a folder, a pattern in quotes, a video, or camera:0 (default: %(default)s)",
-    )
-    showing.add_argument("--calibration", help="JSON file with the lens; of a source that is not rendered")
-    showing.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
-    showing.add_argument("--rate", type=float, default=30.0, help="its images a second (default: %(default)s)")
-    showing.add_argument("--seed", type=int, default=0, help="the rendered room (default: %(default)s)")
-    showing.add_argument(
-        "--follow",
-        default="always",
-        choices=("always", "never"),
-        help="whether the simulated person follows the advice, or moves at random (default: %(default)s)",
-    )
-    showing.add_argument(
-        "--host", default="127.0.0.1", help="where it is served; beyond loopback with a token (default: %(default)s)"
-    )
-    showing.add_argument("--port", type=int, default=8080, help="0: any free one (default: %(default)s)")
-    showing.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
-    showing.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
-    showing.add_argument("--replay", metavar="DIR", help="show a recording again")
-
-
 def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool) -> None:
-    """The options of what is tracked; what is said of being ``without`` a target."""
+    """The options of a sequence of images; ``without`` tells what happens without a target."""
     command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
     command.add_argument("--calibration", required=True, help="JSON file with the lens")
     command.add_argument("--target", required=required, help=f"JSON file with what the first image shows{without}")
-    command.add_argument("--rate", type=float, default=30.0, help="images a second (default: %(default)s)")
+    command.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -108,52 +100,56 @@ def main(arguments: Sequence[str] | None = None) -> int:
     1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 130: Ctrl-C
     or SIGTERM.
     """
-    args = parser().parse_args(arguments)
+    args, status = parser().parse_args(arguments), 1
     try:
-        return _COMMANDS[args.command](args)
+        trouble: object = args.run(args)
+    except gymnasium.error.Error as error:
+        trouble = f"{error}\n\nOn a screen these are the keys:\n{HELP}"
     except ModuleNotFoundError as error:
-        return _said(args, error, 1)
+        trouble = error
     except (ValueError, OSError) as error:
-        return _said(args, error, 2)
+        trouble, status = error, 2
     except KeyboardInterrupt:
         return 130
+    if trouble is None:
+        return 0
+    print(f"python -m activeslam_gym {args.command}: {trouble}", file=sys.stderr)
+    return status
 
 
-def _play(args: argparse.Namespace) -> int:
-    try:
-        rooms = play(args.seed, args.scenario, args.gaze_period, args.speed)
-    except gymnasium.error.Error as error:
-        return _said(args, f"{error}\n\nOn a screen these are the keys:\n{HELP}", 1)
+# Each runs its command and returns the reason of an early end, or None. -----------------------------------------------
+
+
+def _play(args: argparse.Namespace) -> None:
+    rooms = play(args.seed, args.scenario, args.gaze_period, args.speed)
     print("\n".join(rooms) or "No room was flown to its end.")
-    return 0
 
 
-def _live(args: argparse.Namespace) -> int:
+def _live(args: argparse.Namespace) -> str | None:
     from activeslam_gym.live.run import live
 
     trouble = live(args)
     if args.record is not None:
         print(f"Recorded in {args.record}")
-    return 0 if trouble is None else _said(args, f"ended early: {trouble}", 1)
+    return trouble and f"ended early: {trouble}"
 
 
-def _track(args: argparse.Namespace) -> int:
+def _track(args: argparse.Namespace) -> str | None:
     from activeslam_gym.vision.track import summary, track
 
     done = track(args.images, args.calibration, args.target, args.rate, args.out, args.film)
     print(f"{summary(done)}; results in {args.out}")
-    return 0 if done.trouble is None else _said(args, f"ended early: {done.trouble}", 1)
+    return done.trouble and f"ended early: {done.trouble}"
 
 
-def _ablate(args: argparse.Namespace) -> int:
+def _ablate(args: argparse.Namespace) -> None:
     from activeslam_gym.vision.ablation import ablate, line_of
 
     for outcome in ablate(args.images, args.calibration, args.target, args.rate, args.reference, args.every):
         print(line_of(outcome), flush=True)
-    return 0
 
 
-def _calibrate(args: argparse.Namespace) -> int:
+def _calibrate(args: argparse.Namespace) -> None:
     from activeslam_gym.vision.board import calibrate
 
     fit = calibrate(args.images, args.kind, args.columns, args.rows, args.out)
@@ -164,16 +160,6 @@ def _calibrate(args: argparse.Namespace) -> int:
         f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
         f"written to {args.out}"
     )
-    return 0
-
-
-_COMMANDS = {"play": _play, "live": _live, "track": _track, "ablate": _ablate, "calibrate": _calibrate}
-
-
-def _said(args: argparse.Namespace, message: object, status: int) -> int:
-    """Say what is wrong; the exit status."""
-    print(f"python -m activeslam_gym {args.command}: {message}", file=sys.stderr)
-    return status
 
 
 if __name__ == "__main__":

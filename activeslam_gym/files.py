@@ -74,7 +74,7 @@ def text_of(path: str | os.PathLike[str], most: int = 2**20) -> str:
 def write_sealed(path: Path, data: bytes) -> None:
     """Write ``data`` behind its SHA-256 digest, whole or not at all, for `read_sealed`."""
     with written_whole(path) as unfinished:
-        unfinished.write_bytes(_sealed(data))
+        unfinished.write_bytes(hashlib.sha256(data).digest() + data)
 
 
 def read_sealed(path: Path) -> bytes | None:
@@ -83,12 +83,8 @@ def read_sealed(path: Path) -> bytes | None:
         content = path.read_bytes()
     except OSError:
         return None
-    data = content[hashlib.sha256().digest_size :]
-    return data if content == _sealed(data) else None
-
-
-def _sealed(data: bytes) -> bytes:
-    return hashlib.sha256(data).digest() + data
+    digest, data = content[:32], content[32:]
+    return data if digest == hashlib.sha256(data).digest() else None
 
 
 def demand_writable(folder: Path) -> None:

@@ -7,9 +7,7 @@ period. Beside the picture stands what every action promises, by mutual informat
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -49,77 +47,64 @@ HELP = """\
   escape                     leave"""
 
 
-class Command(NamedTuple):
-    """An action of `ActiveSLAM-v0`."""
-
-    motion: Motion = Motion.STAY
-    gaze: Gaze = Gaze.STAY
-
-
-@dataclass(frozen=True)
-class Pilot:
-    """What the keys so far ask for."""
-
-    command: Command = Command()
-    running: bool = False
-    """The clock runs: a step every gaze period."""
-    started: bool = False
-    """The clock has run; from then on only a pause stops it, and starts it again."""
-    one_step: bool = False
-    """A single step is due."""
-    new_room: bool = False
-    quit: bool = False
-
-
-def command_after(key: str, command: Command) -> Command:
-    """The command that a key makes of the present one; a key pressed again stops what it began."""
-    if key in MOTION_KEYS:
-        motion = MOTION_KEYS[key]
-        return command._replace(motion=Motion.STAY if motion == command.motion else motion)
-    if key in GAZE_KEYS:
-        gaze = GAZE_KEYS[key]
-        return command._replace(gaze=Gaze.STAY if gaze == command.gaze else gaze)
-    return Command() if key == HALT else command
-
-
-def pilot_after(key: str, pilot: Pilot) -> Pilot:
-    """What is asked for after one more key; other keys change nothing."""
-    key = key.lower() if len(key) == 1 else key
-    if key == QUIT:
-        return replace(pilot, quit=True)
-    if key == NEW_ROOM:
-        return Pilot(new_room=True)
-    if key == PAUSE:
-        return replace(pilot, running=not pilot.running, started=True)
-    if key == ONE_STEP:
-        return replace(pilot, running=False, started=True, one_step=True)
-    if key in MOTION_KEYS or key in GAZE_KEYS:
-        pilot = replace(pilot, running=pilot.running or not pilot.started, started=True)
-    return replace(pilot, command=command_after(key, pilot.command))
-
-
 class Flight:
-    """A room that is being flown, from its first moment."""
+    """Rooms that are flown by keys in ``env``, from the room of ``seed`` on."""
 
-    def __init__(self, env: gymnasium.Env, seed: int, caption: str) -> None:
-        self.env, self.seed, self.caption = env, seed, caption
-        self.core: Any = env.unwrapped
-        _, info = env.reset(seed=seed)
-        self.first_entropy = info["entropy"]
+    def __init__(self, env: gymnasium.Env, seed: int) -> None:
+        self._env, self.core = env, env.unwrapped
+        self.quit = False
+        self.summaries: list[str] = []
+        """A line on each episode that was flown to its end."""
+        self._enter(seed, "Any key that moves or turns starts the clock")
+
+    def _enter(self, seed: int, caption: str) -> None:
+        self.seed, self.caption = seed, caption
+        self.motion, self.gaze = Motion.STAY, Gaze.STAY
+        self.over = self.running = self._started = self._one_step = False
+        self._first_entropy = self._env.reset(seed=seed)[1]["entropy"]
         self.scores = action_scores(self.core)
-        self.summary: str | None = None
-        """One line on the episode, once it is over."""
+        """Of the present moment; once it is over, of the last one before."""
 
-    def step(self, command: Command) -> None:
-        """One gaze period under the command; the scores stay those of the last moment before the end."""
-        _, _, terminated, truncated, info = self.env.step(np.array(command))
-        bits = self.first_entropy - info["entropy"]
-        if terminated or truncated:
-            self.summary = summary(self.seed, bits, info)
-            self.caption = f"{self.summary} (n: another room)"
+    def press(self, key: str) -> None:
+        """Do as a key says; other keys change nothing.
+
+        The first key that moves or turns starts the clock; from then on only a pause stops it, and starts it again.
+        """
+        key = key.lower() if len(key) == 1 else key
+        if key == QUIT:
+            self.quit = True
+        elif key == NEW_ROOM:
+            self._enter(self.seed + 1, f"Room {self.seed + 1}")
+        elif key in (PAUSE, ONE_STEP):
+            self.running, self._one_step = key == PAUSE and not self.running, key == ONE_STEP
+            self._started = True
+        elif key == HALT:
+            self.motion, self.gaze = Motion.STAY, Gaze.STAY
+        elif key in MOTION_KEYS or key in GAZE_KEYS:
+            motion, gaze = MOTION_KEYS.get(key), GAZE_KEYS.get(key)
+            if motion is not None:
+                self.motion = Motion.STAY if motion == self.motion else motion
+            if gaze is not None:
+                self.gaze = Gaze.STAY if gaze == self.gaze else gaze
+            self.running, self._started = self.running or not self._started, True
+
+    def advance(self) -> bool:
+        """One gaze period under the command, if the clock runs or a single step is due; whether there was one."""
+        if self.over or not (self.running or self._one_step):
+            return False
+        self._one_step = False
+        _, _, terminated, truncated, info = self._env.step(np.array((self.motion, self.gaze)))
+        bits, self.over = self._first_entropy - info["entropy"], terminated or truncated
+        if self.over:
+            end = "lost, all forfeited" if info["lost"] else f"{bits:.0f} bits removed"
+            self.summaries.append(
+                f"Room {self.seed}: {end}, {info['landmarks_mapped']} landmarks mapped, "
+                f"position error {100 * info['position_error']:.1f} cm"
+            )
+            self.caption = f"{self.summaries[-1]} (n: another room)"
         else:
-            self.scores = action_scores(self.core)
-            self.caption = f"{bits:.0f} bits removed"
+            self.scores, self.caption = action_scores(self.core), f"{bits:.0f} bits removed"
+        return True
 
 
 def action_scores(core: Any) -> dict[str, np.ndarray]:
@@ -128,15 +113,6 @@ def action_scores(core: Any) -> dict[str, np.ndarray]:
         title: np.concatenate((core.motion_scores(criterion), core.gaze_scores(criterion)))
         for criterion, title in CRITERIA.items()
     }
-
-
-def summary(seed: int, bits: float, info: dict[str, Any]) -> str:
-    """One line on an episode that is over."""
-    end = "lost, all forfeited" if info["lost"] else f"{bits:.0f} bits removed"
-    return (
-        f"Room {seed}: {end}, {info['landmarks_mapped']} landmarks mapped, "
-        f"position error {100 * info['position_error']:.1f} cm"
-    )
 
 
 def fly(env: gymnasium.Env, cockpit: Cockpit, seed: int = 0, speed: float = 1.0) -> list[str]:
@@ -148,28 +124,20 @@ def fly(env: gymnasium.Env, cockpit: Cockpit, seed: int = 0, speed: float = 1.0)
         seed: Of the first room.
         speed: Seconds of the episode in a second.
     """
-    told: list[str] = []
-    flight = Flight(env, seed, "Any key that moves or turns starts the clock")
-    pilot, changed = Pilot(), True
+    flight, changed = Flight(env, seed), True
+    core: Any = flight.core
     while True:
         begun = time.monotonic()
         if changed:
-            chosen = pilot.command.motion, len(Motion) + pilot.command.gaze
-            cockpit.show(flight.core.snapshot(), flight.scores, chosen, flight.caption)
-        left = flight.core.gaze_period / speed - (time.monotonic() - begun)
-        keys = cockpit.keys(max(left, 1e-3) if pilot.running and not flight.summary else 0.05)
+            chosen = flight.motion, len(Motion) + flight.gaze
+            cockpit.show(core.snapshot(), flight.scores, chosen, flight.caption)
+        left = core.gaze_period / speed - (time.monotonic() - begun)
+        keys = cockpit.keys(max(left, 1e-3) if flight.running and not flight.over else 0.05)
         for key in keys:
-            pilot = pilot_after(key, pilot)
-        if pilot.quit or not cockpit.is_open:
-            return told
-        changed = bool(keys)
-        if pilot.new_room:
-            flight = Flight(env, flight.seed + 1, f"Room {flight.seed + 1}")
-            pilot = Pilot()
-        elif not flight.summary and (pilot.running or pilot.one_step):
-            flight.step(pilot.command)
-            pilot, changed = replace(pilot, one_step=False), True
-            told += [flight.summary] if flight.summary else []
+            flight.press(key)
+        if flight.quit or not cockpit.is_open:
+            return flight.summaries
+        changed = flight.advance() or bool(keys)
 
 
 def play(seed: int = 0, scenario: str = "paper", gaze_period: float = 0.25, speed: float = 1.0) -> list[str]:
@@ -192,13 +160,10 @@ def play(seed: int = 0, scenario: str = "paper", gaze_period: float = 0.25, spee
         env.close()
 
 
-def labels() -> tuple[list[str], list[str]]:
+def labels() -> list[list[str]]:
     """The names of motions and gazes with a key for each, as the scores are ordered."""
-
-    def key_of(action: Motion | Gaze, keys: Mapping[str, Motion | Gaze]) -> str:
-        return next((key for key, what in keys.items() if what == action), "space")
-
-    return (
-        [f"{motion.name}  {key_of(motion, MOTION_KEYS)}" for motion in Motion],
-        [f"gaze {gaze.name}  {key_of(gaze, GAZE_KEYS)}" for gaze in Gaze],
-    )
+    groups: tuple[tuple[str, Any, Any], ...] = (("", Motion, MOTION_KEYS), ("gaze ", Gaze, GAZE_KEYS))
+    return [
+        [f"{prefix}{one.name}  {next((key for key in keys if keys[key] == one), 'space')}" for one in kind]
+        for prefix, kind, keys in groups
+    ]

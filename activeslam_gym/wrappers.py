@@ -8,6 +8,7 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorObservationWrapper
 from gymnasium.vector.utils import batch_space
 
+from activeslam_gym import core_of, observation_layout
 from activeslam_gym.envs.observation import ObservationLayout
 
 _KINDS = ("fiducial", "expected", "initialising", "mapped")
@@ -28,16 +29,14 @@ class TokenObservation(gymnasium.ObservationWrapper[Parts, Any, np.ndarray], gym
     """
 
     def __init__(self, env: gymnasium.Env[np.ndarray, Any]) -> None:
-        from activeslam_gym import observation_layout
-
         gymnasium.utils.RecordConstructorArgs.__init__(self)
         self._layout = observation_layout(env)
         super().__init__(env)
-        self.observation_space = token_space(self._layout)
+        self.observation_space = _token_space(self._layout)
 
     def observation(self, observation: np.ndarray) -> Parts:
         """(D,) in its parts."""
-        return in_parts(observation, self._layout)
+        return _in_parts(observation, self._layout)
 
 
 class TokenVectorObservation(VectorObservationWrapper):
@@ -48,16 +47,14 @@ class TokenVectorObservation(VectorObservationWrapper):
     """
 
     def __init__(self, env: VectorEnv) -> None:
-        from activeslam_gym import observation_layout
-
         self._layout = observation_layout(env)
         super().__init__(env)
-        self.single_observation_space = token_space(self._layout)
+        self.single_observation_space = _token_space(self._layout)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
 
     def observations(self, observations: np.ndarray) -> Parts:
         """(B, D) in their parts."""
-        return in_parts(observations, self._layout)
+        return _in_parts(observations, self._layout)
 
 
 class StepLimit(gymnasium.wrappers.TimeLimit):
@@ -71,24 +68,17 @@ class StepLimit(gymnasium.wrappers.TimeLimit):
     """
 
     def __init__(self, env: gymnasium.Env) -> None:
-        from activeslam_gym import core_of
-
         super().__init__(env, int(core_of(env).setting.task.steps))
 
 
-def token_space(layout: ObservationLayout) -> spaces.Space[Any]:
+def _token_space(layout: ObservationLayout) -> spaces.Space[Any]:
     """The space of an observation in its parts."""
-    count = layout.token_shape[0]
-    return spaces.Dict(
-        {
-            "global": spaces.Box(-1.0, 1.0, (layout.tokens.start,), np.float32),
-            "tokens": spaces.Box(-1.0, 1.0, layout.token_shape, np.float32),
-            "present": spaces.MultiBinary(count),
-        }
-    )
+    shapes = {"global": (layout.tokens.start,), "tokens": layout.token_shape}
+    parts: dict[str, Any] = {name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()}
+    return spaces.Dict({**parts, "present": spaces.MultiBinary(layout.token_shape[0])})
 
 
-def in_parts(observation: np.ndarray, layout: ObservationLayout) -> Parts:
+def _in_parts(observation: np.ndarray, layout: ObservationLayout) -> Parts:
     """Copies of the parts of flat observations (..., D), as `TokenObservation` names them."""
     tokens = observation[..., layout.tokens].reshape(*observation.shape[:-1], *layout.token_shape)
     kinds = tokens[..., [layout.token_slices[name].start for name in _KINDS]]

@@ -38,11 +38,9 @@ def choose_readings(scenario: Scenario, gaze_period: float) -> dict[str, Any]:
     entry: dict[str, Any] = {"scenario": scenario.name, "gaze_period": gaze_period, "episodes": EPISODES}
     for field, (make, candidates) in READINGS.items():
         values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
-        medians = [
-            float(np.median(_log_scores(make, dataclasses.replace(scenario, **{field: value}), gaze_period)))
-            for value in values
-        ]
-        scenario = dataclasses.replace(scenario, **{field: values[int(np.argmax(medians))]})
+        readings: list[Scenario] = [dataclasses.replace(scenario, **dict[str, Any]({field: one})) for one in values]
+        medians = [float(np.median(_log_scores(make, reading, gaze_period))) for reading in readings]
+        scenario = readings[int(np.argmax(medians))]
         entry[field] = getattr(scenario, field)
         entry[f"{field} medians"] = {f"{value:g}": round(median, 1) for value, median in zip(values, medians)}
     return entry

@@ -9,16 +9,9 @@ import numpy as np
 
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.camera import pixel_from_camera_point
-from activeslam_gym.envs.simulation import (
-    Run,
-    advance,
-    begin_motion,
-    empty_runs,
-    known_boxes,
-    reset_run,
-    resolve,
-    run_at,
-)
+from activeslam_gym.envs.run import Run, known_boxes, run_at
+from activeslam_gym.envs.setting import resolve
+from activeslam_gym.envs.simulation import advance, begin_motion, empty_runs, reset_run
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import POINT, start_of
@@ -107,7 +100,7 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
 
     ``command`` (4,) as in `motion.COMMANDS`.
     """
-    run = run_at(runs, 0)
+    run = run_at(runs, 0, runs.estimate.covariance[0])
     begin_motion(run, command, np.inf)
     for frame in range(frames):
         advance(run, command[3], frame == frames - 1)
@@ -116,7 +109,7 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
 @compiled
 def filter_frames(runs: Run, frames: int) -> None:
     """So many times the filter's frame alone, of the first of ``runs``, by its candidates, whose ids are certain."""
-    run = run_at(runs, 0)
+    run = run_at(runs, 0, runs.estimate.covariance[0])
     models, candidates = run.models, run.candidate[: run.episode.detections]
     u, boxes = np.zeros(6), known_boxes(run)
     for _ in range(frames):

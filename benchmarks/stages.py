@@ -4,9 +4,9 @@ from functools import partial
 
 import numpy as np
 
-from activeslam_gym.envs.episode import STEP, conclude, evaluate, open_step, play
-from activeslam_gym.envs.referee import reconcile
-from activeslam_gym.envs.simulation import Run, close_frame, drive, judge, known_boxes, present, run_at, sense
+from activeslam_gym.envs.episode import STEP, appraise, observe, open_step, play
+from activeslam_gym.envs.run import Run, known_boxes, present, run_at
+from activeslam_gym.envs.simulation import account, drive, sense
 from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import COMMANDS, Gaze, Motion
 from activeslam_gym.slam.association import associate
@@ -37,7 +37,7 @@ STAGES = (
 @compiled
 def step_until(runs: Run, command: np.ndarray, last: int) -> None:
     """A step of one frame of the first of ``runs``, as `play` makes it, until stage ``last`` of `STAGES`."""
-    run = run_at(runs, 0)
+    run = run_at(runs, 0, np.empty(runs.estimate.covariance.shape[1:]))
     models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
     if last == 0:
         return
@@ -69,15 +69,14 @@ def step_until(runs: Run, command: np.ndarray, last: int) -> None:
     present(run)
     if last == 8:
         return
-    reconcile(run.owner, run.estimate)
-    judge(run)
-    close_frame(run)
+    account(run)
     if last == 9:
         return
+    appraise(run, False)
     if last == 10:
-        evaluate(run)
-    else:
-        conclude(run, False)
+        return
+    observe(run)
+    run.estimate.state.whole = False
 
 
 def run(quick: bool) -> Section:

@@ -1,9 +1,14 @@
-"""A state of a live run without a run."""
+"""A state of a live run without a run, and a page with visitors (viser, of the extra `live`)."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
-from activeslam_gym.live.messages import About
-from activeslam_gym.live.state import TRACKING, State
+from activeslam_gym.live.page import Page
+from activeslam_gym.live.state import About, Standing, State
 from activeslam_gym.motion import Motion
 
 ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True)
@@ -11,14 +16,61 @@ ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True)
 
 def a_state(frame: int = 1, n: int = 12) -> State:
     rng = np.random.default_rng(frame)
-    eye = np.zeros(13)
-    eye[3] = 1.0
     return State(
-        frame=frame, time=frame / 15, image=rng.integers(0, 255, (240, 320)).astype(np.uint8), standing=TRACKING,
-        words="Tracking.", camera=eye, camera_covariance=1e-4 * np.eye(3), ids=np.arange(1, n + 1),
-        points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)), mapped=np.arange(n) % 2 == 0,
-        fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1), pixels=rng.uniform(20, 220, (n, 2)),
-        ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3, command=int(Motion.UP),
-        scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)), landmarks=n,
-        births=0, milliseconds=8.0, follows=True,
+        frame=frame, time=frame / 15, image=rng.integers(0, 255, (240, 320)).astype(np.uint8),
+        standing=Standing.TRACKING, words="Tracking.", camera=np.eye(1, 13, 3)[0], camera_covariance=1e-4 * np.eye(3),
+        ids=np.arange(1, n + 1), points=rng.normal(0, 1, (n, 3)), covariances=np.tile(1e-3 * np.eye(3), (n, 1, 1)),
+        mapped=np.arange(n) % 2 == 0, fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1),
+        pixels=rng.uniform(20, 220, (n, 2)), ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3,
+        command=Motion.UP, scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)),
+        landmarks=n, births=0, milliseconds=8.0, follows=True,
     )  # fmt: skip
+
+
+def until(holds: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """Wait until it holds; its value."""
+    end = time.monotonic() + seconds
+    while not (value := holds()) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert value, "it did not happen in time"
+    return value
+
+
+Served = tuple[Page, list[tuple[str, Any]]]
+"""A page in this process, and the requests that it makes."""
+
+
+@contextmanager
+def serving(host: str = "127.0.0.1") -> Iterator[Served]:
+    requests: list[tuple[str, Any]] = []
+    made = Page(ABOUT, host, 0, lambda name, value: requests.append((name, value)))
+    try:
+        yield made, requests
+    finally:
+        made.close()
+
+
+def visitor(address: str, **how: Any) -> Any:
+    """A client that connects as viser's own does."""
+    import viser
+    from websockets.sync.client import connect
+
+    url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
+    return connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None, compression=None, **how)
+
+
+def camera_message() -> bytes:
+    """The first message of a browser, after which the page counts it as a visitor."""
+    from msgspec.msgpack import encode
+
+    pose = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0), "look_at": (0.0, 0.0, 1.0)}
+    lens = {"fov": 1.0, "near": 0.1, "far": 9.0, "image_height": 9, "image_width": 9, "up_direction": (0.0, 1.0, 0.0)}
+    return encode({"type": "ViewerCameraMessage", **pose, **lens})
+
+
+def pressing(button: Any) -> list[bytes]:
+    """The messages of a browser that comes and presses ``button``."""
+    from msgspec.msgpack import encode
+
+    click = {"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}
+    return [camera_message(), encode(click)]

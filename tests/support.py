@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from activeslam_gym.camera import View, camera_of, pixel_from_camera_point, visible
 from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
-from activeslam_gym.envs.simulation import Run
+from activeslam_gym.envs.run import Run
 from activeslam_gym.geometry import rotate_left, rotation_error, rotation_matrix, skew
 from activeslam_gym.information.candidates import Prospect
 from activeslam_gym.kernels import row

@@ -83,10 +83,12 @@ def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSL
     for seed in BAD_SEEDS:
         refuses("seed", lambda seed=seed: env.reset(seed=seed))
         refuses("seed", lambda seed=seed: batch.reset(seed=seed))
+        refuses("seed", lambda seed=seed: batch.reset(seed=[0, seed]))
+    refuses("seed", lambda: batch.reset(seed=[1, 2, 3]))
     for options in (5, [], "a", True):
         refuses("options", lambda options=options: env.reset(options=options))
         refuses("options", lambda options=options: batch.reset(options=options))
-    for mask in (5, [True, False], np.zeros(2, bool), np.ones(1, bool), None):
+    for mask in (5, [True, False], np.array([1, 0]), np.zeros(2, bool), np.ones(1, bool), np.ones((2, 1), bool), None):
         refuses("reset_mask", lambda mask=mask: batch.reset(options={"reset_mask": mask}))
 
 

@@ -69,31 +69,6 @@ def test_half_an_action_does_half_of_it_and_a_long_one_is_shortened() -> None:
     np.testing.assert_allclose(long / np.linalg.norm(long), np.full(3, 3**-0.5), atol=0.15)
 
 
-@pytest.mark.parametrize("bad", [(0, 1), (0.0, 0.0, 0.0, 1.5), (np.nan,) * 4, "LEFT", None, [[0.0] * 4], (0, 0, 0, 1j)])
-def test_what_is_no_action_is_refused(bad) -> None:
-    env, batch = gym.make(NAME, disable_env_checker=True, **SHORT), gym.make_vec(NAME, num_envs=1, **SHORT)
-    env.reset(seed=0), batch.reset(seed=0)
-    with pytest.raises(ValueError, match="four numbers in -1 … 1"):
-        env.unwrapped.step(bad)
-    with pytest.raises(ValueError, match="four numbers in -1 … 1"):
-        batch.step([bad])
-
-
-def test_a_batch_plays_the_same_runs() -> None:
-    rng = np.random.default_rng(1)
-    batch = gym.make_vec(NAME, num_envs=3, **SHORT)
-    assert batch.single_action_space == gym.make(NAME).action_space and batch.action_space.shape == (3, 4)
-    singles = [gym.make(NAME, **SHORT) for _ in range(3)]
-    np.testing.assert_array_equal(batch.reset(seed=5)[0], [env.reset(seed=5 + i)[0] for i, env in enumerate(singles)])
-    for _ in range(8):
-        chosen = rng.uniform(-1.0, 1.0, (3, 4)).astype(np.float32)
-        seen, rewards, *_ = batch.step(chosen)
-        for i, env in enumerate(singles):
-            alone, reward, *_ = env.step(chosen[i])
-            np.testing.assert_array_equal(seen[i], alone)
-            assert rewards[i] == reward
-
-
 @pytest.mark.parametrize("name", ["mi-mi", "sweep", "orbit"])
 def test_baselines_play_in_it(name: str) -> None:
     pairs, points = gym.make("ActiveSLAM-v0", **SHORT), gym.make(NAME, **SHORT)

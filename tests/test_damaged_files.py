@@ -30,12 +30,23 @@ WRONG = (HUGE, -HUGE, 1e300, float("nan"), float("inf"), None, [], {}, "a\nb", [
 
 @pytest.fixture
 def images(tmp_path: Path) -> Path:
-    """A folder with three grey images."""
+    """A folder with three grey images, and a sound calibration and target beside it."""
     folder = tmp_path / "images"
     folder.mkdir()
     for k in range(3):
         cv2.imwrite(str(folder / f"{k}.png"), np.full((240, 320), 90, np.uint8))
+    (tmp_path / "lens.json").write_text(json.dumps(GOOD["calibration"]))
+    (tmp_path / "target.json").write_text(json.dumps(GOOD["rectangle"]))
     return folder
+
+
+def files_of(images: Path, **others: Any) -> dict[str, Any]:
+    """Options of a command that takes a sequence."""
+    return {
+        "images": images,
+        "calibration": images.parent / "lens.json",
+        "target": images.parent / "target.json",
+    } | others
 
 
 def told(capsys: pytest.CaptureFixture[str], command: str, **options: Any) -> str:
@@ -44,14 +55,6 @@ def told(capsys: pytest.CaptureFixture[str], command: str, **options: Any) -> st
     said = capsys.readouterr().err
     assert said.startswith(f"python -m activeslam_gym {command}: ") and said.count("\n") == 1 and len(said) < 400, said
     return said
-
-
-def read(capsys: pytest.CaptureFixture[str], images: Path, path: Path, role: str) -> str:
-    """What is said of ``path`` where it is given as the calibration or the target."""
-    lens = images.parent / "lens.json"
-    lens.write_text(json.dumps(GOOD["calibration"]))
-    files = {"calibration": lens, role: path}
-    return told(capsys, "track", images=images, out=images.parent / "out", **files)
 
 
 @pytest.mark.parametrize("kind", GOOD)
@@ -68,25 +71,21 @@ def test_a_number_of_400_digits_is_named(kind: str) -> None:
 
 
 @pytest.mark.parametrize("role", ["calibration", "target"])
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("[" * 100_000, "nested"),
-        ('{"kind": ' + "[" * 400 + "]" * 400 + "}", "kind"),
-        ('{"a": ' * 100_000, "nested"),
-        ('{"kind": ' + "9" * 5000 + "}", "digits"),
-        ('{"kind": "circle", "a\\nb": 1}', ""),
-        ("\xff", "UTF-8"),
-        ("\0", "JSON"),
-        ("", "JSON"),
-    ],
-    ids=["lists", "nested", "objects", "digits", "name", "bytes", "zero", "empty"],
-)
-def test_nested_and_broken_json_is_a_line(role: str, text: str, said: str, images: Path, capsys: Any) -> None:
+def test_nested_and_broken_json_is_a_line(role: str, images: Path, capsys: Any) -> None:
     path = images.parent / "broken.json"
-    path.write_bytes(text.encode("latin-1"))
-    line = read(capsys, images, path, role)
-    assert "broken.json" in line and (said in line or role == "calibration" and "lacks" in line)
+    for text, said in {
+        "[" * 100_000: "nested",
+        '{"kind": ' + "[" * 400 + "]" * 400 + "}": "kind",
+        '{"a": ' * 100_000: "nested",
+        '{"kind": ' + "9" * 5000 + "}": "digits",
+        '{"kind": "circle", "a\\nb": 1}': "",
+        "\xff": "UTF-8",
+        "\0": "JSON",
+        "": "JSON",
+    }.items():
+        path.write_bytes(text.encode("latin-1"))
+        line = told(capsys, "track", out=images.parent / "out", **files_of(images, **{role: path}))
+        assert "broken.json" in line and (said in line or role == "calibration" and "lacks" in line)
 
 
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the memory is bounded as Linux does it")
@@ -94,34 +93,23 @@ def test_nested_and_broken_json_is_a_line(role: str, text: str, said: str, image
 def test_an_endless_file_is_read_no_further_than_needed(role: str, images: Path, capsys: Any) -> None:
     import resource
 
-    (images.parent / "lens.json").write_text(json.dumps(GOOD["calibration"]))
-    (images.parent / "target.json").write_text(json.dumps(GOOD["rectangle"]))
-    files = {"calibration": images.parent / "lens.json", "target": images.parent / "target.json", "images": images}
     before = resource.getrlimit(resource.RLIMIT_AS)
     held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (held + 2**30, before[1]))  # so that a reader without end fails soon
     try:
-        line = told(capsys, "ablate", **{**files, role: "/dev/zero"})
+        line = told(capsys, "ablate", **files_of(images, **{role: "/dev/zero"}))
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
     assert "/dev/zero" in line
 
 
-@pytest.mark.parametrize(
-    ("kind", "columns", "rows"),
-    [
-        ("chessboard", 2**31, 3),
-        ("chessboard", 3, HUGE),
-        ("chessboard", 100_000, 100_000),
-        ("charuco", 2**31, 3),
-        ("charuco", 1000, 1000),
-        ("charuco", 11, 10),
-    ],
-)
-def test_a_huge_board_is_refused(kind: str, columns: int, rows: int, images: Path, capsys: Any) -> None:
-    board = {"kind": kind, "columns": columns, "rows": rows}
-    line = told(capsys, "calibrate", images=images, out=images.parent / "lens.json", **board)
-    assert "board" in line and f"{columns}"[:3] in line
+def test_a_huge_board_is_refused(images: Path, capsys: Any) -> None:
+    chessboards = [(2**31, 3), (3, HUGE), (100_000, 100_000)]
+    boards = [("chessboard", *size) for size in chessboards]
+    for kind, columns, rows in (*boards, ("charuco", 2**31, 3), ("charuco", 1000, 1000), ("charuco", 11, 10)):
+        board = {"kind": kind, "columns": columns, "rows": rows}
+        line = told(capsys, "calibrate", images=images, out=images.parent / "lens.json", **board)
+        assert "board" in line and f"{columns}"[:3] in line
 
 
 def test_a_picture_of_terapixels_is_a_line(images: Path, capsys: Any) -> None:

@@ -5,14 +5,13 @@ import numpy as np
 
 from activeslam_gym.camera import View, visible
 from activeslam_gym.config import Scenario
-from activeslam_gym.envs.disproof import VIEWS, WELL_INSIDE_PX, disprove
-from activeslam_gym.envs.simulation import MODELS
+from activeslam_gym.envs.disproof import WELL_INSIDE_PX, disprove
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING
+from activeslam_gym.information.expectation import EXPECTED, WAITING
 
 from .support import CAMERA, NO_BOXES, simulation_of
 
-HALF, POSE, KEY = np.array([3.0, 1.0, 3.0]), np.array([0.0, 0, 0, 1, 0, 0, 0]), np.array([7], np.uint64)
+HALF, POSE = np.array([3.0, 1.0, 3.0]), np.array([0.0, 0, 0, 1, 0, 0, 0])
 
 
 def inside(pose: np.ndarray, y: np.ndarray) -> bool:
@@ -25,18 +24,18 @@ def expectation(*points: tuple[float, float, float]) -> np.ndarray:
     return expected
 
 
-def look(
-    expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0, frames: int = 5, walls: bool = False
-) -> int:
-    """Frames from ``poses``; the number of viewpoints."""
-    view, seen = np.zeros(VIEWS, VIEW), 0
-    models = np.zeros(1, MODELS)[0]
-    models.camera, models.motion.half, models.on_surfaces = CAMERA, HALF, walls
-    models.filter.initialisation.birth_detections = frames - 2
-    models.filter.association.detection_probability = probability
+def look(expected: np.ndarray, poses: list[np.ndarray], probability: float = 1.0, walls: bool = False) -> int:
+    """Frames from ``poses``, of which 5 make a look; the number of viewpoints."""
+    run = simulation_of(gym.make("ActiveSLAM-v0", scenario={"landmark_count": len(expected)}))
+    run.models.camera, run.models.motion.half, run.models.on_surfaces = CAMERA, HALF, walls
+    run.models.filter.initialisation.birth_detections = 3
+    run.models.filter.association.detection_probability, run.episode.redraw_key[:] = probability, 7
+    run.expected[:] = expected
     for pose in poses:
-        seen = disprove(models, NO_BOXES, pose, KEY, expected, view, seen)
-    return seen
+        run.estimate.state.camera[:7] = pose
+        disprove(run)
+    expected[:] = run.expected
+    return int(run.episode.views)
 
 
 def test_what_stood_long_enough_well_inside_is_expected_elsewhere() -> None:

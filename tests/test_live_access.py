@@ -2,41 +2,27 @@
 
 import socket
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
-
-from .test_live_page import camera_message, serving, until, visitor
 
 viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 
 from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from activeslam_gym.live.guard import Guard, guarding  # noqa: E402
-from activeslam_gym.live.messages import PAUSE  # noqa: E402
-from activeslam_gym.live.page import Page  # noqa: E402
 
-PROTOCOL = f"viser-v{viser.__version__}"
+from .live_scene import Page, Served, pressing, serving, until, visitor  # noqa: E402
+
 HANDSHAKE = (
     "Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13",
-    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: {PROTOCOL}",
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", f"Sec-WebSocket-Protocol: viser-v{viser.__version__}",
 )  # fmt: skip
 
 
 @pytest.fixture
-def page() -> Iterator[tuple[Page, list[tuple[str, Any]]]]:
+def page() -> Iterator[Served]:
     with serving() as made:
         yield made
-
-
-def pressing(button: Any) -> list[bytes]:
-    """The messages of a browser that comes and presses ``button``."""
-    from msgspec.msgpack import encode
-
-    return [
-        camera_message(),
-        encode({"type": "GuiUpdateMessage", "uuid": button._impl.uuid, "updates": {"value": True}}),
-    ]
 
 
 def place_of(page: Page) -> tuple[str, int]:
@@ -56,8 +42,8 @@ def said(place: tuple[str, int], *headers: str, path: str = "/") -> str:
         return stranger.recv(4096).decode(errors="replace")
 
 
-def test_a_page_of_another_site_neither_reads_nor_steers_it(page: Any) -> None:
-    served, wishes = page
+def test_a_page_of_another_site_neither_reads_nor_steers_it(page: Served) -> None:
+    served, requests = page
     place = place_of(served)
     own = f"Host: localhost:{place[1]}"
     for origin in ("https://evil.example", "null", "http://localhost:1", f"http://127.0.0.1:{place[1]}"):
@@ -66,15 +52,19 @@ def test_a_page_of_another_site_neither_reads_nor_steers_it(page: Any) -> None:
     assert answers(place, own, twice, twice) == answers(place, own, twice, "Origin: null") == (403, 403)
     with pytest.raises(InvalidStatus, match="403"):
         visitor(served.address, origin="https://evil.example")
-    assert wishes == []
+    assert requests == []
     with visitor(served.address, origin=f"http://127.0.0.1:{place[1]}") as client:
         for message in pressing(served._pause):
             client.send(message)
-        until(lambda: wishes == [(PAUSE, True)])
+        until(lambda: requests == [("pause", True)])
 
 
-def test_a_rebound_name_neither_reads_nor_steers_it(page: Any) -> None:
+def test_a_rebound_name_neither_reads_nor_steers_it_and_the_own_page_is_answered(page: Served) -> None:
     place = place_of(page[0])
+    for name in ("localhost", "127.0.0.1", "[::1]", "LOCALHOST"):
+        host = f"{name}:{place[1]}"
+        assert answers(place, f"Host: {host}") == (200, 101)
+        assert answers(place, f"Host: {host}", f"Origin: http://{host.lower()}") == (200, 101)
     hosts = ("evil.example", f"evil.example:{place[1]}", f"localhost.:{place[1]}", "localhost:1", "localhost", "")
     for host in hosts:
         assert answers(place, f"Host: {host}") == (403, 403), host
@@ -83,15 +73,7 @@ def test_a_rebound_name_neither_reads_nor_steers_it(page: Any) -> None:
     assert answers(place) == answers(place, own, own) == answers(place, own, "Host: evil.example") == (403, 403)
 
 
-def test_the_own_page_is_answered(page: Any) -> None:
-    place = place_of(page[0])
-    for name in ("localhost", "127.0.0.1", "[::1]", "LOCALHOST"):
-        host = f"{name}:{place[1]}"
-        assert answers(place, f"Host: {host}") == (200, 101)
-        assert answers(place, f"Host: {host}", f"Origin: http://{host.lower()}") == (200, 101)
-
-
-def test_no_address_for_the_page_to_connect_to_is_taken_and_no_frame_shows_it(page: Any) -> None:
+def test_no_address_for_the_page_to_connect_to_is_taken_and_no_frame_shows_it(page: Served) -> None:
     place = place_of(page[0])
     own = f"Host: localhost:{place[1]}"
     for query in ("websocket=ws://evil.example", "playbackPath=https://evil.example/x.viser", "darkMode"):

@@ -18,20 +18,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-pytest.importorskip("viser", reason="the extra `live` is not installed")
-
-from .test_live_access import PROTOCOL, pressing
-from .test_live_page import serving, until
-
+viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
-pytest.importorskip("viser", reason="the extra `live` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
 from activeslam_gym.live import drawing  # noqa: E402
-from activeslam_gym.live.messages import PAUSE  # noqa: E402
+
+from .live_scene import pressing, serving, until  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
@@ -221,18 +217,18 @@ def site() -> Iterator[str]:
 
 
 def test_a_page_of_another_site_neither_reads_nor_presses(browser: Any, site: str) -> None:
-    with serving() as (live, wishes), closing(browser.new_page()) as page:
-        attack = [live.address, PROTOCOL, [list(message) for message in pressing(live._pause)]]
+    with serving() as (live, requests), closing(browser.new_page()) as page:
+        attack = [live.address, f"viser-v{viser.__version__}", [list(message) for message in pressing(live._pause)]]
         page.goto(site)
         assert page.evaluate(ATTACK, attack) == {"cors": "TypeError", "no-cors": 0, "socket": "refused"}
         page.evaluate("address => document.body.innerHTML = `<iframe src='${address}'></iframe>`", live.address)
         page.wait_for_timeout(2000)
         assert [frame.url for frame in page.frames] == [site, "chrome-error://chromewebdata/"]
-        assert wishes == []
+        assert requests == []
         page.goto(live.address)  # its own page may do all that
         told = page.evaluate(ATTACK, attack)
         assert told["cors"] > 1000 and told["socket"] > 100
-        until(lambda: (PAUSE, True) in wishes, PATIENCE)
+        until(lambda: ("pause", True) in requests, PATIENCE)
 
 
 def test_another_site_cannot_make_the_page_connect_elsewhere(browser: Any, site: str) -> None:

@@ -115,7 +115,7 @@ def test_a_lost_filter_scores_nan_asks_no_registered_criterion_and_best_stays(mo
     monkeypatch.setitem(CRITERIA, "mine", fails)
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
     env.reset(seed=0)
-    env.unwrapped._runs.estimate.covariance[0, :6, :6] = -np.eye(6)
+    env.unwrapped._run.estimate.covariance[:6, :6] = -np.eye(6)
     for criterion in ("mine", INFORMATION):
         scores = env.unwrapped.motion_scores(criterion)
         assert np.isnan(scores).all() and best(scores) == Motion.STAY

@@ -5,7 +5,6 @@ import sys
 import warnings
 from dataclasses import replace
 from functools import lru_cache
-from itertools import product
 
 import gymnasium
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.spatial.transform import Rotation
 pytest.importorskip("matplotlib")
 
 from activeslam_gym import Gaze, Motion, Scenario, rendering
-from activeslam_gym.rendering import geometry, scene
+from activeslam_gym.rendering import geometry
 from tests.support import random_spd
 
 
@@ -44,12 +43,17 @@ def test_every_size_is_met_to_the_pixel_and_no_panel_is_blank(size):
     assert size or all(picture[panel].astype(float).std() > 5 for panel in panels)
 
 
-def test_same_snapshot_same_picture_whatever_came_between():
+def test_same_snapshot_same_picture_and_the_users_settings_are_left_alone():
+    import matplotlib
+    import matplotlib.pyplot as pyplot
+
+    before, figures = dict(matplotlib.rcParams), pyplot.get_fignums()
     first = rendering.draw(make_snapshot(seed=1))
     kept = first.copy()  # pictures are not views of one buffer
     assert not np.array_equal(rendering.draw(make_snapshot(seed=2, steps=12, mode=None)), first)
     np.testing.assert_array_equal(first, kept)
     np.testing.assert_array_equal(rendering.draw(make_snapshot(seed=1)), first)
+    assert dict(matplotlib.rcParams) == before and pyplot.get_fignums() == figures
 
 
 EMPTY = ["expected_landmarks", "landmark_times", "true_trajectory"]
@@ -74,14 +78,8 @@ def test_each_field_shows(name):
     assert not np.array_equal(rendering.draw(changed), rendering.draw(snapshot))
 
 
-def test_command_names_motion_and_gaze():
-    for motion, gaze in product(Motion, Gaze):
-        text = scene.command_text(motion.name, gaze.name)
-        assert motion.name in text and f"gaze {gaze.name}" in text
-
-
 @pytest.mark.filterwarnings("error")
-def test_nothing_to_draw_and_a_lost_belief_still_make_a_picture():
+def test_nothing_to_draw_a_lost_belief_and_degenerate_covariances_still_make_a_picture():
     snapshot = make_snapshot(steps=0, mode=None)
     assert len(snapshot.landmarks) == len(snapshot.times) == 0
     nothing = dict.fromkeys(("expected_landmarks", "fiducials", "true_landmarks"), np.zeros((0, 3)))
@@ -91,28 +89,19 @@ def test_nothing_to_draw_and_a_lost_belief_still_make_a_picture():
         getattr(snapshot, name)[:] = np.nan
     snapshot.entropy[-1] = np.nan
     assert rendering.draw(snapshot).std() > 5
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("block", [np.zeros((3, 3)), np.diag([1.0, 0, 0]), -np.eye(3), np.full((3, 3), np.nan)])
-def test_degenerate_covariances_do_not_raise(block):
-    snapshot = make_snapshot()
-    snapshot.covariance[12:15, 12:15] = snapshot.covariance[:3, :3] = block
-    snapshot.predicted_covariance[:] = block[:2, :2]
-    assert rendering.draw(snapshot).std() > 5
-
-
-def spheroids(rng, count, dimension):
-    """Covariances (count, d, d)."""
-    return np.array([random_spd(rng, np.linspace(0.3, 1.0, dimension)) for _ in range(count)])
+    for block in (np.zeros((3, 3)), np.diag([1.0, 0, 0]), -np.eye(3), np.full((3, 3), np.nan)):
+        snapshot = make_snapshot()
+        snapshot.covariance[12:15, 12:15] = snapshot.covariance[:3, :3] = block
+        snapshot.predicted_covariance[:] = block[:2, :2]
+        assert rendering.draw(snapshot).std() > 5
 
 
 def test_view_is_right_handed_and_the_frustum_projects_back_to_the_image():
     """A mirrored room would show a gaze to the LEFT turning right."""
-    axes = geometry.view_axes(0.4, 0.6)
+    axes = np.vstack((geometry.VIEW, geometry.TOWARDS_VIEWER))
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1.0)
-    assert axes[0] @ [1, 0, 0] < 0 and axes[1] @ [0, 1, 0] > 0 and axes[0] @ [0, 1, 0] == pytest.approx(0.0)
+    assert axes[0, 0] < 0 and axes[1, 1] > 0 and axes[0, 1] == pytest.approx(0.0)
     position, quaternion = np.random.default_rng(2).normal(size=3), np.array([0.5, -0.5, 0.1, 0.7])
     corners = geometry.camera_frustum(Scenario(), (320, 240), position, quaternion, 0.7)[-1]
     x, y, z = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(corners - position).T
@@ -121,28 +110,19 @@ def test_view_is_right_handed_and_the_frustum_projects_back_to_the_image():
 
 
 def test_ellipses_and_great_circles_lie_at_their_sigmas_and_within_the_outline():
+    def squares(points, covariances):
+        return np.einsum("nki,nij,nkj->nk", points, np.linalg.inv(covariances), points)
+
     rng = np.random.default_rng(0)
     for dimension, curves in ((2, geometry.ellipses), (3, geometry.great_circles)):
-        means, covariances = rng.normal(size=(4, dimension)), spheroids(rng, 4, dimension)
+        covariances = np.array([random_spd(rng, np.linspace(0.3, 1.0, dimension)) for _ in range(4)])
+        means = rng.normal(size=(4, dimension))
         points = curves(means, covariances, 2.0).reshape(4, -1, dimension) - means[:, None]
-        mahalanobis = np.einsum("nki,nij,nkj->nk", points, np.linalg.inv(covariances), points)
-        np.testing.assert_allclose(mahalanobis, 4.0)
-    centre, covariance = np.zeros((1, 3)), spheroids(np.random.default_rng(1), 1, 3)
-    outline = np.linalg.inv(geometry.VIEW @ covariance[0] @ geometry.VIEW.T)
-    circles = geometry.screen_from_world(geometry.great_circles(centre, covariance, 2.0))
-    assert np.einsum("cki,ij,ckj->ck", circles, outline, circles).max() <= 4.0 + 1e-9
-    drawn = geometry.ellipsoid_outlines(centre, covariance, 2.0)
-    np.testing.assert_allclose(np.einsum("cki,ij,ckj->ck", drawn, outline, drawn), 4.0)
-
-
-def test_drawing_leaves_the_users_settings_and_pyplot_alone():
-    import matplotlib
-    import matplotlib.pyplot as pyplot
-
-    before, figures = dict(matplotlib.rcParams), pyplot.get_fignums()
-    rendering.draw(make_snapshot(), (320, 200))
-    assert dict(matplotlib.rcParams) == before
-    assert pyplot.get_fignums() == figures
+        np.testing.assert_allclose(squares(points, covariances), 4.0)
+    origin, on_page = np.zeros((4, 3)), geometry.VIEW @ covariances @ geometry.VIEW.T
+    np.testing.assert_allclose(squares(geometry.ellipsoid_outlines(origin, covariances, 2.0), on_page), 4.0)
+    circles = geometry.screen_from_world(geometry.great_circles(origin, covariances, 2.0)).reshape(4, -1, 2)
+    assert squares(circles, on_page).max() <= 4.0 + 1e-9
 
 
 def test_window_without_a_screen_names_the_alternative(no_screen):
@@ -163,11 +143,11 @@ def test_window_shows_redraws_and_closes(screen):
     window.show(make_snapshot(seed=2))
     assert len(screen.get_fignums()) == 1
     screen.close("all")  # the user's click
-    window.show(make_snapshot(seed=3))
+    window.show(make_snapshot(seed=1))
     assert not screen.get_fignums()
     window.close()
     window.close()
-    window.show(make_snapshot(seed=3))
+    window.show(make_snapshot(seed=1))
     assert len(screen.get_fignums()) == 1
     window.close()
     assert not screen.get_fignums()

@@ -6,7 +6,6 @@ import gymnasium
 import numpy as np
 import pytest
 
-from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import Scenario
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.filter import Filter, candidates_of
@@ -38,25 +37,6 @@ def test_depths_turned_inside_out_are_given_up(association: str) -> None:
 def test_an_honest_belief_is_kept() -> None:
     off, on = (played(5, restarts, "unknown") for restarts in (False, True))
     assert on == off and on["restarts"] == 0
-
-
-def test_a_batch_begins_anew_as_its_single_environments_do() -> None:
-    settings: dict[str, Any] = {"gaze_period": 0.5, "end_when_lost": False}
-    seeds, stay = [6_000_243, 5], [Motion.STAY, Gaze.STAY]
-    batch: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=2, **settings)
-    single: list[Any] = [gymnasium.make("ActiveSLAM-v0", **settings) for _ in seeds]
-    batch.reset(seed=seeds)
-    for env, seed in zip(single, seeds, strict=True):
-        env.reset(seed=seed)
-    count = 0
-    for _ in range(20):
-        observations, rewards, _, _, infos = batch.step(np.array([stay, stay]))
-        for k, env in enumerate(single):
-            observation, reward, _, _, info = env.step(stay)
-            np.testing.assert_array_equal(observation, observations[k])
-            assert reward == rewards[k] and info["events"]["restarts"] == infos["events"]["restarts"][k]
-            count += info["events"]["restarts"]
-    assert count >= 1
 
 
 def held(scenario: Scenario, away: float, frames: int) -> tuple[Filter, np.ndarray]:

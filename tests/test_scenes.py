@@ -165,25 +165,6 @@ def test_the_stages_are_the_compiled_frame_to_the_bit() -> None:
         np.testing.assert_array_equal(steps[0][0][32:], steps[1][0][39:])
 
 
-@pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
-def test_vector_and_single_runs_are_the_same_to_the_bit(estimator: str) -> None:
-    scenario = {"scene": "sphere", "estimator": estimator, "association": "known"}
-    many = gym.make_vec("ActiveSLAM-v0", num_envs=3, scenario=scenario, gaze_period=0.25)
-    ones = [gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25) for _ in range(3)]
-    observations, _ = many.reset(seed=[7, 8, 9])
-    for i, one in enumerate(ones):
-        np.testing.assert_array_equal(one.reset(seed=7 + i)[0], observations[i])
-    for k in range(8):
-        actions = np.array([(k % 7, 0), (0, 2), (4, k % 3)])
-        observations, rewards, *_ = many.step(actions)
-        for i, one in enumerate(ones):
-            observation, reward, *_ = one.step(actions[i])
-            np.testing.assert_array_equal(observation, observations[i])
-            assert reward == rewards[i]
-    centres = [scene._scene.centre.tolist() for scene in many.unwrapped.truth.scene]
-    assert centres == [one.unwrapped.truth.scene._scene.centre.tolist() for one in ones]
-
-
 def test_the_truth_has_the_scene_of_boxes_too() -> None:
     env = gym.make("ActiveSLAM-v0", scenario="office")
     env.reset(seed=1)
@@ -203,34 +184,9 @@ def test_the_truth_has_the_scene_of_boxes_too() -> None:
 # Errors -------------------------------------------------------------------------------------------------------------
 
 
-class NaNClearance(SphereScene):
-    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
-        return float("nan")
-
-
-class WordyBlocks(SphereScene):
-    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
-        return "no"  # type: ignore[return-value]
-
-
-class FlatSample(SphereScene):
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return np.zeros((n, 2)), np.zeros((n, 3))
-
-
-class NaNSample(SphereScene):
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return np.full((n, 3), np.nan), np.ones((n, 3))
-
-
-class LongNormals(SphereScene):
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return np.zeros((n, 3)), np.ones((n, 3))
-
-
-class OutsideSample(SphereScene):
-    def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return np.full((n, 3), 9.0), np.tile((1.0, 0.0, 0.0), (n, 1))
+def told(method: str, answer: Any) -> type[SphereScene]:
+    """A scene of a sphere, one of whose methods gives that ``answer``."""
+    return type("Wrong", (SphereScene,), {method: lambda *_: answer})
 
 
 class WideBounds(SphereScene):
@@ -245,14 +201,24 @@ class NoBounds(SphereScene):
         self.bounds = np.zeros(3)
 
 
-WRONG = [NaNClearance, WordyBlocks, FlatSample, NaNSample, LongNormals, OutsideSample, WideBounds, NoBounds]
+N, UP = Scenario().landmark_count, np.tile((0.0, 1.0, 0.0), (Scenario().landmark_count, 1))
+WRONG = {
+    "a clearance of NaN": told("clearance", float("nan")),
+    "blocks in words": told("blocks", "no"),
+    "flat points": told("sample", (np.zeros((N, 2)), UP)),
+    "points of NaN": told("sample", (np.full((N, 3), np.nan), UP)),
+    "long normals": told("sample", (np.zeros((N, 3)), 2.0 * UP)),
+    "points outside": told("sample", (np.full((N, 3), 9.0), UP)),
+    "wide bounds": WideBounds,
+    "no bounds": NoBounds,
+}
 
 
-@pytest.mark.parametrize("scene", WRONG)
-def test_a_wrong_answer_of_a_scene_is_an_error_with_its_name(scene: type[SphereScene]) -> None:
-    SCENES.register(scene.__name__)(scene)
-    with pytest.raises(ValueError, match=scene.__name__):
-        draw_room(Scenario(scene=scene.__name__), np.random.default_rng(0))
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_answer_of_a_scene_is_an_error_with_its_name(wrong: str) -> None:
+    SCENES.register("Wrong")(WRONG[wrong])
+    with pytest.raises(ValueError, match="scene 'Wrong'"):
+        draw_room(Scenario(scene="Wrong"), np.random.default_rng(0))
 
 
 def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -> None:

@@ -11,6 +11,7 @@ from activeslam_gym import ActiveSLAMVectorEnv
 from activeslam_gym.sensors.sensor import SENSORS, Detections
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.estimator import ESTIMATORS
+from examples import extend_scene  # noqa: F401  (registers a scene)
 from examples.extend_estimator import NumpyEkf
 from examples.extend_range_sensor import RangeSensor
 
@@ -38,7 +39,7 @@ def test_an_estimator_from_outside_flies_a_whole_episode() -> None:
     assert info["events"]["wrong_matches"] == 0
 
 
-@pytest.mark.parametrize("scenario", [NUMPY, RANGE], ids=["estimator", "sensor"])
+@pytest.mark.parametrize("scenario", [NUMPY, RANGE, {"scene": "sphere"}, {"scene": "sphere", **NUMPY}], ids=str)
 def test_a_batch_is_its_single_environments_with_parts_from_outside(scenario: Any) -> None:
     singles = [flown(scenario, seed, 3.0) for seed in (5, 6)]
     env = ActiveSLAMVectorEnv(2, scenario, gaze_period=0.25, duration=3.0, autoreset_mode="DISABLED")

@@ -134,7 +134,7 @@ def test_the_picture_shows_the_image() -> None:
     assert (with_image != without).any(axis=2).mean() > 0.05
 
 
-@pytest.mark.parametrize(("field", "value"), [("fiducial_count", 6), ("clutter_rate", 1.0)])
+@pytest.mark.parametrize(("field", "value"), [("fiducial_count", 6), ("clutter_rate", 1.0), ("restarts", False)])
 def test_a_scenario_that_has_no_image_is_refused(field: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"scenario.{field} must be"):
         gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))

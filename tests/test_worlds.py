@@ -166,12 +166,6 @@ def test_a_first_inverse_depth_is_that_of_what_is_seen_in_a_furnished_room(name:
     assert len(error) > 150 and abs(error.mean()) < 0.5 and error.std() < 1.3
 
 
-def test_a_room_that_is_too_full_is_refused_in_words() -> None:
-    full = Scenario(name="full", boxes=(((-2.9, -1.0, -2.9), (2.9, 1.0, 2.9)),), start=CORNER)
-    with pytest.raises(RuntimeError, match="'full': no room was found"):
-        draw_room(full, np.random.default_rng(0))
-
-
 # What hides and what stops ------------------------------------------------------------------------------------------
 
 

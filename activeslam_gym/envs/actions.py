@@ -1,34 +1,107 @@
-"""Reading actions and options: whatever a client hands in becomes indices and a dict, or a clear error."""
+"""Reading actions and options: whatever a client hands in becomes commands and a dict, or a clear error."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from activeslam_gym.motion import GAZE_COUNT, MOTION_COUNT, nearest_motion
-
-_PAIR = f"two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}"
-_POINT = "four numbers in -1 … 1, a displacement along the camera's x, y and z and a turn"
-_INDEX = f"one whole number in 0 … {MOTION_COUNT * GAZE_COUNT - 1}"
+from activeslam_gym.motion import COMMANDS, GAZE_COUNT, MOTION_COUNT, nearest_motion
 
 
-def action_space() -> spaces.MultiDiscrete:
-    """Of `ActiveSLAM-v0`: a motion and a gaze."""
-    return spaces.MultiDiscrete([MOTION_COUNT, GAZE_COUNT])
+@dataclass(frozen=True)
+class Encoding:
+    """How numbers mean a motion and a gaze."""
+
+    space: Callable[[], spaces.Space[Any]]
+    """Makes the action space."""
+    shape: tuple[int, ...]
+    """Of one action."""
+    least: float
+    most: tuple[float, ...]
+    """Of each number."""
+    whole: bool
+    """The numbers must be whole."""
+    allowed: str
+    """The same in words, for errors."""
+    commands: Callable[[np.ndarray], np.ndarray]
+    """From actions (B, k) to commands (B, 4), see `motion.COMMANDS`."""
+
+    def read_one(self, action: Any) -> np.ndarray:
+        """The command (4,) of an action.
+
+        Raises:
+            ValueError: it is outside the action space; the message tells what is allowed.
+        """
+        array = _as_array(action)
+        if (array.shape == self.shape or array.size == 1 and not self.shape) and array.dtype.kind in "iuf":
+            numbers = array.ravel().tolist()
+            limits = zip(numbers, self.most, strict=True)
+            if all(self.least <= x <= most and (not self.whole or x == int(x)) for x, most in limits):
+                return self.commands(array.reshape(1, -1))[0]
+        raise ValueError(f"action must be {self.allowed}, got {action!r}")
+
+    def read(self, actions: Any, playing: np.ndarray) -> np.ndarray:
+        """The commands (B, 4) of a batch of actions (B, ...); those of environments not ``playing`` (B,) are ignored.
+
+        Raises:
+            ValueError: of shape or values outside the action space; the message names the first and what is allowed.
+        """
+        array, shape = _as_array(actions), (len(playing), *self.shape)
+        if array.shape != shape or array.dtype.kind not in "iuf":
+            raise ValueError(
+                f"actions must be numbers of shape {shape}, for each environment {self.allowed}, got {actions!r}"
+            )
+        rows = array.reshape(len(array), -1)
+        inside = (rows >= self.least) & (rows <= self.most) & (not self.whole or rows == np.floor(rows))
+        good = inside.all(axis=1) | ~playing
+        if not good.all():
+            i = int(np.argmin(good))
+            raise ValueError(f"actions[{i}] must be {self.allowed}, got {array[i]!r}")
+        return self.commands(np.where(playing[:, None], rows, 0))
 
 
-def discrete_action_space() -> spaces.Discrete:
-    """Of `ActiveSLAMDiscrete-v0`: the index 3 motion + gaze."""
-    return spaces.Discrete(MOTION_COUNT * GAZE_COUNT)
+def _as_array(value: Any) -> np.ndarray:
+    """``value`` as an array; one of no shape where its rows are of different lengths."""
+    try:
+        return np.asarray(value)
+    except ValueError:
+        return np.asarray(None)
 
 
-def continuous_action_space() -> spaces.Box:
-    """Of `ActiveSLAMContinuous-v0`: a displacement in steps, camera axes, and a share of the turn rate."""
-    return spaces.Box(-1.0, 1.0, (4,), np.float32)
+def _within_a_step(commands: np.ndarray) -> np.ndarray:
+    """``commands`` (B, 4) with displacements of length 1 at most, in double precision whatever they were given in."""
+    commands = commands.astype(float)
+    length = np.sqrt((commands[:, :3] ** 2).sum(axis=1, keepdims=True))
+    return np.concatenate((commands[:, :3] / np.maximum(length, 1.0), commands[:, 3:]), axis=1)
+
+
+PAIRS = Encoding(
+    lambda: spaces.MultiDiscrete([MOTION_COUNT, GAZE_COUNT]),
+    (2,), 0, (MOTION_COUNT - 1, GAZE_COUNT - 1), True,
+    f"two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}",
+    lambda pairs: COMMANDS[pairs[:, 0].astype(int), pairs[:, 1].astype(int)],
+)  # fmt: skip
+"""Of `ActiveSLAM-v0`: a motion and a gaze."""
+INDICES = Encoding(
+    lambda: spaces.Discrete(MOTION_COUNT * GAZE_COUNT),
+    (), 0, (MOTION_COUNT * GAZE_COUNT - 1,), True,
+    f"one whole number in 0 … {MOTION_COUNT * GAZE_COUNT - 1}",
+    lambda indices: COMMANDS[np.divmod(indices[:, 0].astype(int), GAZE_COUNT)],
+)  # fmt: skip
+"""Of `ActiveSLAMDiscrete-v0`: the index 3 motion + gaze."""
+POINTS = Encoding(
+    lambda: spaces.Box(-1.0, 1.0, (4,), np.float32),
+    (4,), -1.0, (1.0,) * 4, False,
+    "four numbers in -1 … 1, a displacement along the camera's x, y and z and a turn",
+    _within_a_step,
+)  # fmt: skip
+"""Of `ActiveSLAMContinuous-v0`: a displacement in steps, camera axes, and a share of the turn rate."""
 
 
 def action_masks(space: spaces.Space[Any], commands: np.ndarray, phases: np.ndarray) -> np.ndarray:
-    """Which choices can make a difference, bool (B, 7 + 3), motions first, or (B, 21) in a discrete ``space``.
+    """The choices that can make a difference, bool (B, 7 + 3), motions first, or (B, 21) in a discrete ``space``.
 
     Where ``phases`` (B,) is 0 a motion is about to be read and all may be chosen; elsewhere the motion of an action is
     ignored, and of the seven the one under way, of the ``commands`` (B, 4), is left.
@@ -54,114 +127,3 @@ def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
     if not isinstance(options, (dict, type(None))):
         raise ValueError(f"options must be a dict or None, got {options!r}")
     return options or {}
-
-
-def motion_and_gaze(action: Any) -> tuple[int, int]:
-    """The indices of a MultiDiscrete([7, 3]) action: any sequence of two whole numbers.
-
-    Raises:
-        ValueError: it is something else; the message says what is allowed.
-    """
-    array = np.asarray(action)
-    if array.shape == (2,) and array.dtype.kind in "iuf":
-        motion, gaze = array.tolist()
-        if 0 <= motion < MOTION_COUNT and 0 <= gaze < GAZE_COUNT and motion == int(motion) and gaze == int(gaze):
-            return int(motion), int(gaze)
-    raise ValueError(f"action must be {_PAIR}, got {action!r}")
-
-
-def split_index(action: Any) -> tuple[int, int]:
-    """The indices of a Discrete(21) action, 3 motion + gaze.
-
-    Raises:
-        ValueError: it is not one whole number in the range; the message says what is allowed.
-    """
-    array = np.asarray(action)
-    if array.size == 1 and array.dtype.kind in "iuf":
-        index = array.item()
-        if 0 <= index < MOTION_COUNT * GAZE_COUNT and index == int(index):
-            return divmod(int(index), GAZE_COUNT)
-    raise ValueError(f"action must be {_INDEX}, got {action!r}")
-
-
-def motions_and_gazes(actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The indices (B,), (B,) of a batch of MultiDiscrete([7, 3]) actions (B, 2).
-
-    Those of environments that are not ``playing`` (B,) are ignored and come out as 0.
-
-    Raises:
-        ValueError: of shape or values outside the action space; the message names the first and what is allowed.
-    """
-    pairs = _whole_numbers(actions, (len(playing), 2), np.array((MOTION_COUNT, GAZE_COUNT)), playing, _PAIR)
-    return pairs[:, 0], pairs[:, 1]
-
-
-def split_indices(actions: Any, playing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The indices (B,), (B,) of a batch of Discrete(21) actions (B,); see `motions_and_gazes`."""
-    return np.divmod(
-        _whole_numbers(actions, (len(playing),), np.array(MOTION_COUNT * GAZE_COUNT), playing, _INDEX), GAZE_COUNT
-    )
-
-
-def command_of(action: Any) -> np.ndarray:
-    """The command (4,) of a continuous action; a displacement longer than a step is shortened to it.
-
-    Raises:
-        ValueError: it is not four numbers in [-1, 1]; the message says what is allowed.
-    """
-    array = _as_array(action)
-    if array.shape != (4,) or array.dtype.kind not in "iuf" or not (np.abs(array) <= 1.0).all():
-        raise ValueError(f"action must be {_POINT}, got {action!r}")
-    return _within_a_step(array[None])[0]
-
-
-def commands_of(actions: Any, playing: np.ndarray) -> np.ndarray:
-    """The commands (B, 4) of a batch of continuous actions (B, 4), zero where not ``playing`` (B,); see `command_of`.
-
-    Raises:
-        ValueError: of another shape or out of range; the message names the first and what is allowed.
-    """
-    array = _numbers(actions, (len(playing), 4), _POINT)
-    _demand((np.abs(array) <= 1.0).all(axis=1) | ~playing, array, _POINT)
-    return _within_a_step(np.where(playing[:, None], array, 0.0))
-
-
-def _within_a_step(commands: np.ndarray) -> np.ndarray:
-    """``commands`` (B, 4) with displacements of length 1 at most, in double precision whatever they were given in."""
-    commands = commands.astype(float)
-    length = np.sqrt((commands[:, :3] ** 2).sum(axis=1, keepdims=True))
-    return np.concatenate((commands[:, :3] / np.maximum(length, 1.0), commands[:, 3:]), axis=1)
-
-
-def _whole_numbers(
-    actions: Any, shape: tuple[int, ...], counts: np.ndarray, playing: np.ndarray, allowed: str
-) -> np.ndarray:
-    """``actions`` of ``shape`` as int64, each in 0 … ``counts`` - 1 where its environment is playing, 0 elsewhere."""
-    array = _numbers(actions, shape, allowed)
-    playing = playing.reshape(-1, *(1 for _ in shape[1:]))
-    good = (array >= 0) & (array < counts) & (array == np.floor(array)) | ~playing
-    _demand(good.reshape(len(array), -1).all(axis=1), array, allowed)
-    return np.where(playing, array, 0).astype(np.int64)
-
-
-def _as_array(value: Any) -> np.ndarray:
-    """``value`` as an array; one of no shape where its rows are of different lengths."""
-    try:
-        return np.asarray(value)
-    except ValueError:
-        return np.asarray(None)
-
-
-def _numbers(actions: Any, shape: tuple[int, ...], allowed: str) -> np.ndarray:
-    """A batch's actions as an array of numbers of that shape, or the error that says what is allowed."""
-    array = _as_array(actions)
-    if array.shape != shape or array.dtype.kind not in "iuf":
-        raise ValueError(f"actions must be numbers of shape {shape}, for each environment {allowed}, got {actions!r}")
-    return array
-
-
-def _demand(good: np.ndarray, actions: np.ndarray, allowed: str) -> None:
-    """Raise ValueError for the first of ``actions`` that is not ``good`` (B,)."""
-    if not good.all():
-        i = int(np.argmin(good))
-        raise ValueError(f"actions[{i}] must be {allowed}, got {actions[i]!r}")

@@ -5,38 +5,28 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 
 from activeslam_gym.config import Scenario, whole_number
-from activeslam_gym.envs.actions import (
-    action_masks,
-    action_space,
-    checked_options,
-    command_of,
-    continuous_action_space,
-    discrete_action_space,
-    motion_and_gaze,
-    split_index,
-)
+from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action_masks, checked_options
 from activeslam_gym.envs.episode import BEGIN, STEP, info_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import SingleReads
-from activeslam_gym.envs.simulation import empty_runs, resolve
-from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
+from activeslam_gym.envs.setting import checked_size, resolve
+from activeslam_gym.envs.simulation import empty_runs
+from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
 from activeslam_gym.threads import Workers
 
 
 class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
-    """A camera with six degrees of freedom maps a room by bearing-only EKF SLAM and is told where to go and to look.
+    """A camera with six degrees of freedom maps a room by bearing-only EKF SLAM; the agent chooses motion and gaze.
 
     ## Description
 
     After Vidal-Calleja, Davison, Andrade-Cetto and Murray, *Active Control for Single Camera SLAM* (ICRA 2006). A true
-    camera moves in a room of point landmarks and yields unlabelled, noisy pixels. An extended Kalman filter with one
-    joint covariance of camera and map makes what it can of them. The agent moves the camera so that the filter knows
-    the most.
+    camera moves in a room of point landmarks and yields unlabelled, noisy pixels. An extended Kalman filter estimates
+    camera and map with one joint covariance. The agent moves the camera to reduce the filter's entropy.
 
     World axes: Y is up, X and Z are horizontal, the origin is the centre of the room. Camera axes: x left, y up,
     z forward. Below, N is the number of unknown landmarks (27 in the scenario `paper`), K that of fiducials (6).
@@ -57,15 +47,14 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     The enums `Motion` and `Gaze` have these names; the scenario's `step_length` and `turn_rate` can change the sizes.
     One step is one `gaze_period`. Gaze acts at once; the motion is read on the first step of each `motion_period`, from
-    the estimated pose, and held until the period is over; its goal is clipped to lie 0.4 m inside the walls. In
-    between, the motion of an action is ignored. Where there are boxes or a registered scene, the goal ends 0.3 m before
-    the camera would touch a body on its way, which is sensed. `ActiveSLAMDiscrete-v0` takes `Discrete(21)` instead,
-    index = 3 motion + gaze; `ActiveSLAMContinuous-v0` takes `Box(4)`, a displacement and a turn, see
-    `ActiveSLAMContinuousEnv`.
+    the estimated pose, and held until the period is over, while later motions are ignored. Its goal is clipped to lie
+    0.4 m inside the walls; where there are boxes or a registered scene, it ends 0.3 m before the camera would touch a
+    body on its way, which is sensed. `ActiveSLAMDiscrete-v0` and `ActiveSLAMContinuous-v0` take other actions, see
+    `ActiveSLAMDiscreteEnv` and `ActiveSLAMContinuousEnv`.
 
     ## Observation space
 
-    A flat float32 `Box` in [-1, 1], of what the belief holds. First the global features:
+    A flat float32 `Box` in [-1, 1], read from the state estimate. First the global features:
 
     | Feature | Size | What it is | Is 1 at |
     |---|---|---|---|
@@ -109,29 +98,28 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     ## Reward
 
-    The gain of a potential during the step, by default (`reward="entropy"`) minus the entropy of the belief [bit], so
-    that an episode's rewards sum to what was learned. The entropy is that of camera and N landmarks at a constant
-    dimension: an expected landmark that no feature has retired holds its prior. The potentials are listed in
-    `envs.reward`. Whatever the reward, the step in which a run is lost makes the return min(return, 0) - 100, once, so
-    that a lost belief is worth less than nothing and no run gains by ending badly.
+    The gain of a potential during the step, by default (`reward="entropy"`) minus the entropy of the estimate [bit], so
+    that an episode's rewards sum to the entropy reduction. The entropy is that of camera and N landmarks at a constant
+    dimension: an expected landmark that no feature has retired holds its prior. `envs.reward` lists the potentials.
+    Whatever the reward, the step in which a run is lost makes the return min(return, 0) - 100, once, so that no run
+    gains by ending badly.
 
     ## Start
 
     A room drawn from the seed: landmarks uniform in it, and the same number of *expected* landmarks, uniform too and
-    independent of the true ones. The estimate is at the room's centre, at rest, facing K fiducials 1.2 to 2 m ahead;
-    the true pose is drawn from the prior. Other scenarios start in a corner or anywhere, put landmarks on surfaces or
-    in clusters, and draw boxes and walls, see `Scenario`; the estimate is always the mean of the prior. The noise of
-    frame k is the same whatever was done before it, so that two policies with the same seed are compared in pairs.
-    `options` are ignored.
+    independent of the true ones. The estimate is the mean of the prior: at the room's centre, at rest, facing K
+    fiducials 1.2 to 2 m ahead; the true pose is drawn from the prior. Other scenarios start in a corner or anywhere,
+    put landmarks on surfaces or in clusters, and draw boxes and walls, see `Scenario`. The noise of frame k does not
+    depend on earlier actions, so that policies with the same seed are compared in pairs. `options` are ignored.
 
     ## End
 
     - *Truncated* after `duration`.
     - *Terminated* when lost: the true position is farther than `lost_position_error` from the estimate, or the public
       covariance is not positive definite. Neither is ever an exception, and no number becomes NaN.
-    - With `end_when_lost=False` a lost run goes on to its `duration`: tables are made so, since an end that depends on
-      the truth would stop a score where it falls. `lost` stays true then, and `lost_at_end` tells whether it is lost
-      at the moment. A covariance that is not positive definite has the log score -10 000 bits.
+    - With `end_when_lost=False` a lost run goes on to its `duration`: published tables use it, since an end that
+      depends on the truth would stop a score where it falls. A covariance that is not positive definite has the log
+      score -10 000 bits.
 
     ## Arguments
 
@@ -149,7 +137,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     ## Information
 
-    `info` of every `reset` and `step`, of plain Python values; it may read the truth, so it is for referees.
+    `info` of every `reset` and `step`, of plain Python values; it reads the ground truth, so it is for the evaluator.
 
     | Key | Unit | What it is |
     |---|---|---|
@@ -189,6 +177,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
+    _encoding: Encoding = PAIRS
 
     def __init__(
         self,
@@ -210,20 +199,13 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self.render_size = checked_size(render_size)
         self.metadata = {**self.metadata, "render_fps": setting.render_rate}
         self.observation_space = observation_space(setting.layout)
-        self.action_space = self._make_action_space()
+        self.action_space = self._encoding.space()
         self._phase, self._command = np.zeros(1, np.int64), np.zeros((1, 4))
         self._steps = int(setting.task.steps)
         self._gaze = Gaze.STAY
         self._running = False
         self._history = History()
         self._window: Any = None
-
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return action_space()
-
-    def _read_action(self, action: Any) -> np.ndarray:
-        """The command (4,) that an action is."""
-        return COMMANDS[motion_and_gaze(action)]
 
     # Gymnasium ------------------------------------------------------------------------------------------------------
 
@@ -255,9 +237,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         """
         if not self._running:
             raise gymnasium.error.ResetNeeded("the run has ended or has not begun: call reset() before step()")
-        self._play_one(STEP, self._read_action(action))
+        self._play_one(STEP, self._encoding.read_one(action))
         episode, observation = self._runs.episode, self._runs.observation[0].copy()
-        terminated = bool(self.setting.task.end_when_lost and episode["lost"][0])
+        terminated = self._end_when_lost and bool(episode["lost"][0])
         truncated = bool(episode["steps"][0] >= self._steps)
         self._running = not (terminated or truncated)
         if self.render_mode is not None:
@@ -328,11 +310,7 @@ class ActiveSLAMDiscreteEnv(ActiveSLAMEnv):
     Everything else is as in `ActiveSLAMEnv`.
     """
 
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return discrete_action_space()
-
-    def _read_action(self, action: Any) -> np.ndarray:
-        return COMMANDS[split_index(action)]
+    _encoding = INDICES
 
 
 class ActiveSLAMContinuousEnv(ActiveSLAMEnv):
@@ -346,8 +324,4 @@ class ActiveSLAMContinuousEnv(ActiveSLAMEnv):
     Everything else is as in `ActiveSLAMEnv`.
     """
 
-    def _make_action_space(self) -> spaces.Space[Any]:
-        return continuous_action_space()
-
-    def _read_action(self, action: Any) -> np.ndarray:
-        return command_of(action)
+    _encoding = POINTS

@@ -33,6 +33,9 @@ _DEMANDED: dict[str, Any] = {
     "labelled_first_match": False,
 }
 """Fields of a scenario, as images need them."""
+_UNUSED = "association", "restarts", "maximum_misses", "miss_spacing", "inverse_depth_memory"
+"""Fields that the front end does not read: it associates and deletes features by their looks."""
+_DEMANDED |= {name: getattr(Scenario(), name) for name in _UNUSED}
 
 
 class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
@@ -48,7 +51,9 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     - ``scenario`` is ``"pixels"`` by default. Its ``fiducial_count`` must be 4, its ``initialisation``
       ``inverse_depth``, and it must have no ``boxes`` (drawn ones and inner walls neither), no clutter, no missed
       detections and no labelled first match: the image has its own. Layout of the landmarks, start and greatest
-      distance stay as in ``paper``, and nothing is varied.
+      distance stay as in ``paper``, and nothing is varied. The front end associates and deletes features by their
+      looks, so that ``association``, ``restarts``, ``maximum_misses``, ``miss_spacing`` and ``inverse_depth_memory``
+      must keep their defaults.
     - ``landmark_count``, N, bounds the map (N + 13 features) instead of telling how many points the room has.
     - Truth of a landmark is the scene point of its feature's birth pixel, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.
@@ -72,7 +77,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     def match_errors(self) -> np.ndarray:
         """(m, 6) of the last frame's matches: id, error u, v [px], and the noise R that was assumed, uu, uv, vv [px^2].
 
-        The error is measured - true, by the scene point of the birth pixel. For referees, never for policies.
+        The error is measured - true, by the scene point of the birth pixel. For the evaluator, never for policies.
         """
         run, eye = self._run, self._perceptions[0]
         pose, older = run.world.state.camera, set(self.belief.ids.tolist()) - eye.newest

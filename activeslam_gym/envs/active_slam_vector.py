@@ -1,34 +1,25 @@
 """``ActiveSLAM-v0`` a batch at a time: ``gymnasium.make_vec("ActiveSLAM-v0", num_envs=64)``."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from activeslam_gym.config import Scenario, whole_number
-from activeslam_gym.envs.actions import (
-    action_masks,
-    action_space,
-    checked_options,
-    commands_of,
-    continuous_action_space,
-    discrete_action_space,
-    motions_and_gazes,
-    split_indices,
-)
+from activeslam_gym.envs.actions import INDICES, PAIRS, POINTS, Encoding, action_masks, checked_options
 from activeslam_gym.envs.episode import BEGIN, REST, STEP, infos_of
 from activeslam_gym.envs.observation import observation_space
 from activeslam_gym.envs.public import BatchReads
-from activeslam_gym.envs.simulation import empty_runs, resolve
-from activeslam_gym.envs.snapshot import History, Snapshot, checked_size, snapshot_of
+from activeslam_gym.envs.setting import checked_size, resolve
+from activeslam_gym.envs.simulation import empty_runs
+from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import LOST_POSITION_ERROR
-from activeslam_gym.motion import COMMANDS, nearest_gaze
+from activeslam_gym.motion import nearest_gaze
 from activeslam_gym.threads import Workers
 
 
@@ -57,7 +48,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         "render_fps": 20,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
-    _make_action_space: Callable[[], spaces.Space[Any]] = staticmethod(action_space)
+    _encoding: Encoding = PAIRS
 
     def __init__(
         self,
@@ -86,7 +77,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "render_fps": setting.render_rate, "autoreset_mode": self.autoreset_mode}
         self.single_observation_space = observation_space(setting.layout)
-        self.single_action_space = self._make_action_space()
+        self.single_action_space = self._encoding.space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         limit = int(setting.task.steps) if max_episode_steps is None else max_episode_steps
@@ -95,10 +86,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
         self._phases, self._commands = np.zeros(self.num_envs, np.int64), np.zeros((self.num_envs, 4))
         self._histories = [History() for _ in range(self.num_envs)]
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> np.ndarray:
-        """The commands (B, 4) that actions are; those of environments that are not ``playing`` (B,) are ignored."""
-        return COMMANDS[motions_and_gazes(actions, playing)]
 
     # Gymnasium ------------------------------------------------------------------------------------------------------
 
@@ -130,7 +117,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """
         self._demand_reset()
         beginning = self._over  # of these NEXT_STEP ignores the action, in the other modes there are none
-        commands = self._read_actions(actions, ~beginning)
+        commands = self._encoding.read(actions, ~beginning)
         self._reset_runs(beginning)
         self._phases[:] = np.where(beginning, BEGIN, STEP)
         self._commands[:] = np.where(beginning[:, None], 0.0, commands)
@@ -138,7 +125,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._record(np.ones(self.num_envs, bool))
         episode = self._runs.episode
         rewards = episode["reward"].copy()
-        terminated = episode["lost"] & ~beginning & bool(self.setting.task.end_when_lost)
+        terminated = episode["lost"] & ~beginning & self._end_when_lost
         truncated = episode["steps"] >= self._steps
         self._over = terminated | truncated
         infos = self._end_same_step() if self.autoreset_mode is AutoresetMode.SAME_STEP else {}
@@ -186,7 +173,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         if not self._begun[i]:
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         gaze = nearest_gaze(self._commands[i, 3])
-        return snapshot_of(self.setting, row(self._runs, i), gaze, self._histories[i], self._perceptions[i])
+        return snapshot_of(self.setting, self._at(i), gaze, self._histories[i], self._perceptions[i])
 
     # Beginnings and ends --------------------------------------------------------------------------------------------
 
@@ -245,19 +232,13 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
 class ActiveSLAMDiscreteVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMDiscrete-v0`` a batch at a time: one integer for an action, index = 3 motion + gaze."""
 
-    _make_action_space = staticmethod(discrete_action_space)
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> np.ndarray:
-        return COMMANDS[split_indices(actions, playing)]
+    _encoding = INDICES
 
 
 class ActiveSLAMContinuousVectorEnv(ActiveSLAMVectorEnv):
     """``ActiveSLAMContinuous-v0`` a batch at a time: actions (B, 4), see `ActiveSLAMContinuousEnv`."""
 
-    _make_action_space = staticmethod(continuous_action_space)
-
-    def _read_actions(self, actions: Any, playing: np.ndarray) -> np.ndarray:
-        return commands_of(actions, playing)
+    _encoding = POINTS
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from activeslam_gym.camera import view_of, visible
+from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.information.expectation import VIEW, WAITING
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into
@@ -31,26 +32,14 @@ TRIES = 24
 
 
 @compiled
-def disprove(
-    models: Record,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    key: np.ndarray,
-    expected: np.ndarray,
-    view: np.ndarray,
-    seen: int,
-) -> int:
-    """One frame from ``pose`` (>= 7): move those of ``expected`` (N,) that it disproves.
-
-    ``models`` is MODELS of the run, ``boxes`` (B, 2, 3) [m] occlude; ``view`` (V,) VIEW, of which ``seen`` were entered
-    so far; returns how many are now.
-    """
-    camera, frames = models.camera, models.filter.initialisation.birth_detections + 2
-    detection_probability = models.filter.association.detection_probability
+def disprove(run: Run) -> None:
+    """One frame from the estimated pose: move the expected landmarks that it disproves."""
+    models, boxes, expected, view = run.models, known_boxes(run), run.expected, run.viewpoint
+    camera, pose, frames = models.camera, run.estimate.state.camera, models.filter.initialisation.birth_detections + 2
     here, present, z = np.zeros(1, VIEW), view_of(camera, pose, boxes), np.empty(2)
     copy_into(here[0].pose, pose[:7])
     copy_into(here[0].axis, present.R_WC[:, 2])
-    seen = _remember(view, seen, here[0])
+    run.episode.views = _remember(view, run.episode.views, here[0])
     for e in range(expected.shape[0]):
         one = expected[e]
         if one.serial != WAITING:
@@ -61,14 +50,14 @@ def disprove(
             one.looked = max(one.looked, 0) + 1
         if one.looked < frames:
             continue
-        luck = uniforms(key, (4096 * e + one.redraws % 4096) * (3 * TRIES + 1), 3 * TRIES + 1)
+        luck = uniforms(run.episode.redraw_key, (4096 * e + one.redraws % 4096) * (3 * TRIES + 1), 3 * TRIES + 1)
         one.redraws += 1
-        if luck[3 * TRIES] < detection_probability:
+        if luck[3 * TRIES] < models.filter.association.detection_probability:
             one.looked = 0
-            _draw_anew(models, boxes, luck, view[: min(seen, view.shape[0])], one.point)
+            entered = view[: min(run.episode.views, view.shape[0])]
+            _draw_anew(models, boxes, luck, entered, one.point)
         else:  # missed from here, whatever is there
             one.looked, one.looked_from = -1, here[0]
-    return seen
 
 
 @borrowing

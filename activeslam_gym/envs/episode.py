@@ -5,23 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.envs.observation import (
-    FARTHEST_CLEARANCE,
-    GLOBAL_SIZE,
-    clip_into,
-    observe_globals,
-    observe_tokens,
-)
+from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
 from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, owners_of
 from activeslam_gym.envs.reward import EVALUATION, FORFEIT, REWARDS, potential_of_number
-from activeslam_gym.envs.simulation import EVENTS, Run, advance, begin_motion, known_boxes, present, run_at
+from activeslam_gym.envs.run import EVENTS, Run, present, run_at
+from activeslam_gym.envs.simulation import advance, begin_motion
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
-from activeslam_gym.information.expectation import find_counting, waiting_count
-from activeslam_gym.kernels import borrowing, compiled, inlined
+from activeslam_gym.information.expectation import find_counting
+from activeslam_gym.kernels import borrowing, compiled, row
 from activeslam_gym.linalg import cholesky_in_place, count_true
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees
-from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, MOTION_COUNT, QUATERNION
+from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, QUATERNION
 from activeslam_gym.registry import REGISTERED
 from activeslam_gym.slam.estimate import mapped_of, points_of
 from activeslam_gym.world.simulator import find_clearance
@@ -41,10 +36,11 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
 
     ``phases`` (B,) are STEP, BEGIN or REST; ``commands`` (B, 4) as in `motion.COMMANDS`; those of a BEGIN are zero.
     """
+    covariance = np.empty(runs.estimate.covariance.shape[1:])  # one for all: it stays in the processor's cache
     for i in range(start, stop):
         if phases[i] == REST:
             continue
-        run = run_at(runs, i)
+        run = run_at(runs, i, covariance)
         if phases[i] == BEGIN:
             present(run)
             begin_motion(run, commands[i], math.inf)
@@ -53,7 +49,9 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
             frames = run.models.task.frames_per_step
             for frame in range(frames):
                 advance(run, commands[i, 3], frame == frames - 1)
-        conclude(run, phases[i] == BEGIN)
+        appraise(run, phases[i] == BEGIN)
+        observe(run)
+        run.estimate.state.whole = False  # see `complete`
 
 
 @borrowing
@@ -69,16 +67,8 @@ def open_step(run: Run, command: np.ndarray, reach: float) -> None:
 
 
 @compiled
-def conclude(run: Run, begins: bool) -> None:
-    """After the frames: what they were worth, and what is seen of them."""
-    appraise(run, begins)
-    sense_clearance(run)
-    observe(run)
-
-
-@inlined
 def appraise(run: Run, begins: bool) -> None:
-    """What the frames were worth."""
+    """After the frames: what they were worth, and the range finders where a body may stop the camera."""
     evaluate(run)
     if begins:
         _begin(run)
@@ -86,11 +76,6 @@ def appraise(run: Run, begins: bool) -> None:
         run.episode.gain += run.episode.terms[_ENTROPY]
         if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
             _settle(run)
-
-
-@inlined
-def sense_clearance(run: Run) -> None:
-    """The range finders, where something beside the walls may stop the camera."""
     if run.models.motion.bodies:
         R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
         find_clearance(run.models.motion, run.world, R_WC, FARTHEST_CLEARANCE, run.episode.clearance)
@@ -123,12 +108,6 @@ def _settle(run: Run) -> None:
     episode.reward += forfeit
 
 
-@compiled
-def _settle_at(runs: Run, i: int) -> None:
-    """Settle run ``i``."""
-    _settle(run_at(runs, i))
-
-
 def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
     """After `play`: the potential ``name`` that is registered, and the reward of the step.
 
@@ -145,7 +124,7 @@ def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
             episode.potential[REGISTERED] = REWARDS.value(name, where, episode.evaluation.copy())
         if phases[i] == STEP:
             episode.terms[REGISTERED] = episode.potential[REGISTERED] - before
-            _settle_at(runs, i)
+            _settle(row(runs, i))
 
 
 # What it was worth --------------------------------------------------------------------------------------------------
@@ -165,7 +144,7 @@ def evaluate(run: Run) -> None:
     order, standing, counted = _ordered(counting, of_landmark)
     U = gathered(covariance, order[:standing], order[standing:])
     sound = cholesky_in_place(U)
-    _evaluate_errors(run, owners)
+    _evaluate_errors(run)
     episode.lost_now = is_lost(sound, e.position_error, run.models.task.lost_position_error)
     episode.sound = sound and not math.isnan(e.position_error)
     if sound:
@@ -193,83 +172,29 @@ def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray,
     number of the first, and of the first two.
     ``counting`` (n,); ``of_landmark`` (L,) the k that stands for each landmark, or -1.
     """
-    n, standing = counting.shape[0], 0
-    order, stands = np.empty(n, np.int64), np.zeros(n, np.bool_)
-    for k in of_landmark:
-        if k >= 0:
-            order[standing], stands[k] = k, True
-            standing += 1
-    counted = standing
-    for k in range(n):
-        if counting[k] and not stands[k]:
-            order[counted] = k
-            counted += 1
-    last = counted
-    for k in range(n):
-        if not counting[k]:
-            order[last] = k
-            last += 1
-    return order, standing, counted
+    standing, others = of_landmark[of_landmark >= 0], counting.copy()
+    others[standing] = False
+    order = np.concatenate((standing, np.flatnonzero(others), np.flatnonzero(~counting)))
+    return order, standing.shape[0], np.sum(counting)
 
 
 @compiled
-def _evaluate_errors(run: Run, owners: np.ndarray) -> None:
-    """Errors against the truth, and counts of what is mapped; ``owners`` (n,) as in `referee.owners_of`."""
+def _evaluate_errors(run: Run) -> None:
+    """Errors against the truth, and counts of mapped landmarks."""
     e, mapped, covariance = run.episode.evaluation, mapped_of(run.estimate), run.estimate.covariance
     error = camera_error(run.world.state.camera, run.estimate.state.camera)
     p, theta = error[D_POSITION], error[D_ROTATION]
     e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
     e.position_nees = nees(p, covariance[D_POSITION, D_POSITION])
+    distances = landmark_errors(run.owner, run.world.landmarks, run.estimate, mapped)
     count, squares = 0, 0.0
-    for distance in landmark_distances(run, owners, mapped):
+    for distance in distances:
         if not math.isnan(distance):
             count += 1
             squares += distance * distance
     e.landmarks_mapped, e.distinct_landmarks = count_true(mapped), count
     e.landmark_rmse = math.sqrt(squares / count) if count > 0 else np.inf
-
-
-@compiled
-def landmark_distances(run: Run, owners: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-    """(L,) distance [m] of each true landmark from its ``mapped`` (n,) feature; NaN where it has none."""
-    of_landmark = features_of_landmarks(owners, run.world.landmarks.shape[0], mapped)
-    return landmark_errors(run.world.landmarks, points_of(run.estimate), of_landmark)
-
-
-@compiled
-def observe(run: Run) -> None:
-    """Write the observation; it reads the estimate, the task's rhythm and the range finders, where there are some."""
-    models, estimate, episode, task = run.models, run.estimate, run.episode, run.models.task
-    N = run.expected.shape[0]
-    flat, first_token = np.empty(run.observation.shape[0]), GLOBAL_SIZE
-    observe_globals(
-        models.motion,
-        estimate,
-        episode.steps / task.steps,
-        (episode.steps % task.steps_per_motion) / task.steps_per_motion,
-        episode.control.command,
-        count_true(mapped_of(estimate)),
-        N - waiting_count(run.expected),
-        N,
-        episode.gain,
-        flat[:GLOBAL_SIZE],
-    )
-    if models.motion.bodies:
-        for index in range(MOTION_COUNT):
-            flat[first_token + index] = episode.clearance[index] / FARTHEST_CLEARANCE
-        first_token += MOTION_COUNT
-    observe_tokens(
-        models.camera,
-        estimate,
-        run.owner,
-        run.expected,
-        models.landmark_var,
-        run.world.fiducials,
-        known_boxes(run),
-        flat[first_token:],
-    )
-    clip_into(flat, run.observation)
 
 
 # Information --------------------------------------------------------------------------------------------------------

@@ -4,10 +4,12 @@ import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
-from activeslam_gym.envs.simulation import Run, Setting, close_frame, present_at, run_at
+from activeslam_gym.envs.run import Run, present
+from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.simulation import close_frame
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
-from activeslam_gym.kernels import compiled, row
+from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.association import REJECTED
@@ -44,21 +46,20 @@ class Eye:
         """Ids of the features that the last image initialised."""
         self.image = self._camera.photograph(run.world.state.camera, 0)
 
-    def begin(self, runs: Run, i: int) -> None:
+    def begin(self, run: Run) -> None:
         """Write the prior."""
-        present_at(runs, i)
+        present(run)
 
-    def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
+    def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
-        run = row(runs, i)
         self._filter.attach(run.ekf)
         if contact:
             self._filter.feel_contact(u, float(run.models.motion.dt))
         self._look(run, u)
-        present_at(runs, i)
+        present(run)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
-        account_scene(runs, i, self.scene_points(ids), self._spare)
+        account_scene(run, self.scene_points(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:
         state, counts = run.world.state.camera, self._filter.counts
@@ -83,14 +84,13 @@ class Eye:
 
 
 @compiled
-def account_scene(runs: Run, i: int, scene_points: np.ndarray, spare: np.ndarray) -> None:
-    """After the front end: which matches were right, and which scene point each of the N slots of the score stands for.
+def account_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None:
+    """After the front end: judge the matches, and give each of the N slots of the score its scene point.
 
     ``scene_points`` (n, 3): of each landmark of the estimate, the scene point of the pixel that initialised it. The
     slot of the expected landmark that a feature has retired is the feature's; of an empty one, ``spare`` (N, 3),
     anywhere in the room, is the truth.
     """
-    run = run_at(runs, i)
     world, estimate, expected, owner = run.world, run.estimate, run.expected, run.owner
     reconcile(run.owner, run.estimate)
     close_frame(run)
@@ -109,22 +109,20 @@ def account_scene(runs: Run, i: int, scene_points: np.ndarray, spare: np.ndarray
 
 @compiled
 def _label(run: Run, scene_points: np.ndarray, match: int, pixel: np.ndarray) -> int:
-    """Of what a detection was that was taken for ``match``: see `Labels`. Counts it where it was of something else."""
+    """The source of a detection that the filter took for ``match``: see `Labels`. Counts a wrong match."""
     world, K = run.world, run.world.fiducials.shape[0]
-    k, label, point = -1, CLUTTER_LABEL, world.state.camera[:3]
-    if match > 0:
-        k = index_of(run.estimate, match)
+    k = index_of(run.estimate, match) if match > 0 else -1
     if k >= 0:
         point = scene_points[k]
-        if run.owner[k].landmark != NOBODY:
-            label = K + run.owner[k].landmark
+        label = K + run.owner[k].landmark if run.owner[k].landmark != NOBODY else CLUTTER_LABEL
     elif -K <= match < 0:
         point, label = world.fiducials[-1 - match], -1 - match
-    if k >= 0 or -K <= match < 0:
-        z, pose = np.empty(2), world.state.camera
-        p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
-        seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
-        if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
-            run.episode.events.wrong_matches += 1
-            label = CLUTTER_LABEL
+    else:
+        return CLUTTER_LABEL
+    z, pose = np.empty(2), world.state.camera
+    p_C = camera_point(rotation_matrix(pose[QUATERNION]), pose, point)
+    seen = pixel_from_camera_point(run.models.true_camera, p_C, z)
+    if not seen or (z[0] - pixel[0]) ** 2 + (z[1] - pixel[1]) ** 2 > WRONG_PX**2:
+        run.episode.events.wrong_matches += 1
+        return CLUTTER_LABEL
     return label

@@ -12,15 +12,15 @@ detections are unlabelled, so that what is bad for the matching is bad in it too
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from activeslam_gym.camera import View, visible
 from activeslam_gym.envs.episode import REST, STEP, play
 from activeslam_gym.envs.referee import NOBODY
-from activeslam_gym.envs.simulation import Run, empty_runs, known_boxes
+from activeslam_gym.envs.run import Run, known_boxes
+from activeslam_gym.envs.simulation import empty_runs
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, row
 from activeslam_gym.motion import COMMANDS, QUATERNION
@@ -47,14 +47,13 @@ ROWS = 32
 """Runs played at a time."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What imagined runs came to; R runs."""
+class Outcome(NamedTuple):
+    """The ends of R imagined runs."""
 
     entropy: np.ndarray
-    """(R,) of the belief at the end [bit]."""
+    """(R,) of the belief [bit]."""
     log_density: np.ndarray
-    """(R,) log2 N(imagined truth | belief) at the end [bit]."""
+    """(R,) log2 N(imagined truth | belief) [bit]."""
 
 
 class Imagination:
@@ -147,7 +146,7 @@ class Imagination:
         return self._batch.episode["evaluation"][at]
 
     def _own(self) -> Run:
-        return row(self._env._runs, self._i)
+        return self._env._at(self._i)
 
     def _begin(self, run: Run) -> None:
         """Of a new episode: landmarks may be wherever a reset would put them in a room of this size."""
@@ -174,28 +173,19 @@ class Imagination:
         world.state.boxes = len(known_boxes(run))
         world.boxes[: world.state.boxes] = known_boxes(run)
         world.state.camera[:], points = drawn_from(room.ekf, run.models.motion.half, self._rng)
-        own = _owned(room, points)
-        chances, unfound = self._chances / self._chances.sum(), len(world.landmarks) - own
-        world.landmarks[own:] = self._rng.choice(self._places, unfound, replace=False, p=chances)
+        N, K, n = len(world.landmarks), len(world.fiducials), len(points)
+        own = min(n, N)  # the features are the first landmarks; further ones are of nothing, as some must be
+        world.landmarks[:own] = points[:N]
+        room.owner["label"][:n] = np.where(np.arange(n) < N, K + np.arange(n), CLUTTER_LABEL)
+        room.owner["landmark"][:n] = np.where(np.arange(n) < N, np.arange(n), NOBODY)
+        chances = self._chances / self._chances.sum()
+        world.landmarks[own:] = self._rng.choice(self._places, N - own, replace=False, p=chances)
         count_in_longer_frames(room.ekf, stride)
         world.state.frame = run.world.state.frame // stride
 
 
-def _owned(room: Run, points: np.ndarray) -> int:
-    """Make the ``points`` (n, 3) of the features the first landmarks of ``room``, oldest first; how many fit.
-
-    Features beyond the number of landmarks are of nothing: some of them must be.
-    """
-    N, K = len(room.world.landmarks), len(room.world.fiducials)
-    room.world.landmarks[: len(points)] = points[:N]
-    for k in range(len(points)):
-        owner = room.owner[k]
-        owner.label, owner.landmark = (K + k, k) if k < N else (CLUTTER_LABEL, NOBODY)
-    return min(len(points), N)
-
-
 class Hindsight(Imagination):
-    """Futures of who knows the truth, but not the noise to come: for bounds and referees, never for policies."""
+    """Futures from the ground truth, without the noise to come: for bounds and evaluation, never for policies."""
 
     def _furnish(self, run: Run, room: Run, stride: int) -> None:
         super()._furnish(run, room, stride)

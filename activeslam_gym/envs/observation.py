@@ -13,10 +13,11 @@ from gymnasium import spaces
 
 from activeslam_gym.camera import View, camera_point, view_of, visible
 from activeslam_gym.config import Scenario
+from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.information.expectation import WAITING
-from activeslam_gym.kernels import Record, borrowing, compiled, inlined
-from activeslam_gym.linalg import diagonal, log2_det_3
+from activeslam_gym.information.expectation import WAITING, waiting_count
+from activeslam_gym.kernels import borrowing, compiled, inlined
+from activeslam_gym.linalg import count_true, diagonal, log2_det_3
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -27,41 +28,19 @@ from activeslam_gym.motion import (
     motion_shares,
 )
 from activeslam_gym.slam.belief import feature_capacity
-from activeslam_gym.slam.estimate import EstimateArrays, copy_own_covariance
+from activeslam_gym.slam.estimate import copy_own_covariance, mapped_of
 
-GLOBAL_FEATURES = {
-    "position": 3,
-    "forward": 3,
-    "up": 3,
-    "velocity": 3,
-    "angular_velocity": 3,
-    "time": 1,
-    "phase": 1,
-    "motion": MOTION_COUNT,
-    "uncertainty": 4,
-    "mapped": 1,
-    "counting": 1,
-    "features": 1,
-    "gain": 1,
-}
+GLOBAL_FEATURES = {"position": 3, "forward": 3, "up": 3, "velocity": 3, "angular_velocity": 3, "time": 1, "phase": 1}
+GLOBAL_FEATURES |= {"motion": MOTION_COUNT, "uncertainty": 4, "mapped": 1, "counting": 1, "features": 1, "gain": 1}
 """Name and length of each global feature, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 SENSED_FEATURES = {"clearance": MOTION_COUNT}
-"""The same of what follows them where there are boxes or a registered scene: how far each motion can go."""
+"""The same of the features that follow where there are boxes or a registered scene: how far each motion can go."""
 FARTHEST_CLEARANCE = 3.0
 """As far as the range finders reach [m]."""
 
-TOKEN_FEATURES = {
-    "direction": 3,
-    "log_distance": 1,
-    "log_uncertainty": 1,
-    "log_depth_uncertainty": 1,
-    "in_view": 1,
-    "fiducial": 1,
-    "expected": 1,
-    "initialising": 1,
-    "mapped": 1,
-}
+TOKEN_FEATURES = {"direction": 3, "log_distance": 1, "log_uncertainty": 1, "log_depth_uncertainty": 1, "in_view": 1}
+TOKEN_FEATURES |= {"fiducial": 1, "expected": 1, "initialising": 1, "mapped": 1}
 """Name and length of each feature of a token, in order; `ActiveSLAMEnv` says what each is, and its scale."""
 
 
@@ -122,57 +101,52 @@ def _slices(lengths: dict[str, int]) -> dict[str, slice]:
 
 
 @compiled
-def observe_globals(
-    motion: Record,
-    estimate: EstimateArrays,
-    time: float,
-    phase: float,
-    command: np.ndarray,
-    mapped: int,
-    counting: int,
-    landmarks: int,
-    gain: float,
-    out: np.ndarray,
-) -> None:
-    """Write the global features into ``out`` (G,), unclipped. ``time`` and ``phase`` in [0, 1], ``gain`` [bit].
-
-    ``command`` (>= 3,) is the translation under way, see `motion.COMMANDS`.
-    """
-    x, P = estimate.state.camera, estimate.covariance
-    p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
-    R_WC = rotation_matrix(x[QUATERNION])
-    for i in range(3):
-        out[_GLOBAL.position + i] = p[i] / motion.half[i]
-        out[_GLOBAL.forward + i], out[_GLOBAL.up + i] = R_WC[i, 2], R_WC[i, 1]
-        out[_GLOBAL.velocity + i], out[_GLOBAL.angular_velocity + i] = v[i], w[i]
-    out[_GLOBAL.time], out[_GLOBAL.phase] = time, phase
-    motion_shares(command, out[_GLOBAL.motion : _GLOBAL.motion + MOTION_COUNT])
-    for block in range(4):
-        variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
-        out[_GLOBAL.uncertainty + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
-    out[_GLOBAL.mapped], out[_GLOBAL.counting] = mapped / landmarks, counting / landmarks
-    out[_GLOBAL.features] = estimate.state.count / estimate.landmark.shape[0]
-    out[_GLOBAL.gain] = gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
+def observe(run: Run) -> None:
+    """Write the observation; it reads the estimate, the task's rhythm and the range finders, where there are some."""
+    flat, first_token = np.empty(run.observation.shape[0]), GLOBAL_SIZE
+    _observe_globals(run, flat)
+    if run.models.motion.bodies:
+        for index in range(MOTION_COUNT):
+            flat[first_token + index] = run.episode.clearance[index] / FARTHEST_CLEARANCE
+        first_token += MOTION_COUNT
+    _observe_tokens(run, flat[first_token:])
+    for i in range(flat.shape[0]):
+        run.observation[i] = 0.0 if math.isnan(flat[i]) else min(max(flat[i], -1.0), 1.0)
 
 
 @compiled
-def observe_tokens(
-    camera: Record,
-    estimate: EstimateArrays,
-    owner: np.ndarray,
-    expected: np.ndarray,
-    landmark_var: np.ndarray,
-    fiducials: np.ndarray,
-    boxes: np.ndarray,
-    out: np.ndarray,
-) -> None:
+def _observe_globals(run: Run, out: np.ndarray) -> None:
+    """Write the global features into ``out`` (>= G,), unclipped."""
+    estimate, episode, task, landmarks = run.estimate, run.episode, run.models.task, run.expected.shape[0]
+    x, P, half = estimate.state.camera, estimate.covariance, run.models.motion.half
+    p, v, w = x[POSITION], x[VELOCITY], x[ANGULAR_VELOCITY]
+    R_WC = rotation_matrix(x[QUATERNION])
+    for i in range(3):
+        out[_GLOBAL.position + i] = p[i] / half[i]
+        out[_GLOBAL.forward + i], out[_GLOBAL.up + i] = R_WC[i, 2], R_WC[i, 1]
+        out[_GLOBAL.velocity + i], out[_GLOBAL.angular_velocity + i] = v[i], w[i]
+    out[_GLOBAL.time] = episode.steps / task.steps
+    out[_GLOBAL.phase] = (episode.steps % task.steps_per_motion) / task.steps_per_motion
+    motion_shares(episode.control.command, out[_GLOBAL.motion : _GLOBAL.motion + MOTION_COUNT])
+    for block in range(4):
+        variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
+        out[_GLOBAL.uncertainty + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
+    out[_GLOBAL.mapped] = count_true(mapped_of(estimate)) / landmarks
+    out[_GLOBAL.counting] = (landmarks - waiting_count(run.expected)) / landmarks
+    out[_GLOBAL.features] = estimate.state.count / estimate.landmark.shape[0]
+    out[_GLOBAL.gain] = episode.gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
+
+
+@compiled
+def _observe_tokens(run: Run, out: np.ndarray) -> None:
     """Write the tokens into ``out`` (T W,), unclipped: fiducials, then slots.
 
-    A feature has the token of its slot in ``owner`` (F,) for life; waiting expected landmarks take the tokens of free
-    slots, in order, as many as there are.
+    A feature has the token of its slot for life; waiting expected landmarks take the tokens of free slots, in order, as
+    many as there are.
     """
+    estimate, expected, fiducials = run.estimate, run.expected, run.world.fiducials
     pose = estimate.state.camera
-    view = view_of(camera, pose, boxes)
+    view = view_of(run.models.camera, pose, known_boxes(run))
     K, F = fiducials.shape[0], estimate.landmark.shape[0]
     taken, z, P_y = np.zeros(F, np.bool_), np.empty(2), np.empty((3, 3))
     out[:] = 0.0
@@ -181,14 +155,14 @@ def observe_tokens(
         _place(view, fiducials[i], z, token)
         token[_TOKEN.log_uncertainty], token[_TOKEN.log_depth_uncertainty], token[_TOKEN.fiducial] = -1.0, -1.0, 1.0
     for k in range(estimate.state.count):
-        landmark, slot = estimate.landmark[k], owner[k].slot
+        landmark, slot = estimate.landmark[k], run.owner[k].slot
         token = _token(out, K + slot)
         taken[slot] = True
         _place(view, landmark.point, z, token)
         copy_own_covariance(estimate, k, P_y)
         _uncertainty(pose, landmark.point, P_y, token)
         token[_TOKEN.mapped if landmark.mapped else _TOKEN.initialising] = 1.0
-    slot, prior = 0, diagonal(landmark_var)
+    slot, prior = 0, diagonal(run.models.landmark_var)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
             while slot < F and taken[slot]:
@@ -236,11 +210,3 @@ def _uncertainty(pose: np.ndarray, y: np.ndarray, P_y: np.ndarray, token: np.nda
 @compiled
 def _log_deviation(deviation: float) -> float:
     return math.log10(max(deviation, _LOG_FLOOR)) / 3.0
-
-
-@borrowing
-def clip_into(values: np.ndarray, out: np.ndarray) -> None:
-    """Write ``values`` (D,) clipped to [-1, 1] into ``out`` (D,) float32; what is not a number becomes 0."""
-    for i in range(values.shape[0]):
-        value = values[i]
-        out[i] = 0.0 if math.isnan(value) else min(max(value, -1.0), 1.0)

@@ -9,22 +9,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from activeslam_gym.envs import simulation
-from activeslam_gym.envs.episode import BEGIN, REST, appraise, observe, open_step, sense_clearance
-from activeslam_gym.envs.referee import reconcile
-from activeslam_gym.envs.simulation import (
-    Run,
-    Setting,
-    Start,
-    begin_motion,
-    box_scenes,
-    close_frame,
-    drive,
-    judge,
-    present_at,
-    run_at,
-)
-from activeslam_gym.kernels import compiled, row
+from activeslam_gym.envs.episode import BEGIN, REST, appraise, observe, open_step
+from activeslam_gym.envs.run import Run, known_boxes, present
+from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.simulation import Start, account, begin_motion, box_scene, drive, identify, sense, take_in
+from activeslam_gym.kernels import row
 from activeslam_gym.motion import POSITION
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.sensors.sensor import IMAGES, POINTS, SENSORS
@@ -41,12 +30,14 @@ class Perception(Protocol):
     scene: Scene | None
     """The registered scene; None: the boxes of the world's arrays."""
 
-    def begin(self, runs: Run, i: int) -> None:
-        """After a reset: write the prior into the estimate of run ``i``."""
+    def begin(self, run: Run) -> None:
+        """After a reset: write the prior into the estimate."""
 
-    def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
-        """Measure and estimate, with the known accelerations ``u`` (6,); write detections, labels and the estimate, and
-        which true landmark each landmark of the estimate stands for."""
+    def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
+        """Measure and estimate, with the known accelerations ``u`` (6,).
+
+        Writes detections, labels, the estimate, and the true landmark of each landmark of the estimate.
+        """
 
 
 def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Perception:
@@ -68,122 +59,47 @@ def is_compiled(setting: Setting) -> bool:
 
 
 def play_rows(
-    setting: Setting, runs: Run, perceptions: list[Any], phases: np.ndarray, commands: np.ndarray, start: int, stop: int
+    runs: Run, perceptions: list[Any], phases: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
     """`episode.play`, with the scene, the sensor and the estimator of each run."""
     for i in range(start, stop):
-        perception = perceptions[i]
         if phases[i] == REST:
             continue
+        run, perception = row(runs, i), perceptions[i]
+        scene, motion, task = perception.scene, run.models.motion, run.models.task
         if phases[i] == BEGIN:
-            perception.begin(runs, i)
-            begin(runs, i)
+            perception.begin(run)
+            begin_motion(run, commands[i], np.inf)
         else:
-            _open(perception.scene, runs, i, commands[i])
-            for _ in range(int(setting.task.frames_per_step)):
-                u, contact = _move(perception.scene, runs, i, commands[i, 3])
-                perception.frame(runs, i, u, contact)
-        finish(runs, i, phases[i] == BEGIN)
-        if perception.scene is not None:
-            run = row(runs, i)
-            narrow_clearance(perception.scene, run.models.motion, run.world, run.episode.clearance)
-        show(runs, i)
+            reads = scene is not None and run.episode.steps % task.steps_per_motion == 0
+            reach = reach_of_command(scene, motion, run.world, commands[i]) if reads else np.inf
+            open_step(run, commands[i], reach)
+            for _ in range(int(task.frames_per_step)):
+                perception.frame(run, *_move(scene, run, commands[i, 3]))
+        appraise(run, bool(phases[i] == BEGIN))
+        if scene is not None:
+            narrow_clearance(scene, motion, run.world, run.episode.clearance)
+        observe(run)
 
 
-def _open(scene: Scene | None, runs: Run, i: int, command: np.ndarray) -> None:
-    """Begin a step; its motion stops short of what the scene has in its way."""
-    run, reach = row(runs, i), np.inf
-    if scene is not None and int(run.episode.steps) % int(run.models.task.steps_per_motion) == 0:
-        reach = reach_of_command(scene, run.models.motion, run.world, command)
-    open_at(runs, i, command, reach)
-
-
-def _move(scene: Scene | None, runs: Run, i: int, gaze: float) -> tuple[np.ndarray, bool]:
+def _move(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:
     """One frame of true motion; see `simulation.drive`."""
-    run = row(runs, i)
     start = run.world.state.camera[POSITION].copy()
-    u, contact = move(runs, i, gaze)
+    u, contact = drive(run, gaze)
     if scene is not None:
         contacts = push_out(scene, run.models.motion, run.world, start)
         run.episode.events.wall_contacts += contacts
         contact = contact or contacts > 0
-    return u, contact
+    return u, bool(contact)
 
 
-def _sense(scene: Scene | None, runs: Run, i: int) -> bool:
+def _sense(scene: Scene | None, run: Run) -> bool:
     """The detections of the sensor `points`; whether their ids are the true ones."""
-    labelled, run = sense(runs, i), row(runs, i)
+    labelled = bool(sense(run))
     if scene is not None:
         detections = int(run.episode.detections)
         run.episode.detections = drop_hidden(scene, run.world, run.candidate, run.label, detections)
-    return bool(labelled)
-
-
-# The other stages ---------------------------------------------------------------------------------------------------
-
-
-@compiled
-def begin(runs: Run, i: int) -> None:
-    """Run ``i``, which has just been reset, stays where it is."""
-    begin_motion(run_at(runs, i), np.zeros(3), np.inf)
-
-
-@compiled
-def open_at(runs: Run, i: int, command: np.ndarray, reach: float) -> None:
-    """`episode.open_step`."""
-    open_step(run_at(runs, i), command, reach)
-
-
-@compiled
-def move(runs: Run, i: int, gaze: float) -> tuple[np.ndarray, bool]:
-    """One frame of true motion of run ``i``; see `simulation.drive`."""
-    return drive(run_at(runs, i), gaze)
-
-
-@compiled
-def sense(runs: Run, i: int) -> bool:
-    """The detections of the sensor `points`; whether their ids are the true ones."""
-    return simulation.sense(run_at(runs, i))
-
-
-@compiled
-def take_in(runs: Run, i: int, u: np.ndarray, contact: bool, labelled: bool) -> None:
-    """The estimator `ekf`; see `simulation.take_in`."""
-    run = run_at(runs, i)
-    ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
-    simulation.take_in(run, u, contact, labelled, ends)
-
-
-@compiled
-def account(runs: Run, i: int) -> None:
-    """After the estimator: the data association by the hidden labels."""
-    run = run_at(runs, i)
-    reconcile(run.owner, run.estimate)
-    judge(run)
-    close_frame(run)
-
-
-@compiled
-def identify(runs: Run, i: int) -> None:
-    """Give the detections their true ids, where the scenario does."""
-    simulation.identify(run_at(runs, i))
-
-
-@compiled
-def finish(runs: Run, i: int, begins: bool) -> None:
-    """After the frames of a step: what they were worth, and the range finders before the scene narrows them."""
-    run = run_at(runs, i)
-    appraise(run, begins)
-    sense_clearance(run)
-
-
-@compiled
-def show(runs: Run, i: int) -> None:
-    """Write the observation."""
-    observe(run_at(runs, i))
-
-
-# Perceptions --------------------------------------------------------------------------------------------------------
+    return labelled
 
 
 class PointPerception:
@@ -192,13 +108,14 @@ class PointPerception:
     def __init__(self, scene: Scene | None) -> None:
         self.scene = scene
 
-    def begin(self, runs: Run, i: int) -> None:
+    def begin(self, run: Run) -> None:
         """Write the prior."""
-        present_at(runs, i)
+        present(run)
 
-    def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
+    def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
-        take_in(runs, i, u, bool(contact), _sense(self.scene, runs, i))
+        ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
+        take_in(run, u, contact, _sense(self.scene, run), bool(ends))
 
 
 class PluggedPerception:
@@ -208,19 +125,19 @@ class PluggedPerception:
         scenario, self.scene = setting.scenario, start.scene
         self._kind, self._name, self._dt = scenario.sensor, scenario.estimator, scenario.frame_time
         self._sensor = None if scenario.sensor == POINTS else SENSORS[scenario.sensor](scenario, seed)
-        boxes = simulation.known_boxes(run).copy()
+        boxes = known_boxes(run).copy()
         self.model = PointModel(scenario, boxes) if self._sensor is None else self._sensor.model()
         self._estimator = ESTIMATORS[scenario.estimator](scenario, run.world.fiducials.copy(), self.model)
         self._estimator.reset(start.mean, start.covariance)
 
-    def begin(self, runs: Run, i: int) -> None:
+    def begin(self, run: Run) -> None:
         """Write the prior."""
-        self._put_estimate(row(runs, i))
+        self._put_estimate(run)
 
-    def frame(self, runs: Run, i: int, u: np.ndarray, contact: bool) -> None:
+    def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
-        run, values = row(runs, i), self._measured(runs, i)
-        self._estimator.predict(u, self._dt, bool(contact))
+        values = self._measured(run)
+        self._estimator.predict(u, self._dt, contact)
         noise = np.broadcast_to(self.model.noise, (len(values), *np.shape(self.model.noise)))
         found = run.candidate[: len(values)]
         matched = np.asarray(self._estimator.update(Measurements(values, noise, found["id"].copy())))
@@ -234,7 +151,7 @@ class PluggedPerception:
         after = set(run.estimate.landmark["id"][: int(run.estimate.state.count)].tolist())
         run.episode.events.births += len(after - before)
         run.episode.events.deletions += len(before - after)
-        account(runs, i)
+        account(run)
 
     def _put_estimate(self, run: Run) -> None:
         """Write the estimator's estimate into the run.
@@ -251,14 +168,13 @@ class PluggedPerception:
             if not np.isfinite(getattr(estimate, name)).all():
                 raise ValueError(f"estimate() of the estimator {self._name!r} must have a finite {name}")
 
-    def _measured(self, runs: Run, i: int) -> np.ndarray:
+    def _measured(self, run: Run) -> np.ndarray:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
-        run = row(runs, i)
         if self._sensor is None:
-            _sense(self.scene, runs, i)
+            _sense(self.scene, run)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
         time = (int(run.world.state.frame) + 1) * self._dt
-        truth = truth_of(run.world, self.scene or box_scenes(row(runs, slice(i, i + 1)))[0])
+        truth = truth_of(run.world, self.scene or box_scene(run))
         values, labels = (np.asarray(part) for part in self._sensor.measure(truth, time))
         size, room = len(self.model.noise), len(run.candidate)
         if values.shape != (len(labels), size) or not np.isfinite(values).all() or len(labels) > room:
@@ -269,5 +185,5 @@ class PluggedPerception:
         run.episode.detections = len(values)
         run.candidate["pixel"][: len(values)], run.label[: len(values)] = values[:, :2], labels
         run.candidate["R"][: len(values)] = np.asarray(self.model.noise)[:2, :2]
-        identify(runs, i)
+        identify(run)
         return values

@@ -1,6 +1,5 @@
-"""What policies read of an environment, and referees; the same names for one and for a batch."""
+"""The public reads of an environment, for policies and for the evaluator; the same names for one and for a batch."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any
@@ -8,18 +7,20 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from activeslam_gym.envs.episode import landmark_distances, play, settle_registered
+from activeslam_gym.envs.episode import play, settle_registered
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
-from activeslam_gym.envs.referee import Labels, features_of_landmarks, owners_of
-from activeslam_gym.envs.simulation import Run, Setting, box_scenes, known_boxes, reset_run, run_at
+from activeslam_gym.envs.referee import Labels, features_of_landmarks, landmark_errors, owners_of
+from activeslam_gym.envs.run import Run, complete, known_boxes, present, run_at
+from activeslam_gym.envs.setting import Setting
+from activeslam_gym.envs.simulation import box_scene, reset_run
 from activeslam_gym.information import candidates
 from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
 from activeslam_gym.information.criteria import CRITERIA, NET
 from activeslam_gym.information.foresight import SensorLimits
 from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.information.registered import score_plans_with, sight_by
-from activeslam_gym.kernels import compiled, row
+from activeslam_gym.kernels import compiled, row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import REGISTERED
@@ -52,39 +53,24 @@ class PublicBelief(Estimate):
         return self.log2_dets[part]
 
 
-def _of_each(field: str, gather: Callable[[list[np.ndarray]], Any]) -> Any:
-    """A property of `PublicBeliefs`: that field of all beliefs."""
-    return property(lambda beliefs: gather([getattr(belief, field) for belief in beliefs]))
+_OF_ONE_SIZE = "position", "quaternion", "velocity", "angular_velocity"
+_GROWING = "landmarks", "mapped", "ids", "converted", "anchors", "covariance"
 
 
 class PublicBeliefs(tuple[PublicBelief, ...]):
     """The beliefs of a batch of B: a tuple of them whose fields can be read for all at once.
 
-    What is of one size for all is an array with a leading axis, what grows with the map a tuple of B arrays.
+    ``position``, ``quaternion``, ``velocity`` and ``angular_velocity`` are arrays with a leading axis B; ``landmarks``,
+    ``mapped``, ``ids``, ``converted``, ``anchors`` and ``covariance``, which grow with the map, tuples of B arrays.
     """
 
     __slots__ = ()
 
-    position = _of_each("position", np.stack)
-    """(B, 3) [m]."""
-    quaternion = _of_each("quaternion", np.stack)
-    """(B, 4) q_WC, scalar first."""
-    velocity = _of_each("velocity", np.stack)
-    """(B, 3) [m/s], world frame."""
-    angular_velocity = _of_each("angular_velocity", np.stack)
-    """(B, 3) [rad/s], world frame."""
-    landmarks = _of_each("landmarks", tuple)
-    """B arrays (n, 3) [m]."""
-    mapped = _of_each("mapped", tuple)
-    """B arrays (n,) bool."""
-    ids = _of_each("ids", tuple)
-    """B arrays (n,)."""
-    converted = _of_each("converted", tuple)
-    """B arrays (n,) bool."""
-    anchors = _of_each("anchors", tuple)
-    """B arrays (n, 3) [m]."""
-    covariance = _of_each("covariance", tuple)
-    """B arrays (12 + 3 n, 12 + 3 n)."""
+    def __getattr__(self, name: str) -> Any:
+        if name not in _OF_ONE_SIZE + _GROWING:
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        each = tuple(getattr(belief, name) for belief in self)
+        return np.stack(each) if name in _OF_ONE_SIZE else each
 
     def log2_det(self, part: str = "total") -> np.ndarray:
         """(B,) see `PublicBelief.log2_det`."""
@@ -102,17 +88,6 @@ def public_belief(run: Run, time: float = 0.0) -> PublicBelief:
         anchors=read_only(run.estimate.landmark["anchor"][: len(given.ids)]),
         log2_dets={part: float(e[f"log2_det_{part}"]) for part in ("camera", "map", "total")},
     )
-
-
-def labels_of(run: Run) -> Labels:
-    """A read-only copy of a run's hidden labels."""
-    owners, count = owners_of(run.owner, run.estimate), int(run.episode.detections)
-    return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.candidate["match"][:count]))
-
-
-def _landmark_errors(run: Run) -> np.ndarray:
-    """(L,) distance of each true landmark from its mapped feature [m]; NaN where it has none."""
-    return landmark_distances(run, owners_of(run.owner, run.estimate), mapped_of(run.estimate))
 
 
 def _nees_per_dof(run: Run) -> dict[str, float]:
@@ -135,6 +110,8 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
 @compiled
 def prospect(run: Run) -> Prospect:
     """What the run's belief lets a policy plan with."""
+    if not run.estimate.state.whole:
+        present(run)
     fiducials, clearance = run.world.fiducials, np.full(MOTION_COUNT, np.inf)  # fiducials are known
     if run.models.motion.bodies:
         for index in range(MOTION_COUNT):
@@ -151,7 +128,7 @@ def score_runs(
 ) -> None:
     """Write what each of ``plans`` (A, L) would teach the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
     for i in range(start, stop):
-        run = run_at(runs, i)
+        run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * step_time
         score_plans(models.camera, models.motion, prospect(run), time, plans, criterion, out[i])
 
@@ -166,7 +143,7 @@ def _frames_left(run: Run) -> int:
 def net_of_runs(runs: Run, plans: np.ndarray, step_time: float, out: np.ndarray, start: int, stop: int) -> None:
     """Write the net information of each of ``plans`` (A, L) for the runs ``start`` … ``stop - 1``, till they end."""
     for i in range(start, stop):
-        run = run_at(runs, i)
+        run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * step_time
         net_of_plans(models.camera, models.motion, prospect(run), time, _frames_left(run), plans, out[i])
 
@@ -179,20 +156,16 @@ class Reads:
 
     def __init__(self, setting: Setting, runs: Run, workers: Workers) -> None:
         task = setting.task
-        self.setting = setting
-        self.scenario = setting.scenario
-        """The scenario."""
-        self.gaze_period = setting.gaze_period
-        """Time of a step [s]."""
-        self.motion_period = setting.motion_period
-        """Time of a translation [s]."""
+        self.setting, self.scenario = setting, setting.scenario
+        self.gaze_period, self.motion_period = setting.gaze_period, setting.motion_period
+        """Times of a step and of a translation [s]."""
         self.duration = setting.duration
         """Time of an episode [s]."""
         self.steps_per_motion = int(task.steps_per_motion)
         """Steps in a motion period."""
-        self._runs = runs
-        self._workers = workers
-        self._compiled = is_compiled(setting)
+        self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting)
+        self._registered_reward = int(task.reward) == REGISTERED  # a field of a record is slow to read
+        self._end_when_lost = bool(task.end_when_lost)
         self._perceptions: list[Any] = [None] * len(runs.episode)
         self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
         self._motion_plans = candidates.motion_plans(self._motion_frames)
@@ -215,8 +188,8 @@ class Reads:
         if self._compiled:
             self._workers.call(play, self._runs, phases, commands)
         else:
-            self._workers.call(play_rows, self.setting, self._runs, self._perceptions, phases, commands)
-        if self.setting.task.reward == REGISTERED:
+            self._workers.call(play_rows, self._runs, self._perceptions, phases, commands)
+        if self._registered_reward:
             settle_registered(self.setting.reward, self._runs, phases)
 
     # For policies ---------------------------------------------------------------------------------------------------
@@ -265,7 +238,9 @@ class Reads:
             look = partial(sight_after, camera, given)
         else:
             look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
-        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, int(_frames_left(run)))
+        return score_plans_with(
+            look, run.models.motion, given, time, plans, criterion, var, int(uncompiled(_frames_left)(run))
+        )
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.
@@ -295,8 +270,7 @@ class Reads:
         """What one motion would teach; see `motion_scores`, and raises so, and ValueError for a motion that is none."""
         if motion not in range(MOTION_COUNT):
             raise ValueError(f"motion must be in 0 … {MOTION_COUNT - 1}, got {motion!r}")
-        plans = self._motion_plans[int(motion) :][:1]
-        scores = self._scores(plans, criterion)[..., 0]
+        scores = self._scores(self._motion_plans[int(motion) :][:1], criterion)[..., 0]
         return scores if scores.ndim else scores.item()
 
     def lookahead_scores(self, horizon: int = 2) -> np.ndarray:
@@ -311,25 +285,34 @@ class Reads:
         scores = self._scores(candidates.sequence_plans(self._motion_frames, int(horizon)), "mutual_information")
         return scores.reshape(*scores.shape[:-1], MOTION_COUNT, -1).max(axis=-1)
 
-    # For referees ---------------------------------------------------------------------------------------------------
+    # For the evaluator ----------------------------------------------------------------------------------------------
 
     @property
     def truth(self) -> Truth:
-        """What really is; for referees, never for policies."""
+        """The ground truth: for the evaluator, never for policies."""
         raise NotImplementedError
 
     @property
     def landmark_errors(self) -> np.ndarray:
         """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
-        return self._given(np.stack([_landmark_errors(run) for run in self._each()]))
+        each = (
+            landmark_errors(run.owner, run.world.landmarks, run.estimate, mapped_of(run.estimate))
+            for run in self._each()
+        )
+        return self._given(np.stack(list(each)))
 
     def _scenes(self) -> tuple[Scene, ...]:
         """The scene of each run."""
         registered = [getattr(perception, "scene", None) for perception in self._perceptions]
-        return tuple(one or boxes for one, boxes in zip(registered, box_scenes(self._runs), strict=True))
+        return tuple(scene or box_scene(row(self._runs, i)) for i, scene in enumerate(registered))
+
+    def _at(self, i: int) -> Run:
+        """Run ``i``, with its whole estimate."""
+        complete(self._runs, i, i + 1)
+        return row(self._runs, i)
 
     def _each(self) -> list[Run]:
-        return [row(self._runs, i) for i in range(len(self._runs.episode))]
+        return [self._at(i) for i in range(len(self._runs.episode))]
 
 
 class SingleReads(Reads):
@@ -337,7 +320,7 @@ class SingleReads(Reads):
 
     @property
     def _run(self) -> Run:
-        return row(self._runs, 0)
+        return self._at(0)
 
     def _given(self, batch: np.ndarray) -> Any:
         return batch[0] if batch.ndim > 1 else batch[0].item()
@@ -362,8 +345,10 @@ class SingleReads(Reads):
 
     @property
     def labels(self) -> Labels:
-        """Whose the features are and what was detected; for referees, never for policies."""
-        return labels_of(self._run)
+        """Data association by the hidden labels; read-only copies for the evaluator, never for policies."""
+        run, count = self._run, int(self._run.episode.detections)
+        owners = owners_of(run.owner, run.estimate)
+        return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.candidate["match"][:count]))
 
     def expect(self, points: np.ndarray) -> None:
         """Put the expected landmarks at ``points`` (N, 3) [m]: for studies. A reset draws them anew.

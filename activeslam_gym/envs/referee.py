@@ -1,10 +1,10 @@
-"""The referee: what only those may see who judge, the truth and the labels, and the belief scored against them."""
+"""Data association by the hidden labels, for the evaluator alone."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from activeslam_gym.camera import distance_between
 from activeslam_gym.kernels import borrowing, compiled, record
 from activeslam_gym.slam.association import ANYTHING, REJECTED
 from activeslam_gym.slam.belief import fiducial_id
@@ -25,15 +25,15 @@ UNKNOWN = -2
 
 @dataclass(frozen=True)
 class Labels:
-    """Whose each feature is, and what was seen in the last frame; for referees, never for policies. Copies."""
+    """Data association of the features and the last frame; for the evaluator, never for policies. Copies."""
 
     owners: np.ndarray
-    """(n,) index of the true landmark that the public belief's k-th feature was born of, or -1."""
+    """(n,) index of the true landmark that the k-th feature was initialised from, or -1."""
     detected: np.ndarray
-    """(d,) what each detection was of: k for fiducial k, K + l for landmark l, -1 for clutter."""
+    """(d,) source of each detection: k for fiducial k, K + l for landmark l, -1 for clutter."""
     matched: np.ndarray
-    """(d,) what the filter took it for: the id of a feature (a birth's, too), -1 - k for fiducial k; 0: nothing known;
-    a number below -K: too ambiguous to be used."""
+    """(d,) the filter's association: the id of a feature (a new one's, too), -1 - k for fiducial k; 0: nothing known; a
+    number below -K: too ambiguous to be used."""
 
 
 @compiled
@@ -43,7 +43,11 @@ def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
     A landmark that stays keeps its entry. A new one takes the lowest free slot; nothing is known of it yet.
     """
     kept, count = 0, estimate.state.count
-    for k in range(owner.shape[0]):
+    while kept < count and owner[kept].id == estimate.landmark[kept].id:
+        kept += 1
+    if kept == count and (kept == owner.shape[0] or owner[kept].id == 0):
+        return  # the same landmarks as before
+    for k in range(kept, owner.shape[0]):
         if owner[k].id > 0 and index_of(estimate, owner[k].id) >= 0:
             owner[kept] = owner[k]
             kept += 1
@@ -129,11 +133,13 @@ def features_of_landmarks(owners: np.ndarray, landmark_count: int, eligible: np.
 
 
 @compiled
-def landmark_errors(landmarks: np.ndarray, points: np.ndarray, of_landmark: np.ndarray) -> np.ndarray:
-    """(L,) distance [m] of each true landmark's feature from it; NaN where it has none."""
-    out = np.full(of_landmark.shape[0], np.nan)
-    for i in range(of_landmark.shape[0]):
+def landmark_errors(
+    owner: np.ndarray, landmarks: np.ndarray, estimate: EstimateArrays, eligible: np.ndarray
+) -> np.ndarray:
+    """(L,) distance [m] of each true landmark (L, 3) from its ``eligible`` (n,) feature; NaN where it has none."""
+    out = np.full(landmarks.shape[0], np.nan)
+    of_landmark = features_of_landmarks(owners_of(owner, estimate), landmarks.shape[0], eligible)
+    for i in range(out.shape[0]):
         if of_landmark[i] >= 0:
-            y, y_hat = landmarks[i], points[of_landmark[i]]
-            out[i] = math.sqrt((y[0] - y_hat[0]) ** 2 + (y[1] - y_hat[1]) ** 2 + (y[2] - y_hat[2]) ** 2)
+            out[i] = distance_between(landmarks[i], estimate.landmark[of_landmark[i]].point)
     return out

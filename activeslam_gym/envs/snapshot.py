@@ -5,34 +5,16 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import Scenario, whole_number
+from activeslam_gym.config import Scenario
 from activeslam_gym.envs.public import public_belief
-from activeslam_gym.envs.simulation import Run, Setting, known_boxes
+from activeslam_gym.envs.run import Run, known_boxes
+from activeslam_gym.envs.setting import Setting
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
 from activeslam_gym.slam.estimator import EKF
 from activeslam_gym.slam.sight import sight_of_belief
 from activeslam_gym.world.simulator import boxes_of
 from activeslam_gym.world.truth import truth_of
-
-SIZES = (64, 8192)
-"""The least and the most pixels of a picture's side."""
-
-
-def checked_size(size: Any) -> tuple[int, int]:
-    """Width and height of a picture [px].
-
-    Raises:
-        ValueError: it is not two whole numbers in `SIZES`.
-    """
-    least, most = SIZES
-    try:
-        width, height = (whole_number("render_size", side, least) for side in size)
-    except (TypeError, ValueError):
-        width = height = 0
-    if not 0 < max(width, height) <= most:
-        raise ValueError(f"render_size must be (width, height) of {least} to {most} px, got {size!r}")
-    return width, height
 
 
 @dataclass(frozen=True)
@@ -82,26 +64,29 @@ class Snapshot:
 
 
 class History:
-    """What a picture shows of the past: kept only by environments that render."""
+    """The past that a picture shows: kept only by environments that render."""
 
     def __init__(self) -> None:
-        self.times: list[float] = []
-        self.true_positions: list[np.ndarray] = []
-        self.positions: list[np.ndarray] = []
-        self.entropy: list[float] = []
-        self.landmark_times: list[float] = []
-        self._most_mapped = 0
+        self._moments: list[tuple[float, np.ndarray, np.ndarray, float]] = []
+        self._landmark_times: list[float] = []
 
     def record(self, time: float, run: Run) -> None:
         """Add the present moment."""
         evaluation = run.episode.evaluation
-        self.times.append(time)
-        self.true_positions.append(run.world.state.camera[POSITION].copy())
-        self.positions.append(run.estimate.state.camera[POSITION].copy())
-        self.entropy.append(float(evaluation.entropy))
-        mapped = int(evaluation.landmarks_mapped)
-        self.landmark_times.extend([time] * (mapped - self._most_mapped))
-        self._most_mapped = max(self._most_mapped, mapped)
+        positions = (camera[POSITION].copy() for camera in (run.world.state.camera, run.estimate.state.camera))
+        self._moments.append((time, *positions, float(evaluation.entropy)))
+        self._landmark_times += [time] * (int(evaluation.landmarks_mapped) - len(self._landmark_times))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The fields of a `Snapshot` that tell the past."""
+        times, true_positions, positions, entropy = zip(*self._moments, strict=True) if self._moments else ((),) * 4
+        return {
+            "true_trajectory": np.reshape(true_positions, (-1, 3)),
+            "estimated_trajectory": np.reshape(positions, (-1, 3)),
+            "times": np.array(times),
+            "entropy": np.array(entropy),
+            "landmark_times": np.array(self._landmark_times),
+        }
 
 
 def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, perception: Any = None) -> Snapshot:
@@ -135,11 +120,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
         detections=run.candidate["pixel"][: episode.detections].copy(),
         predicted=things.thing["z_hat"][:drawn].copy(),
         predicted_covariance=things.S[np.swapaxes(own, 1, 2), own],
-        true_trajectory=np.reshape(history.true_positions, (-1, 3)),
-        estimated_trajectory=np.reshape(history.positions, (-1, 3)),
-        times=np.array(history.times),
-        entropy=np.array(history.entropy),
-        landmark_times=np.array(history.landmark_times),
+        **history.arrays(),
         image_size=np.array([scenario.image_width, scenario.image_height], float),
         image=image,
     )

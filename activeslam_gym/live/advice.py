@@ -24,16 +24,12 @@ class Adviser:
     """
 
     def __init__(self, scenario: Scenario, expected: ExpectedMap) -> None:
-        self._expected = expected
-        self._motion = motion_of(scenario, PERIOD)
-        self.frames = max(2, round(PERIOD / scenario.frame_time))
-        """Images between two commands."""
-        self._plans = motion_plans(self.frames)
-        slots = min(self.frames - 1, MOTION_COUNT)
-        self._turn = self.frames - slots + np.arange(MOTION_COUNT) * slots // MOTION_COUNT
-        self._criterion = CRITERIA.number(CRITERION)
-        self._pending = np.full(MOTION_COUNT, np.nan)
-        self._phase = 0
+        self._expected, self._motion = expected, motion_of(scenario, PERIOD)
+        self._frames = max(2, round(PERIOD / scenario.frame_time))
+        self._plans, self._criterion = motion_plans(self._frames), CRITERIA.number(CRITERION)
+        slots = min(self._frames - 1, MOTION_COUNT)
+        self._turn = self._frames - slots + np.arange(MOTION_COUNT) * slots // MOTION_COUNT
+        self._phase, self._pending = 0, np.full(MOTION_COUNT, np.nan)
         self.command = Motion.STAY
         """The present advice."""
         self.scores = np.full(MOTION_COUNT, np.nan)
@@ -44,20 +40,18 @@ class Adviser:
     def consider(self) -> bool:
         """After an image: score the motions whose turn it is; True where there is a new command."""
         self._phase += 1
-        if self._phase < self.frames:
+        if self._phase < self._frames:
             for motion in np.flatnonzero(self._turn == self._phase).tolist():
                 self._pending[motion] = self.score(motion)
             return False
-        self._phase = 0
-        self.scores, self._pending = self._pending, np.full(MOTION_COUNT, np.nan)
+        self._phase, self.scores = 0, self._pending.copy()
         self.command = best(self.scores)
         self.advised[self.command] += 1
         return True
 
     def score(self, motion: int) -> float:
         """Mutual information of ``motion`` [bit]; NaN where the covariance is not positive definite."""
-        out, plan = np.empty(1), self._plans[motion : motion + 1]
-        expected = self._expected
+        out, plan, expected = np.empty(1), self._plans[motion : motion + 1], self._expected
         score_plans(expected.camera, self._motion, expected.prospect(), 0.0, plan, self._criterion, out)
         return float(out[0])
 

@@ -15,23 +15,21 @@ from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import MOTION_COUNT
 from activeslam_gym.vision.frontend import FrontEnd
 
-_LOG2_DETS = record(log2_det_camera="f8", log2_det_pose="f8", log2_det_map="f8", log2_det_total="f8")
+_PARTS = ("camera", "pose", "map", "total")
+_LOG2_DETS = record(**{f"log2_det_{part}": "f8" for part in _PARTS})
 
 
 def points_anywhere(scenario: Scenario, seed: np.random.SeedSequence) -> np.ndarray:
     """(N, 3) a point for each landmark of the ``scenario``, uniform in its room [m]."""
-    room = np.array(scenario.room_size)
-    return (np.random.default_rng(seed).random((scenario.landmark_count, 3)) - 0.5) * room
+    return (np.random.default_rng(seed).random((scenario.landmark_count, 3)) - 0.5) * np.array(scenario.room_size)
 
 
 class ExpectedMap:
     """The N landmarks of a ``scenario`` and the features of ``front_end`` that stand for them; drawn from ``seed``."""
 
     def __init__(self, scenario: Scenario, front_end: FrontEnd, seed: np.random.SeedSequence) -> None:
-        self._front_end, self._filter = front_end, front_end.filter
-        s = front_end.settings
-        self._limits = SensorLimits(s.most_change, s.visible)
-        self.camera = front_end.camera
+        self._front_end, self._filter, self.camera = front_end, front_end.filter, front_end.camera
+        self._limits = SensorLimits(front_end.settings.most_change, front_end.settings.visible)
         self.landmark_var = np.array(scenario.landmark_prior_variance)
         """(3,) of a landmark without a feature, each axis [m^2]."""
         self._expected = np.zeros(scenario.landmark_count, EXPECTED)

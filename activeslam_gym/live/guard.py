@@ -15,9 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
-_HTTP = 80
-"""The port that browsers leave out."""
-_UNGUARDED = "this version of viser lets pages of other sites in; install another 1.x"
 
 
 def _addresses(host: str) -> list[Any]:
@@ -31,8 +28,7 @@ def _addresses(host: str) -> list[Any]:
 
 def is_loopback(host: str) -> bool:
     """Whether a server at ``host`` is reached from this machine alone."""
-    addresses = _addresses(host)
-    return bool(addresses) and all(address.is_loopback for address in addresses)
+    return {address.is_loopback for address in _addresses(host)} == {True}
 
 
 def _bracketed(host: str) -> str:
@@ -52,27 +48,22 @@ class Guard:
     @classmethod
     def of(cls, host: str) -> "Guard":
         """The guard of a page at ``host``; it has a new token where that is not loopback."""
+        names, machine = {*_LOOPBACK, _bracketed(host.lower())}, socket.gethostname().lower()
         if is_loopback(host):
-            return cls(frozenset((*_LOOPBACK, _bracketed(host.lower()))), "")
-        machine = socket.gethostname().lower()
-        names = (*_LOOPBACK, _bracketed(host.lower()), machine, f"{machine}.local")
-        return cls(frozenset(names), secrets.token_urlsafe(16))
+            return cls(frozenset(names), "")
+        return cls(frozenset(names | {machine, f"{machine}.local"}), secrets.token_urlsafe(16))
 
     @property
-    def _prefix(self) -> str:
+    def prefix(self) -> str:
+        """The path of the page, but for its last slash."""
         return f"/{self.token}" if self.token else ""
-
-    @property
-    def root(self) -> str:
-        """The path of the page."""
-        return f"{self._prefix}/"
 
     def address(self, host: str, port: int) -> str:
         """Where a page at ``host`` and ``port`` is opened, with its token."""
         if any(address.is_unspecified for address in _addresses(host)):
             host = socket.gethostname()
         name = "localhost" if host == "127.0.0.1" else _bracketed(host)
-        return f"http://{name}:{port}{self.root if self.token else ''}"
+        return f"http://{name}:{port}{self.prefix and self.prefix + '/'}"
 
     def refusal(self, path: str, hosts: Sequence[str], origins: Sequence[str], local: Sequence[Any]) -> str | None:
         """Why a request is refused, or None.
@@ -83,22 +74,22 @@ class Guard:
             local: Address and port at which it arrived.
         """
         names, port = {*self.names, _bracketed(local[0])}, local[1]
-        own = {f"{name}:{port}" for name in names} | (names if port == _HTTP else set())
+        own = {f"{name}:{port}" for name in names} | (names if port == 80 else set())
         if not (self.token or ipaddress.ip_address(local[0]).is_loopback):
             return "This page is served to its own machine alone."
         if len(hosts) != 1 or hosts[0].lower() not in own:
             return "The Host of this request is not an address of this page."
         if origins and list(origins) != [f"http://{hosts[0].lower()}"]:
             return "A page of another site asked."
-        given, rest = path[: len(self._prefix)], path[len(self._prefix) :]
-        same = hmac.compare_digest(given.encode(errors="replace"), self._prefix.encode())
+        given, rest = path[: len(self.prefix)], path[len(self.prefix) :]
+        same = hmac.compare_digest(given.encode(errors="replace"), self.prefix.encode())
         if not same or (self.token and rest[:1] not in ("", "/")):
             return "The token is missing or wrong: open the whole address that the start printed."
         return None
 
     def inner(self, path: str) -> str:
         """``path`` without the token."""
-        return path[len(self._prefix) :] or "/"
+        return path[len(self.prefix) :] or "/"
 
 
 @contextmanager
@@ -124,7 +115,7 @@ def guarding(guard: Guard) -> Iterator[None]:
     finally:
         server.serve = plain  # type: ignore[misc]
     if not guarded:
-        raise OSError(_UNGUARDED)
+        raise OSError("this version of viser lets pages of other sites in; install another 1.x")
 
 
 def _asking(guard: Guard, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
@@ -141,7 +132,7 @@ def _asking(guard: Guard, answer: Callable[[Any, Any], Any]) -> Callable[[Any, A
             return connection.respond(403, f"{trouble}\n")
         if query:
             response = connection.respond(302, "")
-            response.headers["Location"] = guard.root
+            response.headers["Location"] = f"{guard.prefix}/"
         else:
             response = answer(connection, replace(request, path=guard.inner(path)))
         if response is not None:

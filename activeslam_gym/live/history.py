@@ -5,7 +5,7 @@ import numpy as np
 from activeslam_gym.live.state import State
 
 _MOST = 1200
-"""Greatest number of moments; beyond it, every second one is dropped."""
+"""At this number of moments, every second one is dropped."""
 _FIRST = 3
 """First images, whose corrections of the start are no motion."""
 
@@ -14,29 +14,29 @@ class History:
     """Entropies over time with the moments of new landmarks, and the camera's path."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple[float, ...]] = []
+        self._rows = np.zeros((0, 8))
         self._landmarks, self._frame = 0, -1
 
     def add(self, state: State) -> None:
         """Add a state; an earlier one starts a new history."""
         if state.frame < self._frame:
             self.__init__()  # type: ignore[misc]
-        if state.frame == self._frame or not np.isfinite(state.log2_dets).any():
+        if state.frame == self._frame or not np.isfinite(state.log2_dets).all():
             return
         position = state.camera[:3] if state.frame > _FIRST else np.full(3, np.nan)
-        self._rows.append((state.time, *state.log2_dets, float(state.landmarks > self._landmarks), *position))
+        new = state.log2_dets[2] if state.landmarks > self._landmarks else np.nan
+        self._rows = np.vstack((self._rows, (state.time, *state.log2_dets, new, *position)))
         self._frame, self._landmarks = state.frame, state.landmarks
-        if len(self._rows) > _MOST:  # keep every second moment, and whether a landmark was new in either of a pair
-            pairs = [self._rows[k : k + 2] for k in range(0, len(self._rows), 2)]
-            self._rows = [(*pair[-1][:4], max(row[4] for row in pair), *pair[-1][5:]) for pair in pairs]
+        if len(self._rows) == _MOST:  # of each pair of moments the later one stays, unless the other alone has a dot
+            has_dot = np.isfinite(self._rows[:, 4])
+            self._rows = self._rows[np.arange(1, _MOST, 2) - (has_dot[::2] & ~has_dot[1::2])]
 
     @property
-    def curves(self) -> np.ndarray:
-        """(k, 5) time [s], log2 |P| of camera, map and total, and whether a landmark was new: 1 or 0."""
-        return np.array(self._rows).reshape(-1, 8)[:, :5]
+    def curves(self) -> tuple[np.ndarray, ...]:
+        """(5 columns) time [s], log2 |P| of camera, map and total, and the total where a landmark is new, else NaN."""
+        return tuple(self._rows[:, :5].T.copy())
 
     @property
     def way(self) -> np.ndarray:
         """(k, 3) positions of the camera [m]."""
-        way = np.array(self._rows).reshape(-1, 8)[:, 5:]
-        return way[np.isfinite(way).all(1)]
+        return self._rows[np.isfinite(self._rows[:, 5:]).all(1), 5:]

@@ -12,9 +12,8 @@ from collections import deque
 from multiprocessing import get_context
 from typing import Any
 
-from activeslam_gym.live.messages import REQUESTS, About
 from activeslam_gym.live.page import serve
-from activeslam_gym.live.state import State
+from activeslam_gym.live.state import About, Request, State
 
 _START = 60.0
 """Longest time that the page's process takes to start [s]."""
@@ -56,31 +55,24 @@ class Link:
     def __init__(self, about: About, host: str, port: int) -> None:
         check_address(host, port)
         spawn = get_context("spawn")
-        self._connection, theirs = spawn.Pipe(duplex=True)
+        self._connection, theirs = spawn.Pipe()
         self._process = spawn.Process(target=serve, args=(theirs, about, host, port), daemon=True)
-        self._process.start()
-        theirs.close()
         self._latest: deque[State] = deque(maxlen=1)
         self._messages: deque[str] = deque()
         self._new, self._closed = threading.Event(), False
-        self._sender: threading.Thread | None = None
-        self.address = self._wait()
-        """Address of the page, with its token."""
         self._sender = threading.Thread(target=self._send_all, daemon=True)
+        self._process.start()
+        theirs.close()
+        try:
+            answer: Any = self._connection.recv() if self._connection.poll(_START) else None
+        except EOFError:
+            answer = None
         self._sender.start()
-
-    def _wait(self) -> str:
-        """The address that the process sends once it serves."""
-        answer: Any = None
-        if self._connection.poll(_START):
-            try:
-                answer = self._connection.recv()
-            except EOFError:
-                pass
-        if isinstance(answer, str):
-            return answer
-        self.close()
-        raise answer or OSError("the page's process ended before it served")
+        if not isinstance(answer, str):
+            self.close()
+            raise answer or OSError("the page's process ended before it served")
+        self.address = answer
+        """Address of the page, with its token."""
 
     @property
     def alive(self) -> bool:
@@ -97,14 +89,12 @@ class Link:
         self._messages.append(message)
         self._new.set()
 
-    def requests(self) -> list[tuple[str, Any]]:
+    def requests(self) -> list[tuple[Request, Any]]:
         """Requests of the page since the last call."""
         received = []
         try:
             while self._connection.poll(0):
-                name, value = self._connection.recv()
-                if name in REQUESTS:
-                    received.append((name, REQUESTS[name](value)))
+                received.append(self._connection.recv())
         except (EOFError, OSError):
             pass
         return received
@@ -118,8 +108,7 @@ class Link:
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-        if self._sender is not None:
-            self._sender.join(_FAREWELL)  # a blocked send fails once the reader is gone
+        self._sender.join(_FAREWELL)  # a blocked send fails once the reader is gone
         self._connection.close()
 
     def _send_all(self) -> None:

@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 
-from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_error
+from activeslam_gym.geometry import quaternion_exp, rotation_error
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
-    CAMERA_SIZE,
     MOTION_COUNT,
     POSITION,
     QUATERNION,
@@ -48,8 +47,7 @@ class Person:
         self.habit = habit
         self._motion, self._boxes, self._rng = motion, boxes, rng
         self._from = self._to = self.state[POSITION].copy()
-        self._begun = -math.inf
-        self._time = 0.0
+        self._time, self._begun = 0.0, -math.inf
         self._heard: list[tuple[float, Motion]] = []
 
     def hear(self, command: Motion) -> None:
@@ -60,24 +58,22 @@ class Person:
 
     def move(self) -> np.ndarray:
         """One frame: the true camera (13,) after it."""
-        motion, x = self._motion, self.state
-        dt = float(motion.dt)
+        motion, dt = self._motion, float(self._motion.dt)
         if self._heard and self._time >= self._heard[0][0] - 1e-9:
             self._set_out(self._heard.pop(0)[1])
-        noise = self._rng.standard_normal(6)
-        u = np.empty(6)
-        u[:3] = self._pull(x, dt) + motion.acceleration_std * noise[:3]
-        u[3:] = self._turn(x) + motion.angular_acceleration_std * noise[3:]
-        self.state = transition(x, u, dt)
+        noise = self._rng.standard_normal((2, 3))
+        a = self._pull(self.state, dt) + motion.acceleration_std * noise[0]
+        alpha = self._turn(self.state) + motion.angular_acceleration_std * noise[1]
+        self.state = transition(self.state, np.concatenate((a, alpha)), dt)
         self._time += dt
         return self.state
 
     def _set_out(self, command: Motion) -> None:
+        """Begin the path to the goal of ``command``, or as far towards it as is free, in quarters."""
         self._begun, self._from = self._time, self._to
-        here = np.concatenate((self._to, self.state[3:CAMERA_SIZE]))
-        goal = goal_of(self._motion, here, int(command))
-        free = [share for share in (1.0, 0.75, 0.5, 0.25) if self._is_free(self._to + share * (goal - self._to))]
-        self._to = self._to + (free[0] if free else 0.0) * (goal - self._to)
+        way = goal_of(self._motion, np.concatenate((self._to, self.state[3:])), int(command)) - self._to
+        places = (self._to + share * way for share in (1.0, 0.75, 0.5, 0.25))
+        self._to = next((place for place in places if self._is_free(place)), self._to)
 
     def _is_free(self, place: np.ndarray) -> bool:
         gaps = np.maximum(np.maximum(self._boxes[:, 0] - place, place - self._boxes[:, 1]), 0.0)
@@ -86,7 +82,7 @@ class Person:
     def _pull(self, x: np.ndarray, dt: float) -> np.ndarray:
         """Acceleration (3,) along a minimum-jerk path of a second."""
         elapsed, period = self._time - self._begun, float(self._motion.period)
-        share, before, after = (minimum_jerk(min((elapsed + shift) / period, 1.0)) for shift in (0.0, -dt, dt))
+        share, before, after = (minimum_jerk((elapsed + shift) / period) for shift in (0.0, -dt, dt))
         way = self._to - self._from
         place, speed = self._from + share * way, (share - before) / dt * way
         push = (after - 2.0 * share + before) / dt**2 * way
@@ -96,11 +92,6 @@ class Person:
         """Angular acceleration (3,) towards a level camera with the person's gaze."""
         pulse, ease = 2.0 * math.pi / _LOOK_PERIOD, minimum_jerk(self._time / _SETTLING)
         yaw = ease * _LOOK * math.sin(pulse * self._time)
-        wanted = quaternion_product(quaternion_exp(np.array((0.0, yaw, 0.0))), _LEVEL)
         rate = np.array((0.0, ease * _LOOK * pulse * math.cos(pulse * self._time), 0.0))
-        error = rotation_error(wanted, x[QUATERNION])
+        error = rotation_error(quaternion_exp(np.array((0.0, yaw, 0.0))), x[QUATERNION])
         return _STIFFNESS**2 * error + 2.0 * _STIFFNESS * (rate - x[ANGULAR_VELOCITY])
-
-
-_LEVEL = np.array((1.0, 0.0, 0.0, 0.0))
-"""q_WC of a camera that looks straight at the target."""

@@ -1,21 +1,19 @@
 """A live run on disk, written image by image, so that no way of ending loses images; and its reader.
 
-A folder with ``images/`` (PNG, by number), ``live.json`` (its `About`), ``states.jsonl`` (a state a line),
-``frames.csv`` and ``trajectory.tum`` as `track` writes them, growing, and ``map.csv``, written at the end and when
-asked.
+A folder holds ``images/`` (PNG, by number), ``live.json`` (its `About`) and ``states.jsonl`` (a state a line). Beside
+them stand ``frames.csv`` and ``trajectory.tum``, which grow as those of `track` do, and ``map.csv``, which is written
+at the end and on demand.
 """
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, get_args
 
 import numpy as np
 
-from activeslam_gym.files import Lines, demand_writable, written_whole
-from activeslam_gym.live.messages import About
-from activeslam_gym.live.state import OVER, WAITING, State, plain, scalar, state_of
+from activeslam_gym.files import Lines, demand_writable, text_of, written_whole
+from activeslam_gym.live.state import About, Standing, State, plain, record_of
 from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.track import TrackFiles
@@ -24,9 +22,7 @@ ABOUT, STATES = "live.json", "states.jsonl"
 _FAST = 1
 """PNG's compression, of 0 … 9."""
 _LONGEST = 2**24
-"""Greatest number of characters of a line, and of `live.json`."""
-_RANGES = {"image_size": (1, 8192), "focal": (1e-3, 1e9), "rate": (1e-6, 1e6), "room_size": (1e-3, 1e6)}
-"""Least and greatest numbers of an `About`."""
+"""Greatest number of characters of a line."""
 
 
 def check_folder(folder: Path) -> None:
@@ -57,8 +53,7 @@ class Recording:
             unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")
         self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
         self._last: State | None = None
-        self.count = 0
-        """Images kept."""
+        self._count = 0
 
     def add(self, state: State, log: FrameLog | None) -> None:
         """Write a state, its image, and the ``log`` of the image where there is one.
@@ -66,16 +61,16 @@ class Recording:
         Raises:
             OSError: the disk is full, or gone.
         """
-        if state.standing == OVER:
+        if state.standing == Standing.OVER:
             return
-        path = self.folder / "images" / f"{self.count:06d}.png"
+        path = self.folder / "images" / f"{self._count:06d}.png"
         if not self._cv2.imwrite(str(path), state.image, [self._cv2.IMWRITE_PNG_COMPRESSION, _FAST]):
             raise OSError(f"{path} cannot be written")
         self._states.write(json.dumps(plain(state)) + "\n")
-        if state.standing != WAITING:
+        if state.standing != Standing.WAITING:
             self._track.add(state.time, state.camera, log)
             self._last = state
-        self.count += 1
+        self._count += 1
 
     def save(self) -> None:
         """Write the present map."""
@@ -99,27 +94,10 @@ def read_about(folder: str | Path) -> About:
     path = Path(folder) / ABOUT
     if not path.is_file():
         raise FileNotFoundError(f"{folder} holds no live recording ({ABOUT} is missing)")
-    kinds = {field.name: field.type for field in fields(About)}
     try:
-        with path.open() as file:
-            values = _object(file.read(_LONGEST))
-        values = {name: _of_about(name, kinds[name], value) for name, value in values.items()}
-        return About(**{**values, "replay": True})
-    except (ValueError, TypeError, KeyError) as error:
+        return record_of(About, text_of(path), replay=True)
+    except ValueError as error:
         raise ValueError(f"{path} is damaged ({error})") from None
-
-
-def _of_about(name: str, kind: Any, value: Any) -> Any:
-    """The field ``name`` of an `About`, of ``kind``: a `scalar`, or a tuple of them."""
-    many = get_args(kind)
-    if many and not (isinstance(value, list) and len(value) == len(many)):
-        raise ValueError(f"{name}: {value!r:.40}; allowed: a list of {len(many)} numbers")
-    numbers = value if many else [value]
-    made = tuple(scalar(name, one, number) for one, number in zip(many or (kind,), numbers))
-    low, high = _RANGES.get(name, (None, None))
-    if low is not None and not all(low <= number <= high for number in made):
-        raise ValueError(f"{name}: {value!r:.40}; allowed: {low:g} to {high:g}")
-    return made if many else made[0]
 
 
 def read_states(folder: str | Path) -> Iterator[State]:
@@ -141,18 +119,6 @@ def read_states(folder: str | Path) -> Iterator[State]:
             if image.ndim != 2 or image.dtype != np.uint8:
                 raise ValueError(f"{path} is no 8-bit grey picture")
             try:
-                state = state_of(_object(line), image)
+                yield record_of(State, line, image=image)
             except ValueError as error:
                 raise ValueError(f"line {k + 1} of {home / STATES} is damaged ({error})") from None
-            yield state
-
-
-def _object(text: str) -> dict[str, Any]:
-    """The JSON object in ``text``."""
-    try:
-        value = json.loads(text)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
-    if not isinstance(value, dict):
-        raise ValueError("no JSON object")
-    return value

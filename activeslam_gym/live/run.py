@@ -4,33 +4,31 @@ import sys
 import time
 from argparse import Namespace
 from collections import deque
-from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 from activeslam_gym.live.guard import is_loopback
 from activeslam_gym.live.link import Link
-from activeslam_gym.live.messages import FOLLOW, MARK, PAUSE, RESTART, SAVE, STEP, About
-from activeslam_gym.live.person import FOLLOW as ALWAYS
-from activeslam_gym.live.person import NEVER
+from activeslam_gym.live.person import FOLLOW, NEVER
 from activeslam_gym.live.recording import Recording, check_folder, read_about, read_states
 from activeslam_gym.live.session import Session
-from activeslam_gym.live.source import RENDERED, RenderedRoom, Sequence, Source
-from activeslam_gym.live.state import OVER, State
+from activeslam_gym.live.source import RenderedRoom, Sequence, Source
+from activeslam_gym.live.state import About, Standing, State
 
 _NAP = 0.02
 """Time between two looks for requests while nothing moves [s]."""
 _RATE_IMAGES = 15
 """Images over which the rate is measured."""
+_HERE = "Only this machine can open it (see --host)."
+_AFAR = "Every holder of this whole address can open it and press its buttons; it travels unencrypted."
 
 
 class Live:
     """A session and, with a ``folder``, its recording; each restart has a folder of its own: 2, 3, ..."""
 
     def __init__(self, source: Source, seed: int, folder: str | Path | None) -> None:
-        self.session, self.is_camera = Session(source, seed), source.is_camera
-        scenario = source.scenario
+        self.session, self.is_camera, scenario = Session(source, seed), source.is_camera, source.scenario
         self.about = About(
             name=source.name,
             image_size=(scenario.image_width, scenario.image_height),
@@ -39,9 +37,9 @@ class Live:
             room_size=scenario.room_size,
             person=source.person is not None,
         )
-        self._home = self._folder = None if folder is None else Path(folder)
+        self._home = None if folder is None else Path(folder)
+        self._folder, self._runs = self._home, 1
         self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
-        self._runs = 1
         if self._folder is not None:
             check_folder(self._folder)
 
@@ -49,8 +47,7 @@ class Live:
         """The next state, recorded."""
         state = self.session.step()
         if self._folder is not None:
-            if self._recording is None:
-                self._recording = Recording(self._folder, self.about)
+            self._recording = self._recording or Recording(self._folder, self.about)
             self._recording.add(state, self.session.log)
         return state
 
@@ -66,7 +63,7 @@ class Live:
     def follow(self, value: bool) -> None:
         """Set whether the simulated person follows the advice."""
         if self.session.source.person is not None:
-            self.session.source.person.habit = ALWAYS if value else NEVER
+            self.session.source.person.habit = FOLLOW if value else NEVER
 
     def save(self) -> str:
         """Write the map; the answer to the user."""
@@ -92,7 +89,7 @@ class Replay:
 
     def restart(self) -> None:
         """Start again."""
-        self._states: Iterator[State] = read_states(self._folder)
+        self._states = read_states(self._folder)
         self._last: State | None = None
 
     def step(self) -> State:
@@ -105,7 +102,7 @@ class Replay:
         if state is None:
             if self._last is None:
                 raise ValueError(f"{self._folder} holds no state")
-            return replace(self._last, standing=OVER, words="The recording is over. Restart to see it again.")
+            return replace(self._last, standing=Standing.OVER, words="The recording is over. Restart to see it again.")
         self._last = state
         return state
 
@@ -128,7 +125,7 @@ def show_of(args: Namespace) -> Live | Replay:
         if args.record is not None:
             raise ValueError("--replay shows a recording, --record makes one: give one of them")
         return Replay(args.replay)
-    if args.source == RENDERED:
+    if args.source == "rendered":
         if args.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
         return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record)
@@ -149,55 +146,57 @@ def live(args: Namespace) -> str | None:
         raise ValueError(f"--seconds must be a positive number, got {args.seconds}")
     if not 0 <= args.port <= 65535:
         raise ValueError(f"--port must be in 0 to 65535, got {args.port}")
-    here = "Only this machine can open it (see --host)."
-    afar = "Every holder of this whole address can open it and press its buttons; it travels unencrypted."
     with closing(show_of(args)) as show, closing(Link(show.about, args.host, args.port)) as link:
-        print(f"Open {link.address} in a browser. {here if is_loopback(args.host) else afar} Ctrl-C ends.", flush=True)
-        return _run(show, link, args.seconds)
-
-
-def _run(show: Live | Replay, link: Link, seconds: float | None) -> str | None:
-    """Step after step; the reason of an early end, or None."""
-    clock, end = Clock(1.0 / show.about.rate, show.is_camera), time.monotonic() + (seconds or float("inf"))
-    paused = over = alone = False
-    try:
-        while time.monotonic() < end:
-            if not link.alive and not alone:
-                alone = True
-                print("The page has broken down; tracking goes on. Ctrl-C ends.", file=sys.stderr, flush=True)
-            single = False
-            for name, value in link.requests():
-                if name == PAUSE:
-                    paused = value
-                elif name == STEP:
-                    single = True
-                elif name == RESTART:
-                    show.restart()
-                    over = False
-                elif name == SAVE:
-                    link.notify(show.save())
-                elif name == FOLLOW and isinstance(show, Live):
-                    show.follow(value)
-                elif name == MARK and isinstance(show, Live):
-                    show.session.marked = value
-            if (paused or over) and not single:
-                clock.rest()
-                continue
-            state = show.step()
-            over = state.standing == OVER
-            state.rate = clock.tick()
-            link.show(state)
-            clock.wait()
-    except KeyboardInterrupt:
-        return None
-    except ValueError as error:
-        return str(error)
+        access = _HERE if is_loopback(args.host) else _AFAR
+        print(f"Open {link.address} in a browser. {access} Ctrl-C ends.", flush=True)
+        try:
+            _run(show, link, args.seconds or float("inf"))
+        except KeyboardInterrupt:
+            pass
+        except ValueError as error:
+            return str(error)
     return None
 
 
+def _run(show: Live | Replay, link: Link, seconds: float) -> None:
+    """Step after step, for ``seconds``."""
+    clock, end = Clock(1.0 / show.about.rate, show.is_camera), time.monotonic() + seconds
+    paused = over = alone = False
+    while time.monotonic() < end:
+        if not link.alive and not alone:
+            alone = True
+            print("The page has broken down; tracking goes on. Ctrl-C ends.", file=sys.stderr, flush=True)
+        single = False
+        for name, value in link.requests():
+            if name == "pause":
+                paused = value
+            elif name == "step":
+                single = True
+            elif name == "restart":
+                show.restart()
+                over = False
+            elif name == "save":
+                link.notify(show.save())
+            elif name == "follow" and isinstance(show, Live):
+                show.follow(value)
+            elif name == "mark" and isinstance(show, Live):
+                show.session.marked = value
+        if (paused or over) and not single:
+            time.sleep(_NAP)
+            clock = Clock(1.0 / show.about.rate, show.is_camera)
+            continue
+        state = show.step()
+        over = state.standing == Standing.OVER
+        state.rate = clock.tick()
+        link.show(state)
+        clock.wait()
+
+
 class Clock:
-    """Real time: a state every ``period`` [s]; a live camera has times of its own. On a slow machine no image is left
-    out, and a delay is not caught up."""
+    """Real time: a state every ``period`` [s]; a live camera has times of its own.
+
+    On a slow machine no image is left out, and a delay is not caught up.
+    """
 
     def __init__(self, period: float, is_camera: bool) -> None:
         self._period, self._is_camera = period, is_camera
@@ -215,9 +214,3 @@ class Clock:
         if not self._is_camera:
             self._due = max(self._due + self._period, time.monotonic() - self._period)
             time.sleep(max(0.0, self._due - time.monotonic()))
-
-    def rest(self) -> None:
-        """Wait a moment while nothing moves."""
-        self._ticks.clear()
-        time.sleep(_NAP)
-        self._due = time.monotonic()

@@ -8,7 +8,7 @@ from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.person import FOLLOW
 from activeslam_gym.live.source import Source
-from activeslam_gym.live.state import LOST, OVER, TRACKING, UNSURE, WAITING, State
+from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, Searched
@@ -21,11 +21,11 @@ _PATIENCE = 1.0
 """Time with few matches after which the camera is lost [s]."""
 
 WORDS = {
-    WAITING: "Waiting for the target: {why}.",
-    TRACKING: "Tracking: {matched} of {searched} searched features found.",
-    UNSURE: "Unsure: only {matched} of {searched} searched features found. Move slowly.",
-    LOST: "Lost: nothing that is known is in view. Go back to where you were, or restart.",
-    OVER: "No image is left. Restart to see it again.",
+    Standing.WAITING: "Waiting for the target: {why}.",
+    Standing.TRACKING: "Tracking: {matched} of {searched} searched features found.",
+    Standing.UNSURE: "Unsure: only {matched} of {searched} searched features found. Move slowly.",
+    Standing.LOST: "Lost: nothing that is known is in view. Go back to where you were, or restart.",
+    Standing.OVER: "No image is left. Restart to see it again.",
 }
 """Sentences for people."""
 _BEGUN = "The target is there; the map begins."
@@ -52,13 +52,12 @@ class Session:
         self.front_end: FrontEnd | None = None
         self.adviser: Adviser | None = None
         self.expected: ExpectedMap | None = None
-        self.marked = 0
-        """Id of the feature that the user has marked, or 0."""
-        self._frame, self._time, self._zero = 0, 0.0, 0.0
-        self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
         self.log: FrameLog | None = None
         """Of the last image but the first."""
-        self._good = 0.0
+        self.marked = 0
+        """Id of the feature that the user has marked, or 0."""
+        self._frame, self._time, self._zero, self._good = 0, 0.0, 0.0, 0.0
+        self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
         self._mapped: set[int] = set()
 
     def restart(self) -> None:
@@ -75,7 +74,7 @@ class Session:
         began = time.process_time()
         frame = self.source.next()
         if frame is None:
-            return self._state(OVER, began)
+            return self._state(Standing.OVER, began)
         self._time, self._image = frame[0] - self._zero, frame[1]
         if self.front_end is None:
             try:
@@ -83,53 +82,50 @@ class Session:
             except ValueError as error:
                 if not self.source.is_camera:
                     raise
-                return self._state(WAITING, began, str(error))
+                return self._state(Standing.WAITING, began, str(error))
         else:
-            self._track()
+            self._track(self.front_end)
         self._frame += 1
         return self._state(self._standing(), began)
 
     def _begin(self, at: float, image: np.ndarray) -> None:
-        source = self.source
-        self.front_end = source.start(image)
+        self.front_end = self.source.start(image)
+        self._zero, self._time = at, 0.0
         seed = np.random.SeedSequence((self._seed, 1))
-        self._zero, self._time, self._good = at, 0.0, 0.0
-        self.expected = ExpectedMap(source.scenario, self.front_end, seed)
-        self.adviser = Adviser(source.scenario, self.expected)
+        self.expected = ExpectedMap(self.source.scenario, self.front_end, seed)
+        self.adviser = Adviser(self.source.scenario, self.expected)
 
-    def _track(self) -> None:
-        assert self.front_end and self.expected and self.adviser
-        self.log = self.front_end.step(self._image, self._time)
+    def _track(self, front_end: FrontEnd) -> None:
+        assert self.expected and self.adviser
+        self.log = front_end.step(self._image, self._time)
         self.expected.update()
         if self.log.matched >= _FEW:
             self._good = self._time
         if self.adviser.consider() and self.source.person is not None:
             self.source.person.hear(self.adviser.command)
 
-    def _standing(self) -> str:
+    def _standing(self) -> Standing:
         assert self.front_end
-        vague = np.diag(self.front_end.filter.camera_covariance)[:3].max() > _VAGUE**2
-        if self._time - self._good > _PATIENCE or vague:
-            return LOST
-        log = self.log
-        return TRACKING if log is None or log.matched >= max(_FEW, log.searched / 2) else UNSURE
+        log, variances = self.log, np.diag(self.front_end.filter.camera_covariance)[:3]
+        if self._time - self._good > _PATIENCE or variances.max() > _VAGUE**2:
+            return Standing.LOST
+        well = log is None or log.matched >= max(_FEW, log.searched / 2)
+        return Standing.TRACKING if well else Standing.UNSURE
 
-    def _state(self, standing: str, began: float, why: str = "") -> State:
+    def _state(self, standing: Standing, began: float, why: str = "") -> State:
         log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
-        estimate, search = (
-            (front_end.filter.estimate(), front_end.searched) if front_end else (_NO_ESTIMATE, _NO_SEARCH)
-        )
+        estimate = front_end.filter.estimate() if front_end else _NO_ESTIMATE
+        search = front_end.searched if front_end else _NO_SEARCH
+        begun = standing == Standing.TRACKING and log is None
         matched, searched = (log.matched, log.searched) if log else (0, 0)
-        words = WORDS[standing].format(matched=matched, searched=searched, why=why)
-        P, n = estimate.covariance, len(estimate.ids)
-        rows = CAMERA_DIM + 3 * np.arange(n)[:, None, None] + np.arange(3)
+        P, rows = estimate.covariance, CAMERA_DIM + 3 * np.arange(len(estimate.ids))[:, None, None] + np.arange(3)
         self._mapped.update(estimate.ids[estimate.mapped].tolist())
         return State(
             frame=self._frame,
             time=self._time,
             image=self._image,
             standing=standing,
-            words=_BEGUN if standing == TRACKING and log is None else words,
+            words=_BEGUN if begun else WORDS[standing].format(matched=matched, searched=searched, why=why),
             camera=estimate.camera,
             camera_covariance=P[:3, :3],
             ids=estimate.ids,
@@ -141,8 +137,8 @@ class Session:
             pixels=search.pixel,
             ellipses=search.covariance,
             outcomes=search.outcome,
-            command=int(adviser.command) if adviser else int(Motion.STAY),
-            scores=adviser.scores.copy() if adviser else np.full(MOTION_COUNT, np.nan),
+            command=adviser.command if adviser else Motion.STAY,
+            scores=adviser.scores if adviser else np.full(MOTION_COUNT, np.nan),
             advised=adviser.advised.copy() if adviser else np.zeros(MOTION_COUNT, int),
             log2_dets=self.expected.log2_dets() if self.expected else np.full(3, np.nan),
             landmarks=len(self._mapped),

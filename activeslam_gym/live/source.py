@@ -1,7 +1,5 @@
 """Sources of images: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
 
-import math
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +19,6 @@ from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.vision.sources import CAMERA, Frame, open_images
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import HAND_HELD, start
-
-RENDERED = "rendered"
-"""Name of the source that needs no hardware."""
 
 ROOM = replace(
     SCENARIOS["hand-held"],
@@ -47,34 +42,32 @@ class RenderedRoom:
     """The room of ``seed``, and a simulated `Person` with a ``habit``."""
 
     scenario, is_camera = ROOM, False
-    person: Person | None = None
 
     def __init__(self, seed: int, habit: str = FOLLOW) -> None:
-        self.name, self._seed, self._habit = f"rendered room {seed}", seed, habit
-        self.restart()
+        self.name, self._seed = f"rendered room {seed}", seed
+        self._enter(habit)
+
+    def _enter(self, habit: str) -> None:
+        room, first, hand = np.random.SeedSequence(self._seed).spawn(3)
+        self.camera = RoomCamera(ROOM, camera_of(ROOM), room)
+        state = np.eye(1, CAMERA_SIZE, 3)[0]
+        state[:3] = np.array(ROOM.position_std) * np.random.default_rng(first).standard_normal(3)
+        boxes, rng = self.camera.scene.boxes, np.random.default_rng(hand)
+        self.person, self._frame = Person(motion_of(ROOM, PERIOD), state, boxes, habit, rng), -1
 
     def restart(self) -> None:
         """Start again; the person keeps the habit."""
-        room, first, hand = np.random.SeedSequence(self._seed).spawn(3)
-        scenario, rng = self.scenario, np.random.default_rng(first)
-        self.camera = RoomCamera(scenario, camera_of(scenario), room)
-        state = np.zeros(CAMERA_SIZE)
-        state[3] = 1.0
-        state[:3] = np.array(scenario.position_std) * rng.standard_normal(3)
-        motion, habit = motion_of(scenario, PERIOD), self._habit if self.person is None else self.person.habit
-        self.person = Person(motion, state, self.camera.scene.boxes, habit, np.random.default_rng(hand))
-        self._frame = -1
+        self._enter(self.person.habit)
 
-    def next(self) -> Frame:
+    def next(self) -> Frame | None:
         """The next image."""
-        assert self.person is not None
         self._frame += 1
         state = self.person.move() if self._frame else self.person.state
-        return self._frame * self.scenario.frame_time, self.camera.photograph(state, self._frame)
+        return self._frame * ROOM.frame_time, self.camera.photograph(state, self._frame)
 
     def start(self, image: np.ndarray) -> FrontEnd:
         """A front end at the room's target."""
-        front_end = FrontEnd(Filter(self.scenario, fiducials=self.camera.fiducials), HELD)
+        front_end = FrontEnd(Filter(ROOM, fiducials=self.camera.fiducials), HELD)
         introduce_target(front_end, self.camera.fiducials)
         return front_end
 
@@ -85,29 +78,21 @@ class Sequence:
     person = None
 
     def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
-        self.name = images
-        self.is_camera = images.startswith(CAMERA)
+        self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
-        self._calibration, self.target, self._rate = read_calibration(calibration), read_target(target), rate
-        if not 0.0 < rate < math.inf:
-            raise ValueError(f"--rate must be a positive number of images a second, got {rate!r}")
-        slow = {
-            "controller_frequency": min(5.8, 0.5 * rate),
-            "rate_loop_time": max(0.1, 1.0 / rate),
-        }  # unused, but checked
-        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}
+        self._calibration, self._target, self._rate = read_calibration(calibration), read_target(target), rate
+        self._images = open_images(images, rate)
+        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
+        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
         self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **self._fields)
-        self._images: Iterator[Frame] | None = None
-        self.restart()
 
     def restart(self) -> None:
         """Start again. Raises ValueError: there is no image."""
-        if self._images is None or not self.is_camera:
+        if not self.is_camera:
             self._images = open_images(self.name, self._rate)
 
     def next(self) -> Frame | None:
         """The next image, or None. Raises ValueError: it cannot be read."""
-        assert self._images is not None
         frame = next(self._images, None)
         if frame is not None:
             self._calibration.check_image(frame[1])
@@ -115,7 +100,7 @@ class Sequence:
 
     def start(self, image: np.ndarray) -> FrontEnd:
         """A front end that has seen the first ``image``. Raises ValueError: it does not show the target."""
-        return start(image, self._calibration, self.target, self._rate, scenario_fields=self._fields)
+        return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)
 
 
 Source = RenderedRoom | Sequence

@@ -1,61 +1,96 @@
-"""The state of a live run after an image: all that a page shows and a recording keeps, in plain numbers and arrays."""
+"""The records of a live run in plain numbers and arrays: facts `About` it, and its `State` after each image.
 
-from dataclasses import dataclass, fields
-from typing import Any
+A page shows both, and a recording keeps both as JSON. Annotations give the shapes of arrays and the ranges of numbers,
+which `record_of` checks.
+"""
+
+import json
+from dataclasses import dataclass
+from enum import Enum, EnumMeta
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
 from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
-from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED
 
-WAITING, TRACKING, UNSURE, LOST, OVER = "waiting", "tracking", "unsure", "lost", "over"
-"""No target seen yet; tracking well; few matches; few matches for a second; no image left."""
+Request = Literal["pause", "step", "restart", "follow", "mark", "save"]
+"""Requests of a page, each with a value: whether to pause, and whether the simulated person follows; the id of a
+feature to mark, or 0; else True."""
+_LARGEST = {float: 1e30, int: 2**62}
+"""Greatest numbers by their types; their squares are finite."""
+
+
+class Standing(str, Enum):
+    """How the tracking goes: no target seen yet; well; few matches; the camera is lost; no image is left."""
+
+    WAITING = "waiting"
+    TRACKING = "tracking"
+    UNSURE = "unsure"
+    LOST = "lost"
+    OVER = "over"
+
+
+@dataclass(frozen=True)
+class About:
+    """Facts about a run; metres, pixels."""
+
+    name: str
+    """Of the source."""
+    image_size: Annotated[tuple[int, int], (1, 8192)]
+    """Width and height."""
+    focal: Annotated[float, (1e-3, 1e9)]
+    rate: Annotated[float, (1e-6, 1e6)]
+    """Image rate of the source [Hz]."""
+    room_size: Annotated[tuple[float, float, float], (1e-3, 1e6)]
+    person: bool
+    """Whether a simulated person holds the camera, in a room of `room_size` about the origin; else it is a guess."""
+    replay: bool = False
+    """Whether this is the replay of a recording."""
 
 
 @dataclass
 class State:
-    """After an image, with n features, of which and of the fiducials m were searched; in the filter's world axes."""
+    """After an image, in the world axes of the filter; metres, seconds, pixels, bits.
+
+    The map has n features and K fiducials, of which m were searched. Each array has its type and shape beside it.
+    """
 
     frame: int
     """Images that were tracked, this one included."""
     time: float
-    """[s]"""
     image: np.ndarray
     """(h, w) uint8."""
-    standing: str
-    """WAITING, TRACKING, UNSURE, LOST or OVER."""
+    standing: Standing
     words: str
-    """The same as a sentence."""
-    camera: np.ndarray
-    """(13,) estimate: position, quaternion, velocity, angular velocity."""
-    camera_covariance: np.ndarray
-    """(3, 3) of its position [m^2]."""
-    ids: np.ndarray
-    """(n,) of the features."""
-    points: np.ndarray
-    """(n, 3) [m]."""
-    covariances: np.ndarray
-    """(n, 3, 3) [m^2]."""
-    mapped: np.ndarray
-    """(n,) bool, as in `slam.estimate.Estimate`."""
-    fiducials: np.ndarray
-    """(K, 3) corners of the target [m]."""
-    searched: np.ndarray
-    """(m,) ids of the features and fiducials searched in the image."""
-    pixels: np.ndarray
-    """(m, 2) predicted measurements [px]."""
-    ellipses: np.ndarray
-    """(m, 2, 2) covariances of the innovations [px^2]."""
-    outcomes: np.ndarray
-    """(m,) `vision.frontend` MISSED, MATCHED or DOUBTED."""
-    command: int
-    """The `Motion` advised at present."""
-    scores: np.ndarray
-    """(7,) information [bit] of each motion when the command was chosen; NaN before the first."""
-    advised: np.ndarray
-    """(7,) times that each motion was advised."""
-    log2_dets: np.ndarray
-    """(3,) log2 |P| of camera, map and total."""
+    """The standing as a sentence."""
+    camera: Annotated[np.ndarray, float, (CAMERA_SIZE,)]
+    """Estimate: position, quaternion, velocity, angular velocity."""
+    camera_covariance: Annotated[np.ndarray, float, (3, 3)]
+    """Of the position."""
+    ids: Annotated[np.ndarray, int, ("n",)]
+    """Of the features."""
+    points: Annotated[np.ndarray, float, ("n", 3)]
+    covariances: Annotated[np.ndarray, float, ("n", 3, 3)]
+    mapped: Annotated[np.ndarray, bool, ("n",)]
+    """As in `slam.estimate.Estimate`."""
+    fiducials: Annotated[np.ndarray, float, ("K", 3)]
+    """Corners of the target."""
+    searched: Annotated[np.ndarray, int, ("m",)]
+    """Ids of the features and fiducials that were searched in the image."""
+    pixels: Annotated[np.ndarray, float, ("m", 2)]
+    """Predicted measurements."""
+    ellipses: Annotated[np.ndarray, float, ("m", 2, 2)]
+    """Covariances of the innovations."""
+    outcomes: Annotated[np.ndarray, int, ("m",), (0, 2)]
+    """`vision.frontend` MISSED, MATCHED or DOUBTED."""
+    command: Motion
+    """The present advice."""
+    scores: Annotated[np.ndarray, float, (MOTION_COUNT,)]
+    """Information of each motion when the command was chosen; NaN before the first."""
+    advised: Annotated[np.ndarray, int, (MOTION_COUNT,)]
+    """Times that each motion was advised."""
+    log2_dets: Annotated[np.ndarray, float, (3,)]
+    """log2 |P| of camera, map and total."""
     landmarks: int
     """Features that were ever mapped."""
     births: int
@@ -68,13 +103,13 @@ class State:
     """Whether the simulated person follows the advice; None for a real one."""
     marked: int = 0
     """Id of the marked feature, or 0."""
-    truth: np.ndarray | None = None
-    """(13,) the true camera, in a rendered room."""
+    truth: Annotated[np.ndarray | None, float, (CAMERA_SIZE,)] = None
+    """The true camera, in a rendered room."""
 
     @property
     def motion(self) -> Motion:
         """The command."""
-        return Motion(self.command)
+        return self.command
 
     @property
     def stds(self) -> np.ndarray:
@@ -82,56 +117,9 @@ class State:
         return np.sqrt(np.maximum(np.einsum("nii->ni", self.covariances), 0.0))
 
 
-_ARRAYS: dict[str, tuple[type, tuple[Any, ...]]] = {
-    "camera": (float, (CAMERA_SIZE,)), "camera_covariance": (float, (3, 3)),
-    "ids": (int, ("n",)), "points": (float, ("n", 3)), "covariances": (float, ("n", 3, 3)), "mapped": (bool, ("n",)),
-    "searched": (int, ("m",)), "pixels": (float, ("m", 2)), "ellipses": (float, ("m", 2, 2)), "outcomes": (int, ("m",)),
-    "fiducials": (float, ("K", 3)), "scores": (float, (MOTION_COUNT,)), "advised": (int, (MOTION_COUNT,)),
-    "log2_dets": (float, (3,)), "truth": (float, (CAMERA_SIZE,)),
-}  # fmt: skip
-"""Types and shapes of the arrays of a `State`, but for the image."""
-_ALLOWED = {"standing": (WAITING, TRACKING, UNSURE, LOST, OVER), "command": range(MOTION_COUNT)}
-_LARGEST = 1e30
-"""Greatest number; its square is finite."""
-
-
 def plain(state: State) -> dict[str, Any]:
     """The state without its image as JSON holds it; numbers to six digits, NaN as None."""
-    return {field.name: _plain(getattr(state, field.name)) for field in fields(State) if field.name != "image"}
-
-
-def state_of(values: dict[str, Any], image: np.ndarray) -> State:
-    """The state that `plain` turned into ``values``, with its ``image``.
-
-    Raises:
-        ValueError: ``values`` are those of no state.
-    """
-    kinds, sizes = {field.name: field.type for field in fields(State)}, dict.fromkeys("nmK", -1)
-    try:
-        made: dict[str, Any] = {
-            name: _array(name, value, sizes) if name in _ARRAYS else scalar(name, kinds[name], value)
-            for name, value in values.items()
-        }
-        return State(image=image, **made)
-    except (TypeError, KeyError) as error:
-        raise ValueError(f"this is no state of a live recording ({error})") from None
-
-
-def scalar(name: str, kind: Any, value: Any) -> Any:
-    """``value``, read from JSON, of a field ``name`` that is annotated as ``kind``.
-
-    Raises:
-        ValueError: it is of another type, not finite, too large, or not allowed in `State`.
-    """
-    if kind is float:
-        fits = type(value) in (int, float) and abs(value) <= _LARGEST
-    elif kind is int:
-        fits = type(value) is int and abs(value) < 2**63
-    else:
-        fits = isinstance(value, kind)
-    if not fits or value not in _ALLOWED.get(name, (value,)):
-        raise ValueError(f"{name}: {value!r:.40}; allowed: {_ALLOWED.get(name, getattr(kind, '__name__', kind))}")
-    return value
+    return {name: _plain(value) for name, value in vars(state).items() if name != "image"}
 
 
 def _plain(value: Any) -> Any:
@@ -144,18 +132,59 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _array(name: str, value: Any, sizes: dict[str, int]) -> np.ndarray | None:
-    """The array ``value`` of a field; ``sizes`` are the known lengths of n, m and K, else -1."""
-    if value is None and name == "truth":
-        return None
-    kind, axes = _ARRAYS[name]
-    shape = tuple(sizes.get(axis, axis) for axis in axes)
+Made = TypeVar("Made", About, State)
+
+
+def record_of(kind: type[Made], text: str, **given: Any) -> Made:
+    """The record of a ``kind`` that stands in ``text`` as a JSON object; ``given`` fields are not read from it.
+
+    Raises:
+        ValueError: there is no such record in it.
+    """
+    hints, sizes = get_type_hints(kind, include_extras=True), dict.fromkeys("nmK", -1)
     try:
-        made: np.ndarray = np.array(value, kind).reshape(shape)
-        fits = isinstance(value, list) and not (np.abs(made) > _LARGEST).any()
+        values = json.loads(text)
+        if not isinstance(values, dict):
+            raise ValueError("no JSON object")
+        made = {name: _field(name, hints[name], value, sizes) for name, value in values.items()}
+        return kind(**{**made, **given})
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+    except (TypeError, KeyError) as error:
+        raise ValueError(f"this is no {kind.__name__} of a live recording ({error})") from None
+
+
+def _field(name: str, hint: Any, value: Any, sizes: dict[str, int]) -> Any:
+    """The ``value`` of a field, as its ``hint`` demands; ``sizes`` are the known lengths of n, m and K, else -1."""
+    kind, *rules = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    try:
+        if len(rules) > 1:
+            return None if value is None and type(None) in get_args(kind) else _array(value, sizes, *rules)
+        if get_origin(kind) is tuple:
+            return tuple(_scalar(one, number, *rules) for one, number in zip(get_args(kind), value, strict=True))
+        return _scalar(kind, value, *rules)
     except (TypeError, ValueError, OverflowError):
-        fits = False
-    if not fits or (name == "outcomes" and not np.isin(made, (MISSED, MATCHED, DOUBTED)).all()):
-        raise ValueError(f"{name}: {value!r:.40}; allowed: {kind.__name__} in the shape {shape}")
+        allowed = ", ".join(str(getattr(one, "__name__", one)) for one in rules or [kind])
+        raise ValueError(f"{name}: {value!r:.40}; allowed: {allowed}") from None
+
+
+def _scalar(kind: Any, value: Any, bounds: tuple[float, float] | None = None) -> Any:
+    if kind in _LARGEST:
+        low, high = bounds or (-_LARGEST[kind], _LARGEST[kind])
+        fits = type(value) in (int, kind) and low <= value <= high
+    elif isinstance(kind, EnumMeta):
+        return kind(value if type(value) in (int, str) else None)
+    else:
+        fits = isinstance(value, kind)
+    if not fits:
+        raise ValueError
+    return value
+
+
+def _array(value: Any, sizes: dict[str, int], kind: type, axes: Any, bounds: Any = None) -> np.ndarray:
+    made: np.ndarray = np.array(value, kind).reshape([sizes.get(axis, axis) for axis in axes])
+    low, high = bounds or (-_LARGEST[float], _LARGEST[float])
+    if not isinstance(value, list) or ((made < low) | (made > high)).any():
+        raise ValueError
     sizes.update({axis: length for axis, length in zip(axes, made.shape) if isinstance(axis, str)})
     return made

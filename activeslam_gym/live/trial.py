@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.live.expected import ExpectedMap, points_anywhere
+from activeslam_gym.live.expected import points_anywhere
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.live.state import State
@@ -21,22 +21,20 @@ from activeslam_gym.vision.frontend import MATCHED
 
 
 class Second(NamedTuple):
-    """Measures at a command, once a second."""
+    """Measures at a command, once a second; metres, seconds, bits, and NaN where there is nothing to measure."""
 
     time: float
-    """[s]"""
     command: int
     """The new `Motion`."""
     log2_dets: np.ndarray
     """(3,) log2 |P| of camera, map and total."""
     log_score: float
-    """log2 N(truth | estimate) of camera and N landmarks, less that of the first image [bit]; see `Evaluator`."""
+    """log2 N(truth | estimate) of camera and N landmarks, less that of the first image; see `Evaluator`."""
     position_error: float
-    """[m]"""
     position_nees: float
     """Per degree of freedom."""
     landmark_rmse: float
-    """Of mapped features, against the scene points of the pixels that initialised them [m]; NaN without any."""
+    """Of mapped features, against the scene points of the pixels that initialised them."""
     features: int
     mapped: int
     births: int
@@ -44,19 +42,18 @@ class Second(NamedTuple):
     closures: int
     """Loops closed in the last second."""
     matched: float
-    """Share of the searched features in the last second; NaN without any."""
+    """Share of the searched features in the last second."""
     lost: bool
     """At this or an earlier command, see `metrics.is_lost`."""
     milliseconds: float
-    """Mean time of an image in the last second."""
+    """Mean time of an image in the last second [ms]."""
 
 
 def trial(seed: int, habit: str, seconds: float) -> list[Second]:
     """The run of a person with a ``habit`` (`person.HABITS`) in the rendered room of ``seed``, second by second."""
     room = RenderedRoom(seed, habit)
     session, evaluator = Session(room, seed), Evaluator(room, seed)
-    out: list[Second] = []
-    period = max(2, round(1.0 / ROOM.frame_time))
+    out, period = [], max(2, round(1.0 / ROOM.frame_time))
     for k in range(round(seconds / ROOM.frame_time) + 1):
         evaluator.look(session, session.step())
         if k and k % period == 0:
@@ -83,29 +80,29 @@ class Evaluator:
     def look(self, session: Session, state: State) -> None:
         """Take in an image."""
         assert session.front_end and session.expected and state.truth is not None
-        self._expected, self._state = session.expected, state
+        self._expected, self._state, self._truth = session.expected, state, state.truth
         if state.births:
             for one in session.front_end.candidates[-state.births :]:
-                self._scene_points[int(one["match"])] = self._room.camera.point(state.truth, one["pixel"])
+                self._scene_points[int(one["match"])] = self._room.camera.point(self._truth, one["pixel"])
         if self._first_density is None:
-            self._first_density = self._log2_density(self._expected, state)
+            self._first_density = self._log2_density()
         matched = state.searched[state.outcomes == MATCHED].tolist()
         closures = self._loops.count(matched, state.time)
         self._images.append((state.births, closures, len(matched), len(state.searched), state.milliseconds))
 
     def second(self) -> Second:
         """Measures of the second that ends here."""
-        state, truth = self._state, self._state.truth
-        assert truth is not None and self._first_density is not None
-        error, density = state.camera[:3] - truth[:3], self._log2_density(self._expected, state)
-        distance, sound = float(np.linalg.norm(error)), density is not None
-        self._lost = self._lost or is_lost(sound, distance, LOST_POSITION_ERROR)
+        state, density = self._state, self._log2_density()
+        assert self._first_density is not None
+        error = state.camera[:3] - self._truth[:3]
+        distance = float(np.linalg.norm(error))
+        self._lost = self._lost or is_lost(density is not None, distance, LOST_POSITION_ERROR)
         births, closures, matched, searched, milliseconds = np.sum(self._images, axis=0).tolist()
         count, self._images = len(self._images), []
-        squares = np.sum((state.points - self._points_of(state))[state.mapped] ** 2, axis=1)
+        squares = np.sum((state.points - self._points())[state.mapped] ** 2, axis=1)
         return Second(
             time=state.time,
-            command=state.command,
+            command=int(state.command),
             log2_dets=state.log2_dets,
             log_score=UNSOUND_LOG_SCORE if density is None else density - self._first_density,
             position_error=distance,
@@ -120,16 +117,16 @@ class Evaluator:
             milliseconds=milliseconds / count,
         )
 
-    def _points_of(self, state: State) -> np.ndarray:
+    def _points(self) -> np.ndarray:
         """(n, 3) the scene points of the features [m]."""
-        return np.array([self._scene_points[id] for id in state.ids.tolist()]).reshape(-1, 3)
+        return np.array([self._scene_points[id] for id in self._state.ids.tolist()]).reshape(-1, 3)
 
-    def _log2_density(self, expected: ExpectedMap, state: State) -> float | None:
+    def _log2_density(self) -> float | None:
         """log2 N(truth | estimate) [bit], or None where the covariance is not positive definite."""
-        of_landmark, U = expected.factored()
+        state, (of_landmark, U) = self._state, self._expected.factored()
         if U is None:
             return None
         landmarks, standing = self._spare.copy(), of_landmark >= 0
-        landmarks[standing] = self._points_of(state)[of_landmark[standing]]
-        variances = expected.landmark_var
-        return float(log2_density(state.truth, landmarks, state.camera, state.points, variances, of_landmark, U))
+        landmarks[standing] = self._points()[of_landmark[standing]]
+        variances = self._expected.landmark_var
+        return float(log2_density(self._truth, landmarks, state.camera, state.points, variances, of_landmark, U))

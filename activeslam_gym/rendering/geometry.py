@@ -8,22 +8,14 @@ V P Vᵀ, exactly; so the picture needs no 3-D engine, and a frame costs a few t
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-# The view -----------------------------------------------------------------------------------------------------------
-
-
-def view_axes(azimuth: float, elevation: float) -> np.ndarray:
-    """Rows right, up, towards the viewer, (3, 3), of a viewer behind the start (at -Z) and above it; radians.
-
-    A positive azimuth moves the viewer to the right, which is -X, since the camera's x points left.
-    """
-    towards = np.array([-np.sin(azimuth) * np.cos(elevation), np.sin(elevation), -np.cos(azimuth) * np.cos(elevation)])
-    right = np.cross([0.0, 1.0, 0.0], towards)
-    right /= np.linalg.norm(right)
-    return np.stack((right, np.cross(towards, right), towards))
-
-
-_AXES = view_axes(np.deg2rad(25.0), np.deg2rad(37.0))
-VIEW, TOWARDS_VIEWER = _AXES[:2], _AXES[2]
+_AZIMUTH, _ELEVATION = np.deg2rad((25.0, 37.0))
+"""Of a viewer behind the start (at -Z), to its right, which is -X since the camera's x points left, and above it."""
+TOWARDS_VIEWER = np.array(
+    (-np.sin(_AZIMUTH) * np.cos(_ELEVATION), np.sin(_ELEVATION), -np.cos(_AZIMUTH) * np.cos(_ELEVATION))
+)
+_RIGHT = np.cross((0.0, 1.0, 0.0), TOWARDS_VIEWER) / np.cos(_ELEVATION)
+VIEW = np.stack((_RIGHT, np.cross(TOWARDS_VIEWER, _RIGHT)))
+"""Rows right and up (2, 3) of the page."""
 
 
 def screen_from_world(points: np.ndarray) -> np.ndarray:
@@ -40,25 +32,27 @@ def principal_axes(covariances: np.ndarray) -> np.ndarray:
     return eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
 
 
-def ellipses(means: np.ndarray, covariances: np.ndarray, sigmas: float, points: int = 48) -> np.ndarray:
-    """Outlines (n, points, 2) of the ellipses of means (n, 2) and covariances (n, 2, 2), at so many sigmas."""
+def _circle(points: int) -> np.ndarray:
+    """Cosine, sine and zero (3, points) of angles once round."""
     angle = np.linspace(0.0, 2.0 * np.pi, points)
-    circle = np.stack((np.cos(angle), np.sin(angle)))
-    return means[:, None] + sigmas * np.swapaxes(principal_axes(covariances) @ circle, 1, 2)
+    return np.stack((np.cos(angle), np.sin(angle), np.zeros(points)))
+
+
+def ellipses(means: np.ndarray, covariances: np.ndarray, sigmas: float) -> np.ndarray:
+    """Outlines (n, 48, 2) of the ellipses of means (n, 2) and covariances (n, 2, 2), at so many sigmas."""
+    return means[:, None] + sigmas * np.swapaxes(principal_axes(covariances) @ _circle(48)[:2], 1, 2)
 
 
 def ellipsoid_outlines(means: np.ndarray, covariances: np.ndarray, sigmas: float) -> np.ndarray:
-    """Outlines (n, points, 2) on the page of the ellipsoids of means (n, 3) and covariances (n, 3, 3) [m, m²]."""
+    """Outlines (n, 48, 2) on the page of the ellipsoids of means (n, 3) and covariances (n, 3, 3) [m, m²]."""
     return ellipses(screen_from_world(means), VIEW @ covariances @ VIEW.T, sigmas)
 
 
-def great_circles(means: np.ndarray, covariances: np.ndarray, sigmas: float, points: int = 32) -> np.ndarray:
-    """Three principal circles (3n, points, 3) on each ellipsoid of means (n, 3), covariances (n, 3, 3)."""
-    angle = np.linspace(0.0, 2.0 * np.pi, points)
-    cosine, sine, zero = np.cos(angle), np.sin(angle), np.zeros(points)
-    circles = np.array([(cosine, sine, zero), (zero, cosine, sine), (sine, zero, cosine)])
+def great_circles(means: np.ndarray, covariances: np.ndarray, sigmas: float) -> np.ndarray:
+    """Three principal circles (3n, 32, 3) on each ellipsoid of means (n, 3), covariances (n, 3, 3)."""
+    circles = np.stack([np.roll(_circle(32), axis, axis=0) for axis in range(3)])
     on_ellipsoid = np.swapaxes(principal_axes(covariances)[:, None] @ circles, 2, 3)
-    return (means[:, None, None] + sigmas * on_ellipsoid).reshape(-1, points, 3)
+    return (means[:, None, None] + sigmas * on_ellipsoid).reshape(-1, 32, 3)
 
 
 def camera_frustum(scenario, image_size, position, quaternion, depth: float) -> list[np.ndarray]:
@@ -77,37 +71,32 @@ def camera_frustum(scenario, image_size, position, quaternion, depth: float) -> 
 
 # The room: `size` (3,) is its extent along X, Y, Z [m] --------------------------------------------------------------
 
-
-def room_planes(size: np.ndarray) -> np.ndarray:
-    """Floor, far wall (+Z) and left wall (+X), (3, 4, 3): what the viewer sees from within."""
-    signs = [
+_PLANES = np.array(
+    [
         [(-1, -1, -1), (1, -1, -1), (1, -1, 1), (-1, -1, 1)],
         [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)],
         [(1, -1, -1), (1, -1, 1), (1, 1, 1), (1, 1, -1)],
     ]
-    return np.array(signs) * size / 2
+)
+"""Floor, far wall (+Z) and left wall (+X) of a cube about the origin: what the viewer sees from within."""
+
+
+def room_planes(size: np.ndarray) -> np.ndarray:
+    """Floor, far wall and left wall (3, 4, 3) [m]."""
+    return _PLANES * size / 2
 
 
 def box_faces(boxes: np.ndarray) -> np.ndarray:
     """The top and the two sides of ``boxes`` (B, 2, 3) that the viewer sees, (3 B, 4, 3), far boxes first."""
-    order = np.argsort(boxes.mean(axis=1) @ TOWARDS_VIEWER)
-    signs = np.array(
-        [
-            [(-1, 1, -1), (1, 1, -1), (1, 1, 1), (-1, 1, 1)],
-            [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1)],
-            [(-1, -1, -1), (-1, -1, 1), (-1, 1, 1), (-1, 1, -1)],
-        ]
-    )
-    middle, half = boxes[order].mean(axis=1), np.diff(boxes[order], axis=1)[:, 0] / 2
-    return (middle[:, None, None] + signs * half[:, None, None]).reshape(-1, 4, 3)
+    boxes = boxes[np.argsort(boxes.mean(axis=1) @ TOWARDS_VIEWER)]
+    middle, half = boxes.mean(axis=1), np.diff(boxes, axis=1)[:, 0] / 2
+    return (middle[:, None, None] - _PLANES * half[:, None, None]).reshape(-1, 4, 3)
 
 
 def room_edges(size: np.ndarray) -> np.ndarray:
     """The edges (9, 2, 3) of those planes; the three that would cross the foreground are left out."""
-    edges = {
-        tuple(sorted((tuple(plane[i]), tuple(plane[i - 1])))) for plane in room_planes(size).tolist() for i in range(4)
-    }
-    return np.array(sorted(edges))
+    pairs = np.stack((_PLANES, np.roll(_PLANES, 1, axis=1)), axis=2).reshape(-1, 2, 3)
+    return np.array(sorted({tuple(sorted(map(tuple, pair))) for pair in pairs.tolist()})) * size / 2
 
 
 def floor_grid(size: np.ndarray) -> np.ndarray:
@@ -118,13 +107,3 @@ def floor_grid(size: np.ndarray) -> np.ndarray:
     along_z = [[(x, floor, -half_z), (x, floor, half_z)] for x in xs]
     along_x = [[(-half_x, floor, z), (half_x, floor, z)] for z in zs]
     return np.array(along_z + along_x)
-
-
-def room_labels(size: np.ndarray) -> list[tuple[np.ndarray, str, str]]:
-    """(place (3,), text, horizontal alignment) of the lengths, beside the near edges."""
-    half, off = size / 2, 0.025 * max(size)
-    return [
-        (np.array([0, -half[1], -half[2] - off]), f"X  {size[0]:g} m", "right"),
-        (np.array([-half[0] - off, -half[1], 0]), f"Z  {size[2]:g} m", "left"),
-        (np.array([half[0], -half[1] - 0.6 * off, -half[2]]), f"Y  {size[1]:g} m", "center"),
-    ]

@@ -18,7 +18,6 @@ from matplotlib.ticker import MaxNLocator
 from activeslam_gym.rendering import geometry, scene
 from activeslam_gym.rendering.geometry import screen_from_world
 from activeslam_gym.rendering.scene import (
-    BOX_ALPHA,
     CAMERA,
     ELLIPSOID_SIGMAS,
     EXPECTED,
@@ -35,47 +34,44 @@ from activeslam_gym.rendering.scene import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
     from activeslam_gym.rendering.scene import Snapshot
+
+_BOX_ALPHA = 0.35
+"""How much of what is behind it a drawn box covers."""
+_DASHED = (0, (4, 2))
 
 
 class MapPanel:
     """The room, the belief's landmarks with their ellipsoids, the truth, both trajectories and both cameras."""
 
-    def __init__(self, axes: Axes, small: bool = False):
+    def __init__(self, axes: Any, small: bool = False):
         axes.set_axis_off()
         size = 0.7 if small else 1.0
-        self._axes = axes
-        self._room_size = np.zeros(3)
-        self._room_artists: list[Any] = []
-        self._boxes = _added(axes, PolyCollection([], linewidths=0.6, edgecolors=_faded([MUTED], 0.7), zorder=2.5))
-        self._plumbs = _added(axes, LineCollection([], colors=EXPECTED, linewidths=0.5, zorder=2))
+        self._axes, self._floor = axes, 0.0
+        self._planes = _shapes(axes, facecolors=[FLOOR, WALL, WALL], zorder=0)
+        self._grid = _segments(axes, colors=GRID, linewidths=0.6, zorder=1)
+        self._edges = _segments(axes, colors=EXPECTED, linewidths=0.8, zorder=1)
+        alignments = ("right", "center", "left")
+        self._lengths = [axes.text(0, 0, "", color=MUTED, size=7.5, ha=ha, va="top") for ha in alignments]
+        self._boxes = _shapes(axes, linewidths=0.6, edgecolors=_faded([MUTED], 0.7), zorder=2.5)
+        self._plumbs = _segments(axes, colors=EXPECTED, linewidths=0.5, zorder=2)
         self._shadow = _line(axes, color=EXPECTED, linewidth=1.0, zorder=2)
-        self._expected = _markers(axes, ".", color=EXPECTED, markersize=5.0 * size, zorder=3)
-        self._outlines = _added(axes, PolyCollection([], linewidths=0.9, zorder=4))
-        self._circles = _added(axes, LineCollection([], linewidths=0.45, zorder=4))
-        self._fiducials = _markers(
-            axes, "s", color=FIDUCIAL, markersize=5.5 * size, markeredgecolor=TRUTH, markeredgewidth=0.6, zorder=5
-        )
-        self._true_landmarks = _markers(axes, "x", color=TRUTH, markersize=5.5 * size, markeredgewidth=0.9, zorder=5)
-        self._mapped = _markers(
-            axes, "o", color=MAPPED, markersize=4.5 * size, markeredgecolor="white", markeredgewidth=0.5, zorder=6
-        )
-        self._initialised = _markers(
-            axes, "o", markersize=4.5 * size, markerfacecolor="white", markeredgecolor=INITIALISED, zorder=6
-        )
-        self._true_path = _line(axes, color=TRUTH, linewidth=0.9, linestyle=(0, (4, 2)), zorder=7)
+        self._expected = _line(axes, ".", color=EXPECTED, ms=5.0 * size, zorder=3)
+        self._outlines = _shapes(axes, linewidths=0.9, zorder=4)
+        self._circles = _segments(axes, linewidths=0.45, zorder=4)
+        self._fiducials = _line(axes, "s", color=FIDUCIAL, ms=5.5 * size, mec=TRUTH, mew=0.6, zorder=5)
+        self._true_landmarks = _line(axes, "x", color=TRUTH, ms=5.5 * size, mew=0.9, zorder=5)
+        self._mapped = _line(axes, "o", color=MAPPED, ms=4.5 * size, mec="white", mew=0.5, zorder=6)
+        self._initialised = _line(axes, "o", ms=4.5 * size, mfc="white", mec=INITIALISED, zorder=6)
+        self._true_path = _line(axes, color=TRUTH, linewidth=0.9, linestyle=_DASHED, zorder=7)
         self._path = _line(axes, color=CAMERA, linewidth=1.5, zorder=7)
-        self._frustums = _added(axes, PolyCollection([], linewidths=[0.7] * 5 + [1.2] * 5, joinstyle="round", zorder=8))
+        self._frustums = _shapes(axes, linewidths=[0.7] * 5 + [1.2] * 5, joinstyle="round", zorder=8)
 
     def update(self, snapshot: Snapshot) -> None:
-        """Moves the artists; builds the room again where its size has changed."""
-        if not np.array_equal(self._room_size, snapshot.room_size):
-            self._build_room(np.array(snapshot.room_size, dtype=float))
-        self._boxes.set_verts(list(screen_from_world(geometry.box_faces(snapshot.boxes))))
-        self._boxes.set_facecolor(_faded([GRID, MUTED, EXPECTED] * len(snapshot.boxes), BOX_ALPHA))
+        """Moves the artists."""
+        self._update_room(np.array(snapshot.room_size, dtype=float))
+        faces, colours = screen_from_world(geometry.box_faces(snapshot.boxes)), [GRID, MUTED, EXPECTED]
+        self._boxes.set(verts=list(faces), facecolor=_faded(colours * len(snapshot.boxes), _BOX_ALPHA))
         for artist, points in (
             (self._expected, snapshot.expected_landmarks),
             (self._fiducials, snapshot.fiducials),
@@ -89,25 +85,41 @@ class MapPanel:
             artist.set_data(*screen_from_world(points).T)
         self._update_ellipsoids(snapshot)
         self._update_frustums(snapshot)
-        self._fit_room()
+
+    def _update_room(self, size: np.ndarray) -> None:
+        """Floor with a grid of 1 m (coarser in a hall), the two far walls, the near edges, the lengths.
+
+        The room is centred, with one scale on both axes whatever the shape of the panel (a window may be resized).
+        """
+        edges = screen_from_world(geometry.room_edges(size))
+        self._planes.set_verts(list(screen_from_world(geometry.room_planes(size))))
+        self._grid.set_segments(screen_from_world(geometry.floor_grid(size)))
+        self._edges.set_segments(edges)
+        (x, y, z), off = size / 2, 0.025 * max(size)
+        self._floor = -y
+        places = screen_from_world(np.array(((0, -y, -z - off), (x, -y - 0.6 * off, -z), (-x - off, -y, 0))))
+        for artist, axis, length, place in zip(self._lengths, "XYZ", size, places):
+            artist.set(text=f"{axis}  {length:g} m", position=place)
+        low, high = edges.min((0, 1)), edges.max((0, 1))
+        panel = np.array([self._axes.bbox.width, self._axes.bbox.height])
+        half = panel * np.max(1.09 * (high - low) / panel) / 2
+        left_bottom, right_top = (low + high) / 2 - half, (low + high) / 2 + half
+        self._axes.set(xlim=(left_bottom[0], right_top[0]), ylim=(left_bottom[1], right_top[1]))
 
     def _update_ellipsoids(self, snapshot: Snapshot) -> None:
         """Outline and three great circles for each landmark and for the camera, far ones first."""
         means, covariances, colours = scene.believed_points(snapshot)
         order = np.argsort(means @ geometry.TOWARDS_VIEWER)
         means, covariances, colours = means[order], covariances[order], colours[order]
-        self._outlines.set_verts(geometry.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS))
-        self._outlines.set_facecolor(_faded(colours, 0.16))
-        self._outlines.set_edgecolor(_faded(colours, 0.95))
-        self._circles.set_segments(screen_from_world(geometry.great_circles(means, covariances, ELLIPSOID_SIGMAS)))
-        self._circles.set_color(_faded(np.repeat(colours, 3), 0.55))
+        outlines = geometry.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS)
+        circles = screen_from_world(geometry.great_circles(means, covariances, ELLIPSOID_SIGMAS))
+        self._outlines.set(verts=outlines, facecolor=_faded(colours, 0.16), edgecolor=_faded(colours, 0.95))
+        self._circles.set(segments=circles, color=_faded(np.repeat(colours, 3), 0.55))
         self._plumbs.set_segments(screen_from_world(np.stack((means, self._on_floor(means)), axis=1)))
 
     def _update_frustums(self, snapshot: Snapshot) -> None:
         """The truth in faint black, then the estimate over it (left out where a lost filter has none)."""
-        depth = 0.3 * min(snapshot.room_size)
-        faces: list[np.ndarray] = []
-        styles: list[tuple[str, float, float]] = []
+        depth, faces, styles = 0.3 * min(snapshot.room_size), [], []
         for position, quaternion, style in (
             (snapshot.true_position, snapshot.true_quaternion, (TRUTH, 0.0, 0.4)),
             (snapshot.position, snapshot.quaternion, (CAMERA, 0.10, 1.0)),
@@ -116,55 +128,26 @@ class MapPanel:
                 faces += geometry.camera_frustum(snapshot.scenario, snapshot.image_size, position, quaternion, depth)
                 styles += [style] * 5
         colours, face_alpha, edge_alpha = zip(*styles)
-        self._frustums.set_verts([screen_from_world(face) for face in faces])
-        self._frustums.set_facecolor(_faded(colours, face_alpha))
-        self._frustums.set_edgecolor(_faded(colours, edge_alpha))
+        verts = [screen_from_world(face) for face in faces]
+        self._frustums.set(verts=verts, facecolor=_faded(colours, face_alpha), edgecolor=_faded(colours, edge_alpha))
 
     def _on_floor(self, points: np.ndarray) -> np.ndarray:
         """The feet of points (n, 3) on the floor."""
-        return points * (1, 0, 1) - (0, self._room_size[1] / 2, 0)
-
-    def _build_room(self, size: np.ndarray) -> None:
-        """Floor with a grid of 1 m (coarser in a hall), the two far walls, the near edges, the lengths."""
-        for artist in self._room_artists:
-            artist.remove()
-        self._room_size = size
-        planes, grid, edges = (
-            list(screen_from_world(part(size)))
-            for part in (geometry.room_planes, geometry.floor_grid, geometry.room_edges)
-        )
-        self._room_artists = [
-            _added(self._axes, PolyCollection(planes, facecolors=[FLOOR, WALL, WALL], zorder=0)),
-            _added(self._axes, LineCollection(grid, colors=GRID, linewidths=0.6, zorder=1)),
-            _added(self._axes, LineCollection(edges, colors=EXPECTED, linewidths=0.8, zorder=1)),
-        ]
-        for place, text, alignment in geometry.room_labels(size):
-            x, y = screen_from_world(place)
-            self._room_artists.append(self._axes.text(x, y, text, color=MUTED, size=7.5, ha=alignment, va="top"))
-
-    def _fit_room(self) -> None:
-        """Centres the room, with one scale on both axes whatever the shape of the panel (a window may be resized)."""
-        corners = screen_from_world(geometry.room_edges(self._room_size)).reshape(-1, 2)
-        centre, extent = (corners.max(0) + corners.min(0)) / 2, 1.09 * np.ptp(corners, axis=0)
-        panel = np.array([self._axes.bbox.width, self._axes.bbox.height])
-        half = panel * np.max(extent / panel) / 2
-        self._axes.set(xlim=centre[0] + half[0] * np.array([-1, 1]), ylim=centre[1] + half[1] * np.array([-1, 1]))
+        return points * (1, 0, 1) + (0, self._floor, 0)
 
 
 class ImagePanel:
     """What the camera sees (u to the right, v down), what was predicted, and the command."""
 
-    def __init__(self, axes: Axes, small: bool = False):
+    def __init__(self, axes: Any, small: bool = False):
         size = 7.5 if small else 9.5
         axes.set(xticks=[], yticks=[], facecolor=WALL, aspect="equal", anchor="S")
         axes.set_title("Camera image", loc="left", size=size, pad=4 if small else 6)
         self._axes = axes
         self._photo = axes.imshow(np.zeros((1, 1)), cmap="gray", vmin=0, vmax=255, visible=False, zorder=0)
-        self._gates = _added(
-            axes, PolyCollection([], facecolors=_faded([MAPPED], 0.10), edgecolors=MAPPED, linewidths=0.9)
-        )
-        self._detections = _markers(axes, "o", color=TRUTH, markersize=2.0 if small else 3.2, zorder=4)
-        self._gaze = _markers(axes, "<", color=CAMERA, markersize=size, zorder=5, clip_on=False)
+        self._gates = _shapes(axes, facecolors=_faded([MAPPED], 0.10), edgecolors=MAPPED, linewidths=0.9)
+        self._detections = _line(axes, "o", color=TRUTH, ms=2.0 if small else 3.2, zorder=4)
+        self._gaze = _line(axes, "<", color=CAMERA, ms=size, zorder=5, clip_on=False)
         self._command = axes.text(0.5, -0.055, "", transform=axes.transAxes, size=size, weight="bold", color=CAMERA,
                                   ha="center", va="top")  # fmt: skip
         if not small:
@@ -188,25 +171,21 @@ class ImagePanel:
 class EntropyPanel:
     """The entropy so far in bits, and when landmarks became mapped."""
 
-    def __init__(self, axes: Axes, small: bool = False):
+    def __init__(self, axes: Any, small: bool = False):
         axes.spines[["top", "right"]].set_visible(False)
         self._title = axes.set_title("Entropy", loc="left", size=7.5 if small else 9.5, pad=4 if small else 6)
-        if not small:
-            axes.set_ylabel("bits", size=8, labelpad=1)
         axes.set_xlabel("time (s)", size=7 if small else 8, labelpad=1 if small else 2)
         axes.xaxis.set_major_locator(MaxNLocator(4 if small else 7))
         axes.yaxis.set_major_locator(MaxNLocator(4))
         axes.tick_params(labelcolor=TEXT)
-        self._axes = axes
-        self._marks = _added(
-            axes, LineCollection([], colors=INITIALISED, linewidths=0.8, transform=axes.get_xaxis_transform(), zorder=1)
-        )
+        self._axes, over_all = axes, axes.get_xaxis_transform()
+        self._marks = _segments(axes, colors=INITIALISED, linewidths=0.8, transform=over_all, zorder=1)
         self._curve = _line(axes, color=MAPPED, linewidth=1.6, zorder=3)
-        self._now = _markers(axes, "o", color=MAPPED, markersize=4.5, zorder=4, clip_on=False)
-        self._nothing = axes.text(
-            0.5, 0.5, "no history kept", transform=axes.transAxes, color=MUTED, ha="center", va="center"
-        )
+        self._now = _line(axes, "o", color=MAPPED, ms=4.5, zorder=4, clip_on=False)
+        middle = {"transform": axes.transAxes, "ha": "center", "va": "center"}
+        self._nothing = axes.text(0.5, 0.5, "no history kept", color=MUTED, **middle)
         if not small:
+            axes.set_ylabel("bits", size=8, labelpad=1)
             _legend_above(axes, {"landmark mapped": _key("|", INITIALISED, 8)})
 
     def update(self, snapshot: Snapshot) -> None:
@@ -231,28 +210,21 @@ class ScorePanel:
     Actions come in groups (motions, gazes), each with a scale of its own: they look ahead over different times.
     """
 
-    _COLUMNS = ((0.30, 0.27), (0.66, 0.27))
-    """Left edge and width of the two columns."""
-
-    def __init__(self, figure: Figure | SubFigure, groups: Sequence[Sequence[str]]):
+    def __init__(self, figure: Any, groups: Sequence[Sequence[str]]):
         figure.set_facecolor("white")
         figure.text(0.02, 0.952, "What each action promises", size=11.5, weight="bold", va="center")
         self._caption = figure.text(0.02, 0.062, "", size=9.5, va="center", wrap=True)
         self._group = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
         places = -np.arange(len(self._group)) - 0.6 * self._group
         self._columns = []
-        for left, width in self._COLUMNS:
-            axes = figure.add_axes((left, 0.115, width, 0.745))
+        for left in (0.30, 0.66):
+            axes = figure.add_axes((left, 0.115, 0.27, 0.745))
             axes.set(yticks=[], xticks=[], xlim=(0.0, 1.45), ylim=(places[-1] - 0.6, 0.6))
             axes.spines[["top", "right", "bottom"]].set_visible(False)
             bars = list(axes.barh(places, np.zeros(len(places)), height=0.62))
-            numbers = [axes.text(0.0, y, "", size=7.5, va="center") for y in places]
-            self._columns.append((axes, bars, numbers))
-        first = self._columns[0][0]
-        names = [name for group in groups for name in group]
-        self._names = [
-            first.text(-0.06, y, name, size=8, ha="right", va="center") for y, name in zip(places, names, strict=True)
-        ]
+            self._columns.append((axes, bars, [axes.text(0.0, y, "", size=7.5, va="center") for y in places]))
+        named, style = zip(places, sum(map(list, groups), []), strict=True), {"size": 8, "ha": "right", "va": "center"}
+        self._names = [self._columns[0][0].text(-0.06, y, name, **style) for y, name in named]
 
     def update(self, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
         """Moves the bars, of titles and values (n,) of all groups in a row."""
@@ -263,43 +235,36 @@ class ScorePanel:
             greatest = np.array([finite[self._group == group].max() for group in self._group])
             lengths = np.maximum(finite, 0.0) / np.maximum(greatest, 1e-12)
             for i, (bar, number) in enumerate(zip(bars, numbers, strict=True)):
-                bar.set_width(lengths[i])
-                bar.set_color(CAMERA if i in marked else INITIALISED)
-                number.set_text(f"{values[i]:.3g}")
-                number.set_x(lengths[i] + 0.04)
-                number.set_fontweight("bold" if finite[i] == greatest[i] else "normal")
+                bar.set(width=lengths[i], color=CAMERA if i in marked else INITIALISED)
+                weight = "bold" if finite[i] == greatest[i] else "normal"
+                number.set(text=f"{values[i]:.3g}", x=lengths[i] + 0.04, fontweight=weight)
         for i, name in enumerate(self._names):
-            name.set_color(CAMERA if i in marked else TEXT)
-            name.set_fontweight("bold" if i in marked else "normal")
+            name.set(color=CAMERA if i in marked else TEXT, fontweight="bold" if i in marked else "normal")
         self._caption.set_text(caption)
 
 
-def _added(axes: Axes, collection: Any) -> Any:
-    """The collection, on these axes (what `add_collection` returns, without its narrower type)."""
-    axes.add_collection(collection)
-    return collection
+def _line(axes: Any, *marker: str, **style: Any) -> Any:
+    """A line, or markers, without points yet."""
+    return axes.plot([], [], *marker, **style)[0]
 
 
-def _line(axes: Axes, **properties: Any):
-    """A line without points yet."""
-    return axes.plot([], [], **properties)[0]
+def _shapes(axes: Any, **style: Any) -> Any:
+    """Polygons, none yet."""
+    return axes.add_collection(PolyCollection([], **style))
 
 
-def _markers(axes: Axes, marker: str, **properties: Any):
-    """Markers without points yet."""
-    return axes.plot([], [], marker, **({"markersize": 5.5} | properties))[0]
+def _segments(axes: Any, **style: Any) -> Any:
+    """Lines of several segments, none yet."""
+    return axes.add_collection(LineCollection([], **style))
 
 
-def _key(
-    marker: str, colour: str, size: float, *, fill: bool = True, edge: str | None = None, line: Any = "none"
-) -> Line2D:
+def _key(marker: str, colour: str, size: float, fill: bool = True, edge: str = "", line: Any = "none") -> Line2D:
     """A sample for a legend."""
-    face = _faded([colour], 0.18)[0] if not fill else colour
-    return Line2D([], [], marker=marker, color=colour, markersize=size, linestyle=line, markerfacecolor=face,
-                  markeredgecolor=edge or colour, markeredgewidth=0.9)  # fmt: skip
+    face = colour if fill else _faded([colour], 0.18)[0]
+    return Line2D([], [], marker=marker, color=colour, ms=size, ls=line, mfc=face, mec=edge or colour, mew=0.9)
 
 
-def _legend_above(axes: Axes, samples: dict[str, Line2D]) -> None:
+def _legend_above(axes: Any, samples: dict[str, Line2D]) -> None:
     """The samples by their labels, in a row at the right over a panel."""
     axes.legend(list(samples.values()), list(samples), loc="lower right", bbox_to_anchor=(1.015, 0.99), frameon=False,
                 fontsize=7, ncols=len(samples), columnspacing=1.0, handletextpad=0.1, borderpad=0.2)  # fmt: skip
@@ -315,11 +280,10 @@ def map_legend(small: bool = False) -> dict[str, list]:
         "fiducial": _key("s", FIDUCIAL, 5.5, edge=TRUTH),
         "floor shadow": _key("", EXPECTED, 1, line="-"),
         "estimated camera": _key("", CAMERA, 1, line="-"),
-        "true camera": _key("", TRUTH, 1, line=(0, (4, 2))),
+        "true camera": _key("", TRUTH, 1, line=_DASHED),
     }
     if small:
-        least = ("mapped landmark, 2σ", "true landmark", "fiducial", "estimated camera")
-        entries = dict(zip(("mapped", "true", "known", "camera"), (entries[label] for label in least)))
+        return {"handles": list(entries.values())[::2], "labels": ["mapped", "true", "known", "camera"]}
     return {"handles": list(entries.values()), "labels": list(entries)}
 
 

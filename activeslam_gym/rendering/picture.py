@@ -12,15 +12,13 @@ import numpy as np
 from activeslam_gym.rendering.scene import MUTED, TEXT
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
-
     from activeslam_gym.rendering.scene import Snapshot
 
 REFERENCE_SIZE = (960, 640)
 """Pixels at which the lettering has its nominal size; other sizes scale it."""
-SMALL_SIZE = (480, 320)
+_SMALL_SIZE = (480, 320)
 """The same for a small picture, which has fewer words, and larger ones."""
-SMALL_BELOW = 720
+_SMALL_BELOW = 720
 """A picture of fewer pixels in width is small."""
 
 _TICKS = {"color": MUTED, "labelsize": 7.0, "major.width": 0.7, "major.size": 3.0}
@@ -41,20 +39,17 @@ def draw(snapshot: Snapshot, size: tuple[int, int] = REFERENCE_SIZE) -> np.ndarr
 
     Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
     """
-    width, height = (int(pixels) for pixels in size)
-    picture = _offscreen_picture(width, height)
+    picture = _offscreen_picture(int(size[0]), int(size[1]))
     picture.update(snapshot)
-    canvas: Any = picture.figure.canvas
-    canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    picture.figure.canvas.draw()
+    return np.asarray(picture.figure.canvas.buffer_rgba())[..., :3].copy()
 
 
 class Picture:
-    """Three panels on one figure, whose artists are kept from frame to frame."""
+    """Three panels on one figure of matplotlib, whose artists are kept from frame to frame."""
 
-    def __init__(self, figure: Figure | SubFigure, small: bool = False):
-        self.figure = figure
-        self.small = small
+    def __init__(self, figure: Any, small: bool = False):
+        self.figure, self._small = figure, small
         with our_style():
             from activeslam_gym.rendering.panels import EntropyPanel, ImagePanel, MapPanel, map_legend
 
@@ -74,7 +69,7 @@ class Picture:
         """Moves every artist to the snapshot; the caller draws the canvas."""
         error_cm = 100 * np.linalg.norm(snapshot.position - snapshot.true_position)
         mapped = f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)}"
-        if self.small:
+        if self._small:
             self._title.set_text(f"t = {snapshot.time:.1f} s")
             self._summary.set_text(f"{mapped} mapped, camera {error_cm:.1f} cm off")
         else:
@@ -101,12 +96,12 @@ def our_style() -> Any:
     return the_matplotlib().style.context(["default", _STYLE])
 
 
-def figure_shape(width: int, height: int) -> dict[str, Any]:
-    """matplotlib's figsize (inches) and dpi for a size in pixels."""
-    reference = SMALL_SIZE if width < SMALL_BELOW else REFERENCE_SIZE
-    dpi = 100 * min(width / reference[0], height / reference[1])
+def figure_with(make: Any, size: tuple[int, int]) -> tuple[Any, bool]:
+    """A figure of ``size`` (W, H) in pixels from matplotlib's function ``make``, and whether it is a small one."""
+    small = size[0] < _SMALL_BELOW
+    dpi = 100 * min(np.array(size) / (_SMALL_SIZE if small else REFERENCE_SIZE))
     # A thousandth of a pixel more, since the canvas truncates.
-    return {"figsize": ((width + 1e-3) / dpi, (height + 1e-3) / dpi), "dpi": dpi}
+    return make(figsize=tuple((np.array(size) + 1e-3) / dpi), dpi=dpi), small
 
 
 @functools.lru_cache(maxsize=4)
@@ -116,6 +111,6 @@ def _offscreen_picture(width: int, height: int) -> Picture:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(**figure_shape(width, height))
+    figure, small = figure_with(Figure, (width, height))
     FigureCanvasAgg(figure)
-    return Picture(figure, small=width < SMALL_BELOW)
+    return Picture(figure, small)

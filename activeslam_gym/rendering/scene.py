@@ -14,36 +14,31 @@ if TYPE_CHECKING:
 MAPPED, INITIALISED, EXPECTED = "#0072B2", "#7CC4F0", "#B0B4B8"
 TRUTH, FIDUCIAL, CAMERA = "#1A1A1A", "#009E73", "#D55E00"
 TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F9FAFB"
-
 ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0
 """Standard deviations drawn: of a landmark in the map, of a prediction in the image."""
-
-BOX_ALPHA = 0.35
-"""How much of what is behind it a drawn box covers."""
-
-CAMERA_DIMENSION = 12
+_CAMERA_DIM = 12
 """Rows of the camera in the snapshot's covariance; three of each landmark follow."""
 
 
 def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The landmarks and, last, the camera: means (n, 3) [m], covariances (n, 3, 3) [m²] and colours (n,).
 
-    What a lost filter has no finite belief of is left out.
+    Points without a finite mean and covariance, of a lost filter, are left out.
     """
     P, means = snapshot.covariance, np.concatenate((snapshot.landmarks, snapshot.position[None]))
-    covariances = np.array([P[at : at + 3, at : at + 3] for at in (*range(CAMERA_DIMENSION, len(P), 3), 0)])
-    colours = np.array([MAPPED if mapped else INITIALISED for mapped in snapshot.mapped] + [CAMERA])
-    finite = are_finite(means, covariances)
+    covariances = np.array([P[at : at + 3, at : at + 3] for at in (*range(_CAMERA_DIM, len(P), 3), 0)])
+    colours = np.append(np.where(snapshot.mapped, MAPPED, INITIALISED), CAMERA)
+    finite = _are_finite(means, covariances)
     return means[finite], covariances[finite], colours[finite]
 
 
 def predicted_pixels(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray]:
-    """Where detections were predicted, as far as finite: means (m, 2) [px] and covariances (m, 2, 2) [px²]."""
-    finite = are_finite(snapshot.predicted, snapshot.predicted_covariance)
+    """Predicted measurements, as far as finite: means (m, 2) [px] and covariances (m, 2, 2) [px²]."""
+    finite = _are_finite(snapshot.predicted, snapshot.predicted_covariance)
     return snapshot.predicted[finite], snapshot.predicted_covariance[finite]
 
 
-def are_finite(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+def _are_finite(means: np.ndarray, covariances: np.ndarray) -> np.ndarray:
     """Which (n,) of the means (n, d) and covariances (n, d, d) have no NaN and no infinity."""
     return np.isfinite(means).all(1) & np.isfinite(covariances).all((1, 2))
 

@@ -10,14 +10,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from activeslam_gym.rendering.picture import (
-    REFERENCE_SIZE,
-    SMALL_BELOW,
-    Picture,
-    figure_shape,
-    our_style,
-    the_matplotlib,
-)
+from activeslam_gym.rendering.picture import REFERENCE_SIZE, Picture, figure_with, our_style, the_matplotlib
 
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
@@ -33,7 +26,7 @@ class NoScreen(gymnasium.error.Error):
 
 
 class NoScreenWarning(UserWarning):
-    """What was to be shown in a window goes on without one."""
+    """No window can be opened, and the run goes on without one."""
 
 
 class Window:
@@ -41,7 +34,7 @@ class Window:
 
     def __init__(self, size: tuple[int, int] = REFERENCE_SIZE):
         self.size = size
-        self._figure: Any = None
+        self._picture: Picture | None = None
         self._no_screen = False
 
     def show(self, snapshot: Snapshot) -> None:
@@ -49,28 +42,23 @@ class Window:
 
         Raises gymnasium.error.DependencyNotInstalled where matplotlib is missing.
         """
-        if self._figure is None and not self._no_screen:
-            self._open()
-        if self._figure is not None and _is_open(self._figure):
+        if self._picture is None and not self._no_screen:
+            try:
+                self._picture = Picture(*_on_screen(self.size, "render_mode='human' needs a screen and none was found"))
+            except NoScreen as error:
+                self._no_screen = True
+                told = f"{error}: nothing is shown; render_mode='rgb_array' draws without one"
+                warnings.warn(told, NoScreenWarning, stacklevel=2)
+        if self._picture is not None and _is_open(self._picture.figure):
             self._picture.update(snapshot)
-            self._figure.canvas.draw()
-            self._figure.canvas.flush_events()
-
-    def _open(self) -> None:
-        try:
-            figure = _figure_on_screen(self.size, "render_mode='human' needs a screen and none was found")
-        except NoScreen as error:
-            self._no_screen = True
-            told = f"{error}: nothing is shown; render_mode='rgb_array' draws without one"
-            warnings.warn(told, NoScreenWarning, stacklevel=2)
-        else:
-            self._picture, self._figure = Picture(figure, small=self.size[0] < SMALL_BELOW), figure
+            self._picture.figure.canvas.draw()
+            self._picture.figure.canvas.flush_events()
 
     def close(self) -> None:
         """Closes the window; harmless where none is open."""
-        if self._figure is not None:
-            _pyplot().close(self._figure)
-        self._figure = None
+        if self._picture is not None:
+            _pyplot().close(self._picture.figure)
+        self._picture = None
 
 
 class Cockpit:
@@ -85,20 +73,18 @@ class Cockpit:
     """
 
     def __init__(self, actions: Sequence[Sequence[str]]):
-        self._figure = figure = _figure_on_screen(COCKPIT_SIZE, "flying by hand needs a screen and none was found")
+        self._figure, _ = _on_screen(COCKPIT_SIZE, "flying by hand needs a screen and none was found")
         with our_style():
             from activeslam_gym.rendering.panels import ScorePanel
 
-            left, right = figure.subfigures(1, 2, width_ratios=(1.0, SCORES_WIDTH))
-            self._picture = Picture(left)
-            self._scores = ScorePanel(right, actions)
+            left, right = self._figure.subfigures(1, 2, width_ratios=(1.0, SCORES_WIDTH))
+            self._picture, self._scores = Picture(left), ScorePanel(right, actions)
         self._pressed: list[str] = []
-        own_keys = getattr(figure.canvas.manager, "key_press_handler_id", None)
+        canvas = self._figure.canvas
+        own_keys = getattr(canvas.manager, "key_press_handler_id", None)
         if own_keys is not None:  # matplotlib's own, among them the arrows and "q"
-            figure.canvas.mpl_disconnect(own_keys)
-        figure.canvas.mpl_connect(
-            "key_press_event", lambda event: self._pressed.append(getattr(event, "key", "") or "")
-        )
+            canvas.mpl_disconnect(own_keys)
+        canvas.mpl_connect("key_press_event", lambda event: self._pressed.append(event.key or ""))
 
     @property
     def is_open(self) -> bool:
@@ -137,13 +123,13 @@ def _is_open(figure: Any) -> bool:
     return bool(_pyplot().fignum_exists(figure.number))
 
 
-def _figure_on_screen(size: tuple[int, int], hint: str) -> Any:
-    """A figure in a window of its own; where none can be opened, an error that says `hint`."""
+def _on_screen(size: tuple[int, int], hint: str) -> tuple[Any, bool]:
+    """A figure in a window of its own, and whether it is small; where none can be opened, an error with the `hint`."""
     pyplot = _pyplot()
     from matplotlib.backend_bases import FigureManagerBase
 
     try:
-        figure = pyplot.figure(**figure_shape(*size))
+        figure, small = figure_with(pyplot.figure, size)
     except Exception as error:  # each GUI toolkit has its own way to say that there is no screen
         raise NoScreen(hint) from error
     if type(figure.canvas.manager) is FigureManagerBase:  # a backend without windows, such as Agg
@@ -151,4 +137,4 @@ def _figure_on_screen(size: tuple[int, int], hint: str) -> Any:
         raise NoScreen(hint)
     figure.canvas.manager.set_window_title("Active SLAM")
     figure.show()
-    return figure
+    return figure, small

@@ -299,38 +299,40 @@ def positions_of(belief: Belief) -> np.ndarray:
 
 @compiled
 def write_estimate(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
-    """Write the whole estimate: see `write_points`, and the joint covariance of camera and points."""
-    _write_landmarks(belief, mapped_depth_ratio, estimate)
-    points = np.empty((belief.state.count, 3))
-    point_belief(belief, points, estimate.covariance)
-    for k in range(belief.state.count):
-        copy_into(estimate.landmark[k].point, points[k])
-
-
-@compiled
-def write_points(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
-    """Write the estimate without the covariances between camera and points, and of points with each other.
+    """Write the whole estimate, with the joint covariance of camera and points.
 
     A landmark is mapped where the deviation of its depth over its depth is under ``mapped_depth_ratio``.
     """
-    _write_landmarks(belief, mapped_depth_ratio, estimate)
-    P_y = np.empty((3, 3))
+    write_outline(belief, estimate)
+    points = np.empty((belief.state.count, 3))
+    point_belief(belief, points, estimate.covariance)
     for k in range(belief.state.count):
-        at = CAMERA_DIM + 3 * k
-        copy_into(estimate.landmark[k].point, point_marginal(belief, k, P_y))
-        copy_block(P_y, estimate.covariance[at : at + 3, at : at + 3])
+        feature, landmark = belief.feature[k], estimate.landmark[k]
+        landmark.converted, landmark.mapped = feature.kind == POINT, depth_ratio(belief, k) < mapped_depth_ratio
+        copy_into(landmark.anchor, feature.mean[ANCHOR])
+        copy_into(landmark.point, points[k])
+    estimate.state.whole = True
 
 
 @borrowing
-def _write_landmarks(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
-    """Write the camera, and ids and flags of the landmarks."""
+def write_outline(belief: Belief, estimate: EstimateArrays) -> None:
+    """Write the camera, and which landmarks there are."""
     copy_into(estimate.state.camera, belief.state.camera)
-    estimate.state.count = belief.state.count
+    estimate.state.count, estimate.state.whole = belief.state.count, False
     for k in range(belief.state.count):
         feature, landmark = belief.feature[k], estimate.landmark[k]
-        landmark.id, landmark.converted, landmark.located = feature.serial, feature.kind == POINT, feature.kind != RAY
-        landmark.mapped = depth_ratio(belief, k) < mapped_depth_ratio
-        copy_into(landmark.anchor, feature.mean[ANCHOR])
+        landmark.id, landmark.located = feature.serial, feature.kind != RAY
+
+
+@compiled
+def write_points(belief: Belief, known: np.ndarray, estimate: EstimateArrays) -> None:
+    """Write the point and the covariance by itself of each landmark that is not ``known`` (n,)."""
+    P_y = np.empty((3, 3))
+    for k in range(belief.state.count):
+        if not known[k]:
+            at = CAMERA_DIM + 3 * k
+            copy_into(estimate.landmark[k].point, point_marginal(belief, k, P_y))
+            copy_block(P_y, estimate.covariance[at : at + 3, at : at + 3])
 
 
 @borrowing

@@ -18,6 +18,7 @@ from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POS
 CAMERA_ESTIMATE = record(
     camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
     count="i8",  # landmarks in use
+    whole="b1",  # the covariance is that of this camera and these landmarks
 )
 """The camera of an estimate, and the size of its map."""
 
@@ -104,14 +105,13 @@ class EstimateArrays(NamedTuple):
     landmark: np.ndarray
     """(F,) LANDMARK_ESTIMATE, of which the leading ``state.count`` are in use."""
     covariance: np.ndarray
-    """(12 + 3 F, 12 + 3 F), of which the leading 12 + 3 n are in use. Within a step of several frames only the blocks
-    of the camera and of each landmark by itself are up to date; at its end the whole is."""
+    """(12 + 3 F, 12 + 3 F), of which the leading 12 + 3 n are in use, where ``state.whole``."""
 
 
 @inlined
-def estimate_at(estimates, i):  # type: ignore[no-untyped-def]
-    """Estimate ``i`` of a batch: views."""
-    return EstimateArrays(estimates.state[i], borrowed(estimates.landmark[i]), borrowed(estimates.covariance[i]))
+def estimate_at(estimates, i, covariance):  # type: ignore[no-untyped-def]
+    """Estimate ``i`` of a batch: views; its covariance is the array ``covariance``."""
+    return EstimateArrays(estimates.state[i], borrowed(estimates.landmark[i]), borrowed(covariance))
 
 
 def empty_estimates(capacity: int, count: int) -> EstimateArrays:
@@ -133,7 +133,7 @@ def put_estimate(estimate: Estimate, arrays: EstimateArrays) -> None:
     n, landmark = len(estimate.ids), arrays.landmark
     if n > len(landmark):
         raise ValueError(f"an Estimate may have {len(landmark)} landmarks in this scenario, got {n}")
-    arrays.state.camera[:], arrays.state.count = estimate.camera, n
+    arrays.state.camera[:], arrays.state.count, arrays.state.whole = estimate.camera, n, True
     size = CAMERA_DIM + 3 * n
     arrays.covariance[:size, :size] = estimate.covariance
     own = landmark[:n]

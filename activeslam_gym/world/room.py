@@ -77,43 +77,37 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
             stands at the distance of the fiducials.
         ValueError: a registered scene gave a wrong answer.
     """
-    if scenario.has_registered_scene:
-        return _draw_room_of_scene(scenario, rng)
     adds_boxes = scenario.box_capacity > len(scenario.boxes)
-    if scenario.start == CENTRE and not (adds_boxes or scenario.on_surfaces or scenario.point_spacing):
+    searched = scenario.has_registered_scene or adds_boxes or scenario.on_surfaces or scenario.point_spacing
+    if scenario.start == CENTRE and not searched:
         nothing, nowhere = np.empty((0, 2, 3)), np.empty((0, 3))
         place = _draw_place(scenario, nothing, rng)
         camera = draw_start(scenario, rng, place)
         landmarks, boxes = _landmarks(scenario, nothing, nowhere, rng), np.reshape(np.array(scenario.boxes), (-1, 2, 3))
         return Room(place, camera, _floating(scenario, scenario.fiducial_count, camera, rng), landmarks, nowhere, boxes)
+    registered = scenario.has_registered_scene
     for _ in range(_TRIES):
-        boxes = draw_boxes(scenario, rng)
+        scene = draw_scene(scenario, rng) if registered else None
+        boxes = np.empty((0, 2, 3)) if registered else draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
         camera = draw_start(scenario, rng, place)
-        fiducials = _in_view(scenario, boxes, camera, rng)
-        if fiducials is not None and reachable(scenario, boxes, place, scenario.wall_margin + 0.05):
-            found = _landmarks(scenario, boxes, fiducials, rng)
-            return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes)
+        if scene is not None and _touches(scene, camera[POSITION]):
+            continue
+        fiducials = _in_view(scenario, boxes, camera, rng, scene)
+        if fiducials is None or not (registered or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
+            continue
+        found = _landmarks(scenario, boxes, fiducials, rng, scene)
+        return Room(place, camera, fiducials, found[:, :3], found[:, 3:].reshape(-1, 3), boxes, scene)
+    if registered:
+        cause = "its bodies stand where the camera starts, or hide its fiducials"
+        raise RuntimeError(f"scene {scenario.scene!r}: no room was found in {_TRIES} tries: {cause}")
     cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
-def _draw_room_of_scene(scenario: Scenario, rng: np.random.Generator) -> Room:
-    """A room of a registered scene; its fiducials float in view."""
-    nothing = np.empty((0, 2, 3))
-    for _ in range(_TRIES):
-        scene = draw_scene(scenario, rng)
-        place = _draw_place(scenario, nothing, rng)
-        camera = draw_start(scenario, rng, place)
-        ways = (scene.clearance(camera[POSITION], way, _START_MARGIN) for way in AROUND)
-        if min(ways) < _START_MARGIN:
-            continue
-        fiducials = _in_view(scenario, nothing, camera, rng, scene)
-        if fiducials is not None:
-            found = _landmarks(scenario, nothing, fiducials, rng, scene)
-            return Room(place, camera, fiducials, found[:, :3], found[:, 3:], nothing, scene)
-    cause = "its bodies stand where the camera starts, or hide its fiducials"
-    raise RuntimeError(f"scene {scenario.scene!r}: no room was found in {_TRIES} tries: {cause}")
+def _touches(scene: Scene, p: np.ndarray) -> bool:
+    """Whether a body of the ``scene`` is too near to a start at ``p`` (3,)."""
+    return any(scene.clearance(p, way, _START_MARGIN) < _START_MARGIN for way in AROUND)
 
 
 # Points -------------------------------------------------------------------------------------------------------------

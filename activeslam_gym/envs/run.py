@@ -1,0 +1,156 @@
+"""All arrays of a run: its constants, the truth, the estimate, and the score so far."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from activeslam_gym.camera import CAMERA
+from activeslam_gym.envs.reward import EVALUATION, REWARDS
+from activeslam_gym.kernels import Record, borrowed, compiled, inlined, record
+from activeslam_gym.motion import MOTION, MOTION_COUNT
+from activeslam_gym.slam.belief import Belief, belief_at, write_estimate
+from activeslam_gym.slam.estimate import EstimateArrays, estimate_at
+from activeslam_gym.slam.filter import COUNTS, FILTER
+from activeslam_gym.world.simulator import SENSOR, World, boxes_of, world_at
+
+TASK = record(
+    frames_per_step="i8",
+    steps_per_motion="i8",
+    steps="i8",  # of an episode
+    reward="i8",  # its number in `REWARDS`
+    lost_position_error="f8",  # [m]
+    end_when_lost="b1",
+    labelled_first_match="b1",
+    association_known="b1",
+)
+"""What an environment asks: its rhythm, its reward, and when a run is lost."""
+
+MODELS = record(
+    camera=CAMERA,  # as the filter knows it
+    true_camera=CAMERA,
+    motion=MOTION,
+    sensor=SENSOR,
+    greatest_change="f8",  # see `SensorLimits`
+    wanted="i8",
+    filter=FILTER,
+    task=TASK,
+    landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
+    on_surfaces="b1",  # whether landmarks are expected on the walls
+    boxes_known="b1",  # whether the belief knows what hides things
+    negative_information="b1",  # whether what was looked at and not found is expected elsewhere
+)
+"""The constants of a run."""
+
+CONTROL = record(
+    goal=("f8", 3),  # of the motion under way [m]
+    start=("f8", 3),  # where the reference towards the goal began [m]
+    command=("f8", 3),  # the translation under way: camera axes, of which 1 is a step
+    frames="i8",  # since it began
+)
+"""The motion under way."""
+
+_OF_THE_FILTER = COUNTS.names or ()
+EVENTS = record(**dict.fromkeys((*_OF_THE_FILTER, "wrong_matches", "false_births", "wall_contacts"), "i8"))
+"""What happened in a step: counters."""
+
+EPISODE = record(
+    control=CONTROL,
+    events=EVENTS,
+    evaluation=EVALUATION,
+    potential=("f8", (len(REWARDS.own) + 1,)),  # after the last step, by number; the last one is a registered reward's
+    terms=("f8", (len(REWARDS.own) + 2,)),  # gain of each in the last step; the forfeit stands before the last one
+    reward="f8",  # of the last step
+    total="f8",  # return so far
+    gain="f8",  # entropy removed so far [bit]
+    first_density="f8",  # log_density at the reset [bit]
+    steps="i8",  # so far
+    begun="b1",  # there has been a reset
+    lost="b1",  # in this step or before
+    lost_now="b1",
+    sound="b1",  # the estimate is finite, and its covariance positive definite
+    detections="i8",  # in the last frame
+    views="i8",  # viewpoints so far
+    clearance=("f8", (MOTION_COUNT,)),  # how far the camera can go by each motion, where there are boxes [m]
+    redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn anew
+)
+"""What one run has been worth so far."""
+
+
+class Run(NamedTuple):
+    """A run; a batch of runs has a leading axis. F feature slots, N = L landmarks, K fiducials, M detections."""
+
+    models: Record
+    """MODELS."""
+    world: World
+    """The truth."""
+    ekf: Belief
+    """The arrays of the estimator `ekf`: only `slam` reads them."""
+    estimate: EstimateArrays
+    """What everything else reads of the estimator."""
+    expected: np.ndarray
+    """(N,) EXPECTED landmarks."""
+    viewpoint: np.ndarray
+    """(V,) VIEW from which was looked for them; V = 0 without negative information."""
+    candidate: np.ndarray
+    """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
+    label: np.ndarray
+    """(M,) of what each of them is; see `World`. For scoring alone."""
+    first_seen: np.ndarray
+    """(F, 3) where the camera was when each landmark of the estimate was initialised [m]; (0, 3) where that does not
+    limit the sensor."""
+    owner: np.ndarray
+    """(F,) OWNER, of the landmarks of the estimate in their order. For scoring alone."""
+    episode: Record
+    """EPISODE."""
+    observation: np.ndarray
+    """(D,) float32."""
+
+
+@inlined
+def run_at(runs, i, covariance):  # type: ignore[no-untyped-def]
+    """Run ``i`` of a batch: views; the covariance of its estimate is the array ``covariance``."""
+    return Run(
+        runs.models[i],
+        world_at(runs.world, i),
+        belief_at(runs.ekf, i),
+        estimate_at(runs.estimate, i, covariance),
+        borrowed(runs.expected[i]),
+        borrowed(runs.viewpoint[i]),
+        borrowed(runs.candidate[i]),
+        borrowed(runs.label[i]),
+        borrowed(runs.first_seen[i]),
+        borrowed(runs.owner[i]),
+        runs.episode[i],
+        borrowed(runs.observation[i]),
+    )
+
+
+@compiled
+def known_boxes(run: Run) -> np.ndarray:
+    """The boxes that the belief knows to hide landmarks: all of the world's, or none."""
+    boxes = boxes_of(run.world)
+    return boxes if run.models.boxes_known else boxes[:0]
+
+
+@compiled
+def felt(run: Run) -> np.ndarray:
+    """(13,) the camera that the controller reads: the estimate of a robot, the truth where a person's hand moves it.
+
+    A person does not read the filter, and the filter does not know the person's commands.
+    """
+    return run.estimate.state.camera if run.models.motion.command_known else run.world.state.camera
+
+
+@compiled
+def present(run: Run) -> None:
+    """Write the whole estimate."""
+    write_estimate(run.ekf, run.models.filter.initialisation.mapped_depth_ratio, run.estimate)
+
+
+@compiled
+def complete(runs: Run, start: int, stop: int) -> None:
+    """Write the whole estimates of the runs ``start`` … ``stop - 1`` where that was not done yet."""
+    for i in range(start, stop):
+        run = run_at(runs, i, runs.estimate.covariance[i])
+        if not run.estimate.state.whole:
+            present(run)

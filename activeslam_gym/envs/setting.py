@@ -1,0 +1,159 @@
+"""From the arguments of an environment to the constants of its runs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from activeslam_gym.camera import camera_of
+from activeslam_gym.config import (
+    BOXES,
+    KNOWN,
+    MOST_HELD_FRAMES,
+    Scenario,
+    positive_number,
+    scenario_from,
+    whole_multiple,
+    whole_number,
+)
+from activeslam_gym.envs.observation import ObservationLayout, layout_of
+from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.envs.run import MODELS, TASK
+from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
+from activeslam_gym.kernels import Record, filled
+from activeslam_gym.motion import motion_of
+from activeslam_gym.sensors.sensor import IMAGES, SENSORS
+from activeslam_gym.slam.estimator import ESTIMATORS
+from activeslam_gym.slam.filter import filter_of
+from activeslam_gym.world.scenes import SCENES
+from activeslam_gym.world.simulator import sensor_of
+
+PICTURE_SIDE = (64, 8192)
+"""The least and the most pixels of a picture's side."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Resolved arguments of an environment; times in seconds."""
+
+    scenario: Scenario
+    gaze_period: float
+    motion_period: float
+    duration: float
+    reward: str
+    models: Record
+    """MODELS."""
+    layout: ObservationLayout
+
+    @property
+    def task(self) -> Record:
+        """TASK."""
+        return self.models.task
+
+    @property
+    def render_rate(self) -> int:
+        """Frames a second at which a video of one picture a step shows true time."""
+        return max(1, round(1.0 / self.gaze_period))
+
+
+def resolve(
+    scenario: str | Mapping[str, Any] | Scenario,
+    gaze_period: float | None,
+    motion_period: float,
+    duration: float | None,
+    reward: str,
+    lost_position_error: float,
+    end_when_lost: bool = True,
+) -> Setting:
+    """Check the arguments of an environment and work out its constants.
+
+    Raises:
+        ValueError: an argument is unknown, out of range, or no whole number of the period that it must be made of; the
+            message names it, its value and what is allowed.
+    """
+    resolved = scenario_from(scenario)
+    frame = resolved.frame_time
+    frames_per_step, most = 1, MOST_HELD_FRAMES
+    if gaze_period is not None:
+        frames_per_step = whole_multiple("gaze_period", gaze_period, "the frame", frame, most)
+    step_time = frames_per_step * frame
+    steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time, most // frames_per_step)
+    duration = resolved.duration if duration is None else duration
+    steps = whole_multiple("duration", duration, "gaze_period", step_time)
+    if not isinstance(end_when_lost, bool):
+        raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
+    ESTIMATORS.require(resolved.estimator)
+    SENSORS.require(resolved.sensor)
+    SCENES.require(resolved.scene)
+    CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")
+    if resolved.sensor == IMAGES and resolved.has_registered_scene:
+        raise ValueError(f"scenario.scene must be {BOXES!r} with the sensor {IMAGES!r}, got {resolved.scene!r}")
+    task = filled(
+        TASK,
+        frames_per_step=frames_per_step,
+        steps_per_motion=steps_per_motion,
+        steps=steps,
+        reward=REWARDS.number(reward),
+        lost_position_error=positive_number("lost_position_error", lost_position_error, "metres"),
+        end_when_lost=end_when_lost,
+        labelled_first_match=resolved.labelled_first_match,
+        association_known=resolved.association == KNOWN,
+    )
+    return Setting(
+        scenario=resolved,
+        gaze_period=step_time,
+        motion_period=steps_per_motion * step_time,
+        duration=steps * step_time,
+        reward=reward,
+        models=models_of(resolved, task, steps_per_motion * step_time),
+        layout=layout_of(resolved),
+    )
+
+
+def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
+    """The MODELS record of a scenario."""
+    camera = camera_of(scenario)
+    true_camera = camera.copy()
+    if scenario.true_focal_px is not None:
+        true_camera["focal"] = scenario.true_focal_px
+    if scenario.true_distortion is not None:
+        true_camera["distortion"] = scenario.true_distortion
+    return filled(
+        MODELS,
+        camera=camera,
+        true_camera=true_camera,
+        motion=motion_of(scenario, motion_period),
+        sensor=sensor_of(scenario),
+        **sensor_limits(scenario)._asdict(),
+        filter=filter_of(scenario),
+        task=task,
+        landmark_var=scenario.landmark_prior_variance,
+        on_surfaces=scenario.on_surfaces,
+        boxes_known=scenario.boxes_known,
+        negative_information=scenario.negative_information,
+    )
+
+
+def sensor_limits(scenario: Scenario) -> SensorLimits:
+    """The limits of the scenario's sensor."""
+    if scenario.sensor == IMAGES:
+        from activeslam_gym.vision.settings import SIGHTED
+
+        return SensorLimits(SIGHTED.most_change, SIGHTED.visible)
+    return UNLIMITED
+
+
+def checked_size(size: Any) -> tuple[int, int]:
+    """Width and height of a picture [px].
+
+    Raises:
+        ValueError: it is not two whole numbers in `PICTURE_SIDE`.
+    """
+    least, most = PICTURE_SIDE
+    try:
+        width, height = (whole_number("render_size", side, least) for side in size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if not 0 < max(width, height) <= most:
+        raise ValueError(f"render_size must be (width, height) of {least} to {most} px, got {size!r}")
+    return width, height

@@ -23,6 +23,7 @@ class Registry(dict[str, Entry]):
     def __init__(self, kind: str, entries: dict[str, Entry] | None = None) -> None:
         super().__init__(entries or {})
         self.kind = kind
+        REGISTRIES.append(self)
 
     def register(self, name: str) -> Callable[[Any], Any]:
         """Decorator that adds an entry, or replaces the registered one of that name.
@@ -84,3 +85,7 @@ class Registry(dict[str, Entry]):
         if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
             raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r}")
         return float(value)
+
+
+REGISTRIES: list[Registry[Any]] = []
+"""All registries of this process."""

@@ -4,21 +4,19 @@ import shlex
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from threadpoolctl import threadpool_limits
 
-from agents.tools.files import writable_folder
-from agents.tools.sections import page_with
+from agents.tools.files import writable_folder, write_json, write_text
+from agents.tools.sections import page_with, put_section
 
-from .report import Section, put_report, write_report
-from .timing import machine
+from .report import Section, bar_table, provenance, report
 
-Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "start", "memory"]
-PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "peers", "memory", "start")
+Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "memory", "start"]
 """Each is a module of this package with `run(quick) -> Section`."""
 
 
@@ -26,14 +24,14 @@ PARTS: tuple[Part, ...] = ("single", "batch", "stages", "scores", "growth", "pee
 class Args:
     """Measure speed and memory beside peers, and hold the figures against the bars."""
 
-    parts: tuple[Part, ...] = PARTS
+    parts: tuple[Part, ...] = get_args(Part)
     """What to measure."""
     quick: bool = False
     """Small sizes and few repeats, to see that it runs; the figures mean little."""
     out: Path = Path("results/bench")
     """Folder of `bench.md` and `bench.json`."""
     report: tuple[Path, ...] = ()
-    """Pages whose generated sections "bench" (all of it) and "speed" (the bars) are written anew."""
+    """Pages whose generated sections "bench" (all of it) and "speed" (the bars) are regenerated."""
 
 
 def main(args: Args, command: str = "python -m benchmarks") -> int:
@@ -48,10 +46,16 @@ def main(args: Args, command: str = "python -m benchmarks") -> int:
             begin = time.perf_counter()
             sections.append(module.run(args.quick))
             print(f"{part}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
-    measured_on = machine()
-    print(write_report(args.out, command, measured_on, sections))
+    measured_on = provenance(command)
+    text = f"{measured_on}\n{report(sections)}"
+    bars = [{**asdict(bar), "met": bar.met} for section in sections for bar in section.bars]
+    parts = [asdict(section) for section in sections]
+    write_json(args.out / "bench.json", {"measured_on": measured_on, "bars": bars, "sections": parts})
+    write_text(args.out / "bench.md", f"# Benchmark\n\n{text}")
+    print(f"# Benchmark\n\n{text}")
     for page in args.report:
-        put_report(page, command, measured_on, sections)
+        put_section(page, "bench", text)
+        put_section(page, "speed", f"{measured_on}\n\n{bar_table(sections)}")
     return 0
 
 
@@ -61,10 +65,8 @@ def entry(arguments: Sequence[str] | None = None) -> int:
 
     arguments = sys.argv[1:] if arguments is None else arguments
     try:
-        return main(
-            tyro.cli(Args, prog="python -m benchmarks", args=arguments),
-            shlex.join(["python", "-m", "benchmarks", *arguments]),
-        )
+        args = tyro.cli(Args, prog="python -m benchmarks", args=arguments)
+        return main(args, shlex.join(["python", "-m", "benchmarks", *arguments]))
     except KeyboardInterrupt:
         return 130
     except (ValueError, OSError) as error:

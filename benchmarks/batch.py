@@ -1,5 +1,6 @@
 """Many environments: the native batch by size and threads, Gymnasium's wrappers over the single one, CartPole."""
 
+from collections.abc import Callable
 from functools import partial
 from itertools import product
 from typing import Any
@@ -9,8 +10,8 @@ import numpy as np
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv, VectorEnv
 
 from .report import Bar, Section
-from .setups import WARM_UP, sweep_action
-from .timing import summary, timed
+from .setups import END, WARM_UP, sweep
+from .timing import timed
 
 PEER_BATCH, PROCESSES = 64, 8
 """Environments of the wrapped batch; of the one in processes, which would only queue for the cores if it had more."""
@@ -20,41 +21,35 @@ def run(quick: bool) -> Section:
     """Frames per second of everything, as a ratio to `SyncVectorEnv` too."""
     section = Section("Batches")
     sizes, threads = ((1, 16), (1,)) if quick else ((1, 16, 64, 256, 1024), (1, 2))
-    periods = (0.25,) if quick else (0.25, 0.05)
     peer = 16 if quick else PEER_BATCH
-    rates: dict[tuple[str, int, float, Any], float] = {}
-    for period in periods:
+    for period in (0.25,) if quick else (0.25, 0.05):
         make = partial(gymnasium.make, "ActiveSLAM-v0", gaze_period=period)
-        rates["SyncVectorEnv", peer, period, ""] = frame_rate(SyncVectorEnv([make] * peer), period)
+        build: dict[tuple[str, int, Any], Callable[[], VectorEnv]] = {
+            ("SyncVectorEnv", peer, ""): partial(SyncVectorEnv, [make] * peer)
+        }
         if not quick:
-            rates["AsyncVectorEnv", PROCESSES, period, ""] = frame_rate(AsyncVectorEnv([make] * PROCESSES), period)
+            build["AsyncVectorEnv", PROCESSES, ""] = partial(AsyncVectorEnv, [make] * PROCESSES)
         for size, count in product(sizes, threads):
-            batch = gymnasium.make_vec("ActiveSLAM-v0", num_envs=size, gaze_period=period, num_threads=count)
-            rates["native", size, period, count] = frame_rate(batch, period)
-    names = ("what", "environments", "gaze_period [s]", "threads")
-    for key, rate in rates.items():
-        ratio = rate / rates["SyncVectorEnv", peer, key[2], ""]
-        section.rows.append({**dict(zip(names, key)), "frames/s": rate, "ratio to SyncVectorEnv": ratio})
-    if bar := rates.get(("native", 64, 0.25, 2)):
-        section.bars.append(Bar("64 environments, 2 threads, gaze_period 0.25", bar, 3e4, "frames/s", at_least=True))
-    section.notes.append(f"From 20 s to 34 s of `sweep`, median of the seconds. {_cartpole()}")
+            native = partial(gymnasium.make_vec, "ActiveSLAM-v0", size, gaze_period=period, num_threads=count)
+            build["native", size, count] = native
+        rates = {key: frame_rate(one(), period) for key, one in build.items()}
+        for (what, size, count), rate in rates.items():
+            row = {"what": what, "environments": size, "gaze_period [s]": period, "threads": count}
+            ratio = rate / rates["SyncVectorEnv", peer, ""]
+            section.rows.append({**row, "frames/s": rate, "ratio to SyncVectorEnv": ratio})
+        if period == 0.25 and ("native", 64, 2) in rates:
+            bar = "64 environments, 2 threads, gaze_period 0.25"
+            section.bars.append(Bar(bar, rates["native", 64, 2], 3e4, "frames/s", at_least=True))
+    section.notes.append(f"From {WARM_UP} s to {END} s of `sweep`, median of the seconds. {_cartpole()}")
     return section
 
 
 def frame_rate(env: VectorEnv, period: float) -> float:
     """Frames of all environments per second, after `WARM_UP` of sweep; median over the seconds from then on."""
-    per_second = round(1.0 / period)
     env.reset(seed=1)
-
-    def second(number: int) -> None:
-        for step in range(number * per_second, (number + 1) * per_second):
-            env.step(np.tile(sweep_action(step, per_second), (env.num_envs, 1)))
-
-    for number in range(round(WARM_UP)):
-        second(number)
-    times = summary([timed(partial(second, number)) for number in range(round(WARM_UP), 34)])
+    seconds = sweep(env, period, 0, END)[WARM_UP:]
     env.close()
-    return env.num_envs * per_second * round(period / 0.05) / times.seconds
+    return env.num_envs * round(1.0 / period) * round(period / 0.05) / float(np.median(seconds))
 
 
 def _cartpole() -> str:
@@ -66,5 +61,5 @@ def _cartpole() -> str:
         for _ in range(200):
             env.step(actions)
 
-    rate = 200 * 1024 / summary([timed(play) for _ in range(3)]).seconds
+    rate = 200 * 1024 / np.median([timed(play) for _ in range(3)])
     return f"For scale: 1024 CartPole-v1 in Gymnasium's own batch, {rate:,.0f} steps/s."

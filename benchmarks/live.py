@@ -1,4 +1,4 @@
-"""What the live system costs: an image with the page open and without, the advice, the start, and the memory.
+"""Cost of the live system: an image with the page open and without, the advice, the start, and the memory.
 
     python -m benchmarks.live --seconds 35 --seed 0
 
@@ -14,11 +14,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
-from typing import NamedTuple
 
 from activeslam_gym.live.link import Link
 from activeslam_gym.live.run import Clock, Live
@@ -29,19 +26,12 @@ _WARM = 20
 """First images, in which kernels are loaded."""
 
 
-class Run(NamedTuple):
-    """What a run in real time came to."""
+def run(seed: int, frames: int, link: Link | None) -> tuple[float, float, float, float]:
+    """``frames`` images of a room at the source's rate, shown on ``link``.
 
-    milliseconds: float
-    """Processor time of an image in the tracker's process, threads included."""
-    rate: float
-    """Images a second, by the clock; the source has 15."""
-    memory: tuple[float, float]
-    """Most memory of the tracker after a quarter of the run and at its end [MiB]."""
-
-
-def run(seed: int, frames: int, link: Link | None) -> Run:
-    """``frames`` images of a room at the source's rate, shown on ``link``."""
+    Processor time of an image in the tracker's process, threads included [ms]; images a second, by the clock (the
+    source has 15); most memory of the tracker after a quarter of the run and at its end [MiB].
+    """
     show, clock = Live(RenderedRoom(seed), seed, None), Clock(ROOM.frame_time, False)
     took, quarter, began = 0.0, 0.0, 0.0
     for k in range(_WARM + frames):
@@ -55,7 +45,7 @@ def run(seed: int, frames: int, link: Link | None) -> Run:
         if k == _WARM + frames // 4:
             quarter = memory()
     spent, passed = time.process_time() - took, time.monotonic() - began
-    return Run(1e3 * spent / frames, frames / passed, (quarter, memory()))
+    return 1e3 * spent / frames, frames / passed, quarter, memory()
 
 
 def memory() -> float:
@@ -84,25 +74,14 @@ def visit(address: str) -> None:
     from websockets.typing import Subprotocol
 
     url = address.replace("http", "ws").replace("localhost", "127.0.0.1")
-    with connect(
-        url, subprotocols=[Subprotocol(f"viser-v{viser.__version__}")], max_size=None, compression=None
-    ) as client:
+    protocol = Subprotocol(f"viser-v{viser.__version__}")
+    with connect(url, subprotocols=[protocol], max_size=None, compression=None) as client:
         for _ in client:
             pass
 
 
-@contextmanager
-def visitor(link: Link) -> Iterator[None]:
-    """While somebody has the page open."""
-    process = get_context("spawn").Process(target=visit, args=(link.address,), daemon=True)
-    process.start()
-    time.sleep(5.0)
-    yield
-    process.terminate()
-
-
 def advice(seed: int, seconds: float) -> tuple[float, int]:
-    """Time [ms] of all seven candidates with the fullest map of a run, and how many features it had."""
+    """Time [ms] of all seven candidates with the fullest map of a run, and the number of its features."""
     show, most, slowest = Live(RenderedRoom(seed), seed, None), 0, 0.0
     for _ in range(round(seconds / ROOM.frame_time)):
         state = show.step()
@@ -126,15 +105,17 @@ def main() -> None:
     print(f"load of the machine before: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     start(args.seed)  # what has to be compiled is compiled here
     print(f"start to the first picture: {start(args.seed):.1f} s")
-    alone = run(args.seed, frames, None)
+    alone, *_ = run(args.seed, frames, None)
     link = Link(Live(RenderedRoom(args.seed), args.seed, None).about, "127.0.0.1", 0)
-    with visitor(link):
-        shown = run(args.seed, frames, link)
+    visitor = get_context("spawn").Process(target=visit, args=(link.address,), daemon=True)
+    visitor.start()
+    time.sleep(5.0)
+    shown, rate, before, after = run(args.seed, frames, link)
+    visitor.terminate()
     link.close()
-    cost = (shown.milliseconds - alone.milliseconds) / (1e3 * ROOM.frame_time)
-    print(f"an image: {alone.milliseconds:.1f} ms alone, {shown.milliseconds:.1f} ms with the page: {cost:+.1%} of one")
-    print(f"images a second with the page open: {shown.rate:.1f} of {1.0 / ROOM.frame_time:.0f}")
-    before, after = shown.memory
+    cost = (shown - alone) / (1e3 * ROOM.frame_time)
+    print(f"an image: {alone:.1f} ms alone, {shown:.1f} ms with the page: {cost:+.1%} of one")
+    print(f"images a second with the page open: {rate:.1f} of {1.0 / ROOM.frame_time:.0f}")
     print(f"memory of the tracker: {before:.1f} MiB after a quarter of {frames} images, {after:.1f} MiB at the end")
     took, most = advice(args.seed, args.seconds)
     print(f"seven candidates with {most} features: {took:.1f} ms, of {7e3 * ROOM.frame_time:.0f} ms in seven images")

@@ -1,19 +1,17 @@
 """The same filtering by others: filterpy's EKF, and our update written plainly in NumPy."""
 
 from functools import partial
-from typing import Any
+from importlib.util import find_spec
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.kernels import row
 from activeslam_gym.motion import CAMERA_DIM, COMMANDS
 
-from .filtering import PointFilter, advance_frames
 from .report import Bar, Section
-from .setups import SEEN, copied, mapped_runs, restore
-from .timing import Timing, repeated, restored
+from .setups import SEEN, demand_matches, filter_frames, mapped_runs, restoring, whole_frames
+from .timing import Call, repeated, restored
 
 LANDMARKS = {93: 27, 129: 39}
 """n = 12 + 3 landmarks."""
@@ -28,42 +26,34 @@ def run(quick: bool) -> Section:
     section = Section("Peers")
     repeats, at_least, count = (3, 0.02, 100) if quick else (9, 0.2, 1000)
     for n, landmarks in LANDMARKS.items():
-        points = PointFilter(landmarks)
-        times: dict[str, Timing] = {
-            FRAME: whole_frame(landmarks, FRAMES, count),
-            "the same, one frame a call": whole_frame(landmarks, 1, count),
-            "predict + update of ours": repeated(partial(points.run, 1), repeats, at_least),
-            "predict + update of ours in plain NumPy": repeated(plain_numpy(n), repeats, at_least),
+        runs, command = mapped_runs(landmarks), COMMANDS[Motion.FORWARD, Gaze.LEFT]
+        ours = {
+            FRAME: partial(whole_frames, runs, command, FRAMES),
+            "the same, one frame a call": partial(whole_frames, runs, command, 1),
+            "predict + update of ours": partial(filter_frames, runs, FRAMES),
         }
-        peer = filterpy_step(n)
-        if peer is not None:
-            times["filterpy EKF predict + update"] = repeated(peer, repeats, at_least)
-        ratios = {name: timing.seconds / list(times.values())[-1].seconds for name, timing in times.items()}
-        for name, ratio in ratios.items():
-            time = {"time [µs]": 1e6 * times[name].seconds}
-            section.rows.append({"n": n, "what": name, **time, "ratio to the last": ratio})
-        if peer is None:
-            section.notes.append("filterpy is skipped: it is not installed (`pip install -e '.[bench]'`).")
-        elif n == 93:
-            section.bars.append(Bar("a whole frame of n = 93 / filterpy's predict + update", ratios[FRAME], 1 / 3, ""))
+        seconds = np.median(restored(list(ours.values()), restoring(runs), count), axis=0) / (FRAMES, 1, FRAMES)
+        demand_matches(runs, landmarks)
+        peers = {"predict + update of ours in plain NumPy": plain_numpy(n)}
+        if find_spec("filterpy"):
+            peers["filterpy EKF predict + update"] = filterpy_step(n)
+        times = dict(zip(ours, seconds.tolist()))
+        times |= {name: float(np.median(repeated(call, repeats, at_least))) for name, call in peers.items()}
+        last = list(times.values())[-1]
+        for name, time in times.items():
+            section.rows.append({"n": n, "what": name, "time [µs]": 1e6 * time, "ratio to the last": time / last})
+        if find_spec("filterpy") and n == 93:
+            bar = "a whole frame of n = 93 / filterpy's predict + update"
+            section.bars.append(Bar(bar, times[FRAME] / last, 1 / 3, ""))
+    if not find_spec("filterpy"):
+        section.notes.append("filterpy is skipped: it is not installed (`pip install -e '.[bench]'`).")
     section.notes.append(
         f"Point features, {SEEN} seen (z of {M}); BLAS has one thread, by threadpoolctl. A whole frame: motion, "
-        "detection, prediction, unknown association, update, births. All is called from Python, a call of ours for "
-        f"{FRAMES} frames, as an environment runs those of a decision; handing over the arrays is part of it."
+        "detection, prediction, unknown association, update, births. Predict + update: the filter's own frame, by "
+        f"detections with certain ids. All is called from Python, a call of ours for {FRAMES} frames, as an "
+        "environment runs those of a decision; handing over the arrays is part of it."
     )
     return section
-
-
-def whole_frame(landmarks: int, frames: int, count: int) -> Timing:
-    """One of the ``frames`` of a step FORWARD, turning LEFT, in a map of points, each time from the same state."""
-    runs = mapped_runs(landmarks)
-    run, saved = row(runs, 0), copied(runs)
-    step = partial(advance_frames, runs, COMMANDS[Motion.FORWARD, Gaze.LEFT], frames)
-    timing = restored(step, lambda: restore(runs, saved), count)
-    matched = int((run.candidate["match"][: run.episode.detections] > 0).sum())
-    if matched != SEEN or run.estimate.state.count != landmarks:
-        raise RuntimeError(f"{matched} of {SEEN} points were matched, {run.estimate.state.count} features")
-    return Timing(timing.seconds / frames, timing.fastest / frames, timing.slowest / frames, timing.repeats)
 
 
 def _system(n: int) -> tuple[np.ndarray, ...]:
@@ -79,7 +69,7 @@ def _system(n: int) -> tuple[np.ndarray, ...]:
     return F, 1e-6 * np.eye(CAMERA_DIM), 1e-4 * np.eye(n), H, 4.0 * np.eye(M)
 
 
-def plain_numpy(n: int) -> Any:
+def plain_numpy(n: int) -> Call:
     """Our predict + update as one would write it in NumPy: camera block, one Cholesky factor, no inverse."""
     F, Q, P, H, R = _system(n)
     x, nu = np.zeros(n), np.zeros(M)
@@ -97,12 +87,10 @@ def plain_numpy(n: int) -> Any:
     return step
 
 
-def filterpy_step(n: int) -> Any:
-    """filterpy's EKF of that size, or None without filterpy."""
-    try:
-        from filterpy.kalman import ExtendedKalmanFilter
-    except ImportError:
-        return None
+def filterpy_step(n: int) -> Call:
+    """filterpy's EKF of that size."""
+    from filterpy.kalman import ExtendedKalmanFilter
+
     F, Q, P, H, R = _system(n)
     ekf = ExtendedKalmanFilter(dim_x=n, dim_z=M)
     ekf.F, ekf.Q = np.eye(n), np.zeros((n, n))

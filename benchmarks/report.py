@@ -1,12 +1,13 @@
-"""What a part of the benchmark says, and how all of it is written down."""
+"""The figures of a part of the benchmark, and all of them as Markdown."""
 
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+import platform
+from dataclasses import dataclass, field
 from typing import Any
 
-from agents.tools.files import write_json, write_text
-from agents.tools.sections import listed, put_section
-from agents.tools.sections import table as markdown_table
+from agents.tools.machine import machine, versions
+from agents.tools.sections import listed, table
+
+PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Bar:
     @property
     def met(self) -> bool:
         """Whether it is reached."""
-        return self.measured >= self.limit if self.at_least else self.measured <= self.limit
+        return bool(self.measured >= self.limit if self.at_least else self.measured <= self.limit)
 
 
 @dataclass
@@ -38,47 +39,22 @@ class Section:
     """How it was measured, and what was skipped."""
 
 
-def write_report(out: Path, command: str, machine: dict[str, Any], sections: list[Section]) -> str:
-    """Write ``bench.json`` and ``bench.md`` into ``out``; returns the latter."""
-    text = f"# Benchmark\n\n{markdown(command, machine, sections)}"
-    bars = [{**asdict(bar), "met": bar.met} for section in sections for bar in section.bars]
-    value = {"command": command, "machine": machine, "bars": bars, "sections": [asdict(part) for part in sections]}
-    write_json(out / "bench.json", value)
-    write_text(out / "bench.md", text)
-    return text
+def provenance(command: str) -> str:
+    """The command, the machine and the versions."""
+    return f"```bash\n{command}\n```\n\n{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}."
 
 
-def put_report(page: Path, command: str, machine: dict[str, Any], sections: list[Section]) -> None:
-    """Write the report, or its bars alone, into the generated sections "bench" and "speed" of ``page``.
-
-    Raises ValueError if there is no such page.
-    """
-    put_section(page, "bench", markdown(command, machine, sections))
-    bars = [f"```bash\n{command}\n```\n\n{description(machine)}\n", *bar_table(sections)]
-    put_section(page, "speed", "\n".join(bars))
-
-
-def markdown(command: str, machine: dict[str, Any], sections: list[Section]) -> str:
-    """The whole report, but for its title."""
-    lines = ["```bash", command, "```", "", description(machine)]
-    lines.append("Each time is a median of several, each ratio is of one run. BLAS has one thread throughout.")
-    bars = bar_table(sections)
-    lines += ["", "## Bars", "", *bars] if bars else []
+def report(sections: list[Section]) -> str:
+    """All figures: the bars and a table for each section."""
+    parts = ["Each time is a median of several, each ratio is of one run. BLAS has one thread throughout."]
+    parts += [f"## Bars\n\n{bars}"] if (bars := bar_table(sections)) else []
     for section in sections:
-        lines += ["", f"## {section.title}", "", *table(section.rows)]
-        for note in section.notes:
-            lines += ["", note]
-    return "\n".join(lines) + "\n"
+        parts += [f"## {section.title}\n\n{markdown(section.rows)}", *section.notes]
+    return "\n\n".join(parts) + "\n"
 
 
-def description(machine: dict[str, Any]) -> str:
-    """What it was measured on, in two lines."""
-    where = f"{machine['processor']}, {machine['cores']} cores; {machine['system']}; Python {machine['python']};"
-    return f"{where}\n{listed(machine['packages'])}."
-
-
-def bar_table(sections: list[Section]) -> list[str]:
-    """Lines of the table of bars."""
+def bar_table(sections: list[Section]) -> str:
+    """The table of bars."""
     rows = [
         {
             "bar": bar.what,
@@ -89,13 +65,12 @@ def bar_table(sections: list[Section]) -> list[str]:
         for section in sections
         for bar in section.bars
     ]
-    return table(rows)
+    return markdown(rows)
 
 
-def table(rows: list[dict[str, Any]]) -> list[str]:
-    """Lines of a Markdown table; nothing for no rows."""
-    cells = [[number(value) for value in row.values()] for row in rows]
-    return markdown_table(list(rows[0]), cells).splitlines() if rows else []
+def markdown(rows: list[dict[str, Any]]) -> str:
+    """A table of rows that share their keys; nothing for no rows."""
+    return table(list(rows[0]), [[number(value) for value in row.values()] for row in rows]) if rows else ""
 
 
 def number(value: Any) -> str:

@@ -1,60 +1,89 @@
-"""What the parts measure on: an environment in the middle of a sweep, and a map whose size is chosen."""
+"""States to measure on: an environment in the middle of a sweep, and a map of a chosen size."""
 
+from copy import deepcopy
+from functools import partial
 from typing import Any
 
 import gymnasium
 import numpy as np
 
 from activeslam_gym import Gaze, Motion, Scenario
-from activeslam_gym.envs.run import Run
+from activeslam_gym.camera import pixel_from_camera_point
+from activeslam_gym.envs.run import Run, known_boxes, run_at
 from activeslam_gym.envs.setting import resolve
-from activeslam_gym.envs.simulation import empty_runs, reset_run
-from activeslam_gym.kernels import row
+from activeslam_gym.envs.simulation import advance, begin_motion, empty_runs, reset_run
+from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.belief import POINT, Belief, start_of
+from activeslam_gym.slam.belief import POINT, start_of
+from activeslam_gym.slam.filter import filter_frame
 from activeslam_gym.slam.map import append_feature
 
-WARM_UP = 20.0
-"""The sweep goes on for so long before anything is timed [s]: most of the room is then mapped."""
+from .timing import Call, timed
+
+WARM_UP, END = 20, 34
+"""The sweep goes on for so long before anything is timed [s]: most of the room is then mapped. When it ends [s]."""
 SEEN = 8
 """Features in the image of a map of a chosen size."""
 
 
-def sweep_action(step: int, steps_per_motion: int) -> tuple[int, int]:
-    """The action of `baselines.Sweep`: RIGHT and LEFT in turn, always turning LEFT."""
-    return (Motion.LEFT if step // steps_per_motion % 2 else Motion.RIGHT), Gaze.LEFT
+def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:
+    """Times (end - begin,) [s] that the seconds ``begin`` … ``end`` of `baselines.Sweep` take in an environment.
+
+    RIGHT and LEFT in turn, always turning LEFT; ``period``: of the gaze [s].
+    """
+
+    def second(number: int) -> None:
+        action = np.array(np.broadcast_to((Motion.LEFT if number % 2 else Motion.RIGHT, Gaze.LEFT), shape))
+        for _ in range(round(1.0 / period)):
+            env.step(action)
+
+    shape = env.action_space.shape
+    return np.array([timed(partial(second, number)) for number in range(begin, end)])
 
 
-def swept(seed: int, **arguments: Any) -> tuple[gymnasium.Env, int]:
-    """An environment after `WARM_UP` of sweep from ``seed`` (the next one if that is lost) and its steps so far."""
-    env = gymnasium.make("ActiveSLAM-v0", **arguments)
-    inner: Any = env.unwrapped
-    count = round(WARM_UP / inner.gaze_period)
-    actions = [np.array(sweep_action(step, inner.steps_per_motion)) for step in range(count)]
+def swept(seed: int, gaze_period: float = 0.05) -> Any:
+    """An environment after `WARM_UP` of sweep from ``seed``."""
+    env = gymnasium.make("ActiveSLAM-v0", gaze_period=gaze_period, end_when_lost=False)
     env.reset(seed=seed)
-    while any(env.step(action)[2] for action in actions):  # stops at the first that loses it
-        seed += 1
-        env.reset(seed=seed)
-    return env, count
+    sweep(env, gaze_period, 0, WARM_UP)
+    return env
 
 
-def restore(live: Any, saved: Any) -> None:
-    """Copy the arrays of ``saved``, a nested named tuple, into those of ``live``."""
-    for one, other in zip(live, saved, strict=True):
-        if isinstance(one, tuple):
-            restore(one, other)
-        else:
-            np.copyto(one, other)
+def restoring(live: Any) -> Call:
+    """A function that gives the arrays of ``live``, a nested named tuple, their present values back."""
+
+    def restore(live: Any, saved: Any) -> None:
+        for one, other in zip(live, saved, strict=True):
+            if isinstance(one, tuple):
+                restore(one, other)
+            else:
+                np.copyto(one, other)
+
+    return partial(restore, live, deepcopy(live))
 
 
-def copied(tree: Any) -> Any:
-    """A deep copy of a nested named tuple of arrays."""
-    return type(tree)(*(copied(x) if isinstance(x, tuple) else x.copy() for x in tree))
+def mapped_runs(landmarks: int) -> Run:
+    """A batch of one run, at rest at the origin: every landmark is mapped as a POINT, and `SEEN` are in view.
 
-
-def map_scenario(landmarks: int) -> Scenario:
-    """The default scenario without fiducials and with as many landmarks."""
-    return Scenario(landmark_count=landmarks, fiducial_count=0)
+    The means are the true points, with a standard deviation of about 1 cm, all correlated. The candidates are the
+    predicted measurements, with their ids.
+    """
+    rng, scenario = np.random.default_rng(landmarks), Scenario(landmark_count=landmarks, fiducial_count=0)
+    runs = empty_runs(scenario, 1)
+    reset_run(resolve(scenario, None, 1.0, 35.0, "entropy", 0.5), runs, 0, 0)
+    run, points = row(runs, 0), points_around(landmarks, rng)
+    run.world.state.camera[:] = start_of(scenario)[0]
+    run.world.landmarks[:] = points
+    for y in points:
+        append_feature(run.ekf, POINT, np.append(y, np.zeros(3)), np.zeros((3, CAMERA_DIM)), np.eye(3))
+    dim = int(run.ekf.state.dim)
+    A = 0.01 * rng.standard_normal((dim, 3 * dim)) / np.sqrt(3 * dim)
+    run.ekf.covariance[:dim, :dim] = A @ A.T
+    run.episode.detections = SEEN
+    run.candidate["id"][:SEEN] = run.ekf.feature["serial"][:SEEN]
+    for y, pixel in zip(points, run.candidate["pixel"][:SEEN]):
+        pixel_from_camera_point(runs.models[0].camera, y, pixel)
+    return runs
 
 
 def points_around(landmarks: int, rng: np.random.Generator) -> np.ndarray:
@@ -65,25 +94,34 @@ def points_around(landmarks: int, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate((ahead, behind))
 
 
-def fill_with_points(belief: Belief, points: np.ndarray, rng: np.random.Generator) -> None:
-    """Give ``belief``, which has no feature, the mean ``points`` and a covariance of about 1 cm, all correlated."""
-    for y in points:
-        mean = np.concatenate((y, np.zeros(3)))
-        append_feature(belief, POINT, mean, np.zeros((3, CAMERA_DIM)), np.eye(3))
-    dim = int(belief.state.dim)
-    A = 0.01 * rng.standard_normal((dim, 3 * dim)) / np.sqrt(3 * dim)
-    P = A @ A.T
-    belief.covariance[:dim, :dim] = 0.5 * (P + P.T)
+@compiled
+def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
+    """Begin a motion of the first of ``runs``, and go on for so many frames, as a step does, without their evaluation.
+
+    ``command`` (4,) as in `motion.COMMANDS`.
+    """
+    run = run_at(runs, 0, runs.estimate.covariance[0])
+    begin_motion(run, command, np.inf)
+    for frame in range(frames):
+        advance(run, command[3], frame == frames - 1)
 
 
-def mapped_runs(landmarks: int, seed: int = 0) -> Run:
-    """A batch of one run, at rest at the origin: every landmark is mapped as a POINT and `SEEN` are in view."""
-    rng, scenario = np.random.default_rng(seed), map_scenario(landmarks)
-    setting = resolve(scenario, None, 1.0, 35.0, "entropy", 0.5)
-    runs = empty_runs(scenario, 1)
-    reset_run(setting, runs, 0, seed)
-    run, points = row(runs, 0), points_around(landmarks, rng)
-    run.world.state.camera[:] = start_of(scenario)[0]
-    run.world.landmarks[:] = points
-    fill_with_points(run.ekf, points, rng)
-    return runs
+@compiled
+def filter_frames(runs: Run, frames: int) -> None:
+    """So many times the filter's frame alone, of the first of ``runs``, by its candidates, whose ids are certain."""
+    run = run_at(runs, 0, runs.estimate.covariance[0])
+    models, candidates = run.models, run.candidate[: run.episode.detections]
+    u, boxes = np.zeros(6), known_boxes(run)
+    for _ in range(frames):
+        filter_frame(
+            models.camera, models.motion, models.filter, run.ekf, run.world.fiducials, boxes, u, models.motion.dt,
+            candidates, True, run.episode.events,
+        )  # fmt: skip
+
+
+def demand_matches(runs: Run, landmarks: int) -> None:
+    """Raise RuntimeError where the last frame matched other than `SEEN` candidates, or the map has changed its size."""
+    run = row(runs, 0)
+    matched = int((run.candidate["match"][: run.episode.detections] > 0).sum())
+    if matched != SEEN or run.ekf.state.count != landmarks:
+        raise RuntimeError(f"{matched} of {SEEN} points were matched, {run.ekf.state.count} features")

@@ -1,134 +1,113 @@
-"""Where the microseconds of a frame go: each kernel alone, on the arrays of a run in the middle of a sweep."""
+"""Where the microseconds of a frame go: a step that stops after each of its stages, in the middle of a sweep."""
 
-from collections.abc import Callable
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from activeslam_gym.envs.episode import STEP, evaluate, observe
-from activeslam_gym.envs.run import Run, known_boxes
-from activeslam_gym.envs.simulation import advance
-from activeslam_gym.information.entropy import gathered
-from activeslam_gym.information.expectation import update_expectation
-from activeslam_gym.kernels import compiled, row
-from activeslam_gym.linalg import cholesky_in_place
+from activeslam_gym.envs.episode import STEP, appraise, observe, open_step, play
+from activeslam_gym.envs.run import Run, known_boxes, present, run_at
+from activeslam_gym.envs.simulation import account, drive, sense
+from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import COMMANDS, Gaze, Motion
 from activeslam_gym.slam.association import associate
-from activeslam_gym.slam.belief import write_estimate
-from activeslam_gym.slam.frame import update_by
-from activeslam_gym.slam.initialisation import follow_tracks
+from activeslam_gym.slam.frame import initialise, use_detections
 from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.sight import sight_of_belief
-from activeslam_gym.world.simulator import detect, move
 
 from .report import Section
-from .setups import copied, restore, swept
-from .timing import dispatch, restored
+from .setups import restoring, swept
+from .timing import TURN, restored
+
+STAGES = (
+    "handing over the arrays of a run",
+    "control, true motion",
+    "detection",
+    "prediction",
+    "predicted pixels, H P, S",
+    "association",
+    "update, conversions, deletions",
+    "births",
+    "estimate",
+    "hidden labels, expected landmarks",
+    "evaluation",
+    "observation",
+)
 
 
 @compiled
-def value_of_frames(run: Run) -> None:
-    """What a step does after its frames."""
-    evaluate(run)
+def step_until(runs: Run, command: np.ndarray, last: int) -> None:
+    """A step of one frame of the first of ``runs``, as `play` makes it, until stage ``last`` of `STAGES`."""
+    run = run_at(runs, 0, np.empty(runs.estimate.covariance.shape[1:]))
+    models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
+    if last == 0:
+        return
+    open_step(run, command, np.inf)
+    u, _ = drive(run, command[3])
+    if last == 1:
+        return
+    labelled = sense(run)
+    candidates = run.candidate[: run.episode.detections]
+    if last == 2:
+        return
+    predict(models.motion, belief, u, models.motion.dt)
+    if last == 3:
+        return
+    sight = sight_of_belief(models.camera, belief, fiducials, boxes)
+    if last == 4:
+        return
+    if last == 5:
+        waits = np.zeros(sight.thing.shape[0], np.bool_)
+        associate(models.filter.association, sight, candidates, belief.state.count, waits)
+        return
+    events = run.episode.events
+    use_detections(models, belief, fiducials, boxes, sight, candidates, labelled, events)
+    if last == 6:
+        return
+    initialise(models, belief, candidates, events)
+    if last == 7:
+        return
+    present(run)
+    if last == 8:
+        return
+    account(run)
+    if last == 9:
+        return
+    appraise(run, False)
+    if last == 10:
+        return
     observe(run)
-
-
-class Stages:
-    """Kernels with arguments as a frame hands them on, and the way back to before the frame."""
-
-    def __init__(self) -> None:
-        self.env, _ = swept(0)
-        inner: Any = self.env.unwrapped
-        self.runs = inner._runs
-        self.play_with = self.runs, np.array([STEP]), COMMANDS[Motion.RIGHT, Gaze.LEFT][None], 0, 1
-        self.run, self.saved = row(self.runs, 0), copied(self.runs)
-        self.whole: dict[str, tuple[Callable, tuple]] = {
-            "the frame (`advance`)": (advance, (self.run, 1.0, True)),
-            "its worth (`evaluate`, `observe`)": (value_of_frames, (self.run,)),
-        }
-        self.frame, self.worth = self._frame_kernels(), self._worth_kernels()
-
-    def _frame_kernels(self) -> dict[str, tuple[Callable, tuple]]:
-        """The frame's own kernels; each is prepared by running those before it."""
-        run, models, world, belief = self.run, self.run.models, self.run.world, self.run.ekf
-        camera, motion, u = models.camera, models.motion, np.zeros(6)
-        move_with = (motion, world, u)
-        detect_with = (models.true_camera, models.sensor, world, run.candidate, run.label)
-        predict_with = (motion, belief, u, float(motion.dt))
-        sight_with = (camera, belief, world.fiducials, known_boxes(run))
-        move(*move_with)
-        candidates = run.candidate[: detect(*detect_with)].copy()
-        predict(*predict_with)
-        sight = sight_of_belief(*sight_with)
-        waits = np.zeros(len(sight.thing), bool)
-        self.features, self.rows = int(run.estimate.state.count), sight.HP.shape[1]
-        match_with = (models.filter.association, sight, candidates, self.features, waits)
-        of_thing = associate(*match_with)[0]
-        self.matches = int(np.sum(of_thing >= 0))
-        update_with = (camera, belief, world.fiducials, sight, of_thing, candidates)
-        ratio = float(models.filter.initialisation.mapped_depth_ratio)
-        self.restore()
-        return {
-            "true motion": (move, move_with),
-            "detection": (detect, detect_with),
-            "prediction": (predict, predict_with),
-            "sight: predicted pixels, H P, S": (sight_of_belief, sight_with),
-            "association": (associate, match_with),
-            "update": (update_by, update_with),
-            "births": (follow_tracks, (camera, models.filter.initialisation, belief, candidates)),
-            "estimate": (write_estimate, (belief, ratio, run.estimate)),
-            "expected landmarks": (update_expectation, (run.expected, models.landmark_var, run.estimate)),
-        }
-
-    def _worth_kernels(self) -> dict[str, tuple[Callable, tuple]]:
-        """The kernels of what the frame is worth; scores against the truth are in the rest."""
-        run, order, none = self.run, np.arange(self.features), np.zeros(0, np.int64)
-        covariance = run.estimate.covariance
-        self.public = gathered(covariance, none, order)
-        self.factor = self.public.copy()
-        return {
-            "gathering": (gathered, (covariance, none, order)),
-            "factor of the public covariance": (cholesky_in_place, (self.factor,)),
-            "observation": (observe, (run,)),
-        }
-
-    def restore(self) -> None:
-        """All arrays as they were before the frame."""
-        restore(self.runs, self.saved)
-        if hasattr(self, "factor"):
-            np.copyto(self.factor, self.public)
+    run.estimate.state.whole = False
 
 
 def run(quick: bool) -> Section:
-    """The table of stages, with what no stage accounts for."""
-    section = Section("Where the microseconds of a frame go")
-    stages, count = Stages(), 100 if quick else 1000
+    """The table of stages, and their sum beside the whole step.
 
-    def handing_over(kernel: Callable, arguments: tuple) -> float:
-        stages.restore()
-        return 1e6 * dispatch(arguments, kernel(*arguments), count)
-
-    def cost(kernel: Callable, arguments: tuple) -> float:
-        timing = restored(lambda: kernel(*arguments), stages.restore, count)
-        return max(0.0, 1e6 * timing.seconds - handing_over(kernel, arguments))
-
-    frame, worth_of_it = (cost(*stage) for stage in stages.whole.values())
-    whole = frame + worth_of_it
-    rows: dict[str, float] = {"a step of one frame": whole, **dict(zip(stages.whole, (frame, worth_of_it)))}
-    rows["handing over the arrays of a run, besides"] = 1e6 * dispatch(stages.play_with, None, count)
-    parts = {name: cost(*stage) for name, stage in stages.frame.items()}
-    worth = {name: cost(*stage) for name, stage in stages.worth.items()}
-    rows |= {f"frame: {name}": value for name, value in parts.items()}
-    rows["frame: everything else"] = frame - sum(parts.values())
-    rows |= {f"worth: {name}": value for name, value in worth.items()}
-    rows["worth: values and rewards"] = worth_of_it - sum(worth.values())
-    section.rows = [{"stage": name, "time [µs]": value, "share": value / whole} for name, value in rows.items()]
+    Raises:
+        RuntimeError: the stages do not make the step that `play` makes.
+    """
+    section, env = Section("Where the microseconds of a frame go"), swept(0)
+    runs, command = env.unwrapped._runs, COMMANDS[Motion.RIGHT, Gaze.LEFT]
+    whole = partial(play, runs, np.array([STEP]), command[None], 0, 1)
+    steps = [partial(step_until, runs, command, last) for last in range(len(STAGES))]
+    restore, count = restoring(runs), 100 if quick else 1000
+    *ends, of_play = 1e6 * restored([*steps, whole], restore, count).min(axis=0)
+    made = []
+    for step in (steps[-1], whole):
+        restore()
+        step()
+        made.append((runs.observation.tobytes(), runs.episode.tobytes(), runs.ekf.covariance.tobytes()))
+    if made[0] != made[1]:
+        raise RuntimeError("the stages of benchmarks/stages.py do not make the step that `play` makes")
+    times = {"a step of one frame (`play`)": of_play, **dict(zip(STAGES, np.diff(ends, prepend=0.0)))}
+    times["sum of the stages"] = ends[-1]
+    section.rows = [{"stage": name, "time [µs]": time, "share": time / of_play} for name, time in times.items()]
+    estimate, detections = runs.estimate.state[0], runs.candidate["match"][0, : runs.episode[0].detections]
     section.notes.append(
-        f"One frame after 20 s of `sweep`: {stages.features} features, {stages.rows} covariance rows, "
-        f"{stages.matches} matches. Each kernel is called from Python {count} times, every time on the same arrays put "
-        "back by a copy; from the median is taken that of an empty compiled function of the same arguments and result. "
-        "Kernels that the compiler merges in a real frame stand apart here, so the differences (*everything else*, "
-        "*values and rewards*) carry the errors of the others."
+        f"One frame after 20 s of `sweep`: {estimate['count']} features, {runs.ekf.state[0].dim} covariance rows, "
+        f"{(detections != 0).sum()} matches. One compiled function calls the stages of a frame and returns after any "
+        f"of them; a stage is the difference of two times. Each of these is the lowest of {count // TURN} medians of "
+        f"{TURN} calls, all on the same arrays put back by a copy. The sum is the time of the function to its end. It "
+        "makes the same step as `play` to the bit; they differ by how the compiler merges the stages."
     )
-    stages.env.close()
+    env.close()
     return section

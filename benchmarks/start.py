@@ -6,11 +6,13 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from .report import Bar, Section
-from .timing import summary
 
-_IMPORT = "import time; t = time.perf_counter(); import activeslam_gym; print(time.perf_counter() - t)"
+_IMPORT = "import time; t = time.perf_counter(); import activeslam_gym; print([time.perf_counter() - t])"
 _START = """
 import json, time
 t = [time.perf_counter()]
@@ -21,45 +23,39 @@ env.reset(seed=0); lap()
 env.step(env.action_space.sample()); lap()
 print(json.dumps([b - a for a, b in zip(t, t[1:])]))
 """
+LAPS = ("import [s]", "make [s]", "reset [s]", "first step [s]")
 
 
 def run(quick: bool) -> Section:
     """Times of fresh processes; compiling is left out if ``quick``."""
     section = Section("Start")
-    alone = summary([float(_fresh(_IMPORT)) for _ in range(3 if quick else 7)])
-    section.rows.append(_row("import activeslam_gym", [alone.seconds]))
+    laps = {"import activeslam_gym": list(np.median([_fresh(_IMPORT) for _ in range(3 if quick else 7)], axis=0))}
     if quick:
         section.notes.append("First-run compilation is skipped in a quick run.")
-        return section
-    with tempfile.TemporaryDirectory() as cache:
-        first = json.loads(_fresh(_START, cache))
-        kernels = len(list(Path(cache).rglob("*.nbc")))
-        if kernels == 0:
-            raise RuntimeError(f"nothing was compiled into the empty cache {cache}")
-        cached = sorted((json.loads(_fresh(_START, cache)) for _ in range(5)), key=sum)[2]
-        if len(list(Path(cache).rglob("*.nbc"))) != kernels:
-            raise RuntimeError("a cached start compiled something")
-    section.rows += [_row("first run, empty cache", first), _row("cached", cached)]
-    section.bars += [
-        Bar("first run, compilation included", sum(first), 30.0, "s"),
-        Bar("cached start: import, make, reset, first step", sum(cached), 2.0, "s"),
-    ]
-    section.notes.append(
-        f"Fresh processes, median of 5 (the first run: one). It filled an empty NUMBA_CACHE_DIR with {kernels} files "
-        "of kernels; the cached starts added none."
-    )
+    else:
+        with tempfile.TemporaryDirectory() as cache:
+            laps["first run, empty cache"] = _fresh(_START, cache)
+            kernels = len(list(Path(cache).rglob("*.nbc")))
+            laps["cached"] = sorted((_fresh(_START, cache) for _ in range(5)), key=sum)[2]
+            if not kernels or len(list(Path(cache).rglob("*.nbc"))) != kernels:
+                raise RuntimeError(f"the first run compiled {kernels} files of kernels, and a cached start some more")
+        first, cached = sum(laps["first run, empty cache"]), sum(laps["cached"])
+        section.bars.append(Bar("first run, compilation included", first, 30.0, "s"))
+        section.bars.append(Bar("cached start: import, make, reset, first step", cached, 2.0, "s"))
+        section.notes.append(
+            f"Fresh processes, median of 5 (the first run: one). It filled an empty NUMBA_CACHE_DIR with {kernels} "
+            "files of kernels; the cached starts added none."
+        )
+    for what, times in laps.items():
+        row: dict[str, Any] = {"what": what, **dict.fromkeys(LAPS, "")}
+        section.rows.append({**row, **dict(zip(LAPS, times)), "total [s]": float(sum(times))})
     return section
 
 
-def _row(what: str, laps: list[float]) -> dict:
-    names = ("import [s]", "make [s]", "reset [s]", "first step [s]")
-    return {"what": what, **dict(zip(names, [*laps, "", "", ""])), "total [s]": float(sum(laps))}
-
-
-def _fresh(code: str, cache: str | None = None) -> str:
-    """What ``code`` prints last in a fresh process, with ``cache`` as Numba's."""
+def _fresh(code: str, cache: str | None = None) -> list[float]:
+    """The list that ``code`` prints last in a fresh process, with ``cache`` as Numba's."""
     environment = {**os.environ, **({"NUMBA_CACHE_DIR": cache} if cache else {})}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(done.stderr)
-    return done.stdout.strip().splitlines()[-1]
+    return json.loads(done.stdout.strip().splitlines()[-1])

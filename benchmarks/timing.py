@@ -1,37 +1,18 @@
-"""Medians of repeated runs, what the clock's calls cost, and the machine that they ran on."""
+"""Repeated timings of a call, without the garbage collector."""
 
 import gc
-import platform
-import statistics
 import time
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
-from numba import njit
 
-from activeslam_gym.threads import available_cores
-from agents.tools.machine import package_versions, processor
-
-PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
+Call = Callable[[], Any]
+TURN = 50
 
 
-class Timing(NamedTuple):
-    """Seconds of one call, over several repeats; `seconds` is the median."""
-
-    seconds: float
-    fastest: float
-    slowest: float
-    repeats: int
-
-
-def summary(seconds: list[float]) -> Timing:
-    """The median of ``seconds`` and their range."""
-    return Timing(statistics.median(seconds), min(seconds), max(seconds), len(seconds))
-
-
-def timed(call: Callable[[], Any]) -> float:
-    """Seconds of one ``call``, without the garbage collector."""
+def timed(call: Call) -> float:
+    """Time of one ``call`` [s]."""
     gc.disable()
     try:
         start = time.perf_counter()
@@ -41,8 +22,8 @@ def timed(call: Callable[[], Any]) -> float:
         gc.enable()
 
 
-def repeated(call: Callable[[], Any], repeats: int, at_least: float) -> Timing:
-    """Time of one ``call``: the median of ``repeats`` loops of about ``at_least`` [s], after one call."""
+def repeated(call: Call, repeats: int, at_least: float) -> np.ndarray:
+    """Times (repeats,) of one ``call`` [s], each the mean of a loop of about ``at_least`` [s], after one call."""
     call()
     number = max(1, int(at_least / max(timed(call), 1e-9)))
 
@@ -50,48 +31,21 @@ def repeated(call: Callable[[], Any], repeats: int, at_least: float) -> Timing:
         for _ in range(number):
             call()
 
-    return summary([timed(loop) / number for _ in range(repeats)])
+    return np.array([timed(loop) for _ in range(repeats)]) / number
 
 
-def restored(call: Callable[[], Any], restore: Callable[[], Any], count: int) -> Timing:
-    """Time of a ``call`` that changes its arguments: the median of ``count`` calls, each after ``restore``."""
-    restore()
-    call()
-    seconds = []
-    for _ in range(count):
-        restore()
-        seconds.append(timed(call))
-    return summary(seconds)
+def restored(calls: Sequence[Call], restore: Call, count: int) -> np.ndarray:
+    """Median times (turns, calls) of ``calls`` that change their arguments [s], of ``count`` each after ``restore``.
 
-
-def dispatch(arguments: tuple[Any, ...], result: Any = None, count: int = 500) -> float:
-    """Median seconds to hand a compiled function these ``arguments``, and to hand back such a ``result``.
-
-    Taken from what a call from Python takes, it leaves the kernel itself: named tuples of arrays are slow to hand over.
+    They take turns of `TURN` calls in succession: changes of the machine meet all alike, and each has its own code in
+    the caches.
     """
-
-    @njit
-    def nothing(arguments: Any) -> int:
-        return 0
-
-    @njit
-    def identity(argument: Any) -> Any:
-        return argument
-
-    def cost(call: Callable[[Any], Any], argument: Any) -> float:
-        return restored(lambda: call(argument), lambda: None, count).seconds
-
-    there = cost(nothing, arguments)
-    return there if result is None else there + max(0.0, cost(identity, result) - cost(nothing, result))
-
-
-def machine() -> dict[str, Any]:
-    """The processor, the cores at hand, the load, and the versions."""
-    python, packages = platform.python_version(), package_versions(PACKAGES)
-    where = {"processor": processor(), "cores": available_cores(), "system": platform.platform()}
-    return {**where, "python": python, "packages": packages}
-
-
-def slope(sizes: list[int], seconds: list[float]) -> float:
-    """Fitted exponent of growth: of log ``seconds`` on log ``sizes``."""
-    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+    seconds = np.empty((count // TURN, len(calls), TURN))
+    for turn in seconds:
+        for call, times in zip(calls, turn):
+            restore()
+            call()
+            for i in range(TURN):
+                restore()
+                times[i] = timed(call)
+    return np.median(seconds, axis=2)

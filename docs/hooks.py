@@ -20,10 +20,8 @@ from mkdocs.structure.files import File
 
 DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
-FROM_THE_ROOT = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.md", "results.md": "RESULTS.md"}
-"""Pages that stand in the repository's root, by their name on the site."""
-README_PAGE = "index.md"
-"""Where a link to the README leads."""
+FROM_THE_ROOT = ("CHANGELOG.md", "CONTRIBUTING.md", "RESULTS.md")
+"""Pages that stand in the repository's root; on the site their names are in lower case."""
 SHOWN = {
     "notebooks": (ROOT / "notebooks", "*.ipynb"),
     "examples": (ROOT / "examples", "**/*.*"),
@@ -58,9 +56,8 @@ def on_config(config: Any) -> Any:
 def _written(entry: Any) -> Any:
     """A page, or the pages of a group that there are; the name of a folder of `SHOWN` stands for its pages."""
     if isinstance(entry, str):
-        shown = shown_files().items()
-        pages = [{title_of(source, page): page} for source, page in shown if page.startswith(f"{entry}/")]
-        return pages if entry in SHOWN else entry
+        shown = [(source, page) for source, page in shown_files().items() if page.startswith(f"{entry}/")]
+        return [{title_of(source, page): page} for source, page in shown] if entry in SHOWN else entry
     return [
         {title: _written(page)}
         for one in entry
@@ -70,8 +67,8 @@ def _written(entry: Any) -> Any:
 
 
 def shown_files() -> dict[Path, str]:
-    """Files of the repository that the site shows as pages, and the page of each."""
-    found = {}
+    """Files outside docs/ that the site shows as pages, and the page of each."""
+    found = {ROOT / name: name.lower() for name in FROM_THE_ROOT if (ROOT / name).is_file()}
     for folder, (home, pattern) in SHOWN.items():
         for source in sorted(home.glob(pattern)):
             if source.suffix in (*KINDS, ".ipynb"):
@@ -80,11 +77,13 @@ def shown_files() -> dict[Path, str]:
     return found
 
 
+def source_of(page: str) -> Path:
+    """The file of the repository that a page of the site is made of."""
+    return next((source for source, shown_as in shown_files().items() if shown_as == page), DOCS / page)
+
+
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages of the repository's root, those of files that are shown, and the font of formulas."""
-    for page in FROM_THE_ROOT:
-        if source_of(page).is_file():
-            files.append(File.generated(config, page, content=source_of(page).read_text(encoding="utf-8")))
+    """Add the pages of files outside docs/, and the font of formulas."""
     for source, page in shown_files().items():
         files.append(File.generated(config, page, content=page_of(source)))
     if spec := find_spec("ziamath"):
@@ -103,8 +102,10 @@ def title_of(source: Path, page: str) -> str:
 
 
 def page_of(source: Path) -> str:
-    """A notebook, an example or a card as Markdown."""
+    """A page, a notebook, an example or a card as Markdown."""
     text, name = source.read_text(encoding="utf-8"), source.relative_to(ROOT).as_posix()
+    if source.suffix == ".md":
+        return text
     if source.suffix == ".ipynb":
         told = f"*This is `{name}`; to run it, see [how to open the notebooks](../start.md#the-notebooks).*"
         return "\n\n".join([*_cells(json.loads(text)), told])
@@ -133,28 +134,19 @@ def on_page_content(html: str, **_: Any) -> str:
     return _FORMULA.sub(_mathml, html)
 
 
-def source_of(page: str) -> Path:
-    """The file of the repository that a page of the site is made of."""
-    shown = {shown_as: source for source, shown_as in shown_files().items()}
-    if page in shown:
-        return shown[page]
-    return ROOT / FROM_THE_ROOT[page] if page in FROM_THE_ROOT else DOCS / page
-
-
 def site_links(markdown: str, folder: Path, at: str = ".") -> str:
     """``markdown`` of a file in ``folder`` with its relative links as a page in the site's folder ``at`` has them."""
+
+    pages = shown_files() | {ROOT / "README.md": "index.md"}
 
     def on_the_site(link: re.Match[str]) -> str:
         target = link["target"]
         path = (folder / target).resolve()
         if "://" in target or not path.exists():
             return link[0]
-        pages = {ROOT / source: page for page, source in FROM_THE_ROOT.items()} | {ROOT / "README.md": README_PAGE}
-        pages |= shown_files()
-        if path in pages:
-            target = os.path.relpath(DOCS / pages[path], DOCS / at).replace(os.sep, "/")
-        elif path.is_relative_to(DOCS):
-            target = os.path.relpath(path, DOCS / at).replace(os.sep, "/")
+        if path in pages or path.is_relative_to(DOCS):
+            page = DOCS / pages[path] if path in pages else path
+            target = os.path.relpath(page, DOCS / at).replace(os.sep, "/")
         elif not link["image"]:
             return link["text"]
         return f"{link['image']}[{link['text']}]({target}{link['anchor'] or ''})"

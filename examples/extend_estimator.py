@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 import baselines
 from activeslam_gym import Scenario
 from activeslam_gym.camera import camera_of, ray_from_pixel
+from activeslam_gym.evaluation import run_episode
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.motion import motion_of, process_covariance, transition, transition_jacobian
 from activeslam_gym.slam.belief import bearing
@@ -127,10 +128,5 @@ if __name__ == "__main__":
     env: Any = gym.make(
         "ActiveSLAM-v0", scenario={"estimator": "numpy-ekf", "association": "known"}, gaze_period=0.25, duration=5.0
     )
-    observation, info = env.reset(seed=0)
-    policy, state, over = baselines.make("mi-mi", env), None, False
-    while not over:
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    print(f"log score {info['log_score']:.0f} bits, position error {100 * info['position_error']:.1f} cm")
+    run = run_episode(env, baselines.make("mi-mi", env), seed=0)
+    print(f"log score {run.log_score[-1]:.0f} bits, position error {100 * run.position_error[-1]:.1f} cm")

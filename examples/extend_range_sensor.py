@@ -8,6 +8,7 @@ import numpy as np
 import baselines
 import examples.extend_estimator  # noqa: F401  (registers "numpy-ekf", which takes measurements of any size)
 from activeslam_gym import Scenario
+from activeslam_gym.evaluation import run_episode
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.sensors.sensor import SENSORS, Detections
 from activeslam_gym.slam.estimate import Estimate
@@ -67,10 +68,5 @@ class RangeModel:
 if __name__ == "__main__":
     scenario = {"sensor": "range-and-bearing", "estimator": "numpy-ekf", "association": "known"}
     env: Any = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=5.0)
-    observation, info = env.reset(seed=0)
-    policy, state, over = baselines.make("mi-mi", env), None, False
-    while not over:
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-    print(f"log score {info['log_score']:.0f} bits, position error {100 * info['position_error']:.1f} cm")
+    run = run_episode(env, baselines.make("mi-mi", env), seed=0)
+    print(f"log score {run.log_score[-1]:.0f} bits, position error {100 * run.position_error[-1]:.1f} cm")

@@ -1,6 +1,7 @@
 """What several tests need: numerical derivatives, random beliefs, and matrix formulas written as in a textbook."""
 
 from collections.abc import Callable, Sequence
+from copy import deepcopy as copied  # noqa: F401  (of nested named tuples of arrays and records)
 from typing import Any
 
 import numpy as np
@@ -32,11 +33,6 @@ def replaced(record: np.record, **values: Any) -> np.record:
     for name, value in values.items():
         out[name] = value
     return out
-
-
-def copied(arrays: Any) -> Any:
-    """A deep copy of a (nested) named tuple of arrays and records."""
-    return type(arrays)(*(copied(a) if isinstance(a, tuple) else a.copy() for a in arrays))
 
 
 def numerical_jacobian(f: Callable[[np.ndarray], Any], size: int, step: float) -> np.ndarray:

@@ -3,12 +3,11 @@
 A client whose package is not installed is skipped; `make clients` installs each in an environment of its own.
 """
 
-import importlib.util
 import math
 import re
+import runpy
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import pytest
@@ -16,46 +15,27 @@ import pytest
 import activeslam_gym  # noqa: F401  (registers the environments)
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-
-
-class Client(NamedTuple):
-    """A script, what it imports that may be absent, and arguments of its `main` for the smallest run."""
-
-    script: str
-    packages: tuple[str, ...]
-    smallest: dict[str, Any]
-
-
-CLIENTS = {
-    "sb3-ppo": Client("sb3_ppo.py", ("stable_baselines3",), {"steps": 8960}),
-    "sb3-a2c": Client("sb3_a2c.py", ("stable_baselines3",), {"steps": 640}),
-    "sb3-dqn": Client("sb3_dqn.py", ("stable_baselines3",), {"steps": 1200}),
-    "sb3-recurrent-ppo": Client("sb3_recurrent_ppo.py", ("sb3_contrib",), {"steps": 2240}),
-    "sb3-maskable-ppo": Client("sb3_maskable_ppo.py", ("sb3_contrib",), {"steps": 8960}),
-    "sb3-zoo": Client("rl_zoo3/train.py", ("rl_zoo3",), {"steps": 560, "num_envs": 4}),
-    "torchrl-ppo": Client("torchrl_ppo.py", ("torchrl",), {"steps": 560, "num_envs": 2}),
-    "rllib-ppo": Client("rllib_ppo.py", ("ray.rllib",), {"iterations": 1}),
-    "cleanrl-ppo": Client("cleanrl_ppo.py", ("gym", "cleanrl"), {"steps": 4480}),
+CLIENTS: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "sb3-ppo": ("sb3_ppo.py", "stable_baselines3", {"steps": 8960}),
+    "sb3-a2c": ("sb3_a2c.py", "stable_baselines3", {"steps": 640}),
+    "sb3-dqn": ("sb3_dqn.py", "stable_baselines3", {"steps": 1200}),
+    "sb3-recurrent-ppo": ("sb3_recurrent_ppo.py", "sb3_contrib", {"steps": 2240}),
+    "sb3-maskable-ppo": ("sb3_maskable_ppo.py", "sb3_contrib", {"steps": 8960}),
+    "sb3-zoo": ("rl_zoo3/train.py", "rl_zoo3", {"steps": 560, "num_envs": 4}),
+    "torchrl-ppo": ("torchrl_ppo.py", "torchrl", {"steps": 560, "num_envs": 2}),
+    "rllib-ppo": ("rllib_ppo.py", "ray.rllib", {"iterations": 1}),
+    "cleanrl-ppo": ("cleanrl_ppo.py", "cleanrl", {"steps": 4480}),
 }
-
-
-def load(client: Client) -> ModuleType:
-    """The script as a module."""
-    for package in client.packages:
-        pytest.importorskip(package, reason=f"{package} is not installed: see make clients")
-    path = EXAMPLES / client.script
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+"""A script, the package that it needs, and arguments of its `main` for the smallest run."""
 
 
 @pytest.fixture(params=CLIENTS)
 def client(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, dict]:
     """The `main` of a client's script, in a folder of its own, and arguments for its smallest run."""
+    script, package, smallest = CLIENTS[request.param]
+    pytest.importorskip(package, reason=f"{package} is not installed: see make clients")
     monkeypatch.chdir(tmp_path)
-    return load(CLIENTS[request.param]).main, CLIENTS[request.param].smallest
+    return runpy.run_path(str(EXAMPLES / script))["main"], smallest
 
 
 def test_client_runs(client: tuple[Any, dict], capfd: pytest.CaptureFixture[str]) -> None:
@@ -97,4 +77,4 @@ def test_the_zoo_s_hyperparameters_are_those_of_the_algorithm(path: Path) -> Non
 def test_every_learner_s_script_is_tested() -> None:
     learners = [path for path in EXAMPLES.rglob("*.py") if " bits, {" in path.read_text(encoding="utf-8")]
     scripts = {path.relative_to(EXAMPLES).as_posix() for path in learners}
-    assert scripts == {client.script for client in CLIENTS.values()}
+    assert scripts == {script for script, *_ in CLIENTS.values()}

@@ -39,66 +39,56 @@ def test_every_field_has_a_bound_and_says_it_of_a_number_beyond_any_float_too() 
         whole_multiple("duration", 1e308, "gaze_period", 0.05)
 
 
-@pytest.mark.parametrize(
-    ("name", "allowed", "values"),
-    [
-        ("pixel_std", "a positive number", (0.0, -1.0, float("nan"), float("inf"), True, "2", None)),
-        ("wall_margin", "zero or a positive number", (-0.1, float("nan"))),
-        ("gate_probability", "in [0, 1)", (1.0, -0.1)),
-        ("principal_x_px", "a finite number", (float("nan"), float("inf"), "162")),
-        ("principal_y_px", "a finite number", (float("nan"), None)),
-        ("landmark_count", "a whole number", (2.5, 27.0, True, np.float64(27.0))),
-        ("landmark_count", "a positive number", (0, -3)),
-        ("fiducial_count", "zero or a positive number", (-1,)),
-        ("particle_count", "at least 2", (1, -1)),
-        ("filter_acceleration_std", "a positive number or None", (0.0, -1.0, False)),
-        ("true_focal_px", "a positive number or None", (0.0, -195.0, float("inf"), "195", True)),
-        ("true_distortion", "zero, a positive number or None", (-1e-6, float("nan"), "0", False)),
-        ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
-        ("box_count", "two whole numbers from 0 to 100, in no decreasing order", ((3, 2), (0, 1.5), (-1, 1), 3, (1,))),
-        ("varied", VARIED, ((("duration", 1, 2),), 3, ((np.ones(3), 1, 2),))),
-        ("start", "one of centre, corner, wall, anywhere", ("middle", 3)),
-        ("facing_angle", "at most pi / 2", (2.0,)),
-        ("boxes_known", "True or False", (0, 1, None, "no")),
-        ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(3))),
-        ("particle_depth", "in increasing order", ((9.0, 0.3), (1.0, 1.0))),
-        ("fiducial_distance", "in increasing order", ([2.0, 1.2],)),
-        ("initialisation", "one of depth_particles, inverse_depth", ("guess", 1, ["inverse_depth"])),
-        ("command_known", "True or False", (1, None, "yes")),
-        ("name", "a string", (3, None)),
-        ("motion_criterion", "a string", (3, None)),
-        ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
-        ("wall_margin", "at most goal_margin", (0.5,)),
-        ("point_spacing", "at most 1.03: its points must fit", (1.1, 5)),
-    ],
+OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
+    ("pixel_std", "a positive number", (0.0, -1.0, float("nan"), float("inf"), True, "2", None)),
+    ("wall_margin", "zero or a positive number", (-0.1, float("nan"))),
+    ("gate_probability", "in [0, 1)", (1.0, -0.1)),
+    ("principal_x_px", "a finite number", (float("nan"), float("inf"), "162")),
+    ("landmark_count", "a whole number", (2.5, 27.0, True, np.float64(27.0))),
+    ("landmark_count", "a positive number", (0, -3)),
+    ("fiducial_count", "zero or a positive number", (-1,)),
+    ("particle_count", "at least 2", (1, -1)),
+    ("filter_acceleration_std", "a positive number or None", (0.0, -1.0, False)),
+    ("true_focal_px", "a positive number or None", (0.0, -195.0, float("inf"), "195", True)),
+    ("true_distortion", "zero, a positive number or None", (-1e-6, float("nan"), "0", False)),
+    ("boxes", "boxes ((x, y, z), (x, y, z)), the lowest and the highest corner of each", NO_BOXES),
+    ("box_count", "two whole numbers from 0 to 100, in no decreasing order", ((3, 2), (0, 1.5), (-1, 1), 3, (1,))),
+    ("varied", VARIED, ((("duration", 1, 2),), 3, ((np.ones(3), 1, 2),))),
+    ("start", "one of centre, corner, wall, anywhere", ("middle", 3)),
+    ("facing_angle", "at most pi / 2", (2.0,)),
+    ("boxes_known", "True or False", (0, 1, None, "no")),
+    ("room_size", "3 positive numbers", (6.0, (6.0, 2.0), (6.0, 2.0, 0.0), [6.0, 2.0, "6"], np.ones(3))),
+    ("particle_depth", "in increasing order", ((9.0, 0.3), (1.0, 1.0))),
+    ("initialisation", "one of depth_particles, inverse_depth", ("guess", 1, ["inverse_depth"])),
+    ("name", "a string", (3, None)),
+    ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
+    ("wall_margin", "at most goal_margin", (0.5,)),
+    ("point_spacing", "at most 1.03: its points must fit", (1.1, 5)),
 )
-def test_what_is_out_of_bounds_is_named(name: str, allowed: str, values: tuple[Any, ...]) -> None:
-    for value in values:
-        assert refusal(name, value).startswith(f"scenario.{name} must be {allowed}, got ")
 
 
-@pytest.mark.parametrize(
-    "scenario", [*SCENARIOS.values(), Scenario(name="boxes", boxes=(BOX, BOX))], ids=lambda scenario: scenario.name
-)
-def test_json_and_numpy_hand_back_the_same_scenario(scenario: Scenario) -> None:
-    fields = asdict(scenario)
-    assert scenario_from(json.loads(json.dumps(fields))) == scenario
+def test_what_is_out_of_bounds_is_named() -> None:
+    for name, allowed, values in OUT_OF_BOUNDS:
+        for value in values:
+            assert refusal(name, value).startswith(f"scenario.{name} must be {allowed}, got "), (name, value)
 
-    def as_numpy(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return [as_numpy(part) for part in value]
-        return value if value is None else np.array(value)[()]
 
-    given = scenario_from({name: as_numpy(value) for name, value in fields.items()})
-    assert given == scenario
+def as_numpy(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [as_numpy(part) for part in value]
+    return value if value is None else np.array(value)[()]
 
-    def same_types(value: Any, expected: Any) -> None:
-        assert type(value) is type(expected)
-        for part, other in zip(value, expected, strict=True) if isinstance(value, tuple) else ():
-            same_types(part, other)
 
-    for name, value in asdict(given).items():
-        same_types(value, fields[name])
+def types_of(value: Any) -> Any:
+    return [type(value), *map(types_of, value)] if isinstance(value, tuple) else type(value)
+
+
+def test_json_and_numpy_hand_back_the_same_scenario() -> None:
+    for scenario in (*SCENARIOS.values(), Scenario(name="boxes", boxes=(BOX, BOX))):
+        fields = asdict(scenario)
+        assert scenario_from(json.loads(json.dumps(fields))) == scenario
+        given = scenario_from({name: as_numpy(value) for name, value in fields.items()})
+        assert given == scenario and types_of(tuple(asdict(given).values())) == types_of(tuple(fields.values()))
 
 
 def test_numpy_scalars_become_plain_numbers_and_a_replaced_field_is_checked() -> None:

@@ -7,20 +7,17 @@ import json
 import re
 import subprocess
 import sys
-from dataclasses import fields
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
-import activeslam_gym
 import baselines
 from activeslam_gym import ActiveSLAMEnv, Gaze, Motion, observation_layout
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from agents import pretrained
-from docs import tables
 from examples import fisher_trace
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -51,16 +48,16 @@ def first_names(title: str) -> list[str]:
     return [row[0].strip("`") for row in rows(section(title))]
 
 
-@pytest.mark.parametrize("scenario", SCENARIOS)
-def test_observation_table_is_the_layout(scenario: str) -> None:
-    env = gym.make("ActiveSLAM-v0", scenario=scenario)
-    layout = observation_layout(env)
-    sizes = [(name, at.stop - at.start) for name, at in [*layout.global_slices.items(), *layout.token_slices.items()]]
-    inner = env.unwrapped.scenario
+def test_observation_table_is_the_layout() -> None:
     told = [(row[0].strip("`"), int(row[1])) for row in rows(section("Observation space"))]
-    assert [one for one in told if inner.has_boxes or one != ("clearance", 7)] == sizes
-    assert layout.size == 32 + 7 * inner.has_boxes + 11 * (inner.fiducial_count + inner.landmark_count + 13)
     assert "32 + 11 (K + N + 13)" in section("Observation space")
+    for name in SCENARIOS:
+        env = gym.make("ActiveSLAM-v0", scenario=name)
+        layout, inner = observation_layout(env), env.unwrapped.scenario
+        slices = [*layout.global_slices.items(), *layout.token_slices.items()]
+        sizes = [(name, at.stop - at.start) for name, at in slices]
+        assert [one for one in told if inner.has_boxes or one != ("clearance", 7)] == sizes
+        assert layout.size == 32 + 7 * inner.has_boxes + 11 * (inner.fiducial_count + inner.landmark_count + 13)
 
 
 def test_the_specification_tells_actions_arguments_and_versions() -> None:
@@ -84,21 +81,13 @@ def test_information_tables_are_what_is_returned() -> None:
         assert list(info["reward_terms"]) == [*REWARDS, "forfeit"]
 
 
-def test_tables_of_rewards_and_scenarios_hold_every_name_and_field() -> None:
-    told = rows(tables.rewards())
-    assert [row[0].strip("`") for row in told] == list(REWARDS)
-    assert all(len(row) == 2 and len(row[1]) > 5 for row in told)
-    assert [row[0].strip("`") for row in rows(tables.scenarios())] == list(SCENARIOS)
-    assert [row[0].strip("`") for row in rows(tables.fields())] == [f.name for f in fields(activeslam_gym.Scenario)]
-
-
-@pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=lambda page: str(page.relative_to(ROOT)))
-def test_relative_links_lead_to_files(page: Path) -> None:
-    text = "\n".join(cells(page, "markdown")) if page in NOTEBOOKS else page.read_text(encoding="utf-8")
-    text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", text, flags=re.DOTALL)
-    links = [link for link in re.findall(r"\]\(([^)\s#]+)", text) if not re.match(r"[a-z]+:", link)]
+def test_relative_links_lead_to_files() -> None:
     generated = {"changelog.md", "contributing.md", "results.md"}  # on the site they come from the root
-    assert not [link for link in links if not (page.parent / link).exists() and link not in generated]
+    for page in [*PAGES, *NOTEBOOKS]:
+        text = "\n".join(cells(page, "markdown")) if page in NOTEBOOKS else page.read_text(encoding="utf-8")
+        text = re.sub(r"```.*?```|<!--.*?-->|`[^`\n]*`", "", text, flags=re.DOTALL)
+        links = {link for link in re.findall(r"\]\(([^)\s#]+)", text) if not re.match(r"[a-z]+:", link)} - generated
+        assert not [link for link in links if not (page.parent / link).exists()], page
 
 
 def cells(notebook: Path, kind: str) -> list[str]:
@@ -173,36 +162,27 @@ def test_the_readmes_policies_and_the_table_of_the_fisher_trace_are_the_codes() 
     assert shown == [(round(trace), float(f"{bits:.3g}")) for trace, bits in fisher_trace.main()]
 
 
-def test_the_manual_builds_without_a_warning(tmp_path: Path) -> None:
+def test_the_manual_builds_without_a_warning_and_opens_as_a_file(tmp_path: Path) -> None:
+    """Every link leads to a file, nothing comes from elsewhere, and what is shown of the repository is there."""
     for needed in ("mkdocs", "mkdocstrings", "material", "latex2mathml"):
         pytest.importorskip(needed)
     site = tmp_path / "site"
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-    page = (site / "environment.html").read_text(encoding="utf-8")
-    assert all(f"<code>{name}</code>" in page for name in [*REWARDS, *SCENARIOS, *first_names("Observation space")])
-    formulas = (site / "mathematics.html").read_text(encoding="utf-8")
-    assert formulas.count("<math ") > 50
-    assert "arithmatex" not in formulas and "--8&lt;--" not in formulas
-    opens_as_a_file(site)
-
-
-def opens_as_a_file(site: Path) -> None:
-    """Every link leads to a file, nothing comes from elsewhere, and what is shown of the repository is there."""
-    assert (site / "search" / "search_index.js").is_file() and (site / "assets" / "iframe-worker.js").is_file()
-    for page in site.rglob("*.html"):
-        if page.name == "404.html":  # which a server shows at any address
-            continue
-        text = page.read_text(encoding="utf-8")
-        targets = re.findall(r'<(?:a|link|img|script)\b[^>]*?\b(?:href|src)="?([^"\s>]+)', text)
-        loaded = re.findall(r'<(?:script|img)\b[^>]*?\bsrc="?(https?://[^"\s>]+)', text)
-        assert not loaded, f"{page.name} loads {loaded}"
-        local = {target.partition("#")[0] for target in targets if not re.match(r"[a-z]+:|#|$", target)}
-        missing = [target for target in local if not (page.parent / target).is_file()]
-        assert not missing, f"{page.relative_to(site)}: {missing}"
-    assert {path.stem for path in NOTEBOOKS} == {path.stem for path in (site / "notebooks").glob("*.html")}
-    board = (site / "leaderboard.html").read_text(encoding="utf-8")
-    assert all(f"<code>{name}</code>" in board for name in [*baselines.names(), *pretrained.names()])
+    text = {page.relative_to(site).as_posix(): page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
+    names = [*REWARDS, *SCENARIOS, *first_names("Observation space")]
+    assert all(f"<code>{name}</code>" in text["environment.html"] for name in names)
+    assert all(f"<code>{name}</code>" in text["leaderboard.html"] for name in [*baselines.names(), *pretrained.names()])
     clips = [path.name for path in (ROOT / "docs" / "images" / "clips").glob("*.gif")]
-    assert len(clips) > 10 and all(f"images/clips/{clip}" in board for clip in clips)
+    assert len(clips) > 10 and all(f"images/clips/{clip}" in text["leaderboard.html"] for clip in clips)
+    assert {f"notebooks/{path.stem}.html" for path in NOTEBOOKS} <= set(text)
+    formulas = text["mathematics.html"]
+    assert formulas.count("<math ") > 50 and "arithmatex" not in formulas and "--8&lt;--" not in formulas
+    assert (site / "search" / "search_index.js").is_file() and (site / "assets" / "iframe-worker.js").is_file()
+    del text["404.html"]  # which a server shows at any address
+    for page, html in text.items():
+        assert not re.findall(r'<(?:script|img)\b[^>]*?\bsrc="?(https?://[^"\s>]+)', html), page
+        targets = re.findall(r'<(?:a|link|img|script)\b[^>]*?\b(?:href|src)="?([^"\s>]+)', html)
+        local = {target.partition("#")[0] for target in targets if not re.match(r"[a-z]+:|#|$", target)}
+        assert not [target for target in local if not ((site / page).parent / target).is_file()], page

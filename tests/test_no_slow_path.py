@@ -99,7 +99,7 @@ def arrays(tree: tuple[Any, ...]) -> int:
 PARTS = "single", "scores", "growth", "peers", "batch", "memory"
 
 
-@pytest.mark.parametrize("parts", [PARTS, pytest.param(("stages",), marks=pytest.mark.slow)])  # compiles each alone
+@pytest.mark.parametrize("parts", [PARTS, pytest.param(("stages", "scores"), marks=pytest.mark.slow)])
 def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("tyro")
     from benchmarks.__main__ import Args, main

@@ -15,12 +15,11 @@ def test_random_scenarios_are_legal_and_differ() -> None:
     assert len(set(drawn)) == 20 and Scenario(name="random") not in drawn
 
 
-def test_the_command_flies_every_scenario(capsys: Any) -> None:
+def test_every_scenario_is_flown_and_a_number_that_is_not_finite_found(
+    monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
     assert stress.main(["--frames", "160", "--scenarios", "2"]) == 0
     assert f"{len(SCENARIOS) + 2} scenarios" in capsys.readouterr().out
-
-
-def test_what_is_not_finite_is_found(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     step = ActiveSLAMVectorEnv.step
 
     def broken(self: ActiveSLAMVectorEnv, actions: Any) -> Any:

@@ -37,7 +37,7 @@ def test_wrong_matches_are_a_share_of_all_and_losses_of_all_rooms() -> None:
         events = {"wrong_matches": np.array([wrong, 0]), "restarts": np.array([0, restarts])}
         runs.append(replace(run, events=events, notes={"matches": np.array(100), "overconfident": np.array(over)}))
     cells = consistency.row_of("x", runs)
-    assert cells[0] == "x, 2 begun anew"
+    assert cells[0] == "x, 2 reset"
     assert cells[1].startswith("50.0 [") and cells[2:6] == ["25.0", "1.0000", "25.0", "25.0"]
     assert cells[6:8] == ["200", "−300"] and cells[8] == "1.00, 1.00, 1.00"
 

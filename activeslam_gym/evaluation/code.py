@@ -1,4 +1,4 @@
-"""Digests of what results rest on: source files, weights, and versions of libraries."""
+"""Digests of what results depend on: source files, weights, registered entries, and versions of libraries."""
 
 import ast
 import hashlib
@@ -9,12 +9,15 @@ from importlib import metadata
 from importlib.machinery import PathFinder
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
+from activeslam_gym.registry import REGISTRIES
+
 LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")
-"""Every result rests on these."""
+"""Every result depends on these."""
 IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")
-"""Results from images rest on these too."""
+"""Results from images depend on these too."""
 COUNTED = ("activeslam_gym", "baselines")
 """Packages that `module_sources` leaves out, since their digests are part of every key that needs them."""
 
@@ -40,14 +43,41 @@ def module_sources(module: str) -> str:
     """Digest of a module's source and of the modules that it imports, without installed ones and those of `COUNTED`.
 
     For an installed module: of its whole package. It is taken once in a process, as the module is imported once. A
-    module without a source is like no other.
+    module without a source equals no other.
     """
     top = module.partition(".")[0]
     if (origin := _origin(top)) and _is_installed(origin):
         return package_sources(top) if origin.name == "__init__.py" else digest(origin)
-    files: dict[str, Path | None] = {}
-    _collect(module, files)
+    files: dict[str, Path | None] = {"": None}
+    names = [module]
+    while names:
+        name = names.pop()
+        if name in files or name.partition(".")[0] in COUNTED:
+            continue
+        path = _origin(name)
+        files[name] = path if path and path.suffix == ".py" and not _is_installed(path) else None
+        names += [name.rpartition(".")[0], *_imports(name, files[name])]
     return digest(*sorted({path for path in files.values() if path})) if files.get(module) else uuid4().hex
+
+
+def registered_sources(text: str) -> dict[str, str]:
+    """Digests of the modules that define registered entries, of those whose names stand in quotes in ``text``.
+
+    Scenarios are data, which a key holds in full.
+    """
+    return {
+        f"{registry.kind} {name}": _definition(entry)
+        for registry in REGISTRIES
+        for name, entry in registry.items()
+        if name not in registry.own and callable(entry) and f'"{name}"' in text
+    }
+
+
+def _definition(entry: Any) -> str:
+    """Digest of the module of a function or class; "" for those of `COUNTED`, and another object equals no other."""
+    if not hasattr(entry, "__qualname__"):
+        return uuid4().hex
+    return "" if entry.__module__.partition(".")[0] in COUNTED else module_sources(entry.__module__)
 
 
 def digest(*paths: Path) -> str:
@@ -58,27 +88,10 @@ def digest(*paths: Path) -> str:
     return whole.hexdigest()[:16]
 
 
-def _collect(name: str, files: dict[str, Path | None]) -> None:
-    """Add the file of module ``name``, of its parents and of its imports to ``files``; None for other names."""
-    top = name.partition(".")[0]
-    if name in files or top in COUNTED:
-        return
-    files[name] = None
-    if (home := _origin(top)) and _is_installed(home):
-        return
-    if name != top:
-        _collect(name.rpartition(".")[0], files)
-    path = _origin(name)
-    if path and path.suffix == ".py":
-        files[name] = path
-        package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-        for imported in _imports(path, package):
-            _collect(imported, files)
-
-
-def _imports(path: Path, package: str) -> Iterator[str]:
-    """Names that may be modules, in the import statements of a file."""
-    for node in ast.walk(ast.parse(path.read_bytes())):
+def _imports(module: str, path: Path | None) -> Iterator[str]:
+    """Names that may be modules, in the import statements of a ``module`` whose file is ``path``."""
+    package = module if path and path.name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_bytes() if path else b"")):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -18,97 +18,59 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode of one policy. T samples in time (the start's is the first), K = T − 1 steps, L true landmarks."""
+    """One episode of one policy. T samples in time (the start's is the first), K = T − 1 steps, L true landmarks.
 
-    policy: str
-    """Name of the policy."""
-    seed: int
-    """Seed of the reset."""
-    settings: str
-    """What the environment was made with, as JSON: episodes with equal settings belong to one study."""
-    lost: bool
-    """The belief was lost at some time."""
-    room_size: Array
-    """(3,) m, along X, Y, Z."""
+    A NEES is per degree of freedom: 1 where the filter is consistent. Quaternions are scalar first. A standard
+    deviation is the filter's own.
+    """
 
-    times: Array
-    """(T,) s."""
-    entropy: Array
-    """(T,) bits."""
-    log2_det_camera: Array
-    """(T,) log₂|P| of the camera."""
-    log2_det_map: Array
-    """(T,) log₂|P| of the map, at constant dimension."""
-    log2_det_total: Array
-    """(T,) log₂|P| of both."""
-    log_score: Array
-    """(T,) bits: log₂ N(truth | belief)."""
-    landmarks_mapped: Array
-    """(T,) features that are mapped."""
-    distinct_landmarks: Array
-    """(T,) true landmarks among them."""
-    position_error: Array
-    """(T,) m."""
-    orientation_error: Array
-    """(T,) rad."""
-    landmark_rmse: Array
-    """(T,) m; inf until something is mapped."""
-    position_nees: Array
-    """(T,) of the position, per degree of freedom: 1 where the filter is honest."""
-    orientation_nees: Array
-    """(T,) of the orientation, per degree of freedom."""
-    landmark_nees: Array
-    """(T,) mean over the mapped landmarks, per degree of freedom; NaN before there are any."""
-    position_offset: Array
-    """(T, 3) m, true − estimated."""
-    position_std: Array
-    """(T, 3) m, the filter's own."""
-    rotation_offset: Array
-    """(T, 3) rad: δθ of R_true = Exp(δθ) R_estimated, in the world frame."""
-    rotation_std: Array
-    """(T, 3) rad, the filter's own."""
-    true_position: Array
-    """(T, 3) m."""
-    true_quaternion: Array
-    """(T, 4), scalar first."""
-    estimated_position: Array
-    """(T, 3) m."""
-    estimated_quaternion: Array
-    """(T, 4), scalar first."""
+    policy: str  # its name
+    seed: int  # of the reset
+    settings: str  # the environment's arguments as JSON: episodes with equal settings belong to one study
+    lost: bool  # the belief was lost at some time
+    room_size: Array  # (3,) along X, Y, Z [m]
 
-    actions: Array
-    """(K, 2) motion and gaze."""
-    motion_read: Array
-    """(K,) bool: the step read its motion; elsewhere the one under way went on."""
-    rewards: Array
-    """(K,)."""
-    decision_us: Array
-    """(K,) microseconds of `predict`; of a batch, each episode's share."""
-    step_us: Array
-    """(K,) microseconds of `step`, likewise."""
+    times: Array  # (T,) [s]
+    entropy: Array  # (T,) [bit]
+    log2_det_camera: Array  # (T,) log₂|P| of the camera
+    log2_det_map: Array  # (T,) log₂|P| of the map, at constant dimension
+    log2_det_total: Array  # (T,) log₂|P| of both
+    log_score: Array  # (T,) log₂ N(truth | belief) [bit]
+    landmarks_mapped: Array  # (T,) features that are mapped
+    distinct_landmarks: Array  # (T,) true landmarks among them
+    position_error: Array  # (T,) [m]
+    orientation_error: Array  # (T,) [rad]
+    landmark_rmse: Array  # (T,) [m]; inf until a landmark is mapped
+    position_nees: Array  # (T,)
+    orientation_nees: Array  # (T,)
+    landmark_nees: Array  # (T,) mean over the mapped landmarks; NaN before there are any
+    position_offset: Array  # (T, 3) true − estimated [m]
+    position_std: Array  # (T, 3) [m]
+    rotation_offset: Array  # (T, 3) δθ of R_true = Exp(δθ) R_estimated, in the world frame [rad]
+    rotation_std: Array  # (T, 3) [rad]
+    true_position: Array  # (T, 3) [m]
+    true_quaternion: Array  # (T, 4)
+    estimated_position: Array  # (T, 3) [m]
+    estimated_quaternion: Array  # (T, 4)
 
-    landmark_times: Array
-    """(J,) s: when the number of mapped landmarks first reached 1 … J."""
-    landmark_log2_det: Array
-    """(J,) log₂|P| of camera and map then."""
+    actions: Array  # (K, 2) motion and gaze
+    motion_read: Array  # (K,) bool: the step read its motion; elsewhere the one under way went on
+    rewards: Array  # (K,)
+    decision_us: Array  # (K,) microseconds of `predict`; of a batch, each episode's share
+    step_us: Array  # (K,) microseconds of `step`, likewise
 
-    true_landmarks: Array
-    """(L, 3) m."""
-    fiducials: Array
-    """(F, 3) m."""
-    landmark_errors: Array
-    """(L,) m, at the end; NaN for a landmark that is not mapped."""
-    estimated_landmarks: Array
-    """(n, 3) m, the mapped features at the end."""
-    landmark_covariance: Array
-    """(n, 3, 3) m², theirs."""
+    landmark_times: Array  # (J,) when the number of mapped landmarks first reached 1 … J [s]
+    landmark_log2_det: Array  # (J,) log₂|P| of camera and map then
 
-    lost_from: float = np.nan
-    """When it was lost first [s]; NaN for a belief that was not."""
-    events: dict[str, Array] = field(default_factory=dict)
-    """Event of `info["events"]` → (K,) how often it happened in each step."""
-    notes: dict[str, Array] = field(default_factory=dict)
-    """What measures add, by name."""
+    true_landmarks: Array  # (L, 3) [m]
+    fiducials: Array  # (F, 3) [m]
+    landmark_errors: Array  # (L,) at the end [m]; NaN for a landmark that is not mapped
+    estimated_landmarks: Array  # (n, 3) the mapped features at the end [m]
+    landmark_covariance: Array  # (n, 3, 3) their covariances [m²]
+
+    lost_from: float = np.nan  # when it was lost first [s]; NaN for a belief that was not
+    events: dict[str, Array] = field(default_factory=dict)  # of `info["events"]`: (K,) how often in each step
+    notes: dict[str, Array] = field(default_factory=dict)  # what measures add, by name
 
     def thinned(self, period: float = 1.0) -> Episode:
         """The same with samples every `period` s and at the end; steps and final values stay whole."""

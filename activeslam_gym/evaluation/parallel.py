@@ -2,10 +2,10 @@
 
 import os
 import signal
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import ExitStack
 from multiprocessing import get_context, parent_process
 from threading import Thread
 from typing import TypeVar
@@ -19,45 +19,37 @@ def run_all(
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar.
 
-    The bar counts episodes: `size` of a task are in it, and `finished` were there before. Close the generator (or
-    exhaust it) to end the processes; Ctrl-C reaches the parent alone.
+    They run in at most `jobs` processes or, with one job, in this one. The bar counts episodes: `size` of a task are in
+    it, and `finished` were there before. Close the generator (or exhaust it) to end the processes; Ctrl-C reaches the
+    parent alone.
     """
     from tqdm import tqdm
 
-    total = finished + sum(map(size, tasks))
-    with tqdm(total=total, initial=finished, unit="episode") as bar, closing(_run(function, tasks, jobs)) as results:
-        for task, result in results:
-            bar.update(size(task))
-            yield task, result
-
-
-def _run(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Generator[tuple[T, R], None, None]:
-    """The same without the bar: from at most `jobs` processes or, with one job, from this one."""
-    jobs = min(jobs, len(tasks))
-    if jobs <= 1:
-        yield from ((task, function(task)) for task in tasks)
-        return
-    executor = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_start_worker)
-    try:
-        futures = {executor.submit(function, task): task for task in tasks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BrokenProcessPool as error:
-        raise ChildProcessError("a process ended before its episode was over: killed, or out of memory") from error
-    finally:
-        executor.shutdown(cancel_futures=True)
+    results: Iterable[tuple[T, R]] = ((task, function(task)) for task in tasks)
+    with tqdm(total=finished + sum(map(size, tasks)), initial=finished, unit="episode") as bar, ExitStack() as stack:
+        if min(jobs, len(tasks)) > 1:
+            processes = min(jobs, len(tasks))
+            pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
+            stack.callback(pool.shutdown, cancel_futures=True)
+            futures = {pool.submit(function, task): task for task in tasks}
+            results = ((futures[future], future.result()) for future in as_completed(futures))
+        try:
+            for task, result in results:
+                bar.update(size(task))
+                yield task, result
+        except BrokenProcessPool as error:
+            raise ChildProcessError("a process ended before its episode was over: killed, or out of memory") from error
 
 
 def _start_worker() -> None:
     """Leave Ctrl-C to the parent, end with it however it ends, and use one thread."""
     from threadpoolctl import threadpool_limits
 
+    def end_with_the_parent() -> None:
+        if parent := parent_process():
+            parent.join()
+            os._exit(1)
+
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with_the_parent, daemon=True).start()
+    Thread(target=end_with_the_parent, daemon=True).start()
     threadpool_limits(1)
-
-
-def _end_with_the_parent() -> None:
-    if parent := parent_process():
-        parent.join()
-        os._exit(1)

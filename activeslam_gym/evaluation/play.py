@@ -100,21 +100,20 @@ def matched_ids(core: Any) -> list[int]:
 
 
 class _Recorder:
-    """Takes down episodes; ``rows`` are single environments, or what a batch lets read of each."""
+    """Records episodes; ``rows`` are single environments, or the single environments' view of a batch."""
 
     def __init__(self, rows: list[Any], batched: bool, looks: Sequence[Sequence[Look]], period: float) -> None:
         self._rows, self._batched, self._looks = rows, batched, looks or [()] * len(rows)
         times = np.arange(round(rows[0].duration / rows[0].gaze_period) + 1) * rows[0].gaze_period
         self._sampled = set(nearest(times, period).tolist()) if period else None
         self._samples: list[list[dict[str, Any]]] = [[] for _ in rows]
-        self._marks: list[list[tuple[float, float]]] = [[] for _ in rows]
+        self._seen: list[tuple[Any, ...]] = []
         self._events: list[dict[str, Array]] = []
-        self._lost_from = np.full(len(rows), np.nan)
         self.steps: list[tuple[Any, ...]] = []
 
     def see(self, infos: dict[str, Any], over: bool) -> None:
         """After the reset, and after every step, which is then in `steps`."""
-        due, time = self._sampled is None or over or len(self.steps) in self._sampled, self._rows[0].time
+        due = self._sampled is None or over or len(self.steps) in self._sampled
         for i, (core, looks) in enumerate(zip(self._rows, self._looks)):
             if due or looks:
                 info = info_at(infos, i) if self._batched else infos
@@ -122,29 +121,27 @@ class _Recorder:
                     look(core, info)
                 if due:
                     self._samples[i].append(_sample(core, info))
-        mapped, log2_det = np.atleast_1d(infos["landmarks_mapped"]), np.atleast_1d(infos["log2_det"]["total"])
-        for i, marks in enumerate(self._marks):
-            marks.extend([(time, float(log2_det[i]))] * max(int(mapped[i]) - len(marks), 0))
-        self._lost_from[np.atleast_1d(infos["lost"]) & np.isnan(self._lost_from)] = time
-        if self.steps:
-            self._events.append(infos["events"])
+        told = infos["lost"], infos["landmarks_mapped"], infos["log2_det"]["total"]
+        self._seen.append((self._rows[0].time, *map(np.atleast_1d, told)))
+        self._events.append({name: n for name, n in infos["events"].items() if not name.startswith("_")})
 
     def episodes(self, name: str, seeds: Sequence[int], settings: str) -> list[Episode]:
         """The records, when the episodes are over."""
         actions, reads, rewards, decisions, steps = (np.array(column) for column in zip(*self.steps, strict=True))
-        names = [key for key in self._events[0] if not key.startswith("_")]
-        counts = {key: np.array([np.atleast_1d(one[key]) for one in self._events], np.int32) for key in names}
+        times, lost, mapped, log2_det = (np.array(column) for column in zip(*self._seen, strict=True))
+        happened = self._events[1:]
+        events = {key: np.array([np.atleast_1d(one[key]) for one in happened], np.int32) for key in happened[0]}
         records = []
         for i, (core, seed) in enumerate(zip(self._rows, seeds)):
-            marks = np.reshape(self._marks[i], (-1, 2))
+            firsts = np.searchsorted(np.maximum.accumulate(mapped[:, i]), np.arange(mapped[:, i].max()) + 1)
             record: dict[str, Any] = {
                 **_stacked(self._samples[i]),
                 **{"actions": actions[:, i], "motion_read": reads[:, i], "rewards": rewards[:, i]},
                 **{"decision_us": decisions, "step_us": steps},
-                **{"landmark_times": marks[:, 0], "landmark_log2_det": marks[:, 1]},
+                **{"landmark_times": times[firsts], "landmark_log2_det": log2_det[firsts, i]},
                 **_final(core),
-                **{"lost_from": float(self._lost_from[i]), "lost": not np.isnan(self._lost_from[i])},
-                "events": {key: value[:, i] for key, value in counts.items()},
+                **{"lost": bool(lost[:, i].any()), "lost_from": next(iter(times[lost[:, i]].tolist()), np.nan)},
+                "events": {key: count[:, i] for key, count in events.items()},
                 "room_size": np.array(core.scenario.room_size, dtype=float),
             }
             records.append(Episode(policy=name, seed=seed, settings=settings, **record))
@@ -152,7 +149,7 @@ class _Recorder:
 
 
 def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
-    """What is recorded at one time; the rotation offset follows from the quaternions, for all times at once."""
+    """The record of one time; `_stacked` adds the offsets, for all times at once."""
     belief, truth, nees = core.belief, core.truth, core.nees()
     std = np.sqrt(np.maximum(belief.covariance.diagonal()[:6], 0.0))
     copied = ("entropy", "log_score", "landmarks_mapped", "distinct_landmarks", "position_error", "orientation_error")
@@ -162,7 +159,6 @@ def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
         **{name: info[name] for name in (*copied, "landmark_rmse")},
         **{f"log2_det_{part}": info["log2_det"][part] for part in ("camera", "map", "total")},
         **{f"{kind}_nees": nees[name] for kind, name in kinds.items()},
-        "position_offset": truth.position - belief.position,
         "position_std": std[:3],
         "rotation_std": std[3:],
         "true_position": truth.position,
@@ -173,9 +169,12 @@ def _sample(core: Any, info: dict[str, Any]) -> dict[str, Any]:
 
 
 def _stacked(samples: list[dict[str, Any]]) -> dict[str, Array]:
-    """One array per name over time, and the rotation offset."""
+    """One array per name over time, and the offsets."""
     arrays = {name: np.array([sample[name] for sample in samples]) for name in samples[0]}
-    return arrays | {"rotation_offset": _rotation_offset(arrays["true_quaternion"], arrays["estimated_quaternion"])}
+    return arrays | {
+        "position_offset": arrays["true_position"] - arrays["estimated_position"],
+        "rotation_offset": _rotation_offset(arrays["true_quaternion"], arrays["estimated_quaternion"]),
+    }
 
 
 def _rotation_offset(true: Array, estimated: Array) -> Array:

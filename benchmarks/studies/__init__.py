@@ -1,10 +1,11 @@
-"""Studies: each a list of policies, scenarios and measures, and a table of what the store has of them."""
+"""Studies: each a list of policies, scenarios and measures, and a table of their episodes."""
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
-from activeslam_gym.evaluation import Episode, Store
+from activeslam_gym.evaluation import Episode, Measure, Store
 from agents.task import Task, results
 
 PERIOD = 0.25
@@ -13,6 +14,7 @@ SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noi
 NEES = ("position_nees", "orientation_nees", "landmark_nees")
 BATCH = 100
 """Episodes at a time."""
+Name = TypeVar("Name")
 
 
 def parser(name: str, what: str, policies: Sequence[str], rooms: int) -> argparse.ArgumentParser:
@@ -24,6 +26,12 @@ def parser(name: str, what: str, policies: Sequence[str], rooms: int) -> argpars
     return made
 
 
-def episodes(tasks: Sequence[Task], out: Path | None, batch: int = BATCH) -> dict[Task, Episode]:
-    """Every task with its episode, kept or played now, as a batch where policy and environment are the same."""
-    return dict(results(tasks, Store(out), batch=batch))
+def tasks(policy: str, settings: str, seed: int, rooms: int, *measures: type[Measure]) -> list[Task]:
+    """A task for each room from ``seed`` on."""
+    return [Task(policy, one, settings, measures=measures) for one in range(seed, seed + rooms)]
+
+
+def played(groups: dict[Name, list[Task]], out: Path | None, batch: int = BATCH) -> dict[Name, list[Episode]]:
+    """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same."""
+    found = dict(results([task for group in groups.values() for task in group], Store(out), batch=batch))
+    return {name: [found[task] for task in group] for name, group in groups.items()}

@@ -16,10 +16,9 @@ import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode, honesty, matched_ids
-from agents.task import Task
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, PERIOD, SCENARIOS, episodes, parser
+from benchmarks.studies import NEES, PERIOD, SCENARIOS, parser, played, tasks
 
 POLICIES = (
     "orbit mi-mi mi-fisher joint-mi fisher-fisher variance-reduction lookahead-2 mi-constant sweep random stay".split()
@@ -29,9 +28,9 @@ OVERCONFIDENT = 11.3
 TIMES = (5.0, 15.0, 35.0)
 """At which the NEES is read [s]."""
 HEADER = (
-    "policy | lost, % | lost with NEES > 11.3, % | wrong matches, % | log score < 0, % | < −1000, % | its median | "
+    *("policy", "lost, %", "lost with NEES > 11.3, %", "wrong matches, %", "log score < 0, %", "< −1000, %"),
+    *("its median", "its mean", "NEES of position, orientation, landmarks at 5 · 15 · 35 s"),
 )
-HEADER += "its mean | NEES of position, orientation, landmarks at 5 · 15 · 35 s"
 
 
 class Matches:
@@ -50,14 +49,14 @@ class Matches:
             self._nees = info["position_nees"]
 
     def result(self, episode: Episode) -> dict[str, Any]:
-        """What was counted."""
+        """The count, and the test of the NEES."""
         return {"matches": self._matches, "overconfident": self._nees > OVERCONFIDENT}
 
 
 def row_of(name: str, runs: Sequence[Episode]) -> list[str]:
     """A row of the table; NEES of the times that a run reaches."""
-    if reset := sum(run.events["restarts"].any() for run in runs):
-        name += f", {reset} begun anew"
+    if restarted := sum(run.events["restarts"].any() for run in runs):
+        name += f", {restarted} reset"
     score = np.array([run.log_score[-1] for run in runs])
     wrong = sum(run.events["wrong_matches"].sum() for run in runs)
     at = {time: [honesty(run, time) for run in runs] for time in TIMES if time <= runs[0].times[-1]}
@@ -81,16 +80,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     restarts = "reset a belief that the fiducials contradict"
     made.add_argument("--restarts", action=argparse.BooleanOptionalAction, default=True, help=restarts)
     args = made.parse_args(arguments)
-    tasks: dict[str, list[Task]] = {}
+    groups = {}
     for policy in args.policies:
         for association, told in ((config.UNKNOWN, ""), (config.KNOWN, ", labels known")):
             scenario = replace(config.SCENARIOS[args.scenario], association=association, restarts=args.restarts)
             settings = json.dumps({"scenario": asdict(scenario), "gaze_period": PERIOD})
-            seeds = range(args.seed, args.seed + args.rooms)
-            tasks[f"`{policy}`{told}"] = [Task(policy, seed, settings, measures=(Matches,)) for seed in seeds]
-    played = episodes([task for own in tasks.values() for task in own], args.out)
-    rows = [row_of(name, [played[task] for task in own]) for name, own in tasks.items()]
-    print(table(HEADER.split(" | "), rows, "|---" + "|---:" * 7 + "|---|"))
+            groups[f"`{policy}`{told}"] = tasks(policy, settings, args.seed, args.rooms, Matches)
+    rows = [row_of(name, runs) for name, runs in played(groups, args.out).items()]
+    print(table(HEADER, rows, "|---" + "|---:" * 7 + "|---|"))
 
 
 if __name__ == "__main__":

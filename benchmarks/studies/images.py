@@ -13,8 +13,7 @@ import numpy as np
 
 from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
-from agents.task import Task
-from benchmarks.studies import episodes, parser
+from benchmarks.studies import parser, played, tasks
 
 TIMES = (5.0, 15.0, 35.0)
 """At which the NEES is read [s]."""
@@ -26,8 +25,8 @@ class PixelErrors:
     """A measure: errors of the matched pixels in every step, and the NEES of the pose.
 
     It adds ``matches``, their number; ``nees`` over 6 at `TIMES`, NaN where the run is over; ``square``, ``bias``,
-    ``ratio`` and ``lag1`` …, means over the matches within 4 px: squared error, squared mean of a feature, error
-    squared over R, and products of errors at lags.
+    ``ratio`` and ``lag1`` …, means over the matches within 4 px: squared error, squared mean of a feature that is seen
+    20 times or more, error squared over R, and products of errors at lags.
     """
 
     whole = False
@@ -45,21 +44,27 @@ class PixelErrors:
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """The means."""
-        series: dict[int, list[tuple[int, np.ndarray]]] = {}
-        for frame, rows in enumerate(self._errors):
-            for one in rows[np.hypot(rows[:, 1], rows[:, 2]) < 4.0]:
-                series.setdefault(int(one[0]), []).append((frame, one[1:]))
-        total: dict[str, list[Any]] = {name: [] for name in ("square", "bias", "ratio", *(f"lag{k}" for k in LAGS))}
-        for seen in series.values():
-            at = {frame: one[:2] for frame, one in seen}
-            total["bias"] += [np.mean(list(at.values()), axis=0) ** 2] if len(at) >= 20 else []
-            total["square"] += [value**2 for value in at.values()]
-            for lag in LAGS:
-                total[f"lag{lag}"] += [at[f] * at[f + lag] for f in at if f + lag in at]
-            for _, (u, v, a, b, c) in seen:
-                total["ratio"].append((c * u * u - 2 * b * u * v + a * v * v) / (a * c - b * b) / 2.0)
-        means = {name: float(np.mean(values)) if values else np.nan for name, values in total.items()}
-        return {"matches": sum(map(len, self._errors)), "nees": self._nees, **means}
+        rows, frames = np.concatenate(self._errors), np.repeat(range(len(self._errors)), list(map(len, self._errors)))
+        near = np.hypot(rows[:, 1], rows[:, 2]) < 4.0
+        u, v, a, b, c = rows[near, 1:].T
+        ids, k = np.unique(rows[near, 0], return_inverse=True)
+        errors = np.full((len(ids), len(self._errors), 2), np.nan)
+        errors[k, frames[near]] = rows[near, 1:3]
+        often = errors[(~np.isnan(errors[:, :, 0])).sum(axis=1) >= 20]
+        return {
+            "matches": len(rows),
+            "nees": self._nees,
+            "square": _mean(errors**2),
+            "bias": _mean(np.array([np.nanmean(one, axis=0) for one in often]) ** 2),
+            "ratio": _mean((c * u * u - 2 * b * u * v + a * v * v) / (a * c - b * b) / 2.0),
+            **{f"lag{lag}": _mean(errors[:, :-lag] * errors[:, lag:]) for lag in LAGS},
+        }
+
+
+def _mean(values: np.ndarray) -> float:
+    """Over the values that are there; NaN where there are none."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if known.size else np.nan
 
 
 def pose_nees(core: Any) -> float:
@@ -70,10 +75,10 @@ def pose_nees(core: Any) -> float:
     return nees(camera_error(*ends)[:6], core.belief.covariance[:6, :6]) / 6.0
 
 
-def summary(played: dict[str, list[Episode]]) -> str:
+def summary(by_policy: dict[str, list[Episode]]) -> str:
     """The table, and the noise over all runs."""
     lines = []
-    for policy, runs in played.items():
+    for policy, runs in by_policy.items():
         at = np.array([run.notes["nees"] for run in runs])
         ratios = [f"{np.nanmean(column):.2f}" for column in at.T if not np.isnan(column).all()]
         wrong = sum(run.events["wrong_matches"].sum() for run in runs) / sum(run.notes["matches"] for run in runs)
@@ -84,13 +89,13 @@ def summary(played: dict[str, list[Episode]]) -> str:
             f"{np.median([run.distinct_landmarks[-1] for run in runs]):.0f} landmarks, "
             f"{np.median([run.step_us.mean() / 1e3 for run in runs]):.1f} ms a step"
         )
-    every = [run.notes for runs in played.values() for run in runs]
-    mean = {name: np.nanmean([one[name] for one in every]) for name in ("square", "bias", "ratio")}
-    rho = [np.nanmean([one[f"lag{lag}"] for one in every]) / mean["square"] for lag in LAGS]
+    names = ("square", "bias", "ratio", *(f"lag{lag}" for lag in LAGS))
+    every = [run.notes for runs in by_policy.values() for run in runs]
+    square, bias, ratio, *products = (np.nanmean([one[name] for one in every]) for name in names)
     lines.append(
-        f"noise of a matched pixel: rms {mean['square'] ** 0.5:.3f} px, of a feature's own mean "
-        f"{mean['bias'] ** 0.5:.3f} px, correlation after {', '.join(map(str, LAGS))} frames "
-        f"{', '.join(f'{one:.2f}' for one in rho)}; square over R {mean['ratio']:.2f}"
+        f"noise of a matched pixel: rms {square**0.5:.3f} px, of a feature's own mean {bias**0.5:.3f} px, correlation "
+        f"after {', '.join(map(str, LAGS))} frames {', '.join(f'{one / square:.2f}' for one in products)}; "
+        f"square over R {ratio:.2f}"
     )
     return "\n".join(lines)
 
@@ -104,10 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = made.parse_args(arguments)
     scenario = json.loads(args.scenario) if args.scenario.startswith("{") else args.scenario
     settings = json.dumps({"scenario": scenario, "duration": args.seconds, "end_when_lost": True})
-    seeds = range(args.seed, args.seed + args.rooms)
-    tasks = [Task(policy, seed, settings, measures=(PixelErrors,)) for seed in seeds for policy in args.policies]
-    found = episodes(tasks, args.out, batch=1)
-    print(summary({name: [found[task] for task in tasks if task.policy == name] for name in args.policies}))
+    groups = {policy: tasks(policy, settings, args.seed, args.rooms, PixelErrors) for policy in args.policies}
+    print(summary(played(groups, args.out, batch=1)))
 
 
 if __name__ == "__main__":

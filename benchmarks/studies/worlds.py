@@ -17,31 +17,27 @@ from activeslam_gym.evaluation import Episode
 from agents.task import Task
 from agents.tools.sections import table as markdown
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, PERIOD, SCENARIOS, episodes, parser
+from benchmarks.studies import NEES, PERIOD, SCENARIOS, parser, played, tasks
 
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
 OPEN = ("best-constant", "sweep", "best-sequence")
 NEES_PERIOD = 5.0
 """The NEES is the mean over samples at multiples of this [s], while the belief is not lost."""
 KNOWN = ", boxes known"
-HEADER = "policy | log score [bit] | paired difference [bit] | of its score | landmarks | lost | "
-HEADER += "NEES/dof: position, orientation, landmarks | contacts"
+HEADER = (
+    *("policy", "log score [bit]", "paired difference [bit]", "of its score", "landmarks", "lost"),
+    *("NEES/dof: position, orientation, landmarks", "contacts"),
+)
 
 Runs = dict[str, list[Episode]]
 """By policy, an episode for each room."""
 
 
-def tasks_of(scenario: str, names: Sequence[str], rooms: int) -> dict[str, list[Task]]:
-    """By policy; a name that ends in `KNOWN` is a policy whose belief knows the boxes."""
-    seeds = range(config.benchmark_seed(scenario), config.benchmark_seed(scenario) + rooms)
-    fields = asdict(config.SCENARIOS[scenario])
-    plain, known = (
-        json.dumps({"scenario": {**fields, **more}, "gaze_period": PERIOD}) for more in ({}, {"boxes_known": True})
-    )
-    return {
-        name: [Task(name.removesuffix(KNOWN), seed, known if name.endswith(KNOWN) else plain) for seed in seeds]
-        for name in names
-    }
+def tasks_of(scenario: str, name: str, rooms: int) -> list[Task]:
+    """For each room; a name that ends in `KNOWN` is a policy whose belief knows the boxes."""
+    fields = asdict(config.SCENARIOS[scenario]) | ({"boxes_known": True} if name.endswith(KNOWN) else {})
+    settings = json.dumps({"scenario": fields, "gaze_period": PERIOD})
+    return tasks(name.removesuffix(KNOWN), settings, config.benchmark_seed(scenario), rooms)
 
 
 def log_scores(runs: Sequence[Episode]) -> np.ndarray:
@@ -66,20 +62,18 @@ def text_of(scenario: str, table: Runs) -> str:
         partner = name.removesuffix(KNOWN)
         against = scores[reference if partner == name else partner]
         difference = estimate(scores[name] - against, "median")
-        rows.append(
-            [
-                name,
-                estimate(scores[name], "median").text(1.0, 0),
-                difference.text(1.0, 0),
-                f"{difference.value / abs(np.median(against)):+.0%}",
-                f"{np.mean([run.distinct_landmarks[-1] for run in runs]):.1f}",
-                f"{np.mean([run.lost for run in runs]):.0%}",
-                ", ".join(f"{np.nanmean([nees(run, part) for run in runs]):.2f}" for part in NEES),
-                f"{np.mean([run.events['wall_contacts'].sum() for run in runs]):.0f}",
-            ]
-        )
+        rows.append([
+            name,
+            estimate(scores[name], "median").text(1.0, 0),
+            difference.text(1.0, 0),
+            f"{difference.value / abs(np.median(against)):+.0%}",
+            f"{np.mean([run.distinct_landmarks[-1] for run in runs]):.1f}",
+            f"{np.mean([run.lost for run in runs]):.0%}",
+            ", ".join(f"{np.nanmean([nees(run, part) for run in runs]):.2f}" for part in NEES),
+            f"{np.mean([run.events['wall_contacts'].sum() for run in runs]):.0f}",
+        ])  # fmt: skip
     head = f"{scenario}: {len(scores[reference])} rooms from {config.benchmark_seed(scenario)}, against {reference}"
-    return f"\n### {head}\n\n{markdown(HEADER.split(' | '), rows)}"
+    return f"\n### {head}\n\n{markdown(HEADER, rows)}"
 
 
 def summary(tables: dict[str, Runs]) -> str:
@@ -101,9 +95,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     names = dict.fromkeys((*OPEN, *args.policies, *(name + KNOWN for name in args.boxes_known)))
     if unpaired := set(args.boxes_known) - set(names):
         made.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
-    tasks = {scenario: tasks_of(scenario, list(names), args.rooms) for scenario in args.scenarios}
-    played = episodes([task for table in tasks.values() for own in table.values() for task in own], args.out)
-    tables = {s: {name: [played[task] for task in own] for name, own in table.items()} for s, table in tasks.items()}
+    groups = {(s, name): tasks_of(s, name, args.rooms) for s in args.scenarios for name in names}
+    runs = played(groups, args.out)
+    tables = {scenario: {name: runs[scenario, name] for name in names} for scenario in args.scenarios}
     for scenario, table in tables.items():
         print(text_of(scenario, table))
     print(summary(tables))

@@ -37,9 +37,9 @@ class EpisodeSettings(bounds.Settings):
     """Criterion of the paper's strategies for motion in this scenario."""
     negative_information: bounds.Switch = True
     """Whether an expected landmark moves when the camera looks at it and does not find it; the paper's stays."""
-    gaze_horizon: bounds.PositiveFloatOrNone = 3.0
+    gaze_horizon: bounds.PositiveFloatOrNone = 5.0
     """Time for which a scored candidate turn is held [s], at least a gaze period; None: one gaze period."""
-    plan_horizon: bounds.PositiveFloat = 8.0
+    plan_horizon: bounds.PositiveFloat = 16.0
     """Time over which `held-information` judges each held action, to the end of the episode at most [s]."""
     amortised_decision: bounds.Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""

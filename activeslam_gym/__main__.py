@@ -143,10 +143,10 @@ def _track(args: argparse.Namespace) -> str | None:
 
 
 def _ablate(args: argparse.Namespace) -> None:
-    from activeslam_gym.vision.ablation import ablate, line_of
+    from activeslam_gym.vision.ablation import ablate
 
-    for outcome in ablate(args.images, args.calibration, args.target, args.rate, args.reference, args.every):
-        print(line_of(outcome), flush=True)
+    for line in ablate(args.images, args.calibration, args.target, args.rate, args.reference, args.every):
+        print(line, flush=True)
 
 
 def _calibrate(args: argparse.Namespace) -> None:

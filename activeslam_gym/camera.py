@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, inlined, record
+from activeslam_gym.kernels import Record, borrowing, compiled, constants, inlined
 from activeslam_gym.motion import QUATERNION
 
 Vector = np.ndarray | tuple[float, float, float]
@@ -20,34 +20,20 @@ Vector = np.ndarray | tuple[float, float, float]
 Pixel = np.ndarray | tuple[float, float]
 """Two numbers, likewise."""
 
-CAMERA = record(
-    focal="f8",  # f k_u = f k_v [px]
-    u0="f8",
-    v0="f8",
+CAMERA, camera_of = constants(
+    Scenario(),
+    focal=lambda s: s.focal_px,  # f k_u = f k_v [px]
+    u0=lambda s: s.principal_x_px,
+    v0=lambda s: s.principal_y_px,
     distortion="f8",  # K_d [1/px^2]
-    width="f8",
-    height="f8",
+    width=lambda s: float(s.image_width),
+    height=lambda s: float(s.image_height),
     minimum_depth="f8",  # points nearer than this are not seen [m]
-    maximum_distance="f8",  # nor are points farther than this [m]
+    maximum_distance=lambda s: math.inf if s.maximum_distance is None else s.maximum_distance,  # nor farther ones [m]
     pixel_std="f8",  # of the image noise, each axis [px]
-    point_curvature="f8",  # 1: what the line leaves out of a point's measurement counts as noise; 0: it does not
+    command_known="b1",  # whether the motion is known between frames: see `slam.curvature`
 )
-"""Intrinsics, in pixels where nothing else is said; and what a filter takes for the noise of what it sees."""
-
-
-def camera_of(scenario: Scenario) -> Record:
-    """The camera of a scenario, a CAMERA record."""
-    return filled(
-        CAMERA,
-        scenario,
-        focal=scenario.focal_px,
-        u0=scenario.principal_x_px,
-        v0=scenario.principal_y_px,
-        width=scenario.image_width,
-        height=scenario.image_height,
-        maximum_distance=math.inf if scenario.maximum_distance is None else scenario.maximum_distance,
-        point_curvature=1.0 if scenario.command_known else 0.0,
-    )
+"""The lens, in pixels where nothing else is said; and the filter's model of the noise of its measurements."""
 
 
 class View(NamedTuple):
@@ -111,7 +97,8 @@ def visible(view: View, y: np.ndarray, margin: float, z: np.ndarray) -> bool:
     It is where it lies in front of the camera and not too far away, its pixel in the image grown by ``margin`` [px] on
     each side, and none of the boxes between them. Writes the pixel into ``z`` (2,).
     """
-    return in_reach(view, (y[0], y[1], y[2]), margin, z) and not too_far(view, y)
+    reached = in_reach(view, (y[0], y[1], y[2]), margin, z)
+    return reached and distance_between(view.pose, y) <= view.camera.maximum_distance
 
 
 @borrowing
@@ -121,12 +108,6 @@ def in_reach(view: View, y: tuple[float, float, float], margin: float, z: np.nda
     if p_C[2] < view.camera.minimum_depth or not pixel_from_camera_point(view.camera, p_C, z):
         return False
     return inside_image(view.camera, (z[0], z[1]), margin) and not hidden(view.boxes, view.pose, y)
-
-
-@borrowing
-def too_far(view: View, y: np.ndarray) -> bool:
-    """Whether the world point ``y`` (>= 3,) is beyond the camera's greatest distance."""
-    return distance_between(view.pose, y) > view.camera.maximum_distance
 
 
 @borrowing

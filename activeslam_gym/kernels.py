@@ -24,12 +24,9 @@ from numba import njit, types
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
-from numba.core.datamodel.models import OpaqueModel
-from numba.core.errors import TypingError
 from numba.core.serialize import dumps
-from numba.core.targetconfig import ConfigStack
 from numba.core.typing.templates import infer_global
-from numba.extending import intrinsic, lower_cast, register_model
+from numba.extending import intrinsic
 
 from .files import read_sealed, write_sealed
 
@@ -45,17 +42,14 @@ def compiled(function: Any = None, **options: Any) -> Any:
     """Decorator of a function of numbers, arrays and records that kernels and Python may call; see `numba.njit`.
 
     Called from Python it is a kernel of its own, ``function.kernel``: Numba's dispatcher. A kernel that calls it has it
-    compiled into itself, and is optimised there and nowhere else. Where that is faster, it is written into its caller
-    before that is compiled (``inline="always"``).
+    compiled into itself, and is optimised there and nowhere else.
     """
     if function is None:
         return functools.partial(compiled, **options)
     if _CONFIG.DISABLE_JIT:
         return function
     alone = njit(nogil=True, error_model="numpy", **options)(function)  # a division by zero is no exception
-    _keep(alone)
-    if "inline" in options:
-        return alone
+    alone._cache = _cache_of(function)
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
@@ -71,9 +65,10 @@ def uncompiled(function: Any) -> Any:
 
 
 def borrowing(function: Any = None, **options: Any) -> Any:
-    """Decorator like `compiled`, of a kernel that makes no array: all that it handles are its caller's.
+    """Decorator like `compiled`, of a kernel that makes no array, and calls none that returns one.
 
-    So it counts no references to them, which is a tenth of a frame. Numba refuses one that makes an array.
+    It counts no references to its caller's arrays, which is a tenth of a frame. Numba refuses one that makes an array;
+    an array that it is given is never freed, which `tests/test_no_slow_path.py` would count.
     """
     return compiled(function, _nrt=False, **options)
 
@@ -143,6 +138,26 @@ def filled(kind: np.dtype[Any], source: Any = None, **values: Any) -> Record:
     return out
 
 
+def constants(example: Any, **fields: Any) -> tuple[np.dtype[Any], Callable[[Any], Record]]:
+    """The type of a record of constants, and the function that fills it for a scenario, from one definition.
+
+    A field is ``"f8"`` for the scenario's field of that name and this type, a function of the scenario, or a value; the
+    type of the last two is that of the value for the scenario ``example``.
+    """
+
+    def value(scenario: Any, name: str) -> Any:
+        field = fields[name]
+        return getattr(scenario, name) if isinstance(field, str) else field(scenario) if callable(field) else field
+
+    values = {name: np.asarray(value(example, name)) for name in fields}
+    kinds = {
+        name: field if isinstance(field, str) else (values[name].dtype, values[name].shape)
+        for name, field in fields.items()
+    }
+    kind = record(**kinds)
+    return kind, lambda scenario: filled(kind, **{name: value(scenario, name) for name in fields})
+
+
 def one_of(functions: Any) -> Any:
     """A function for kernels, of (number, *arguments), that calls the one of that number; NaN where there is none."""
     first, *others = functions
@@ -160,10 +175,10 @@ def one_of(functions: Any) -> Any:
 
 
 class _Part(JITCodeLibrary):
-    """The code of a function that only kernels call: linked into them, and never a program of its own.
+    """The code of a function that only kernels call: linked into them, and optimised there alone.
 
-    Numba optimises every function and makes machine code of it, and then does so again within each of its callers.
-    Without that, the first run waits about a quarter less.
+    Numba by itself optimises every function and makes machine code of it, and does so again within each of its callers.
+    The first run takes 53 s of a processor with parts, and 116 s without.
     """
 
     def _optimize_final_module(self) -> None:
@@ -174,13 +189,13 @@ class _Part(JITCodeLibrary):
         self._finalized = True
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Nowhere: there is no machine code."""
+        """None: there is no machine code."""
         self._ensure_finalized()
         return 0
 
     @property
     def codegen(self) -> "_Part":
-        """Who is told the function's environment, the constants of its errors: a kernel raises none."""
+        """The receiver of the function's environment, the constants of its errors: a kernel raises none."""
         return self
 
     def set_env(self, name: str, environment: Any) -> None:
@@ -188,58 +203,13 @@ class _Part(JITCodeLibrary):
 
 
 class _PartCompiler(Compiler):
-    """Numba's compiler, whose outcome is a `_Part`."""
+    """Numba's compiler, with a `_Part` as its result."""
 
     def define_pipelines(self) -> list[Any]:
         """The passes of Numba's own."""
         self.state.library = _Part(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         self.state.library.enable_object_caching()
         return super().define_pipelines()
-
-    def compile_extra(self, func: Any) -> Any:
-        """The part, without the types of all that it names, which the garbage collector would visit again and again."""
-        part = super().compile_extra(func)
-        part.fndesc.typemap = part.fndesc.calltypes = None
-        return part._replace(type_annotation=None)
-
-
-class _PartType(types.Dispatcher):
-    """What a part is to Numba: a function that is compiled once for an array, in a record or not, and for an integer.
-
-    Numba by itself would compile it for every length of an array in a record, and for every integer that is written
-    out: of 230 functions it made 374, and of 35 of this package's own two or more.
-    """
-
-    def get_call_type(self, context: Any, arguments: Any, named: Any) -> Any:
-        """The signature for arguments of these types."""
-        plain = {name: _plain(kind) for name, kind in named.items()}
-        signature = super().get_call_type(context, tuple(map(_plain, arguments)), plain)
-        part: Any = self.dispatcher
-        caller, counts = ConfigStack.top_or_none(), part.targetoptions["_nrt"]
-        if caller and not caller.nrt and counts and signature and _holds_array(signature.return_type):
-            raise TypingError(f"a borrowing kernel cannot own the array that {part.py_func.__name__} returns")
-        return signature
-
-
-register_model(_PartType)(OpaqueModel)
-
-
-def _plain(kind: Any) -> Any:
-    """The type of an argument, without the length of an array in a record or the value of an integer."""
-    if isinstance(kind, types.NestedArray):
-        return types.Array(kind.dtype, kind.ndim, "C")
-    return types.unliteral(kind)
-
-
-def _holds_array(kind: Any) -> bool:
-    """Whether a value of that type is an array, or a tuple that holds one."""
-    return isinstance(kind, types.Array) or any(_holds_array(part) for part in getattr(kind, "types", ()))
-
-
-@lower_cast(types.NestedArray, types.Array)
-def _array_in_record(_context: Any, _builder: Any, _from: Any, _to: Any, array: Any) -> Any:
-    """An array in a record is to a kernel what every array is: a view, of a length that is known."""
-    return array
 
 
 def _as_part(function: Any, call: Any = None, **options: Any) -> Any:
@@ -248,7 +218,7 @@ def _as_part(function: Any, call: Any = None, **options: Any) -> Any:
     if not _CONFIG.DISABLE_JIT:
         alone: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
         call.part = njit(**{"error_model": "numpy", "_nrt": True, **options, **alone})(function)
-        infer_global(call, _PartType(call.part))
+        infer_global(call, types.Dispatcher(call.part))
     return call
 
 
@@ -259,7 +229,7 @@ _as_part(lambda array: _without_owner(array), borrowed)  # type: ignore[call-arg
 # The cache ----------------------------------------------------------------------------------------------------------
 
 
-_SIGNS = b"@compiled", b"@borrowing", b"@inlined", b" = record(", b"one_of("
+_SIGNS = b"@compiled", b"@borrowing", b"@inlined", b" = record(", b" = constants(", b"one_of("
 """What tells a module that kernels are made of."""
 _UPPER_FLOOR = _PACKAGE / "vision"
 """Its kernels call those of the modules below it, and never the other way round."""
@@ -279,14 +249,20 @@ def _content(upper_floor: bool) -> str:
     return digest.hexdigest()[:16]
 
 
-class _Files:
-    """A file for each kernel, with a checksum, in the place of Numba's own files, which have none.
+class _Cache(FunctionCache):
+    """Numba's own cache in a folder named after the `_content`, with a checksum on each file.
 
-    A flipped bit in a file of Numba's can crash the process. Here a damaged file counts as absent.
+    A flipped bit in a file of Numba's can crash the process. Here a damaged file counts as absent, and a kernel that
+    cannot be loaded is compiled again.
     """
 
-    def __init__(self, folder: str, name: str, stamp: Any) -> None:
-        self._stamp, self._path = stamp, os.path.join(folder, name)
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        source = Path(function.__code__.co_filename)
+        content = _content(source.is_relative_to(_UPPER_FLOOR))
+        self._stamp = content if source.is_relative_to(_PACKAGE) else (content, self._impl.locator.get_source_stamp())
+        self._cache_path = os.path.join(self._cache_path, f"kernels-{content}")
+        self._cache_file: Any = self  # in the place of Numba's files: `load` and `save`
 
     def load(self, key: Any) -> Any:
         """The kernel that was saved under ``key``, or None."""
@@ -299,19 +275,8 @@ class _Files:
         write_sealed(self._file(key), dumps(((self._stamp, key), kernel)))
 
     def _file(self, key: Any) -> Path:
-        return Path(f"{self._path}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc")
-
-
-class _Cache(FunctionCache):
-    """Numba's own cache in a folder named after the `_content`. A kernel that cannot be loaded is compiled again."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        source = Path(function.__code__.co_filename)
-        content = _content(source.is_relative_to(_UPPER_FLOOR))
-        stamp = content if source.is_relative_to(_PACKAGE) else (content, self._impl.locator.get_source_stamp())
-        self._cache_path = os.path.join(self._cache_path, f"kernels-{content}")
-        self._cache_file: Any = _Files(self._cache_path, self._impl.filename_base, stamp)
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        return Path(self._cache_path, f"{self._impl.filename_base}.{digest}.nbc")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these types, or None where it has to be compiled."""
@@ -319,19 +284,19 @@ class _Cache(FunctionCache):
         with contextlib.suppress(Exception):  # an undamaged file may name a module that is no longer installed
             found = super().load_overload(sig, target_context)
         if found is None:
-            _announce(kept=True)
+            _announce("which is kept for the next time")
         return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the kernel, and forget the kernels of contents that were not used for long."""
+        """Keep the kernel, and delete the kernels of contents that were not used for long."""
         try:
             if not os.path.isdir(self._cache_path):
                 os.makedirs(self._cache_path, exist_ok=True)
-                _forget_old_folders(Path(self._cache_path))
+                _delete_old_folders(Path(self._cache_path))
             super().save_overload(sig, data)
         except OSError as error:
             problem = f"a kernel could not be kept in {self._cache_path}: {error}"
-            _say_once("cache", f"{problem}; they will be compiled again at the next start")
+            _complain(f"{problem}; they will be compiled again at the next start")
         _compilation_ended()
 
 
@@ -340,22 +305,24 @@ class _NoCache(NullCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> None:
         """Every kernel has to be compiled."""
-        _announce(kept=False)
+        _announce(
+            "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
+        )
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Nothing is kept."""
         _compilation_ended()
 
 
-def _keep(kernel: Any) -> None:
-    """Give a kernel its cache."""
+def _cache_of(function: Callable[..., Any]) -> Any:
+    """The cache of a kernel."""
     try:
-        kernel._cache = _Cache(kernel.py_func)
+        return _Cache(function)
     except RuntimeError:  # Numba finds no directory that it can write
-        kernel._cache = _NoCache()
+        return _NoCache()
 
 
-def _forget_old_folders(present: Path) -> None:
+def _delete_old_folders(present: Path) -> None:
     """Remove the folders beside the ``present`` one, but for those used last."""
     with contextlib.suppress(OSError):
         folders = sorted(present.parent.glob("kernels-*"), key=lambda folder: folder.stat().st_mtime, reverse=True)
@@ -363,22 +330,17 @@ def _forget_old_folders(present: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-# What is said -------------------------------------------------------------------------------------------------------
+# Messages -----------------------------------------------------------------------------------------------------------
 
 _PAUSE = 1.0
 """Seconds without compilation after which the next kernels are a batch of their own, and are announced."""
-_said: set[str] = set()
 _compiled_at = -_PAUSE
-"""When the last compilation began or ended."""
+"""Time of the last beginning or end of a compilation."""
+_complaints: list[str] = []
 
 
-def _announce(kept: bool) -> None:
+def _announce(then: str) -> None:
     """Say why a call takes long: once for all kernels that are compiled one after another."""
-    then = (
-        "which is kept for the next time"
-        if kept
-        else "and again at every start, since no cache can be written: set NUMBA_CACHE_DIR to a directory that can"
-    )
     if time.monotonic() - _compiled_at > _PAUSE:
         _say(f"compiling kernels (a minute or two), {then} ...")
     _compilation_ended()
@@ -389,11 +351,11 @@ def _compilation_ended() -> None:
     _compiled_at = time.monotonic()
 
 
-def _say_once(topic: str, message: str) -> None:
-    """Say something on a topic, once a process."""
-    if topic not in _said:
-        _said.add(topic)
+def _complain(message: str) -> None:
+    """Say that kernels cannot be kept, once a process."""
+    if not _complaints:
         _say(message)
+    _complaints.append(message)
 
 
 def _say(message: str) -> None:

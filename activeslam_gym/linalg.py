@@ -19,17 +19,13 @@ _FUSE = {"contract"}
 def cholesky_in_place(A: np.ndarray) -> bool:
     """Factor the symmetric ``A`` (n, n) as U^T U; U overwrites the upper triangle. False if not positive definite.
 
-    Four rows at a time, of which all rows above are subtracted first. What stands below the diagonal is not read, and
-    means nothing afterwards.
+    Four rows at a time, of which all rows above are subtracted first. Entries below the diagonal are not read, and
+    mean nothing afterwards.
     """
     n = A.shape[0]
     for top in range(0, n, 4):
         bottom = min(top + 4, n)
-        if bottom == top + 4:
-            _subtract_from_four(A, top, A, A, 0, top, top, n)
-        else:
-            for i in range(top, bottom):
-                subtract_from_one(A, i, A, A, 0, top, i, n)
+        _subtract_from_rows(A, top, bottom, A, A, top, top, n)
         for i in range(top, bottom):
             row = A[i, i:]
             for k in range(top, i):
@@ -47,17 +43,27 @@ def cholesky_in_place(A: np.ndarray) -> bool:
 
 
 @borrowing(fastmath=_FUSE)
-def _subtract_from_four(
-    A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, first: int, last: int, start: int, stop: int
+def _subtract_from_rows(
+    A: np.ndarray, top: int, bottom: int, F: np.ndarray, W: np.ndarray, m: int, start: int, stop: int
 ) -> None:
-    """A[r] -= sum of F[k, r] W[k] over k from ``first`` to ``last``, columns ``start`` to ``stop``, r in i … i + 3.
+    """A[i] -= sum of F[k, i] W[k] over k < ``m``, columns ``start`` to ``stop``, for i from ``top`` to ``bottom``."""
+    if bottom == top + 4:
+        _subtract_from_four(A, top, F, W, m, start, stop)
+    else:
+        for i in range(top, bottom):
+            subtract_from_one(A, i, F, W, m, start, stop)
 
-    Four k at a time, and what is left over one by one. Each number of W is loaded once for four rows, and each row once
-    for four k: this is what takes the time of a frame.
+
+@borrowing(fastmath=_FUSE)
+def _subtract_from_four(A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, m: int, start: int, stop: int) -> None:
+    """`_subtract_from_rows` of rows i … i + 3.
+
+    Four k at a time, and the rest one by one. Each number of W is loaded once for four rows, and each row once for
+    four k: this takes most of the time of a frame.
     """
-    whole = last - (last - first) % 4
+    whole = m - m % 4
     a0, a1, a2, a3 = A[i, start:stop], A[i + 1, start:stop], A[i + 2, start:stop], A[i + 3, start:stop]
-    for k in range(first, whole, 4):
+    for k in range(0, whole, 4):
         w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
         f00, f10, f20, f30 = F[k, i], F[k + 1, i], F[k + 2, i], F[k + 3, i]
         f01, f11, f21, f31 = F[k, i + 1], F[k + 1, i + 1], F[k + 2, i + 1], F[k + 3, i + 1]
@@ -69,7 +75,7 @@ def _subtract_from_four(
             a1[j] = a1[j] - f01 * x0 - f11 * x1 - f21 * x2 - f31 * x3
             a2[j] = a2[j] - f02 * x0 - f12 * x1 - f22 * x2 - f32 * x3
             a3[j] = a3[j] - f03 * x0 - f13 * x1 - f23 * x2 - f33 * x3
-    for k in range(whole, last):
+    for k in range(whole, m):
         w, f0, f1, f2, f3 = W[k, start:stop], F[k, i], F[k, i + 1], F[k, i + 2], F[k, i + 3]
         for j in range(stop - start):
             x = w[j]
@@ -80,17 +86,15 @@ def _subtract_from_four(
 
 
 @borrowing(fastmath=_FUSE)
-def subtract_from_one(
-    A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, first: int, last: int, start: int, stop: int
-) -> None:
-    """A[i] -= sum of F[k, i] W[k] over k from ``first`` to ``last``, columns ``start`` to ``stop``, four at a time."""
-    row, whole = A[i, start:stop], last - (last - first) % 4
-    for k in range(first, whole, 4):
+def subtract_from_one(A: np.ndarray, i: int, F: np.ndarray, W: np.ndarray, m: int, start: int, stop: int) -> None:
+    """A[i] -= sum of F[k, i] W[k] over k < ``m``, columns ``start`` to ``stop``, four at a time."""
+    row, whole = A[i, start:stop], m - m % 4
+    for k in range(0, whole, 4):
         w0, w1, w2, w3 = W[k, start:stop], W[k + 1, start:stop], W[k + 2, start:stop], W[k + 3, start:stop]
         f0, f1, f2, f3 = F[k, i], F[k + 1, i], F[k + 2, i], F[k + 3, i]
         for j in range(stop - start):
             row[j] = row[j] - f0 * w0[j] - f1 * w1[j] - f2 * w2[j] - f3 * w3[j]
-    for k in range(whole, last):
+    for k in range(whole, m):
         w, f0 = W[k, start:stop], F[k, i]
         for j in range(stop - start):
             row[j] -= f0 * w[j]
@@ -111,11 +115,7 @@ def solve_transposed(U: np.ndarray, B: np.ndarray) -> None:
     n, m = B.shape
     for top in range(0, n, 4):
         bottom = min(top + 4, n)
-        if bottom == top + 4:
-            _subtract_from_four(B, top, U, B, 0, top, 0, m)
-        else:
-            for i in range(top, bottom):
-                subtract_from_one(B, i, U, B, 0, top, 0, m)
+        _subtract_from_rows(B, top, bottom, U, B, top, 0, m)
         for i in range(top, bottom):
             row, inverse = B[i], 1.0 / U[i, i]
             for k in range(top, i):
@@ -174,9 +174,9 @@ def subtract_from_upper(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> 
     """`subtract_symmetric` of the upper triangle alone."""
     m, odd = W.shape[0], n % 4
     for i in range(odd):
-        subtract_from_one(P, i, V, W, 0, m, i, n)
+        subtract_from_one(P, i, V, W, m, i, n)
     for i in range(odd, n, 4):  # the rows of P once, and those of W, which are fewer, again and again
-        _subtract_from_four(P, i, V, W, 0, m, i, n)
+        _subtract_from_four(P, i, V, W, m, i, n)
 
 
 @borrowing

@@ -11,8 +11,8 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotate_left, rotation_matrix, so3_exp, so3_left_jacobian
-from activeslam_gym.kernels import Record, compiled, filled, record
-from activeslam_gym.linalg import congruence, copy_into, product
+from activeslam_gym.kernels import Record, compiled, constants
+from activeslam_gym.linalg import congruence, copy_block, copy_into, diagonal, product
 
 CAMERA_SIZE = 13
 CAMERA_DIM = 12
@@ -64,22 +64,23 @@ for _motion, (_axis, _sign) in enumerate(zip(MOTION_AXIS, MOTION_SIGN, strict=Tr
 COMMANDS[:, :, 3] = GAZE_SHARE
 
 
-MOTION = record(
-    dt="f8",
+MOTION, _motion_of = constants(
+    Scenario(),
+    dt=lambda s: s.frame_time,
     acceleration_std="f8",
     angular_acceleration_std="f8",
-    filter_acceleration_std="f8",
-    filter_angular_acceleration_std="f8",
+    filter_acceleration_std=lambda s: s.filter_acceleration_std or s.acceleration_std,
+    filter_angular_acceleration_std=lambda s: s.filter_angular_acceleration_std or s.angular_acceleration_std,
     command_known="b1",
     step_length="f8",
     turn_rate="f8",
     controller_frequency="f8",
     rate_loop_time="f8",
-    period="f8",
-    half=("f8", 3),
+    period=1.0,
+    half=lambda s: 0.5 * np.array(s.room_size),
     goal_margin="f8",
     wall_margin="f8",
-    bodies="b1",  # whether something beside the walls may stop the camera
+    bodies=lambda s: s.has_bodies,  # whether something beside the walls may stop the camera
     scripted_gaze_amplitude="f8",
     scripted_gaze_period="f8",
 )
@@ -88,16 +89,9 @@ MOTION = record(
 
 def motion_of(scenario: Scenario, motion_period: float) -> Record:
     """The MOTION record of a scenario whose commanded translations take ``motion_period`` seconds."""
-    return filled(
-        MOTION,
-        scenario,
-        dt=scenario.frame_time,
-        filter_acceleration_std=scenario.filter_acceleration_std or scenario.acceleration_std,
-        filter_angular_acceleration_std=scenario.filter_angular_acceleration_std or scenario.angular_acceleration_std,
-        period=motion_period,
-        half=0.5 * np.array(scenario.room_size),
-        bodies=scenario.has_bodies,
-    )
+    motion = _motion_of(scenario)
+    motion.period = motion_period
+    return motion
 
 
 LARGEST_ACCELERATION, LARGEST_ANGULAR_ACCELERATION = 10.0, 10.0
@@ -135,32 +129,22 @@ def transition_jacobian(angular_velocity: np.ndarray, dt: float) -> np.ndarray:
     dtheta+ = Exp(w+ dt) dtheta + J_l(w+ dt) dt dw+, which follows from Exp((w + dw) dt) = Exp(J_l dw dt) Exp(w dt).
     """
     phi = np.array((dt * angular_velocity[0], dt * angular_velocity[1], dt * angular_velocity[2]))
-    turn, spread = so3_exp(phi), so3_left_jacobian(phi)
-    F_x = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    for i in range(CAMERA_DIM):
-        F_x[i, i] = 1.0
-    p_by_v, theta_by_theta, theta_by_w = (
-        F_x[D_POSITION, D_VELOCITY],
-        F_x[D_ROTATION, D_ROTATION],
-        F_x[D_ROTATION, D_ANGULAR],
-    )
+    F_x, J_l = diagonal(np.ones(CAMERA_DIM)), so3_left_jacobian(phi)
+    copy_block(so3_exp(phi), F_x[D_ROTATION, D_ROTATION])
     for i in range(3):
-        p_by_v[i, i] = dt
+        F_x[D_POSITION.start + i, D_VELOCITY.start + i] = dt
         for j in range(3):
-            theta_by_theta[i, j] = turn[i, j]
-            theta_by_w[i, j] = dt * spread[i, j]
+            F_x[D_ROTATION.start + i, D_ANGULAR.start + j] = dt * J_l[i, j]
     return F_x
 
 
 @compiled
 def process_covariance(motion: Record, F_x: np.ndarray, dt: float) -> np.ndarray:
     """Q (12, 12) = F_x Q_u F_x^T of ``dt`` seconds: the noise enters v and w, and reaches p and theta as they do."""
-    Q_u = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    Q_v, Q_w = Q_u[D_VELOCITY, D_VELOCITY], Q_u[D_ANGULAR, D_ANGULAR]
-    for i in range(3):
-        Q_v[i, i] = (dt * motion.filter_acceleration_std) ** 2
-        Q_w[i, i] = (dt * motion.filter_angular_acceleration_std) ** 2
-    return congruence(F_x, Q_u)
+    variances = np.zeros(CAMERA_DIM)
+    variances[D_VELOCITY] = (dt * motion.filter_acceleration_std) ** 2
+    variances[D_ANGULAR] = (dt * motion.filter_angular_acceleration_std) ** 2
+    return congruence(F_x, diagonal(variances))
 
 
 @compiled
@@ -214,13 +198,6 @@ def nearest_gaze(share: float) -> Gaze:
 
 
 @compiled
-def clipped_goal(motion: Record, goal: np.ndarray) -> np.ndarray:
-    """``goal`` (3,) moved to the nearest place that is ``goal_margin`` inside the room."""
-    reach = motion.half - motion.goal_margin
-    return np.minimum(np.maximum(goal, -reach), reach)
-
-
-@compiled
 def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
     """The clipped goal (3,) of a motion that begins at the camera's estimate ``camera`` (>= 7)."""
     return goal_by(motion, camera, displacement(motion, index))
@@ -228,12 +205,15 @@ def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
 
 @compiled
 def goal_by(motion: Record, camera: np.ndarray, d: np.ndarray) -> np.ndarray:
-    """The clipped goal (3,) of the translation ``d`` (3,) [m], in camera axes, from the estimate ``camera`` (>= 7)."""
-    R_WC = rotation_matrix(camera[QUATERNION])
+    """The goal (3,) of the translation ``d`` (3,) [m], in camera axes, from the estimate ``camera`` (>= 7).
+
+    It is moved to the nearest place that is ``goal_margin`` inside the room.
+    """
+    R_WC, reach = rotation_matrix(camera[QUATERNION]), motion.half - motion.goal_margin
     goal = np.empty(3)
     for i in range(3):
         goal[i] = camera[i] + R_WC[i, 0] * d[0] + R_WC[i, 1] * d[1] + R_WC[i, 2] * d[2]
-    return clipped_goal(motion, goal)
+    return np.minimum(np.maximum(goal, -reach), reach)
 
 
 @compiled

@@ -53,7 +53,8 @@ class Workers:
         Raises:
             RuntimeError: another thread is in a call.
         """
-        self._begin_in_child()
+        if self._process != os.getpid():  # a forked child has neither the parent's threads nor their locks
+            self._pool, self._busy, self._process = None, threading.Lock(), os.getpid()
         if not self._busy.acquire(blocking=False):
             raise RuntimeError("an environment is used by two threads at once; make one for each thread")
         try:
@@ -63,27 +64,20 @@ class Workers:
 
     def _call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         left = iter(self._slices)  # shared: each slice is given out once
+        if self.threads > 1 and self._pool is None:
+            self._pool = ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
 
         def work() -> None:
             for part in left:
                 kernel(*arguments, *part)
 
-        futures = [self._running_pool().submit(work) for _ in range(self.threads - 1)]
+        futures = [self._pool.submit(work) for _ in range(self.threads - 1)] if self._pool else []
         try:
             work()
         finally:
             wait(futures)
         for future in futures:
             future.result()
-
-    def _begin_in_child(self) -> None:
-        """In a forked child neither the parent's threads exist nor what they hold."""
-        if self._process != os.getpid():
-            self._pool, self._busy, self._process = None, threading.Lock(), os.getpid()
-
-    def _running_pool(self) -> ThreadPoolExecutor:
-        self._pool = self._pool or ThreadPoolExecutor(self.threads - 1, thread_name_prefix="activeslam")
-        return self._pool
 
     def close(self) -> None:
         """End the threads; a later call starts new ones."""
@@ -92,9 +86,8 @@ class Workers:
         self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies and pickles start their own threads."""
+        """Copies and pickles start their own threads, and have a lock of their own."""
         return {**self.__dict__, "_pool": None, "_busy": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """With a lock of its own."""
         self.__dict__.update(state, _busy=threading.Lock())

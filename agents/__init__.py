@@ -1,8 +1,8 @@
-"""The top floor: what compares policies, and the policies that learn. `python -m agents --help` lists the commands.
+"""The top floor: comparisons of policies, and policies that learn. `python -m agents --help` lists the commands.
 
-Every episode is a `task.Task`, which `activeslam_gym.evaluation` plays and keeps. On these stand `compare` (policies in
-the same rooms), `learn` (training, and learned weights as a policy), `honesty` (is the filter consistent?), `study`
-(the paper's claims) and `watching`; `tools` is what they share.
+Every episode is a `task.Task`, which `activeslam_gym.evaluation` plays and keeps. The commands stand on these:
+`compare` and `bounds` (policies in the same rooms), `consistency` (of the filter), `study` and `live` (the paper's
+claims), `train` and `export` (with `learn`), and `watch`. `tools` is shared by all.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def load(name: str, env: Environment, folder: Path = FOLDER) -> LearnedPolicy:
     Args:
         name: Stem of a file of weights in ``folder``.
         env: The environment, single or a batch, whose time the policy follows.
-        folder: Of the weights; those that are shipped if not given.
+        folder: Of the weights; the shipped ones if not given.
 
     Raises:
         ValueError: there is no such policy, or its weights do not fit the environment's observation.
     """
-    from agents.learn.weights import load as load_learned
+    from agents.learn.weights import LearnedPolicy, read
 
-    return load_learned(name, env, folder)
+    return LearnedPolicy(env, *read(name, folder))

@@ -4,10 +4,11 @@ import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
+PROGRAM = "python -m agents"
 COMMANDS = {
     "bounds": "agents.bounds.command",
     "compare": "agents.compare.command",
-    "consistency": "agents.honesty.command",
+    "consistency": "agents.consistency.command",
     "export": "agents.export",
     "generalise": "agents.compare.generalise",
     "live": "agents.advising",
@@ -23,26 +24,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     A mistake is a bad argument, file or folder, a full disk, or a missing package or screen. Ctrl-C is 130.
     """
-    try:
-        return _run(arguments)
-    except KeyboardInterrupt:
-        return 130
-
-
-def _run(arguments: Sequence[str] | None) -> int:
-    name = "python -m agents"
+    name = PROGRAM
     try:
         import gymnasium
         import tyro
-    except ModuleNotFoundError as error:
-        hint = "make demo installs all into .venv, or: pip install --editable '.[compare]'"
-        return _mistake(name, f"{sys.executable} lacks {error.name}; {hint}")
-    modules = {name: import_module(module) for name, module in COMMANDS.items()}
-    commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
-    try:
-        args = tyro.extras.subcommand_cli_from_dict(commands, prog=name, args=arguments)
+
+        modules = {name: import_module(module) for name, module in COMMANDS.items()}
+        commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
+        args = tyro.extras.subcommand_cli_from_dict(commands, prog=PROGRAM, args=arguments)
         name, module = next((name, module) for name, module in modules.items() if isinstance(args, module.Args))
         return module.main(args)
+    except KeyboardInterrupt:
+        return 130
+    except ModuleNotFoundError as error:
+        hint = "make demo installs all into .venv, or: pip install --editable '.[compare]'"
+        return _mistake(name, f"{sys.executable} lacks {error.name}; {hint}" if name == PROGRAM else str(error))
     except (ValueError, OSError, ImportError, MemoryError, gymnasium.error.Error) as error:
         return _mistake(name, str(error) or type(error).__name__)
 

@@ -19,28 +19,21 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status. Raises ValueError for weights that there are not, or a file that cannot be."""
-    if args.out.suffix != ".zip":
-        raise ValueError(f"out must end in .zip, got {str(args.out)!r}")
-    writable_file("out", args.out)
-    card = export(args.policy, args.out)
-    name, period = str(card["algorithm"]).upper(), card["decision_period"]
-    print(f"Written to {args.out}: {name}.load({str(args.out)!r}), for environments with gaze_period={period}")
-    return 0
-
-
-def export(policy: str, out: Path) -> dict:
-    """Write the weights that `policy` names to `out`; their card. Raises ValueError where there are none."""
+    """Run the command; the exit status. Raises ValueError for absent or damaged weights, or a file that cannot be."""
     from agents.learn.algorithms import learner_of
     from agents.learn.weights import read
 
-    path = Path(policy) if policy.endswith(".npz") else pretrained.FOLDER / f"{policy}.npz"
+    if args.out.suffix != ".zip":
+        raise ValueError(f"out must end in .zip, got {str(args.out)!r}")
+    writable_file("out", args.out)
+    path = Path(args.policy) if args.policy.endswith(".npz") else pretrained.FOLDER / f"{args.policy}.npz"
     if not path.is_file():
         shipped = ", ".join(pretrained.names())
-        raise ValueError(f"policy: {policy!r} has no weights; allowed: {shipped}, a file (policy.npz)")
+        raise ValueError(f"policy: {args.policy!r} has no weights; allowed: {shipped}, a file (policy.npz)")
     weights, card = read(path.stem, path.parent)
     learner = learner_of(weights, card)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with written_whole(out) as unfinished:
+    with written_whole(args.out) as unfinished:
         learner.save(unfinished)
-    return card
+    name, period = str(card["algorithm"]).upper(), card["decision_period"]
+    print(f"Written to {args.out}: {name}.load({str(args.out)!r}), for environments with gaze_period={period}")
+    return 0

@@ -1,8 +1,11 @@
-"""The study's pictures: the paper's figures 2, 3 and 5 b for any set of policies. Imports matplotlib where it draws."""
+"""Pictures of a comparison: the paper's figures 2, 3 and 5 b for any policies. matplotlib is imported where it draws.
+
+Each takes policy → episodes by seed, and draws trajectories and maps of the first room.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,20 +22,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI = 130
-PANEL = (4.2, 3.2)
-"""Width and height of a panel, inches."""
 PANELS_A_ROW = 4
 SIGMAS = 2.0
 """Standard deviations of the bounds and of the ellipses."""
 BAND = (10.0, 90.0)
 """Percentiles over rooms of the band around a mean."""
-WHISKERS = (1.0, 99.0)
-"""Percentiles over all steps at the whiskers' ends."""
-
 ERRORS = ("X error, m", "Y error, m", "Z error, m", "qx error", "qy error", "qz error")
 PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
 ESTIMATE, TRUTH, BOUND, LOST = "tab:blue", "black", "tab:red", "tab:red"
+
+Runs = Mapping[str, Sequence[Episode]]
+"""Policy → its episodes by seed."""
+Curves = tuple[np.ndarray, np.ndarray]
+"""Times (G,), and values (curves, G)."""
 
 
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
@@ -42,31 +44,35 @@ def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
     return [save_figure(draw(by_policy), folder / f"{draw.__name__}.png") for draw in figures]
 
 
-def entropies(by_policy: dict[str, list[Episode]]) -> Figure:
+def entropies(by_policy: Runs) -> Figure:
     """Fig. 2 d–f: log₂|P| over time, the first room with a mark at each new landmark, mean and band over the rooms."""
     figure, panels = _panels(len(by_policy), sharex=True, sharey=True)
     for axes, (name, runs) in zip(panels, by_policy.items()):
-        first = runs[0]
-        for part, colour in PARTS.items():
-            field = f"log2_det_{part}"
-            times, values = over_rooms(runs, field)
-            axes.fill_between(times, *np.nanpercentile(values, BAND, axis=0), color=colour, alpha=0.15, linewidth=0)
-            axes.plot(times, np.nanmean(values, axis=0), "--", color=colour, linewidth=0.8)
-            axes.plot(first.times, getattr(first, field), color=colour, linewidth=1.2, label=part)
-        axes.plot(first.landmark_times, first.landmark_log2_det, "k+", markersize=5, label="new landmark")
-        lost = sum(run.lost for run in runs)
+        entropy_panel(axes, runs[0], {part: over_rooms(runs, f"log2_det_{part}") for part in PARTS})
         axes.set(xlabel="time, s", ylabel="log₂|P|")
-        _title(axes, f"{name} ({len(runs)} rooms, {lost} lost)", first)
+        _title(axes, f"{name} ({len(runs)} rooms, {sum(run.lost for run in runs)} lost)", runs[0])
     panels[0].legend(fontsize=7)
-    figure.suptitle(f"Entropy: room {_first_seed(by_policy)} (line), mean (dashed) and {BAND[0]:g}–{BAND[1]:g} % band")
+    low, high = BAND
+    figure.suptitle(f"Entropy: room {_first_seed(by_policy)} (line), mean (dashed) and {low:g}–{high:g} % band")
     return figure
 
 
-def errors(by_policy: dict[str, list[Episode]]) -> Figure:
+def entropy_panel(axes: Axes, drawn: Episode, curves: Mapping[str, Curves]) -> None:
+    """log₂|P| of a run with a mark at each new landmark; mean and band of part → curves, where a tenth of them last."""
+    for part, colour in PARTS.items():
+        times, values = curves[part]
+        enough = np.sum(~np.isnan(values), axis=0) >= max(1, len(values) // 10)
+        times, values = times[enough], values[:, enough]
+        axes.fill_between(times, *np.nanpercentile(values, BAND, axis=0), color=colour, alpha=0.15, linewidth=0)
+        axes.plot(times, np.nanmean(values, axis=0), "--", color=colour, linewidth=0.8)
+        axes.plot(drawn.times, getattr(drawn, f"log2_det_{part}"), color=colour, linewidth=1.2, label=part)
+    axes.plot(drawn.landmark_times, drawn.landmark_log2_det, "k+", markersize=5, label="new landmark")
+
+
+def errors(by_policy: Runs) -> Figure:
     """Fig. 3: errors of position and of the quaternion's vector part in the first room, with 2σ bounds."""
     figure, grid = grid_of_panels(len(ERRORS), len(by_policy), (3.4, 1.5), sharex=True, sharey="row")
-    for column, (name, runs) in enumerate(by_policy.items()):
-        first = runs[0]
+    for column, (name, (first, *_)) in enumerate(by_policy.items()):
         offsets = np.hstack((first.position_offset, quaternion_error(first.rotation_offset)))
         bounds = SIGMAS * np.hstack((first.position_std, first.rotation_std / 2.0))
         for axes, label, offset, bound in zip(grid[:, column], ERRORS, offsets.T, bounds.T):
@@ -79,45 +85,50 @@ def errors(by_policy: dict[str, list[Episode]]) -> Figure:
     return figure
 
 
-def maps(by_policy: dict[str, list[Episode]]) -> Figure:
+def maps(by_policy: Runs) -> Figure:
     """Fig. 2 a–c: the final map and the trajectories of the first room, seen from above."""
     figure, panels = _panels(len(by_policy), (4.2, 4.8), sharex=True, sharey=True)
-    for axes, (name, runs) in zip(panels, by_policy.items()):
-        _map(axes, runs[0])
-        _title(axes, f"{name}: {runs[0].landmarks_mapped[-1]} mapped", runs[0])
+    for axes, (name, (first, *_)) in zip(panels, by_policy.items()):
+        _map(axes, first)
+        _title(axes, f"{name}: {first.landmarks_mapped[-1]} mapped", first)
     legend_below(figure, panels[:1])
     figure.suptitle(f"Map and trajectories, room {_first_seed(by_policy)}, from above ({SIGMAS:g}σ ellipses)")
     return figure
 
 
-def actions(by_policy: dict[str, list[Episode]]) -> Figure:
-    """Fig. 5 b: how often each command was given, over all rooms."""
+def actions(by_policy: Runs) -> Figure:
+    """Fig. 5 b: shares of the commands, over all rooms; a bar for each policy."""
     figure, panels = _panels(2, (6.0, 3.4))
+    width = 0.8 / len(by_policy)
     for axes, choices, counts in zip(panels, (Motion, Gaze), (motion_counts, gaze_counts)):
-        _bars(axes, choices, {name: np.sum([counts(run) for run in runs], 0) for name, runs in by_policy.items()})
+        for i, (name, runs) in enumerate(by_policy.items()):
+            count = np.sum([counts(run) for run in runs], axis=0)
+            places = np.arange(len(choices)) + (i - (len(by_policy) - 1) / 2.0) * width
+            axes.bar(places, count / max(count.sum(), 1), width, label=name)
+        axes.set_xticks(range(len(choices)), [choice.name.lower() for choice in choices], fontsize=8)
         axes.set(title=f"{choices.__name__}, a command each {choices.__name__.lower()} period")
     panels[0].set(ylabel="share of commands")
     legend_below(figure, panels[:1], PANELS_A_ROW)
     return figure
 
 
-def decision_times(by_policy: dict[str, list[Episode]]) -> Figure:
-    """What a decision costs: the distribution over all steps; the whiskers span `WHISKERS`."""
+def decision_times(by_policy: Runs) -> Figure:
+    """Time of a decision: its distribution over all steps; the whiskers span 1 to 99 %."""
     figure, (axes,) = _panels(1, (2.0 + 0.8 * len(by_policy), 3.6))
     durations = [np.concatenate([run.decision_us for run in runs]) for runs in by_policy.values()]
-    axes.boxplot(durations, whis=WHISKERS, showfliers=False, showmeans=True)
+    axes.boxplot(durations, whis=(1.0, 99.0), showfliers=False, showmeans=True)
     axes.set_xticks(np.arange(1, len(by_policy) + 1), list(by_policy), rotation=30, ha="right")
     axes.set(yscale="log", ylabel="µs per decision (triangle: mean)")
     return figure
 
 
-def over_rooms(runs: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times (G,) and values (rooms, G) of a sampled field at whole seconds; NaN after a run's end."""
+def over_rooms(runs: Sequence[Episode], field: str) -> Curves:
+    """A sampled field of the runs at whole seconds."""
     return at_common_times([(thin.times, getattr(thin, field)) for thin in (run.thinned() for run in runs)])
 
 
-def at_common_times(curves: Sequence[tuple[Any, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """Times (G,) of the longest of the curves (times, values), and the values (curves, G); NaN after a curve's end."""
+def at_common_times(curves: Sequence[tuple[Any, Any]]) -> Curves:
+    """Curves (times, values) at the times of the longest of them; NaN after a curve's end."""
     times = max((np.asarray(times) for times, _ in curves), key=len)
     return times, np.array([np.interp(times, *curve, right=np.nan) for curve in curves])
 
@@ -128,9 +139,28 @@ def quaternion_error(rotation_offset: np.ndarray) -> np.ndarray:
     return 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_offset
 
 
-def _title(axes: Axes, title: str, drawn: Episode) -> None:
-    """A panel's title, which tells when the run that it draws was lost."""
-    axes.set_title(f"{title}\nthis run was lost" if drawn.lost else title, color=LOST if drawn.lost else TRUTH)
+def grid_of_panels(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Figure, np.ndarray]:
+    """A figure with rows × columns panels of this size [inch]; without pyplot, which asks for a window system."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(columns * size[0], rows * size[1] + 0.7), layout="constrained")
+    engine: Any = figure.get_layout_engine()
+    engine.set(w_pad=0.06, h_pad=0.09)  # inches between a title and the panel above it
+    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+
+
+def legend_below(figure: Figure, panels: Iterable[Axes], most: int = 9) -> None:
+    """One legend of `panels` under all, each label once, at most so many in a row."""
+    handles = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels())}
+    columns = min(len(handles), most)
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, fontsize=8)
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
+    """Write the figure as a PNG."""
+    with written_whole(path) as unfinished:
+        figure.savefig(unfinished, format="png", dpi=dpi)
+    return path
 
 
 def _map(axes: Axes, run: Episode) -> None:
@@ -138,32 +168,24 @@ def _map(axes: Axes, run: Episode) -> None:
     plane = np.array([0, 2])
     half = run.room_size[plane] / 2.0
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * half
-    mapped = run.estimated_landmarks[:, plane]
+    mapped, missed = run.estimated_landmarks[:, plane], np.isnan(run.landmark_errors)
+    outlines = ellipses(mapped, run.landmark_covariance[:, plane[:, None], plane], SIGMAS)
     axes.plot(*corners.T, color="grey", linewidth=0.8)
-    unmapped = run.true_landmarks[np.isnan(run.landmark_errors)][:, plane]
+    unmapped = run.true_landmarks[missed][:, plane]
     axes.plot(*unmapped.T, "o", mfc="none", mec=TRUTH, mew=0.8, ms=4.5, label="landmark, not mapped")
     axes.plot(*run.fiducials[:, plane].T, "s", color=FIDUCIAL, ms=4, label="fiducial")
-    for outline in ellipses(mapped, run.landmark_covariance[:, plane[:, None], plane], SIGMAS):
+    for outline in outlines:
         axes.fill(*outline.T, facecolor="#1F77B440", edgecolor=ESTIMATE, linewidth=0.9)
     axes.plot(*mapped.T, ".", color=ESTIMATE, ms=5, label="mapped")
-    axes.plot(*run.true_landmarks[~np.isnan(run.landmark_errors)][:, plane].T, "kx", ms=3.5, mew=0.8, label="its truth")
+    axes.plot(*run.true_landmarks[~missed][:, plane].T, "kx", ms=3.5, mew=0.8, label="its truth")
     axes.plot(*run.true_position[:, plane].T, color=TRUTH, lw=1.0, label="true path")
     axes.plot(*run.estimated_position[:, plane].T, color=ESTIMATE, lw=0.8, label="estimated")
     (right, top), (left, bottom) = 1.1 * half, -1.1 * half
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="X, m", ylabel="Z, m")
 
 
-def _bars(axes: Axes, choices: Any, counts: dict[str, np.ndarray]) -> None:
-    """Groups of bars: a group per command, a bar per policy, heights as shares."""
-    width = 0.8 / len(counts)
-    for i, (name, count) in enumerate(counts.items()):
-        offset = (i - (len(counts) - 1) / 2.0) * width
-        axes.bar(np.arange(len(choices)) + offset, count / max(count.sum(), 1), width, label=name)
-    axes.set_xticks(np.arange(len(choices)), [choice.name.lower() for choice in choices], fontsize=8)
-
-
-def _panels(count: int, size: tuple[float, float] = PANEL, **shared: Any) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels in rows; what a last row lacks stays empty."""
+def _panels(count: int, size: tuple[float, float] = (4.2, 3.2), **shared: Any) -> tuple[Figure, list[Axes]]:
+    """A figure with `count` panels in rows; the rest of the last row stays empty."""
     columns = min(count, PANELS_A_ROW)
     figure, grid = grid_of_panels(-(-count // columns), columns, size, **shared)
     for above, axes in zip(grid.flat[count - columns :], grid.flat[count:]):
@@ -172,30 +194,11 @@ def _panels(count: int, size: tuple[float, float] = PANEL, **shared: Any) -> tup
     return figure, list(grid.flat[:count])
 
 
-def grid_of_panels(rows: int, columns: int, size: tuple[float, float], **shared: Any) -> tuple[Figure, np.ndarray]:
-    """A figure with rows × columns panels; without pyplot, so that no window system is asked for."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(columns * size[0], rows * size[1] + 0.7), layout="constrained")
-    engine: Any = figure.get_layout_engine()
-    engine.set(w_pad=0.06, h_pad=0.09)  # inches between a title and what is above it
-    return figure, figure.subplots(rows, columns, squeeze=False, **shared)
+def _title(axes: Axes, title: str, drawn: Episode) -> None:
+    """A panel's title, which tells when the run that it draws was lost."""
+    axes.set_title(f"{title}\nthis run was lost" if drawn.lost else title, color=LOST if drawn.lost else TRUTH)
 
 
-def legend_below(figure: Figure, panels: Iterable[Axes], most: int = 9) -> None:
-    """One legend of `panels` under all, at most so many labels in a row; what several of them have stands once."""
-    handles = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels())}
-    columns = min(len(handles), most)
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns, fontsize=8)
-
-
-def _first_seed(by_policy: dict[str, list[Episode]]) -> int:
+def _first_seed(by_policy: Runs) -> int:
     """Seed of the room that is drawn."""
     return next(iter(by_policy.values()))[0].seed
-
-
-def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> Path:
-    """Write the figure as a PNG."""
-    with written_whole(path) as unfinished:
-        figure.savefig(unfinished, format="png", dpi=dpi)
-    return path

@@ -35,7 +35,7 @@ PLACES = {"another-draw": another_draw, "lattice": lattice, "nowhere": nowhere}
 
 
 class Placed(gym.Wrapper):
-    """Moves the expected landmarks after each reset: to the policies' metrics that is all there is to them.
+    """Moves the expected landmarks after each reset; the room and the noise are the same.
 
     Raises:
         ValueError: there is no such place.
@@ -48,7 +48,7 @@ class Placed(gym.Wrapper):
         self._place = PLACES[place]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin anew with the expected landmarks elsewhere; the room and the noise are the same."""
+        """Reset, with the expected landmarks elsewhere."""
         observation, info = self.env.reset(seed=seed, options=options)
         core: Any = self.env.unwrapped
         core.expect(self._place(core.scenario, seed or 0))

@@ -1,4 +1,4 @@
-"""From a policy's name to the policy, wherever it lives."""
+"""From a policy's name to the policy: a baseline, shipped weights, a file of weights, or the user's own factory."""
 
 import importlib
 import json
@@ -14,7 +14,7 @@ from agents import load, pretrained
 from baselines.policy import Environment
 
 Factory = Callable[[Environment, int | Sequence[int]], Predictor]
-"""(environment, seed) -> a policy bound to that environment; the seed, of a batch one for each, serves those that draw.
+"""(environment, seed) -> a policy bound to that environment; a random one draws from the seed, of a batch one for each.
 """
 LEARNED = Path(__file__).with_name("learn")
 LEARNING_LIBRARIES = ("stable-baselines3", "torch")
@@ -26,14 +26,14 @@ def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predi
 
 
 def factory(name: str) -> Factory:
-    """Return what makes the policy `name`: a baseline, shipped weights, 'policy.npz' or 'package.module:factory'.
+    """Return the factory of the policy `name`: a baseline, shipped weights, 'policy.npz' or 'package.module:factory'.
 
-    Raises ValueError when no source knows the name, and lists what is allowed.
+    Raises ValueError, which lists the allowed names, for an unknown one.
     """
     path = Path(name)
     if ":" in name:
         make = _imported(name)
-        return lambda env, seed: _made(name, make, env)
+        return lambda env, seed: Own(name, make, env)
     if path.suffix == ".npz":
         if not path.is_file():
             raise ValueError(f"policy: {name!r} is no file of weights")
@@ -49,7 +49,7 @@ def factory(name: str) -> Factory:
 
 
 def content(name: str) -> str:
-    """Digest of what a policy is made of beside the baselines: weights and the network, or a module and its imports."""
+    """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports."""
     if ":" in name:
         made_of = module_sources(name.partition(":")[0])
     elif (path := pretrained.FOLDER / f"{name}.npz" if name in pretrained.names() else Path(name)).suffix == ".npz":
@@ -60,32 +60,21 @@ def content(name: str) -> str:
     return f"{made_of} {json.dumps(package_versions(LEARNING_LIBRARIES))}"
 
 
-def _imported(name: str) -> Callable[[Environment], Any]:
-    """The user's own 'package.module:factory'."""
-    module, _, attribute = name.partition(":")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except (Exception, SystemExit) as error:
-        told = f"policy: {name!r} cannot be imported ({_told(error)})"
-        raise ValueError(f"{told}; allowed: 'package.module:factory'") from error
-
-
-def _made(name: str, make: Callable[[Environment], Any], env: Environment) -> Predictor:
-    """The user's own policy. Raises ValueError where its factory fails, or makes something else."""
-    try:
-        policy = make(env)
-    except Exception as error:
-        raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
-    if not callable(getattr(policy, "predict", None)):
-        raise ValueError(f"policy: {name!r} made {policy!r}; allowed: an object with predict(observation, …)")
-    return policy
-
-
 class Own:
-    """A user's own policy, whose mistakes become a ValueError of one line."""
+    """A user's own policy, whose errors become a ValueError of one line.
 
-    def __init__(self, name: str, policy: Predictor) -> None:
-        self._name, self._policy = name, policy
+    Raises ValueError where its factory fails, or makes an object without `predict`.
+    """
+
+    def __init__(self, name: str, make: Callable[[Environment], Any], env: Environment) -> None:
+        self._name = name
+        try:
+            self._policy = make(env)
+        except Exception as error:
+            raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
+        if not callable(getattr(self._policy, "predict", None)):
+            allowed = "an object with predict(observation, …)"
+            raise ValueError(f"policy: {name!r} made {self._policy!r}; allowed: {allowed}")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
@@ -99,8 +88,18 @@ class Own:
         return action, state
 
 
+def _imported(name: str) -> Callable[[Environment], Any]:
+    """The user's own 'package.module:factory'."""
+    module, _, attribute = name.partition(":")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (Exception, SystemExit) as error:
+        told = f"policy: {name!r} cannot be imported ({_told(error)})"
+        raise ValueError(f"{told}; allowed: 'package.module:factory'") from error
+
+
 def _told(error: BaseException) -> str:
-    """An error and where it is from, in a line."""
+    """An error and its place in the user's code, in a line."""
     lines = str(error).splitlines()
     frames = [frame for frame in extract_tb(error.__traceback__) if Path(frame.filename).is_file()]
     ours = frames[-1].filename in (__file__, importlib.__file__)

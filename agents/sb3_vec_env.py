@@ -12,22 +12,20 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvS
 from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
 from activeslam_gym.envs.episode import info_at
 
-_MISSING = object()
-
 
 class ActiveSLAMVecEnv(VecEnv):
     """`ActiveSLAMVectorEnv` in mode SAME_STEP behind SB3's interface.
 
     An environment's dict of `infos` has its last `info` when its episode ends, with ``terminal_observation`` and
-    ``TimeLimit.truncated``, and is empty before: a dict for each environment and step would cost more than it tells.
+    ``TimeLimit.truncated``, and is empty before: a dict for each environment and step would cost time.
 
     `baselines.make(name, env)` and `observation_layout(env)` take it, also under SB3's wrappers: it is read as the
     batch environment within (`unwrapped`).
 
     Args:
         num_envs: Environments in the batch.
-        bootstrap_at_time_limit: What ``TimeLimit.truncated`` says where an episode ends at its duration and the run is
-            not lost. The return is that of a finite horizon and the observation tells the time, so False is right:
+        bootstrap_at_time_limit: The value of ``TimeLimit.truncated`` where an episode ends at its duration and the run
+            is not lost. The return is that of a finite horizon and the observation tells the time, so False is right:
             nothing follows. True makes SB3 add the value of the last observation.
         discrete: Take one integer for an action, index = 3 motion + gaze.
         kwargs: Arguments of `ActiveSLAMVectorEnv`.
@@ -51,7 +49,7 @@ class ActiveSLAMVecEnv(VecEnv):
         return self.env
 
     def reset(self) -> np.ndarray:
-        """Begin new runs, with the seeds of `seed` if it was called since the last time."""
+        """Reset all, with the seeds of `seed` if it was called since the last time."""
         observations, infos = self.env.reset(seed=self._seeds)
         self.reset_infos = [info_at(infos, i) for i in range(self.num_envs)]
         self._reset_seeds()
@@ -63,7 +61,7 @@ class ActiveSLAMVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:
-        """One gaze period; see `ActiveSLAMVectorEnv.step`. What ended has begun anew in what is returned."""
+        """One gaze period; see `ActiveSLAMVectorEnv.step`. Environments whose episode ended have been reset."""
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         dones = terminated | truncated
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -86,11 +84,11 @@ class ActiveSLAMVecEnv(VecEnv):
         return self.env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """What each environment lets read by that name, or what all of them share."""
-        return [self._of(attr_name, i) for i in self._get_indices(indices)]
+        """An attribute of each environment, or of the batch."""
+        return [self._of(attr_name, int(i)) for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set what all environments share. Raises ValueError where ``indices`` are not all of them."""
+        """Set an attribute that all environments share. Raises ValueError where ``indices`` are not all of them."""
         if set(self._get_indices(indices)) != set(range(self.num_envs)):
             raise ValueError(f"indices must be None: the environments share their attributes, got {indices!r}")
         setattr(self.env, attr_name, value)
@@ -111,10 +109,9 @@ class ActiveSLAMVecEnv(VecEnv):
         """An attribute of environment ``i``, as a single environment has it."""
         if name == "action_masks":
             return lambda: self.env.action_masks()[i]
-        for owner, known_as in ((self.env.run(int(i)), name), (self.env, f"single_{name}")):
-            value = getattr(owner, known_as, _MISSING)
-            if value is not _MISSING:
-                return value
+        for owner, known_as in ((self.env.run(i), name), (self.env, f"single_{name}")):
+            if hasattr(owner, known_as):
+                return getattr(owner, known_as)
         return getattr(self.env, name)
 
 

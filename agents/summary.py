@@ -1,35 +1,21 @@
-"""From episodes to the study's figures: per policy over rooms, and policy against policy in the same rooms."""
+"""From episodes to tables: figures of each policy over rooms, and of policy against policy in the same rooms."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 import baselines
 from activeslam_gym.evaluation import Episode, honesty, outcome
-from agents.bounds.share import BASE, PLANNER, shares
-from agents.tools.statistics import Estimate, Statistic, estimate, paired_rmse
+from agents.tools.sections import Table
+from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse, shares
 
 MOST_LOST = 0.25
 """A policy that is lost in a greater share of the rooms has no headline."""
-FEW_ROOMS = 20
-"""With fewer rooms the intervals are a hint: the summary says so."""
-
-
-@dataclass(frozen=True)
-class Column:
-    """A figure over rooms and how it is shown: its title, the factor to the title's unit, the digits after the point.
-
-    A key that ends in ``_median`` is another statistic of the column without it.
-    """
-
-    key: str
-    title: str
-    statistic: Statistic = "median"
-    scale: float = 1.0
-    digits: int = 1
-
+PLANNER, BASE = "rollout", "best-constant"
+"""Policies whose difference is the lead of which others have a share."""
+DEGREES = 180.0 / np.pi
 
 LEARNED = (
     Column("log_score_gain_median", "log score gain, bits"),
@@ -42,11 +28,11 @@ LEARNED = (
     Column("lost", "lost, %", "share", 100.0),
 )
 """A single confident error, a landmark taken for another, takes thousands of bits of the log score, so its mean has no
-interval. Median and interquartile mean tell of the usual room, and two shares of the rooms that were wrong and sure."""
+interval. Median and interquartile mean tell of the usual room, and two shares of the overconfident rooms."""
 ERRORS = (
     Column("landmark_rmse", "landmark RMSE, cm", scale=100.0),
     Column("position_error", "position error, cm", scale=100.0),
-    Column("orientation_error", "orientation error, °", scale=180.0 / np.pi, digits=2),
+    Column("orientation_error", "orientation error, °", scale=DEGREES, digits=2),
 )
 SPEED = (
     Column("target_reached", "reach {target}, %", "share", 100.0),
@@ -62,27 +48,37 @@ PAIRED = (
     *ERRORS[1:],
 )
 """Of the differences in the same room."""
-STATISTICS = {column.key: column.statistic for column in (*LEARNED, *ERRORS, *SPEED)}
-"""Which figure over rooms stands for which column of episodes.csv."""
+NEES = (
+    Column("position_nees", "position", "mean", digits=2),
+    Column("position_nees_median", "median", digits=2),
+    Column("orientation_nees", "orientation", "mean", digits=2),
+    Column("orientation_nees_median", "median", digits=2),
+    Column("landmark_nees", "landmarks", "mean", digits=2),
+    Column("landmark_nees_median", "median", digits=2),
+)
+"""Per degree of freedom, over the runs alive."""
+
+Figures = dict[str, Estimate]
+"""Column → figure over rooms."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """The study's figures."""
+    """The figures of a comparison."""
 
     settings: dict[str, Any]
-    """What was run."""
-    policies: dict[str, dict[str, Estimate]]
-    """Policy → column → figure over its rooms."""
-    honesty: dict[str, dict[str, dict[str, Estimate]]]
-    """Policy → time [s] → ANEES (mean) and median NEES, per degree of freedom, over the runs alive."""
-    paired: dict[str, dict[str, dict[str, Estimate]]]
-    """Reference → policy → column → figure of the differences policy − reference over the rooms of both."""
+    """The arguments and the versions."""
+    policies: dict[str, Figures]
+    """Policy → figures over its rooms."""
+    honesty: dict[str, dict[str, Figures]]
+    """Policy → time [s] → `NEES`."""
+    paired: dict[str, dict[str, Figures]]
+    """Reference → policy → figures of the differences policy − reference over the rooms of both."""
     best_baseline: str | None
     """The baseline with the most bits, if one was run."""
     notes: list[str]
-    """What a reader has to know beside the figures."""
-    shares: dict[str, Estimate] = field(default_factory=dict)
+    """The headline and its limits."""
+    shares: Figures = field(default_factory=dict)
     """Policy → its share of the planner's lead over the best constant in the log score, where both were run."""
 
 
@@ -94,106 +90,130 @@ def summarise(
     settings: dict[str, Any] | None = None,
 ) -> Summary:
     """Figures of `episodes`, and pairs against `reference`, the best baseline (most bits) and the highest log score."""
-    by_policy = grouped(episodes)
-    policies = {name: _figures(runs, target_landmarks) for name, runs in by_policy.items()}
-    best = best_baseline(policies)
-    wanted = dict.fromkeys((reference, best, by_log_score(policies)[0]))
-    references = [name for name in wanted if name in policies and len(policies) > 1]
+    runs = grouped(episodes)
+    rows = {name: {run.seed: _row(run, target_landmarks) for run in of_policy} for name, of_policy in runs.items()}
+    columns = (*LEARNED, *ERRORS, *SPEED)
+    policies = {name: _figures(list(seen.values()), columns) for name, seen in rows.items()}
+    known = [name for name in policies if name in baselines.names()]
+    best = max(known, key=lambda name: policies[name]["bits"].value, default=None)
+    references = dict.fromkeys((reference, best, by_log_score(policies)[0]))
+    gains = {name: {seed: row["log_score_gain"] for seed, row in seen.items()} for name, seen in rows.items()}
     return Summary(
         settings=settings or {},
         policies=policies,
-        honesty={name: {f"{t:g}": _honesty(runs, t) for t in honesty_times} for name, runs in by_policy.items()},
+        honesty={
+            name: {f"{t:g}": _figures([honesty(run, t) for run in of_policy], NEES) for t in honesty_times}
+            for name, of_policy in runs.items()
+        },
         paired={
-            against: {
-                name: _paired(runs, by_policy[against], target_landmarks)
-                for name, runs in by_policy.items()
-                if name != against
-            }
+            against: {name: _paired(seen, rows[against]) for name, seen in rows.items() if name != against}
             for against in references
+            if against in policies and len(policies) > 1
         },
         best_baseline=best,
-        notes=_notes(by_policy, policies, reference, target_landmarks),
-        shares=_shares(by_policy),
+        notes=_notes(rows, policies, reference),
+        shares=shares(gains, PLANNER, BASE) if {PLANNER, BASE} <= set(rows) else {},
     )
 
 
 def grouped(episodes: Sequence[Episode]) -> dict[str, list[Episode]]:
     """Policy → its episodes by seed, in the order in which the policies first appear."""
-    by_policy: dict[str, list[Episode]] = {}
+    by_policy: dict[str, list[Episode]] = {episode.policy: [] for episode in episodes}
     for episode in sorted(episodes, key=lambda e: e.seed):
-        by_policy.setdefault(episode.policy, []).append(episode)
-    return {name: by_policy[name] for name in dict.fromkeys(e.policy for e in episodes)}
+        by_policy[episode.policy].append(episode)
+    return by_policy
 
 
-def best_baseline(policies: dict[str, dict[str, Estimate]]) -> str | None:
-    """The baseline with the most bits, or None where none was run."""
-    candidates = [name for name in policies if name in baselines.names()]
-    return max(candidates, key=lambda name: policies[name]["bits"].value, default=None)
-
-
-def by_log_score(policies: dict[str, dict[str, Estimate]]) -> list[str]:
+def by_log_score(policies: Mapping[str, Figures]) -> list[str]:
     """The policies, the highest median log score gain first: one room in a hundred can make a mean."""
     return sorted(policies, key=lambda name: -policies[name]["log_score_gain_median"].value)
 
 
-def _figures(runs: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
-    """Column → figure over the rooms of one policy."""
-    rows = [outcome(run, target_landmarks) for run in runs]
-    return {key: estimate([row[_column(key)] for row in rows], statistic) for key, statistic in STATISTICS.items()}
+# Tables -------------------------------------------------------------------------------------------------------------
 
 
-def _column(key: str) -> str:
-    """The column of episodes.csv on which a figure stands."""
-    return key.removesuffix("_median")
+def tables(summary: Summary) -> list[Table]:
+    """All tables of the comparison."""
+    figures, target = summary.policies, summary.settings.get("target_landmarks", "N")
+    speed = [replace(column, title=column.title.format(target=target)) for column in SPEED]
+    star = "*" if min(f["bits"].rooms for f in figures.values()) < FEW_ROOMS else ""
+    result = [
+        _table(f"What was learned{star}", figures, LEARNED),
+        _table(f"Errors at the end{star}", figures, ERRORS),
+        _table(f"{target} landmarks mapped, and the price of a decision{star}", figures, speed),
+    ]
+    for time in next(iter(summary.honesty.values())):
+        title = f"ANEES per degree of freedom over the runs alive at {time} s (1 is consistent){star}"
+        at_time = {name: times[time] for name, times in summary.honesty.items()}
+        result.append(_table(title, at_time, NEES, [column.title for column in NEES]))
+    if summary.shares:
+        rows = [[name, share.text(100.0, 0), str(share.rooms)] for name, share in summary.shares.items()]
+        title = f"Share of the planner's lead over the best constant in the log score{star}"
+        result.append(Table(title, ["policy", "share, % (of IQMs)", "rooms"], rows))
+    for against, differences in summary.paired.items():
+        best = ", the baseline with the most bits," if against == summary.best_baseline else ""
+        result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))
+    return result
 
 
-def _honesty(runs: Sequence[Episode], time: float) -> dict[str, Estimate]:
-    """ANEES and median NEES at `time` over the runs alive."""
-    rows = [honesty(run, time) for run in runs]
-    statistics: dict[str, Statistic] = {"": "mean", "_median": "median"}
-    return {
-        key + suffix: estimate([row[key] for row in rows], statistic)
-        for key in rows[0]
-        for suffix, statistic in statistics.items()
-    }
+def text(summary: Summary) -> str:
+    """The first table in aligned plain text, with the notes."""
+    return "\n\n".join([tables(summary)[0].aligned(), LEGEND, *summary.notes])
 
 
-def _paired(runs: Sequence[Episode], others: Sequence[Episode], target_landmarks: int) -> dict[str, Estimate]:
+def markdown(summary: Summary) -> str:
+    """All tables in Markdown, with the notes."""
+    parts = [f"### {table.title.replace('*', chr(92) + '*')}\n\n{table.markdown()}" for table in tables(summary)]
+    notes = [note.replace("* ", "\\* ", 1) for note in summary.notes]
+    return "\n\n".join(["## Comparison", *parts, LEGEND, *notes]) + "\n"
+
+
+def headline(summary: Summary) -> str:
+    """One Markdown table, the highest log score first."""
+    figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
+    return f"{_table('', figures, (*LEARNED, ERRORS[0])).markdown()}\n\n{LEGEND}"
+
+
+def _table(
+    title: str, figures: Mapping[str, Figures], columns: Sequence[Column], headings: Sequence[str] = ()
+) -> Table:
+    """A row per policy, a column per figure, and the number of rooms."""
+    header = ["policy", *(headings or [column.heading for column in columns]), "rooms"]
+    rows = [
+        [name, *(one.text(row[one.key]) for one in columns), str(row[columns[0].key].rooms)]
+        for name, row in figures.items()
+    ]
+    return Table(title, header, rows)
+
+
+# Differences and headline -------------------------------------------------------------------------------------------
+
+Row = dict[str, Any]
+
+
+def _figures(rows: Sequence[Row], columns: Sequence[Column]) -> Figures:
+    return {column.key: column.of(rows) for column in columns}
+
+
+def _row(run: Episode, target_landmarks: int) -> Row:
+    return outcome(run, target_landmarks) | {"landmark_errors": run.landmark_errors}
+
+
+def _paired(rows: Mapping[int, Row], others: Mapping[int, Row]) -> Figures:
     """Figures of the differences in the rooms that both policies saw."""
-    other_of = {other.seed: other for other in others}
-    pairs = [(run, other_of[run.seed]) for run in runs if run.seed in other_of]
-    differences = [_difference(run, other, target_landmarks) for run, other in pairs]
-    return {one.key: estimate([row[one.key] for row in differences], one.statistic) for one in PAIRED}
+    return _figures([_difference(row, others[seed]) for seed, row in rows.items() if seed in others], PAIRED)
 
 
-def _difference(run: Episode, other: Episode, target_landmarks: int) -> dict[str, float]:
-    """Column → run − other, in one room."""
-    row, other_row = outcome(run, target_landmarks), outcome(other, target_landmarks)
-    own, others = paired_rmse(run.landmark_errors, other.landmark_errors)
-    apart = {one.key: row[name] - other_row[name] for one in PAIRED if (name := _column(one.key)) in row}
-    return apart | {"landmark_rmse": own - others, "ahead": float(apart["log_score_gain"] > 0.0)}
+def _difference(row: Row, other: Row) -> dict[str, float]:
+    """Column → one − other, in one room."""
+    rmse, other_rmse = paired_rmse(row["landmark_errors"], other["landmark_errors"])
+    apart = {one.source: row[one.source] - other[one.source] for one in PAIRED if one.source in row}
+    return apart | {"landmark_rmse": rmse - other_rmse, "ahead": float(apart["log_score_gain"] > 0.0)}
 
 
-def _shares(by_policy: dict[str, list[Episode]]) -> dict[str, Estimate]:
-    """See `Summary.shares`."""
-    if not {PLANNER, BASE} <= set(by_policy):
-        return {}
-    gained = {
-        name: {run.seed: float(run.log_score[-1] - run.log_score[0]) for run in runs}
-        for name, runs in by_policy.items()
-    }
-    return shares(gained, PLANNER, BASE)
-
-
-def _notes(
-    by_policy: dict[str, list[Episode]],
-    policies: dict[str, dict[str, Estimate]],
-    reference: str,
-    target_landmarks: int,
-) -> list[str]:
-    """The headline, and what limits it."""
-    rooms = min(len(runs) for runs in by_policy.values())
-    notes = [_headline(by_policy, policies, target_landmarks)]
+def _notes(rows: Mapping[str, Mapping[int, Row]], policies: Mapping[str, Figures], reference: str) -> list[str]:
+    """The headline and its limits."""
+    notes, rooms = [_headline(rows, policies)], min(len(seen) for seen in rows.values())
     if rooms < FEW_ROOMS:
         notes.append(f"* From {rooms} room(s): fewer than {FEW_ROOMS} give a hint, no finding.")
     if reference not in policies:
@@ -201,27 +221,24 @@ def _notes(
     return notes
 
 
-def _headline(
-    by_policy: dict[str, list[Episode]], policies: dict[str, dict[str, Estimate]], target_landmarks: int
-) -> str:
-    """Who learned most by the log score, and its lead in the same rooms; nobody who is lost too often, or lost bits."""
-    barred = {name: reason for name, figures in policies.items() if (reason := _barred(figures))}
-    out = "; ".join(f"{name} {reason}" for name, reason in barred.items())
-    left_out = f" Not in the running: {out}." if out else ""
-    running = [name for name in by_log_score(policies) if name not in barred]
+def _headline(rows: Mapping[str, Mapping[int, Row]], policies: Mapping[str, Figures]) -> str:
+    """The highest median log score and its lead in the same rooms; policies lost too often, or under 0, are barred."""
+    running, barred = [], []
+    for name in policies:
+        lost, gain = (policies[name][key].value for key in ("lost", "log_score_gain_median"))
+        if lost > MOST_LOST:
+            barred.append(f"{name} is lost in {100 * lost:.0f} % of the rooms")
+        elif gain <= 0:
+            barred.append(f"{name} has a median log score gain of 0 or less")
+        else:
+            running.append(name)
+    left_out = f" Not in the running: {'; '.join(barred)}." if barred else ""
     if not running:
         return f"No policy has won anything.{left_out}"
-    first, *others = running
-    gain = policies[first]["log_score_gain_median"].text()
-    headline = f"Highest median log score gain (overconfidence cannot win it): {first}, {gain} bits"
-    if not others:
-        return f"{headline}.{left_out}"
-    lead = _paired(by_policy[first], by_policy[others[0]], target_landmarks)["log_score_gain_median"]
-    return f"{headline}; its lead over {others[0]} in the same rooms: {lead.text()} bits.{left_out}"
-
-
-def _barred(figures: dict[str, Estimate]) -> str:
-    """Why a policy cannot have the headline, or nothing."""
-    if figures["lost"].value > MOST_LOST:
-        return f"is lost in {100 * figures['lost'].value:.0f} % of the rooms"
-    return "has a median log score gain of 0 or less" if figures["log_score_gain_median"].value <= 0 else ""
+    first, *others = by_log_score({name: policies[name] for name in running})
+    best = policies[first]["log_score_gain_median"].text()
+    told = f"Highest median log score gain (overconfidence cannot win it): {first}, {best} bits"
+    if others:
+        lead = _paired(rows[first], rows[others[0]])["log_score_gain_median"].text()
+        told += f"; its lead over {others[0]} in the same rooms: {lead} bits"
+    return f"{told}.{left_out}"

@@ -1,4 +1,4 @@
-"""Episodes to play, by names: of the policy, of the environment's arguments, of what is measured beside the record."""
+"""Episodes to play, by names: of the policy, of the environment's arguments, of measures beside the record."""
 
 import hashlib
 import json
@@ -34,9 +34,9 @@ class Task:
     settings: str = "{}"
     """Arguments of `make_environment`, as JSON: what episodes must share to be compared."""
     whole: bool = False
-    """Keep every sample (the room that is drawn) instead of one a second."""
+    """Keep every sample (of the room that is drawn) instead of one a second."""
     measures: tuple[type[Measure], ...] = ()
-    """Classes of what is measured beside the record."""
+    """Classes of measures beside the record."""
     content: str | None = None
     """See `policies.content`, when the command began."""
 
@@ -89,7 +89,7 @@ def play_until_interrupted(
 
 
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
-    """Play tasks of one group, as a batch where they are several."""
+    """Play tasks of one group, several as a batch."""
     first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
     env = make_environment(json.loads(first.settings), len(tasks))
     looks = [[one.look for one in of_task] for of_task in measures]
@@ -125,20 +125,6 @@ def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
     return Placed(env, place) if place else env
 
 
-@cache
-def _resolved(settings: str) -> dict[str, Any]:
-    """The arguments of `make_environment` with every field of the scenario, and with the times that are not given."""
-    given = json.loads(settings)
-    env = make_environment(given)
-    core = env.unwrapped
-    times = {name: getattr(core, name) for name in ("gaze_period", "motion_period", "duration")}
-    plain = {"end_when_lost": False, "lost_position_error": 0.5, "reward": "entropy"}
-    known = {name: value for name, value in given.items() if value is not None}
-    images = package_versions(IMAGE_LIBRARIES) if env.spec.id == IMAGES else {}
-    env.close()
-    return {**plain, **known, **times, "id": env.spec.id, "scenario": asdict(core.scenario), "images": images}
-
-
 def run_policy(
     source: str,
     env: Any,
@@ -147,13 +133,12 @@ def run_policy(
     looks: Sequence[Sequence[Look]] = (),
     period: float = 0.0,
 ) -> list[Episode]:
-    """Episodes of the policy that `source` names (see `policies.factory`), as `play` plays them; `env` is then closed.
+    """Episodes of the policy `source` (see `policies.factory`), as `play` plays them; `env` is then closed.
 
     Raises ValueError where the policy cannot be made, or fails.
     """
     try:
         policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
-        policy = policies.Own(source, policy) if ":" in source else policy
         return play(env, policy, seeds, source, settings, looks, period)
     except ValueError as error:
         told = f"policy: {source!r}, room {seeds[0]}: {error}"
@@ -175,3 +160,16 @@ def rehearse(names: Sequence[str], environments: Sequence[dict[str, Any]], seed:
     for arguments in environments:
         for name in names:
             run_policy(name, gym.wrappers.TimeLimit(make_environment(arguments), 1), [seed])
+
+
+@cache
+def _resolved(settings: str) -> dict[str, Any]:
+    """The arguments of `make_environment` with their defaults and every field of the scenario."""
+    given = {name: value for name, value in json.loads(settings).items() if value is not None}
+    env = make_environment(given)
+    core, id = env.unwrapped, env.spec.id
+    times = {name: getattr(core, name) for name in ("gaze_period", "motion_period", "duration")}
+    defaults = {"end_when_lost": False, "lost_position_error": 0.5, "reward": "entropy"}
+    images = package_versions(IMAGE_LIBRARIES) if id == IMAGES else {}
+    env.close()
+    return {**defaults, **given, **times, "id": id, "scenario": asdict(core.scenario), "images": images}

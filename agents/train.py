@@ -1,28 +1,16 @@
 """`python -m agents train`: PPO, A2C or DQN from Stable-Baselines3 on the native batch."""
 
-from __future__ import annotations
-
 import json
-import math
-import time
 from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from agents import tables
-from agents.learn.card import REFERENCES, card_of, read_card, results, unseen
-from agents.learn.recipe import Recipe
+from agents.learn.recipe import CHECKPOINT, WEIGHTS, Recipe
 from agents.tools.arguments import within
 from agents.tools.files import alone_in, reading, writable_folder, write_json
 
-if TYPE_CHECKING:
-    from stable_baselines3.common.base_class import BaseAlgorithm
-    from stable_baselines3.common.vec_env import VecEnv
-
-CHECKPOINT = "checkpoint.zip"
 ARGUMENTS = "arguments.json"
-WEIGHTS = "policy.npz"
 
 
 @dataclass(frozen=True)
@@ -39,7 +27,7 @@ class Args(Recipe):
     """Rooms for the results on the card, of neither training nor choice; none: 0."""
 
     def check(self) -> None:
-        """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
+        """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         super().check()
         within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
 
@@ -67,91 +55,31 @@ def train(args: Args) -> bool:
             that goes on, or weights that are no longer finite.
     """
     from agents.learn import algorithms
+    from agents.learn.keeper import Keeper
 
     args.check()
     env = algorithms.make_batch(args, args.num_envs, algorithms.training_seed(args))
     rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.held_out_seed(args))
     writable_folder("out", args.out)
     with alone_in(args.out), closing(env), closing(rooms):
-        return _train(args, env, rooms)
+        _require_same(args)
+        learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs")
+        write_json(args.out / ARGUMENTS, args.recipe())
+        keeper = Keeper(args, learner, rooms)
+        try:
+            if (left := args.total_steps - learner.num_timesteps) > 0:
+                learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
+            finished = True
+        except KeyboardInterrupt:
+            finished = False
+        finally:
+            keeper.close()
+        if finished and args.unseen_rooms:
+            keeper.add_results()
+        return finished
 
 
-def _train(args: Args, env: VecEnv, rooms: VecEnv) -> bool:
-    from agents.learn import algorithms
-    from agents.learn.callbacks import Checkpoints, HeldOutRooms, Progress
-
-    _see_that_it_is_the_same(args)
-    checkpoint, logs = args.out / CHECKPOINT, args.out / "logs"
-    if checkpoint.exists():
-        learner = algorithms.load_learner(args, env, logs, checkpoint)
-    else:
-        learner = algorithms.make_learner(args, env, logs)
-    write_json(args.out / ARGUMENTS, args.recipe())
-    keeper = Keeper(args, learner)
-    progress = Progress(args.total_steps)
-    callbacks = [
-        Checkpoints(checkpoint, args.period),
-        HeldOutRooms(rooms, algorithms.held_out_seed(args), args.period, keeper.best(), keeper.keep, progress),
-        progress,
-    ]
-    try:
-        if (left := args.total_steps - learner.num_timesteps) > 0:
-            learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
-        finished = True
-    except KeyboardInterrupt:
-        finished = False
-    finally:
-        progress.close()
-        learner.seconds = keeper.seconds()  # goes into the checkpoint
-        algorithms.save_learner(learner, checkpoint)
-        if not (args.out / WEIGHTS).exists():
-            keeper.keep(math.nan)
-    if finished and args.unseen_rooms:
-        keeper.add_results()
-    return finished
-
-
-class Keeper:
-    """Keeps the best weights and their card in the folder."""
-
-    def __init__(self, args: Args, learner: BaseAlgorithm) -> None:
-        self.args = args
-        self.learner = learner
-        self.path = args.out / WEIGHTS
-        self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
-        if self.path.exists():  # a process that was killed may have left no card beside the weights
-            write_json(self.path.with_suffix(".json"), read_card(self.path))
-
-    def seconds(self) -> float:
-        """Wall-clock of training, earlier calls included [s]."""
-        return time.monotonic() - self.begun
-
-    def best(self) -> float:
-        """The best return in the held-out rooms that an earlier call reached."""
-        best = read_card(self.path).get("held_out_return") if self.path.exists() else None
-        return -math.inf if best is None else float(best)
-
-    def keep(self, held_out_return: float) -> None:
-        """Write the present weights and their card."""
-        from agents.learn.weights import save
-
-        rooms = 0 if math.isnan(held_out_return) else self.args.held_out_rooms
-        card = card_of(self.args.recipe(), self.learner.num_timesteps, self.seconds(), rooms)
-        save(self.path, self.learner.policy, card | {"held_out_return": held_out_return})
-
-    def add_results(self) -> None:
-        """Complete the card: the training's length and time, and what the weights reach in unseen rooms; print that."""
-        card = read_card(self.path)
-        card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
-        rooms = self.args.unseen_rooms
-        print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
-        summary = unseen(self.path, rooms, self.args)
-        card["results"] = results(self.path, summary, self.args)
-        write_json(self.path.with_suffix(".json"), card)
-        print(f"\n{tables.text(summary)}\n")
-
-
-def _see_that_it_is_the_same(args: Args) -> None:
+def _require_same(args: Args) -> None:
     """Raise ValueError where the folder holds a training with other arguments; `total_steps` alone may differ."""
     path, recipe = args.out / ARGUMENTS, args.recipe()
     with reading(path):

@@ -15,7 +15,7 @@ from activeslam_gym.envs.simulation import advance, begin_motion, empty_runs, re
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import POINT, start_of
-from activeslam_gym.slam.filter import filter_frame
+from activeslam_gym.slam.frame import filter_frame
 from activeslam_gym.slam.map import append_feature
 
 from .timing import Call, timed

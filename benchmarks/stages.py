@@ -10,7 +10,7 @@ from activeslam_gym.envs.simulation import account, drive, sense
 from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import COMMANDS, Gaze, Motion
 from activeslam_gym.slam.association import associate
-from activeslam_gym.slam.filter import initialise, use_candidates
+from activeslam_gym.slam.frame import initialise, use_detections
 from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.sight import sight_of_belief
 
@@ -56,14 +56,14 @@ def step_until(runs: Run, command: np.ndarray, last: int) -> None:
     if last == 4:
         return
     if last == 5:
-        waits, var = np.zeros(sight.thing.shape[0], np.bool_), models.camera.pixel_std**2
-        associate(models.filter.association, var, sight, candidates, belief.state.count, waits)
+        waits = np.zeros(sight.thing.shape[0], np.bool_)
+        associate(models.filter.association, sight, candidates, belief.state.count, waits)
         return
     events = run.episode.events
-    use_candidates(models.camera, models.filter, belief, fiducials, boxes, sight, candidates, labelled, events)
+    use_detections(models, belief, fiducials, boxes, sight, candidates, labelled, events)
     if last == 6:
         return
-    initialise(models.camera, models.filter, belief, candidates, events)
+    initialise(models, belief, candidates, events)
     if last == 7:
         return
     present(run)

@@ -7,7 +7,7 @@ import numpy as np
 from activeslam_gym import Scenario
 from activeslam_gym.camera import pixel_from_camera_point
 from activeslam_gym.slam.association import NEW
-from activeslam_gym.slam.filter import Filter, candidates_of
+from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.sight import Sight
 
 FIDUCIALS = np.array([[0.6, 0.4, 1.6], [-0.6, 0.4, 1.8], [-0.5, -0.4, 1.5], [0.5, -0.3, 1.9]])
@@ -24,8 +24,8 @@ def follow(slam: Filter, sensor: Sensor, frames: int) -> None:
         slam.predict()  # a frame ahead; u: known accelerations, dt: another time
         sight = slam.sight()  # sight.thing: id, z_hat; sight.S: how far from there to look
         pixels = sensor(frame, sight)
-        candidates = candidates_of(pixels, R=4.0 * np.eye(2))  # each may have an R of its own, an id, a likelihood
-        matched = slam.update(candidates)  # ids, or NEW, or REJECTED: too near to something to be new
+        detections = detections_of(pixels, R=4.0 * np.eye(2))  # each may have an R of its own, an id, a likelihood
+        matched = slam.update(detections)  # ids, or NEW, or REJECTED: too near to something to be new
         for pixel in pixels[matched == NEW]:
             slam.birth(pixel)
 

@@ -1,7 +1,6 @@
-"""`python -m agents`: what every command says to a bad argument, before anything is run; small commands in full."""
+"""`python -m agents`: options, generated sections, and small commands in full."""
 
 import json
-import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -11,50 +10,19 @@ import pytest
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import benchmark_seed
 from agents.__main__ import COMMANDS, main
-from agents.compare import command as compare
 from agents.compare import generalise
-from agents.honesty import command as consistency
 from agents.tools.arguments import scenario_argument
 from agents.tools.sections import put_section
 from agents.watching import command as watch
 from agents.watching.film import LOST, Film, side_by_side
 
 
-def test_every_command_tells_its_options_and_names_a_bad_number(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> None:
     for command in COMMANDS:
         with pytest.raises(SystemExit) as exit_:
             main([command, "--help"])
         assert exit_.value.code == 0
         assert ("--save" if command == "watch" else "--out") in capsys.readouterr().out
-    for args, change in BAD:
-        with pytest.raises(ValueError, match=next(iter(change))):
-            args(**change)
-    with pytest.raises(SystemExit) as exit_:
-        sys.exit(main(["study", "--episodes", "0"]))  # old releases of tyro return, new ones exit
-    assert exit_.value.code == 2
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("compare --policies nobody", "nobody"),
-        ("compare --scenario nowhere", "nowhere"),
-        ("compare --duration -1", "duration"),
-        ("consistency --initialisations guess", "guess"),
-        ("consistency --policies nobody", "nobody"),
-        ("watch --policy absent --tum unused", "policy: 'absent' is unknown"),
-        ("watch --save clip.avi --tum unused", "save must end in .gif"),
-        ("watch --every 0 --tum unused", "every must be positive and finite, got 0.0"),
-        ("watch --scenario absent --tum nowhere", "scenario must be one of"),
-    ],
-)
-def test_bad_argument_is_named(line: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(line.split()) == 2
-    assert said in capsys.readouterr().err
-
-
-BAD = [(compare.Args, {"episodes": 0}), (compare.Args, {"jobs": 0}), (compare.Args, {"seed": -1})]
-BAD += [(compare.Args, {"policies": ()}), (consistency.Args, {"episodes": 0})]
 
 
 def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) -> None:
@@ -63,9 +31,9 @@ def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) 
     page.write_text("# Mine\n\n" + "\n\n".join(marks) + "\n\nEnd.\n")
     assert put_section(page, "a", "first \\1") and put_section(page, "b", "other")
     assert put_section(page, "a", "second \\2") and not put_section(page, "c", "nowhere")
-    text = page.read_text()
-    assert text.startswith("# Mine\n") and text.endswith("\nEnd.\n")
-    assert "second \\2" in text and "other" in text and "first" not in text and "nowhere" not in text
+    bodies = ("second \\2", "other")
+    parts = [mark.replace("\n", f"\n{body}\n") for mark, body in zip(marks, bodies)]
+    assert page.read_text() == "# Mine\n\n" + "\n\n".join(parts) + "\n\nEnd.\n"
     with pytest.raises(ValueError, match="report: there is no page"):
         put_section(tmp_path / "absent.md", "a", "")
     assert scenario_argument("hall") == "hall"
@@ -99,8 +67,6 @@ def test_named_scenarios_are_run_in_their_own_rooms_and_compared_by_the_share_of
     rows = [line.strip("| ").split(" | ") for line in lines[lines.index("| policy | paper | sprint |") + 2 :]]
     assert [row[0] for row in rows] == ["stay", "sweep"]
     assert all(max(float(row[k]) for row in rows) == 1.0 for k in (1, 2)), "the best has all of itself"
-    with pytest.raises(ValueError, match="scenarios: nowhere; allowed: paper"):
-        generalise.Args(scenarios=("paper", "nowhere"))
 
 
 def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -24,13 +24,12 @@ from activeslam_gym.evaluation import Episode, Store, code, honesty, outcome, ru
 from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
-from agents import figures, policies, pretrained, tables
+from agents import figures, policies, pretrained
 from agents import task as tasks
-from agents.__main__ import main
-from agents.compare import Args, compare
+from agents.compare.command import Args, compare
 from agents.figures import over_rooms, quaternion_error
 from agents.pretrained import FOLDER
-from agents.summary import summarise
+from agents.summary import markdown, summarise, tables, text
 from agents.task import Task, play_tasks
 from agents.tools.files import alone_in, write_csv, write_json
 
@@ -134,24 +133,18 @@ def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
     assert summarise([*lost, *wrong]).notes[0].startswith("No policy has won anything. Not in the running: own:lost")
 
 
-def test_pictures_tell_what_is_lost() -> None:
+def test_pictures_tell_the_lost_runs_and_tables_the_few_rooms() -> None:
+    few, many = (summarise([episode(seed=seed) for seed in range(rooms)]) for rooms in (3, 20))
+    assert "What was learned*" in text(few) and "* From 3 room(s)" in text(few) and "*" not in text(many)
+    summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)], settings={"target_landmarks": 14})
+    for table in tables(summary):
+        assert {len(row) for row in table.rows} == {len(table.header)}
+        assert len({len(line) for line in table.aligned().splitlines()[1:]}) == 1
+    assert "| stay | 20.0 | 0.0 [0.0, 97.5] | 0.0 [0.0, 97.5] | 20.0 | 10.0 |" in markdown(summary)
     pytest.importorskip("matplotlib")
     runs = {"mine": [episode("mine", 0, lost=True), episode("mine", 1)], "stay": [episode("stay", 0)]}
-    titles = [axes.get_title() for axes in figures.maps(runs).axes]
-    assert titles == ["mine: 1 mapped\nthis run was lost", "stay: 1 mapped"]
     titles = [axes.get_title() for axes in figures.entropies(runs).axes]
     assert titles == ["mine (2 rooms, 1 lost)\nthis run was lost", "stay (1 rooms, 0 lost)"]
-
-
-def test_tables_are_aligned_and_complete_and_few_rooms_are_marked() -> None:
-    few, many = (summarise([episode(seed=seed) for seed in range(rooms)]) for rooms in (3, 20))
-    assert "What was learned*" in tables.text(few) and "* From 3 room(s)" in tables.text(few)
-    assert "*" not in tables.text(many)
-    summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)], settings={"target_landmarks": 14})
-    for table in tables.tables(summary):
-        assert {len(row) for row in table.rows} == {len(table.header)}
-    assert len({len(line) for line in tables.text(summary).splitlines()[1:4]}) == 1
-    assert "| stay | 20.0 | 0.0 [0.0, 97.5] | 0.0 [0.0, 97.5] | 20.0 | 10.0 |" in tables.markdown(summary)
 
 
 def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:
@@ -172,18 +165,6 @@ def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: P
     assert list(tmp_path.iterdir()) == [path]
     write_json(path, {"a": [1.0, np.nan], "b": {"c": -np.inf}})
     assert json.loads(path.read_text()) == {"a": [1.0, None], "b": {"c": None}}
-
-
-def test_own_policy_is_imported_and_an_unknown_one_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    code = "import baselines\ndef still(env):\n    return baselines.make('stay', env)\n"
-    (tmp_path / "my_policies.py").write_text(code)
-    monkeypatch.syspath_prepend(tmp_path)
-    env = gym.make("ActiveSLAM-v0")
-    action, _ = policies.resolve("my_policies:still", env).predict(env.reset(seed=0)[0])
-    assert action[0] == Motion.STAY
-    for name in ("nobody", "no.such.module:make", "json:no_such_function", ":"):
-        with pytest.raises(ValueError, match=f"{name}.*allowed"):
-            policies.factory(name)
 
 
 def played() -> Episode:
@@ -256,15 +237,13 @@ def test_replaced_weights_are_run_again(tmp_path: Path, capsys: pytest.CaptureFi
     again = resumed(tuple(names), tmp_path / "out")
     assert again[names[0]] == again[names[1]] == first[names[1]]
     assert "2 of 4 episodes are kept from an earlier command." in capsys.readouterr().out
-
-
-def test_shipped_weights_count_for_their_own_episodes_alone() -> None:
     made_of = {policies.content(name) for name in pretrained.names()}
-    assert len(made_of) == len(pretrained.names()) and "" not in made_of
-    assert policies.content("mi-mi") == ""
+    assert len(made_of) == len(pretrained.names()) and "" not in made_of and policies.content("mi-mi") == ""
 
 
-def test_a_changed_module_is_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_module_is_run_again_and_an_unknown_policy_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     (tmp_path / "one.py").write_text("import two\ndef make(env):\n    return two.make(env)\n")
@@ -278,6 +257,9 @@ def test_a_changed_module_is_run_again(tmp_path: Path, monkeypatch: pytest.Monke
         bits.append(resumed(("one:make",), tmp_path / "out")["one:make"])
     assert bits[0] == bits[1] != bits[2] == resumed(("sweep",), tmp_path / "out")["sweep"]
     assert code.module_sources("no.such") != code.module_sources("no_such")
+    for name in ("nobody", "no.such.module:make", "json:no_such_function", ":"):
+        with pytest.raises(ValueError, match=f"{name}.*allowed"):
+            policies.factory(name)
 
 
 def test_weights_that_change_while_they_are_compared_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -294,13 +276,9 @@ def test_a_truncated_episode_is_run_again(tmp_path: Path, capsys: pytest.Capture
     assert resumed(("stay",), tmp_path) == bits
     said = "0 of 2 episodes are kept from an earlier command; 2 damaged, played again."
     assert said in capsys.readouterr().out
-
-
-def test_two_comparisons_in_a_folder_are_one_too_many(tmp_path: Path) -> None:
     pytest.importorskip("fcntl")
     with alone_in(tmp_path), pytest.raises(ValueError, match="another process writes into"):
         resumed(("stay",), tmp_path)
-    resumed(("stay",), tmp_path)  # it was let go
 
 
 def gone(process: int) -> bool:
@@ -342,28 +320,23 @@ def until(happened: Callable[[], bool], seconds: float = 60.0) -> None:
         time.sleep(0.1)
 
 
-def test_interrupted_study_keeps_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(group: tuple[Task, ...]) -> list[Any]:
         if group[0].seed > 0:
             raise KeyboardInterrupt
         return [episode(group[0].policy, 0).arrays()]
 
-    monkeypatch.setattr(tasks, "play_tasks", interrupted)
-    summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1, figures=False))
-    assert summary is not None
-    assert summary.notes[-1] == "Interrupted: 2 of 10 episodes."
-    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3
-
-
-def test_missing_matplotlib_costs_the_figures_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
     monkeypatch.setattr("agents.tools.arguments.find_spec", lambda name: None)
-    monkeypatch.setattr(tasks, "play_tasks", lambda group: [episode(one.policy, one.seed).arrays() for one in group])
-    command = ["compare", "--policies", "stay", "--policy", "sweep", "--episodes", "2", "--jobs", "1"]
-    assert main([*command, "--out", str(tmp_path)]) == 0
-    assert "matplotlib is not installed" in capsys.readouterr().out
-    assert not list(tmp_path.glob("*.png"))
+    monkeypatch.setattr(tasks, "play_tasks", interrupted)
+    summary = compare(Args(policies=("stay",), policy=("sweep",), episodes=5, seed=0, out=tmp_path, jobs=1))
+    assert summary is not None
+    assert summary.notes[-2:] == [
+        "Interrupted: 2 of 10 episodes.",
+        "No figures: matplotlib is not installed (pip install -e '.[plot]').",
+    ]
+    assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3 and not list(tmp_path.glob("*.png"))
 
 
 def test_command_line_in_processes_without_torch(tmp_path: Path) -> None:

@@ -17,10 +17,9 @@ from activeslam_gym.slam.belief import POINT, RAY
 from activeslam_gym.slam.map import convert_to_point
 from agents import task as tasks
 from agents.__main__ import main
-from agents.honesty import command
-from agents.honesty.calibration import Bar, chi2_bounds, judged, lost_bar, nees_bar
-from agents.honesty.command import Args
-from agents.honesty.witness import Witness, depth_error
+from agents.consistency.calibration import Bar, chi2_bounds, judged, lost_bar, nees_bar
+from agents.consistency.command import Args, report
+from agents.consistency.witness import Witness, depth_error
 from agents.tools.statistics import estimate
 from tests.support import joint_covariance, random_belief, scenario_for
 
@@ -38,10 +37,10 @@ def test_bars_are_those_of_the_issue_and_chi2_bounds_hold_as_often_as_they_say()
     assert "NOT MET" in judged(estimate([0.5], "mean"), Bar(0.8, 1.5)).text()
     errors = np.random.default_rng(0).normal(size=(400, 40, 3))
     averages = (errors**2).sum(axis=2).mean(axis=1) / 3.0
-    low, high = chi2_bounds(40)
+    low, high = chi2_bounds(averages[:40])
     assert low < 1.0 < high
     assert np.mean((low < averages) & (averages < high)) == pytest.approx(0.95, abs=0.03)
-    assert np.isnan(chi2_bounds(0)).all()
+    assert np.isnan(chi2_bounds(np.full(3, np.nan))).all()
 
 
 @pytest.mark.parametrize("kind", [RAY, POINT])
@@ -62,10 +61,10 @@ def test_depth_error_is_a_standard_normal_along_the_sight(kind: int) -> None:
     assert np.isnan(depth_error(estimate, truth, 0, -1, p_hat + 0.1))
 
 
-def test_the_witness_knows_a_double_and_wants_steps_of_a_frame() -> None:
+def test_the_witness_knows_a_duplicate_and_wants_steps_of_a_frame() -> None:
     witness = Witness()
     witness._note_owners(owners=np.array([7, -1, 7]), ids=np.array([1, 2, 5]))
-    assert (witness._owned, witness._doubles) == ({1, 5}, {5})
+    assert (witness._owned, witness._duplicates) == ({1, 5}, {5})
     env = gym.make("ActiveSLAM-v0", gaze_period=0.1)
     with pytest.raises(ValueError, match="gaze_period"):
         run_episode(env, baselines.make("stay", env), seed=3, looks=[Witness().look])
@@ -95,14 +94,13 @@ def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     results = json.loads((out / "report.json").read_text())["results"]
     assert [one["strategy"] for one in results] == ["mi-mi", "mi-mi", "sweep", "sweep"]
     assert [one["initialisation"] for one in results] == [INVERSE_DEPTH, DEPTH_PARTICLES] * 2
-    of_mi_mi = [float(row["position_nees_4s"]) for row in rows[:2]]
-    assert results[0]["nees"]["4"]["position"]["figure"]["value"] == pytest.approx(np.mean(of_mi_mi))
-    wrong, matches = (sum(float(row[name]) for row in rows[:2]) for name in ("wrong_matches", "matches"))
-    assert results[0]["wrong"]["figure"]["value"] == wrong / matches and results[0]["wrong"]["figure"]["low"] is None
-    count, mean = (np.array([float(row[name]) for row in rows[:2]]) for name in ("depth_errors", "depth_error_mean"))
-    assert results[0]["depth_mean"]["figure"]["value"] == pytest.approx(count @ mean / count.sum())
-    report = (out / "report.md").read_text()
-    assert report.startswith("# Consistency") and "| mi-mi, inverse_depth |" in report
+    names = ("position_nees_4s", "wrong_matches", "matches", "depth_errors", "depth_error_mean")
+    nees, wrong, matches, count, mean = np.array([[float(row[name]) for name in names] for row in rows[:2]]).T
+    figures = {name: one["figure"] for name, one in results[0]["figures"].items()}
+    assert figures["NEES of position at 4 s"]["value"] == pytest.approx(nees.mean())
+    assert figures["wrong associations"]["value"] == wrong.sum() / matches.sum()
+    assert figures["depth error, mean"]["value"] == pytest.approx(count @ mean / count.sum())
+    assert "| mi-mi, inverse_depth |" in (out / "report.md").read_text()
 
 
 def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +112,8 @@ def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pyte
         return play(group)
 
     monkeypatch.setattr(tasks, "play_tasks", interrupted)
-    args = Args(("random",), (INVERSE_DEPTH,), 3, seed=0, out=tmp_path, duration=1.0, jobs=1, figures=False)
-    calibrations, complete = command.report(args)
+    few: dict[str, Any] = {"policies": ("random",), "initialisations": (INVERSE_DEPTH,), "episodes": 3, "seed": 0}
+    args = Args(**few, out=tmp_path, duration=1.0, jobs=1, figures=False)
+    calibrations, complete = report(args)
     assert (calibrations[0].runs, complete) == (1, False)
     assert "Interrupted" in (tmp_path / "report.md").read_text()

@@ -364,6 +364,8 @@ def test_actions_are_read_alike_alone_and_in_a_batch_or_are_refused(allowed: str
     (encoding, good, bad), commands = ACTIONS[allowed], COMMANDS[(2, 6), (1, 0)]
     np.testing.assert_array_equal(encoding.read(good, np.ones(2, bool)), commands)
     np.testing.assert_array_equal([encoding.read_one(action) for action in good], commands)
+    drawn = encoding.space().sample()
+    np.testing.assert_array_equal(encoding.read([drawn], np.ones(1, bool))[0], encoding.read_one(drawn))
     ended = [good[0], np.full(encoding.shape, np.nan)]
     np.testing.assert_array_equal(encoding.read(ended, np.array([True, False]))[0], commands[0])
     for action in bad:

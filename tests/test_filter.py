@@ -9,11 +9,14 @@ from scipy.linalg import block_diag
 from activeslam_gym.config import INVERSE_DEPTH as BY_INVERSE_DEPTH
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
-from activeslam_gym.motion import motion_of
+from activeslam_gym.kernels import filled, record, uncompiled
+from activeslam_gym.motion import MOTION, motion_of
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
+from activeslam_gym.slam.curvature import PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
-from activeslam_gym.slam.filter import COUNTS, candidates_of, filter_frame, filter_of, match_by_id, use_candidates
+from activeslam_gym.slam.filter import detections_of
+from activeslam_gym.slam.frame import COUNTS, FILTER, filter_frame, filter_of, match_by_id, use_detections
 from activeslam_gym.slam.kalman import feel_contact, predict, update
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
@@ -26,13 +29,21 @@ VAR = CAMERA.pixel_std**2
 R_PAPER = VAR * np.eye(2)
 
 
+MODELS = record(camera=CAMERA.dtype, motion=MOTION, filter=FILTER)
+
+
+def models_of(scenario: Scenario):
+    """The constants of a frame."""
+    return filled(MODELS, camera=CAMERA, motion=motion_of(scenario, 1.0), filter=filter_of(scenario))
+
+
 def counters():
     return np.zeros(1, COUNTS)[0]
 
 
-def candidates_at(pixels, **given):
-    """Candidates with the camera's own noise, where nothing else is ``given``."""
-    return candidates_of(pixels, **{"R": R_PAPER, **given})
+def detections_at(pixels, **given):
+    """Detections with the camera's own noise, where nothing else is ``given``."""
+    return detections_of(pixels, **{"R": R_PAPER, **given})
 
 
 def assert_updated(belief, before, H, R, nu) -> None:
@@ -54,8 +65,8 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     belief = random_belief(PAPER, kinds, rng)
     sight, before = sight_of(belief, support.world_points(rng, belief.state.camera, 2)), copied(belief)
     H, P, nu = dense_H(sight), joint_covariance(belief), rng.standard_normal(len(sight.S))
-    R = VAR * np.eye(len(H)) + block_diag(*sight.thing["extra"])
-    assert (np.linalg.eigvalsh(sight.thing["extra"][2:]) > 0.0).all(axis=1)[np.array(kinds) == INVERSE_DEPTH].all()
+    R = VAR * np.eye(len(H)) + block_diag(*sight.thing["curvature"])
+    assert (np.linalg.eigvalsh(sight.thing["curvature"][2:]) > 0.0).all(axis=1)[np.array(kinds) == INVERSE_DEPTH].all()
     assert sight.thing["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
     np.testing.assert_allclose(sight.HP, H @ P, atol=1e-12)
     np.testing.assert_allclose(sight.S, H @ P @ H.T + R, rtol=1e-12)
@@ -67,7 +78,7 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     assert_updated(belief, before, H, R, nu)
 
 
-def test_every_candidate_is_used_with_its_own_noise() -> None:
+def test_every_detection_is_used_with_its_own_noise() -> None:
     """The textbook's update with blockdiag R, of the matched things alone, in whatever order they come."""
     rng = np.random.default_rng(7)
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
@@ -75,13 +86,13 @@ def test_every_candidate_is_used_with_its_own_noise() -> None:
     sight, before, matched = sight_of(belief, fiducials), copied(belief), [4, 0, 3]
     nu, own = rng.standard_normal((3, 2)), np.array([support.random_spd(rng, [0.5, 2.0]) for _ in matched])
     own[2] = 100.0 * R_PAPER
-    candidates = candidates_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
-    use_candidates(CAMERA, MODEL, belief, fiducials, NO_BOXES, sight, candidates, True, counters())
+    detections = detections_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
+    use_detections(models_of(PAPER), belief, fiducials, NO_BOXES, sight, detections, True, counters())
     order = np.argsort(matched)
     H = dense_H(sight).reshape(5, 2, -1)[np.sort(matched)].reshape(6, -1)
     R = np.zeros((6, 6))
     for i, k in enumerate(order):
-        lasting = MODEL.correction.product_frames * sight.thing["extra"][np.sort(matched)[i]]
+        lasting = PRODUCT_FRAMES * sight.thing["curvature"][np.sort(matched)[i]]
         R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + lasting
     assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none has matured
     assert_updated(belief, before, H, R, nu[order].ravel())
@@ -115,14 +126,14 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
 
 
 def match(belief, pixels, **given):
-    """(M,) what the candidates are matched to, and (v,) which things wait."""
-    sight, candidates = sight_of(belief), candidates_at(pixels, **given)
+    """(M,) what the detections are matched to, and (v,) which things wait."""
+    sight, detections = sight_of(belief), detections_at(pixels, **given)
     waits = np.zeros(len(sight.thing), np.bool_)
-    of_thing, _ = associate(MODEL.association, VAR, sight, candidates, int(belief.state.count), waits)
+    of_thing, _ = associate(MODEL.association, sight, detections, int(belief.state.count), waits)
     for a, i in enumerate(of_thing):
-        assert i < 0 or candidates[i]["match"] == sight.thing[a]["id"]
-    assert sum(of_thing >= 0) == sum((candidates["match"] != NEW) & (candidates["match"] != REJECTED))
-    return candidates["match"].tolist(), waits
+        assert i < 0 or detections[i]["match"] == sight.thing[a]["id"]
+    assert sum(of_thing >= 0) == sum((detections["match"] != NEW) & (detections["match"] != REJECTED))
+    return detections["match"].tolist(), waits
 
 
 def two_points(separation_px: float = 60.0, std: float = 0.005, yaw_std: float = 1e-3):
@@ -141,13 +152,13 @@ def test_clear_and_labelled_matches_are_made_in_any_order() -> None:
     assert match(belief, z + 1.0)[0] == [1, 2]
     assert match(belief, z[::-1] + 1.0)[0] == [2, 1]
     # Labelled ones are what they say, however far they are; one without an id is of nothing known.
-    candidates = candidates_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
-    assert match_by_id(sight_of(belief), candidates).tolist() == [2, 0]
-    assert candidates["match"].tolist() == [2, NEW, 1]
+    detections = detections_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
+    assert match_by_id(sight_of(belief), detections).tolist() == [2, 0]
+    assert detections["match"].tolist() == [2, NEW, 1]
 
 
 @pytest.mark.parametrize("scale", [0.25, 1.0, 9.0])
-def test_a_candidate_outside_every_gate_is_new_and_between_the_gates_rejected(scale: float) -> None:
+def test_a_detection_outside_every_gate_is_new_and_between_the_gates_rejected(scale: float) -> None:
     """The gates are those of its own noise: ``scale`` times the camera's."""
     belief, z = two_points()
     S = sight_of(belief).S[:2, :2] + (scale - 1.0) * R_PAPER
@@ -156,7 +167,7 @@ def test_a_candidate_outside_every_gate_is_new_and_between_the_gates_rejected(sc
         assert match(belief, z[:1] + offset, R=scale * R_PAPER)[0] == [expected]
 
 
-def test_an_ambiguous_candidate_waits_unless_its_id_or_its_looks_decide() -> None:
+def test_an_ambiguous_detection_waits_unless_its_id_or_its_looks_decide() -> None:
     belief, z = two_points(3.0)
     found, waits = match(belief, z.mean(axis=0))
     assert found == [REJECTED] and waits.all()
@@ -180,12 +191,12 @@ def test_what_is_predicted_side_by_side_waits_however_clear_it_seems(separation_
 
 
 def test_an_id_restricts_but_does_not_command() -> None:
-    """Where it is not, or where there is no such thing, a candidate with an id is nothing that is known."""
+    """Where it is not, or where there is no such thing, a detection with an id is nothing that is known."""
     belief, z = two_points()
     assert match(belief, z, ids=[2, ANYTHING])[0] == [NEW, 2]
     assert match(belief, z, ids=[2, 1])[0] == [NEW, NEW]
     assert match(belief, z, ids=[99, fiducial_id(0)])[0] == [NEW, NEW]
-    # Of several candidates of one id at most one is taken.
+    # Of several detections of one id at most one is taken.
     far = np.array([0.0, np.sqrt(1.1 * BIRTH_GATE * sight_of(belief).S[1, 1])])
     assert match(belief, np.stack((z[0] + far, z[0] + 0.5, z[0] - far)), ids=1)[0] == [NEW, 1, NEW]
     found, waits = match(belief, np.stack((z[0] + 0.5, z[0] - 0.5)), ids=1)
@@ -217,25 +228,25 @@ def a_ray():
     return belief, predict_rays(CAMERA, belief, NO_BOXES).z_hat[0, PAPER.particle_count // 2].copy()
 
 
-def follow(belief, candidates, labelled: bool = False):
-    follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, candidates, labelled)
-    return candidates["match"].tolist()
+def follow(belief, detections, labelled: bool = False):
+    follow_rays(CAMERA, MODEL.particles, belief, NO_BOXES, detections, labelled)
+    return detections["match"].tolist()
 
 
 def test_a_ray_is_matched_along_its_particles_and_knows_ids_appearance_and_noise() -> None:
     belief, pixel = a_ray()
-    candidates = candidates_at(np.stack((pixel, pixel, pixel + 150.0)))
-    candidates["match"] = REJECTED, NEW, NEW
-    assert follow(belief, candidates) == [REJECTED, 1, NEW]
+    detections = detections_at(np.stack((pixel, pixel, pixel + 150.0)))
+    detections["match"] = REJECTED, NEW, NEW
+    assert follow(belief, detections) == [REJECTED, 1, NEW]
     belief, pixel = a_ray()
     twice, aside = np.stack((pixel, pixel)), np.stack((pixel + 40.0,))
-    assert follow(belief, candidates_at(twice, ids=[2, 1])) == [NEW, 1]
-    assert follow(belief, candidates_at(twice, log_ratios=[0.0, 1.0])) == [REJECTED, 1]
-    assert follow(belief, candidates_at(aside)) == [NEW]
-    assert follow(belief, candidates_at(aside, R=400.0 * R_PAPER)) == [1]
+    assert follow(belief, detections_at(twice, ids=[2, 1])) == [NEW, 1]
+    assert follow(belief, detections_at(twice, log_ratios=[0.0, 1.0])) == [REJECTED, 1]
+    assert follow(belief, detections_at(aside)) == [NEW]
+    assert follow(belief, detections_at(aside, R=400.0 * R_PAPER)) == [1]
 
 
-def test_a_labelled_ray_is_weighed_by_its_own_candidate_alone() -> None:
+def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
     """Bayes on the particles once the camera has moved: the weights are the textbook's likelihoods."""
     belief, pixel = a_ray()
     ray, R = belief.feature[0], np.array([[9.0, 2.0], [2.0, 5.0]])
@@ -245,10 +256,10 @@ def test_a_labelled_ray_is_weighed_by_its_own_candidate_alone() -> None:
     error = pixel + 3.0 - rays.z_hat[0]
     expected = np.exp(-0.5 * np.einsum("ij,ijk,ik->i", error, np.linalg.inv(S), error)) / np.sqrt(np.linalg.det(S))
     expected[expected < MODEL.particles.particle_prune * expected.mean()] = 0.0
-    candidates = candidates_at(np.stack((pixel, pixel + 3.0)), ids=[ANYTHING, 1], R=np.stack((R_PAPER, R)))
-    match_by_id(sight_of(belief), candidates)
+    detections = detections_at(np.stack((pixel, pixel + 3.0)), ids=[ANYTHING, 1], R=np.stack((R_PAPER, R)))
+    match_by_id(sight_of(belief), detections)
     belief.state.frame = 5
-    assert follow(belief, candidates, labelled=True) == [NEW, 1]
+    assert follow(belief, detections, labelled=True) == [NEW, 1]
     assert (ray.seen, ray.misses) == (5, 0)
     np.testing.assert_allclose(weights, expected / expected.sum(), rtol=1e-9, atol=1e-300)
 
@@ -263,9 +274,8 @@ def still_belief(scenario: Scenario = PAPER):
 def frame(belief, pixels, scenario: Scenario = PAPER):
     """Counters of one frame of a camera that stays."""
     counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
-    motion, model, candidates = motion_of(quiet, 1.0), filter_of(scenario), candidates_at(pixels)
-    u, in_parts = np.zeros(6), getattr(filter_frame, "py_func", filter_frame)  # whose parts are compiled for others
-    in_parts(CAMERA, motion, model, belief, support.NO_FIDUCIALS, NO_BOXES, u, motion.dt, candidates, False, counts)
+    detections, in_parts = detections_at(pixels), uncompiled(filter_frame)  # the parts are compiled for others
+    in_parts(models_of(quiet), belief, support.NO_FIDUCIALS, NO_BOXES, np.zeros(6), detections, False, counts)
     return counts
 
 
@@ -322,5 +332,5 @@ def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() 
     assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]
     assert sight_of(belief).thing["id"].tolist() == [1, 2]
     sight = sight_of(belief, boxes=wall)
-    use_candidates(CAMERA, MODEL, belief, support.NO_FIDUCIALS, wall, sight, candidates_at([]), False, counters())
+    use_detections(models_of(PAPER), belief, support.NO_FIDUCIALS, wall, sight, detections_at([]), False, counters())
     assert belief.feature["misses"][:2].tolist() == [1, 0]

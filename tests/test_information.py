@@ -95,7 +95,7 @@ def test_mutual_information_is_that_of_the_update_which_it_predicts(seed: int) -
     promised = scored(prospect_with(points, P, belief.state.camera.copy(), fiducials), "mutual_information")
     sight, before = sight_of(belief, fiducials), support.joint_covariance(belief)
     assert len(sight.thing) == 2 + n
-    S = sight.S - block_diag(*sight.thing["extra"])
+    S = sight.S - block_diag(*sight.thing["curvature"])
     found = drop(before, before - sight.HP.T @ np.linalg.solve(S, sight.HP))
     assert promised == pytest.approx(found, abs=1e-9 * max(1.0, found))
 

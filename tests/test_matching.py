@@ -4,19 +4,21 @@ import itertools
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from activeslam_gym.camera import View
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_strangers
-from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
-from activeslam_gym.slam.constellation import Margins, match_jointly
-from activeslam_gym.slam.correction import PRODUCT_FRAMES, correct
-from activeslam_gym.slam.filter import Filter, candidates_of
-from activeslam_gym.slam.hypotheses import Hypotheses, condition, condition_on_all, measure_distances
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO, Belief
+from activeslam_gym.slam.constellation import Margins, match_jointly, worth_of_pair
+from activeslam_gym.slam.correction import correct
+from activeslam_gym.slam.filter import Filter, detections_of
+from activeslam_gym.slam.hypotheses import Hypotheses, condition, measure_distances
 from activeslam_gym.slam.kalman import update
-from activeslam_gym.slam.sight import INSIDE, measure, sight_with, visibility_of
+from activeslam_gym.slam.sight import INSIDE, Sight, measure, sight_with, visibility_of
 
 from .support import (
     CAMERA,
@@ -39,23 +41,25 @@ from .support import (
 VAR = float(CAMERA.pixel_std**2)
 MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
+STRANGERS = 1.5
 EVEN = Margins(np.full(3, MODEL.margin), np.full(3, MODEL.margin))
 SEEDS = pytest.mark.parametrize("seed", range(12))
 
 # Joint matching -----------------------------------------------------------------------------------------------------
 
 
-def hypotheses(z: np.ndarray, S: np.ndarray, candidates: np.ndarray) -> Hypotheses:
-    """All open, all free, all allowed."""
-    v, M = len(z) // 2, len(candidates)
+def hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypotheses:
+    """All open, all free, all allowed; the camera's R is in ``S``."""
+    v, M = len(z) // 2, len(detections)
     empty = np.full((v, M), np.inf)
-    h = Hypotheses(z.copy(), S.copy(), np.ones(v, bool), np.ones(M, bool), np.ones((v, M), bool), empty, empty.copy())
-    measure_distances(h, candidates, VAR)
+    S_pixels, allowed = S - VAR * np.eye(2 * v), np.ones((v, M), bool)
+    h = Hypotheses(z.copy(), S_pixels, np.ones(v, bool), np.ones(M, bool), allowed, empty, empty.copy())
+    measure_distances(h, detections)
     return h
 
 
 def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, strangers: float) -> dict[tuple[int, ...], float]:
-    """The log likelihood of every assignment (things to candidates or -1), of things in the middle of the image."""
+    """The log likelihood of every assignment (things to detections or -1), of things in the middle of the image."""
     n, M = len(z) // 2, len(pixels)
     density, miss = strangers / (PAPER.image_width * PAPER.image_height), np.log(1.0 - PAPER.detection_probability)
     scores = {}
@@ -70,7 +74,7 @@ def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, strangers: f
 
 
 def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicted pixels in the middle with a common error, and candidates: of most of them, and strangers."""
+    """Predicted pixels in the middle with a common error, and detections: of most of them, and strangers."""
     rng = np.random.default_rng(seed)
     z = np.array([160.0, 120.0] * things) + rng.uniform(-30, 30, 2 * things)
     common = np.tile(np.eye(2), (things, 1)) * rng.uniform(5.0, 15.0)
@@ -79,16 +83,25 @@ def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, n
     return z, S, rng.permutation(np.concatenate((seen, rng.uniform((110, 70), (210, 170), (extra, 2)))))
 
 
+def matched_jointly(
+    z: np.ndarray, S: np.ndarray, pixels: np.ndarray, margins: Margins = EVEN, **model: float
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """(3,) the detection of each thing or -1, (M,) the novelty of each, and whether the search was complete."""
+    detections, novelty, of_thing = detections_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
+    model, h = replaced(MODEL, **model), hypotheses(z, S, detections)
+    count, complete = match_jointly(model, h, detections, worth_of_pair(model, STRANGERS), margins, of_thing, novelty)
+    assert count == sum(of_thing >= 0)
+    return of_thing, novelty, complete
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_the_search_is_that_of_all_assignments(seed: int) -> None:
     z, S, pixels = scene(seed, 3, seed % 3)
-    strangers, margins = 1.5, Margins(np.array([8.0, 5.0, 2.0]), np.array([8.0, 3.0, 6.0]))
-    scores = scores_of_all(z, S, pixels, strangers)
+    margins = Margins(np.array([8.0, 5.0, 2.0]), np.array([8.0, 3.0, 6.0]))
+    scores = scores_of_all(z, S, pixels, STRANGERS)
     best = max(scores, key=scores.__getitem__)
-    candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
-    count, complete = match_jointly(
-        MODEL, hypotheses(z, S, candidates), candidates, VAR, strangers, margins, of_thing, novelty
-    )
+    of_thing, novelty, complete = matched_jointly(z, S, pixels, margins)
+    assert complete
     for a in range(3):
         rivals = {True: -np.inf, False: -np.inf}  # whether it is missed
         for answer, score in scores.items():
@@ -97,59 +110,68 @@ def test_the_search_is_that_of_all_assignments(seed: int) -> None:
         leads = scores[best] - rivals[False] >= margins.other[a] and scores[best] - rivals[True] >= margins.missed[a]
         accepted = best[a] if leads else -1
         assert of_thing[a] == accepted
-    assert count == sum(of_thing >= 0) and complete
     for i in range(len(pixels)):
         with_it, without = ([s for answer, s in scores.items() if (i in answer) == there] for there in (True, False))
         lead = np.clip(max(without) - max(with_it), -MODEL.margin, MODEL.margin)
         assert novelty[i] == pytest.approx(lead, abs=1e-5)
 
 
-def test_conditioning_on_all_at_once_is_conditioning_on_one_after_the_other() -> None:
+def test_conditioning_is_the_gaussians() -> None:
+    """One after the other, each with an R of its own, as all at once by the textbook."""
     rng = np.random.default_rng(5)
     z, S, pixels = scene(3, 7, 0)
-    candidates = candidates_of(pixels)
-    candidates["R"] = [random_spd(rng, np.ones(2)) for _ in candidates]
-    at_once, in_turn = hypotheses(z, S, candidates), hypotheses(z, S, candidates)
-    partner = np.array([2, -1, 0, -1, -1, 1, -1])
-    for h in (at_once, in_turn):
-        h.open[partner >= 0] = False
-    condition_on_all(at_once, partner, candidates, VAR)
-    others = np.ones(7, bool)
-    for a in np.flatnonzero(partner >= 0):
+    detections = detections_of(pixels)
+    detections["R"] = [random_spd(rng, np.ones(2)) for _ in detections]
+    h, partner, others = hypotheses(z, S, detections), {0: 2, 2: 0, 5: 1}, np.ones(7, bool)
+    P, rest = h.S.copy(), np.repeat(~np.isin(np.arange(7), [*partner]), 2)
+    for a, i in partner.items():
         others[a] = False
-        condition(in_turn, others, a, candidates[partner[a]], VAR)
-    rows = np.repeat(partner < 0, 2)
-    np.testing.assert_allclose(at_once.z[rows], in_turn.z[rows], atol=1e-9)
-    np.testing.assert_allclose(at_once.S[np.ix_(rows, rows)], in_turn.S[np.ix_(rows, rows)], atol=1e-9)
-    assert np.abs(at_once.z[rows] - z[rows]).min() > 0.1
+        condition(h.z, h.S, others, a, detections[i])
+    seen = [*partner.values()]
+    G = P[np.ix_(rest, ~rest)] @ np.linalg.inv(P[np.ix_(~rest, ~rest)] + block_diag(*detections["R"][seen]))
+    np.testing.assert_allclose(h.z[rest], z[rest] + G @ (pixels[seen].ravel() - z[~rest]), atol=1e-9)
+    expected = P[np.ix_(rest, rest)] - G @ P[np.ix_(~rest, rest)]
+    np.testing.assert_allclose(h.S[np.ix_(rest, rest)], expected, atol=1e-9)
+    assert np.abs(h.z[rest] - z[rest]).min() > 0.1
 
 
-def test_the_scenes_hold_accepted_ambiguous_and_new_candidates() -> None:
+def test_the_scenes_hold_accepted_ambiguous_and_new_detections() -> None:
     found = []
     for seed in range(40):
-        z, S, pixels = scene(seed, 3, seed % 3)
-        candidates, novelty, of_thing = candidates_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
-        match_jointly(MODEL, hypotheses(z, S, candidates), candidates, VAR, 1.5, EVEN, of_thing, novelty)
+        of_thing, novelty, _ = matched_jointly(*scene(seed, 3, seed % 3))
         found.append([sum(of_thing >= 0), sum(of_thing < 0), sum(novelty > MODEL.novelty)])
     assert (np.sum(found, axis=0) > 5).all()
 
 
-def test_where_the_nodes_run_out_nothing_is_accepted() -> None:
-    z, S, pixels = scene(1, 3, 0)
-    candidates, of_thing = candidates_of(pixels), np.full(3, -1)
-    for nodes, found in ((400, True), (2, False)):
-        novelty, model = np.zeros(len(pixels)), replaced(MODEL, nodes=nodes)
-        count, complete = match_jointly(
-            model, hypotheses(z, S, candidates), candidates, VAR, 1.5, EVEN, of_thing, novelty
-        )
-        assert (count > 0) == (of_thing >= 0).any() == novelty.any() == complete == found
-        of_thing[:] = -1
+@pytest.mark.parametrize(("nodes", "found"), [(400, True), (2, False)])
+def test_where_the_nodes_run_out_nothing_is_accepted(nodes: int, found: bool) -> None:
+    of_thing, novelty, complete = matched_jointly(*scene(1, 3, 0), nodes=nodes)
+    assert (of_thing >= 0).any() == novelty.any() == complete == found
 
 
 def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
     model = association_of(Scenario(clutter_rate=2.0))
     assert expected_strangers(model, 0) == pytest.approx(0.15 * 30 + 2.0)
     assert expected_strangers(model, 40) == pytest.approx(0.3 + 2.0)
+
+
+def answered(sight: Sight, pixels: ArrayLike, z_hat: ArrayLike, S: np.ndarray, ids: int = ANYTHING) -> list[list]:
+    """The matches of detections at ``pixels``, and which things wait, with other predicted pixels and covariances."""
+    sight.thing["z_hat"], sight.S[:] = z_hat, S
+    detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.thing), bool)
+    associate(association_of(PAPER), sight, detections, 10, waits)
+    return [detections["match"].tolist(), waits.tolist()]
+
+
+def belief_of_one(kind: int, unseen: float) -> Belief:
+    """A belief of one feature, last matched ``unseen`` seconds ago."""
+    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
+    belief.state.frame, belief.feature["born"][0] = 1000, -1
+    belief.feature["seen"][0] = 1000 - round(unseen / PAPER.frame_time)
+    return belief
+
+
+MIDDLE = (160.0, 120.0)
 
 
 @pytest.mark.parametrize(
@@ -160,18 +182,12 @@ def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
 )
 def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, std: float, matched: bool) -> None:
     """A lone detection in a lone wide ellipse was refused until the ellipse was so wide that the run was lost."""
-    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
-    belief.state.frame = 1000
-    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
+    belief = belief_of_one(kind, seconds)
     never = ((belief.feature["seen"][0], False),) if kind == POINT else ()  # never matched is never seen again
     for born, found in ((-1, matched), *never):
         belief.feature["born"][0] = born
-        sight, waits = sight_of(belief), np.zeros(1, bool)
-        sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), std**2 * np.eye(2)
-        candidates = candidates_of([[162.0, 119.0]])
-        associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
-        assert candidates["match"].tolist() == [belief.feature["serial"][0] if found else REJECTED]
-        assert waits.tolist() == [not found]
+        match = belief.feature["serial"][0] if found else REJECTED
+        assert answered(sight_of(belief), [[162.0, 119.0]], MIDDLE, std**2 * np.eye(2)) == [[match], [not found]]
 
 
 @pytest.mark.parametrize(
@@ -179,14 +195,10 @@ def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, st
 )
 def test_what_may_just_be_outside_is_not_taken_for_a_stranger_at_the_border(column: float, found: bool) -> None:
     """A fiducial that had left the image was matched, as clear, with an unmapped landmark two deviations inside."""
-    filter = Filter(fiducials=np.array([[0.0, 0.0, 2.0]]))
-    sight, waits = filter.sight(), np.zeros(1, bool)
-    sight.thing["z_hat"], sight.S[:] = (column, 120.0), 2.5**2 * np.eye(2)
-    sight.thing["visibility"] = visibility_of(CAMERA, sight.thing["z_hat"][0], sight.S)
-    candidates = candidates_of([[column - 5.0 if column > 200.0 else column + 5.0, 120.0]])
-    associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
-    assert candidates["match"].tolist() == [-1 if found else REJECTED]
-    assert waits.tolist() == [not found]
+    sight, S = Filter(fiducials=np.array([[0.0, 0.0, 2.0]])).sight(), 2.5**2 * np.eye(2)
+    sight.thing["visibility"] = visibility_of(CAMERA, np.array((column, 120.0)), S)
+    beside = [[column - 5.0 if column > 200.0 else column + 5.0, 120.0]]
+    assert answered(sight, beside, (column, 120.0), S) == [[-1 if found else REJECTED], [not found]]
 
 
 @pytest.mark.parametrize(
@@ -198,16 +210,9 @@ def test_a_vague_depth_that_was_out_of_sight_takes_no_others_detection(
     kind: int, seconds: float, std: float, found: bool
 ) -> None:
     """A feature whose landmark had left the image took, along its epipolar line, another's detections for its own."""
-    belief = random_belief(PAPER, [kind], np.random.default_rng(0))
-    belief.state.frame, belief.feature["born"][0] = 1000, -1
-    belief.feature["seen"][0] = 1000 - round(seconds / PAPER.frame_time)
-    sight, waits, own = sight_of(belief), np.zeros(1, bool), int(belief.feature["serial"][0])
-    sight.thing["z_hat"], sight.S[:] = (160.0, 120.0), np.diag([std**2, 2.5**2])
-    for id, matched in ((ANYTHING, own if found else NEW), (own, own)):  # what bears its id may still be it
-        candidates = candidates_of([[164.0, 120.0]], ids=id)
-        associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
-        assert candidates["match"].tolist() == [matched]
-        assert not waits.any()
+    sight, S = sight_of(belief_of_one(kind, seconds)), np.diag([std**2, 2.5**2])
+    for id, matched in ((ANYTHING, 1 if found else NEW), (1, 1)):  # a detection that bears its id may still be it
+        assert answered(sight, [[164.0, 120.0]], MIDDLE, S, id) == [[matched], [False]]
 
 
 @pytest.mark.parametrize(("met", "ids", "believed"), [(1, 0, False), (2, 0, True), (3, 0, True), (1, 1, True)])
@@ -215,14 +220,13 @@ def test_a_fiducial_is_no_stranger_where_the_others_should_be_seen_and_are_not(
     met: int, ids: int, believed: bool
 ) -> None:
     """A camera that had drifted by many deviations took a stranger for one of three fiducials; nothing was near two."""
-    filter = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]]))
-    sight, waits = filter.sight(), np.zeros(3, bool)
-    sight.thing["z_hat"], sight.S[:] = [(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)], 2.5**2 * np.eye(6)
-    sight.thing["visibility"] = INSIDE
-    candidates = candidates_of(sight.thing["z_hat"][:met] + 1.0, ids=-ids)
-    associate(association_of(PAPER), VAR, sight, candidates, 10, waits)
-    assert candidates["match"].tolist() == ([-1, -2, -3][:met] if believed else [REJECTED])
-    assert waits.tolist() == [not believed, False, False]
+    sight = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]])).sight()
+    z_hat, sight.thing["visibility"] = np.array([(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)]), INSIDE
+    matches = [-1, -2, -3][:met] if believed else [REJECTED]
+    assert answered(sight, z_hat[:met] + 1.0, z_hat, 2.5**2 * np.eye(6), -ids) == [
+        matches,
+        [not believed, False, False],
+    ]
 
 
 # The way back -------------------------------------------------------------------------------------------------------
@@ -238,10 +242,10 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
         error = np.array([0.25] * 3 + [0.1] * 3 + [0.0] * 6) * rng.choice([-1, 1], 12)
         true = moved(filter.belief.state.camera, error)
         pixels = np.array([pixel_of(CAMERA, true, y) for y in fiducials]) + 2.0 * rng.standard_normal((7, 2))
-        sight, candidates = filter.sight(), candidates_of(pixels)
-        several = hypotheses(sight.thing["z_hat"].ravel(), sight.S, candidates).d2 < 9.21
+        sight, detections = filter.sight(), detections_of(pixels)
+        several = hypotheses(sight.thing["z_hat"].ravel(), sight.S, detections).d2 < 9.21
         assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a thing may be several
-        found = filter.update(candidates)
+        found = filter.update(detections)
         used = (found != NEW) & (found != REJECTED)
         assert (found[used] == -np.arange(1, 8)[used]).all()
         left = camera_error(true, filter.belief.state.camera)[:6]
@@ -256,7 +260,7 @@ def test_starvation_is_counted() -> None:
     filter = Filter(fiducials=fiducials, covariance=np.diag([0.1**2] * 3 + [0.05**2] * 3 + [1e-4] * 6))
     z = filter.sight().thing["z_hat"]
     pixels = z.mean(axis=0) + [[0.0, 3.0], [0.0, -3.0]]
-    assert filter.update(candidates_of(pixels)).tolist() == [REJECTED, REJECTED]
+    assert filter.update(detections_of(pixels)).tolist() == [REJECTED, REJECTED]
     assert (filter.counts.starvations, filter.counts.recoveries) == (1, 0)
 
 
@@ -287,8 +291,8 @@ def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
     z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
     things, once = sight_of(belief, fiducials).thing, copied(belief)
-    things["extra"] = 0.0  # what is left out of each alone would let the pixels be explained less well
-    sight = sight_with(things, belief.covariance, belief.state.dim, VAR)
+    things["curvature"] = 0.0  # what is left out of each alone would let the pixels be explained less well
+    sight = sight_with(things, belief.covariance, belief.state.dim)
     assert len(things) == 8
     update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
     assert correct(CAMERA, belief, fiducials, sight, z)
@@ -325,8 +329,8 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
         belief.state.camera[0], feature.mean[RHO] = x, max(0.5 + d_rho, 0.01)
         assert measure(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, thing[0])
         left.append(thing["z_hat"][0, 0] - said - H * x)
-    assert np.var(left) == pytest.approx(thing["extra"][0, 0, 0], rel=0.1)
-    assert thing["extra"][0, 0, 0] > 2.0
+    assert np.var(left) == pytest.approx(thing["curvature"][0, 0, 0], rel=0.1)
+    assert thing["curvature"][0, 0, 0] > 2.0
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -354,8 +358,8 @@ def test_what_the_line_leaves_out_of_a_near_point_is_in_the_noise(known: bool) -
     for x in rng.multivariate_normal(np.zeros(n), P, 20_000):
         camera = moved(belief.state.camera, np.concatenate((x[:6], np.zeros(6))))
         left.append(pixel_of(CAMERA, camera, y + np.append(x, np.zeros(3))[6:9]) - thing["z_hat"] - H @ x)
-    variances = np.diag(thing["extra"])
-    np.testing.assert_allclose(np.cov(np.transpose(left)), thing["extra"], atol=0.2 * variances.max())
+    variances = np.diag(thing["curvature"])
+    np.testing.assert_allclose(np.cov(np.transpose(left)), thing["curvature"], atol=0.2 * variances.max())
     assert variances.min() > 1.0
 
 
@@ -366,38 +370,31 @@ def test_of_what_is_far_or_well_known_nothing_is_left_out() -> None:
         ((0.1, 0.0, 0.6), 0.05, False),
     ):
         filter = Filter(fiducials=np.array([y]), covariance=scale**2 * np.diag([0.05**2] * 3 + [0.1**2] * 9))
-        assert (filter.sight().thing["extra"][0] > 0.0).any() == curved
+        assert (filter.sight().thing["curvature"][0] > 0.0).any() == curved
 
 
-def drifting_nees(product_frames: float, draws: int) -> np.ndarray:
-    """(draws,) NEES of where a camera of unknown speed is across the sight of a new point, after a second.
+@pytest.mark.parametrize(("command_known", "low", "high"), [(True, 0.0, 2.0), (False, 3.0, np.inf)])
+def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low: float, high: float) -> None:
+    """Counted in each frame anew, it makes the filter overconfident of a way and a depth: it saw their product alone.
 
-    It sees nothing else: only the product of its way and of the point's inverse depth is measured.
+    The mean NEES of the position of a camera of unknown speed across the sight of a new point, after a second.
     """
-    out, rng = np.empty(draws), np.random.default_rng(0)
+    squares, rng = [], np.random.default_rng(0)
     scenario = Scenario(acceleration_std=1e-3, angular_acceleration_std=1e-3)
     prior = np.diag([1e-8] * 6 + [0.15**2, 1e-8, 1e-8] + [1e-8] * 3)
-    for i in range(draws):
+    for _ in range(60):
         speed, rho = 0.15 * rng.standard_normal(), max(0.5 + 0.3 * rng.standard_normal(), 0.1)
-        filter = Filter(scenario, covariance=prior)
-        filter.model.correction.product_frames = product_frames
-        truth = filter.belief.state.camera.copy()
+        filter = Filter(scenario, covariance=prior, command_known=command_known)
+        truth = filter.mean
         point = np.array([0.0, 0.0, 1.0 / rho])
         born = filter.birth(pixel_of(CAMERA, truth, point))
         for _ in range(20):
             truth[0] += 0.05 * speed
             filter.predict()
             seen = pixel_of(CAMERA, truth, point) + 2.0 * rng.standard_normal(2)
-            filter.update(candidates_of(seen[None], ids=np.array([born])), labelled=True)
-        error = truth[0] - filter.belief.state.camera[0]
-        out[i] = error**2 / filter.belief.covariance[0, 0]
-    return out
-
-
-def test_a_product_of_errors_that_lasts_is_counted_once() -> None:
-    """Counted in each frame anew, it makes the filter sure of a way and a depth of which it saw the product alone."""
-    assert drifting_nees(PRODUCT_FRAMES, 60).mean() < 2.0
-    assert drifting_nees(1.0, 60).mean() > 3.0
+            filter.update(detections_of(seen[None], ids=np.array([born])), labelled=True)
+        squares.append((truth[0] - filter.mean[0]) ** 2 / filter.belief.covariance[0, 0])
+    assert low < np.mean(squares) < high
 
 
 @SEEDS

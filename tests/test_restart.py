@@ -8,7 +8,7 @@ import pytest
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.slam.association import REJECTED
-from activeslam_gym.slam.filter import Filter, candidates_of
+from activeslam_gym.slam.filter import Filter, detections_of
 from baselines import Stay
 
 FIDUCIALS = np.array([[x, y, 1.5] for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.3)])
@@ -48,7 +48,7 @@ def held(scenario: Scenario, away: float, frames: int) -> tuple[Filter, np.ndarr
     filter = Filter(scenario, fiducials=FIDUCIALS, camera=camera, covariance=1e-8 * np.eye(12))
     for _ in range(frames):
         filter.predict(dt=1e-3)
-        seen = candidates_of(pixels + 2.0 * rng.standard_normal(pixels.shape), ids=truth.sight().thing["id"])
+        seen = detections_of(pixels + 2.0 * rng.standard_normal(pixels.shape), ids=truth.sight().thing["id"])
         answer = filter.update(seen, labelled=True)
         if filter.counts.restarts:
             break
@@ -65,7 +65,7 @@ def test_it_is_begun_anew_about_where_it_was_thought() -> None:
     truth = Filter(scenario, fiducials=FIDUCIALS).sight().thing
     for _ in range(5):
         filter.predict(dt=1e-3)
-        filter.update(candidates_of(truth["z_hat"], ids=truth["id"]), labelled=True)
+        filter.update(detections_of(truth["z_hat"], ids=truth["id"]), labelled=True)
     assert abs(filter.belief.state.camera[0]) < 0.03 and filter.counts.restarts == 1
 
 
@@ -82,7 +82,7 @@ def test_a_fiducial_that_is_not_seen_contradicts_unless_it_may_be_too_far(
     filter = Filter(Scenario(maximum_distance=maximum_distance), fiducials=FIDUCIALS)
     for _ in range(30):
         filter.predict(dt=1e-3)
-        filter.update(candidates_of(np.empty((0, 2))))
+        filter.update(detections_of(np.empty((0, 2))))
         if filter.counts.restarts:
             break
     assert filter.counts.restarts == restarts
@@ -97,5 +97,5 @@ def test_detections_that_are_missed_by_chance_do_not_contradict() -> None:
         seen = rng.random(len(truth)) < 0.93
         pixels = truth["z_hat"][seen] + 2.0 * rng.standard_normal((seen.sum(), 2))
         filter.predict(dt=1e-3)
-        filter.update(candidates_of(pixels, ids=truth["id"][seen]), labelled=True)
+        filter.update(detections_of(pixels, ids=truth["id"][seen]), labelled=True)
     assert filter.counts.restarts == 0

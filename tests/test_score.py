@@ -21,7 +21,7 @@ from activeslam_gym.envs.referee import (
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
 from activeslam_gym.slam.belief import POINT, fiducial_id
-from activeslam_gym.slam.filter import candidates_of
+from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.slam.map import append_feature, remove_feature
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
@@ -102,7 +102,7 @@ class Referee:
 
     def frame(self, *matches: tuple[int, int]) -> tuple[int, int]:
         """(wrong matches, false births) of a frame of (match, label)."""
-        candidates, labels = candidates_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
+        candidates, labels = detections_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
         candidates["match"] = [m[0] for m in matches]
         self.estimate = estimate_of(self.belief)
         reconcile(self.owner, self.estimate)

@@ -1,7 +1,7 @@
 """The paper's study: verdicts on made-up rows with known answers, the altered strategies, then the command, small."""
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +22,14 @@ from agents import policies
 from agents import task as tasks
 from agents.__main__ import main
 from agents.places import PLACES, Placed
-from agents.study import runs, strategies, toy, verdicts
+from agents.study import conditions, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
-from agents.study.command import median_alive, median_room
-from agents.study.conditions import CHOICES, DEFAULT, STRATEGIES, Condition, conditions
-from agents.study.measures import Notes, Observer, measures
-from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, judge, judge_draw
-from agents.task import Task
+from agents.study.command import median_room
+from agents.study.conditions import STRATEGIES, Condition, at_target, lead_at_common_rung
+from agents.study.measures import TARGET, Notes, Observer, measures
+from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, Finding, judge, judge_draw
 from agents.tools.statistics import Estimate
+from tests.test_compare import episode as made_up
 
 ROOMS = 40
 SCENARIO = Scenario()
@@ -43,23 +43,17 @@ def figure(value: float, low: float, high: float, rooms: int = ROOMS) -> Estimat
     return Estimate(value, low, high, rooms, "median")
 
 
-VERDICTS = [
-    ((2.0, 1.0, 3.0), "above", 0.0, HOLDS),
-    ((2.0, 1.0, 3.0), "below", 0.0, FAILS),
-    ((2.0, 1.0, 3.0), "above", 1.5, OPEN),
-    ((-2.0, -3.0, -1.0), "below", 0.0, HOLDS),
-    ((1.0, 0.0, 2.0), "above", 0.0, OPEN),
-    ((1.0, np.nan, np.nan), "above", 0.0, OPEN),
-    ((2.0, 1.0, 3.0, 9), "above", 0.0, OPEN),
-]
+def test_a_verdict_needs_the_whole_interval_of_enough_rooms_on_one_side_and_a_stated_number_is_one_draw() -> None:
+    assert judge(figure(2.0, 1.0, 3.0), "above") == judge(figure(-2.0, -3.0, -1.0), "below") == HOLDS
+    assert judge(figure(2.0, 1.0, 3.0), "below") == FAILS
+    undecided = [judge(figure(2.0, 1.0, 3.0), "above", 1.5), judge(figure(1.0, 0.0, 2.0), "above")]
+    undecided += [judge(figure(1.0, np.nan, np.nan), "above"), judge(figure(2.0, 1.0, 3.0, 9), "above")]
+    assert set(undecided) == {OPEN}
+    draws = np.linspace(0.0, 100.0, 101)
+    assert [judge_draw(draws, stated) for stated in (50.0, 1.0, 99.0)] == [WITHIN, OUTSIDE, OUTSIDE]
 
 
-@pytest.mark.parametrize(("values", "side", "bound", "verdict"), VERDICTS)
-def test_a_verdict_needs_the_whole_interval_on_one_side(values, side, bound: float, verdict: str) -> None:
-    assert judge(figure(*values), side, bound) == verdict
-
-
-def difference(*values: np.ndarray) -> verdicts.Finding:
+def difference(*values: np.ndarray) -> Finding:
     return verdicts.judged("x", "m", values[0] - values[1], "above")
 
 
@@ -73,45 +67,31 @@ def test_rooms_are_compared_in_pairs_and_equal_strategies_show_nothing() -> None
     noise = np.random.default_rng(1).normal(0.0, 1.0, (2, ROOMS))
     finding = difference(*(noise - np.median(noise, axis=1, keepdims=True)))
     assert finding.verdict == OPEN and finding.estimate.low < 0.0 < finding.estimate.high
-    some = np.ones(ROOMS)
-    some[:3] = np.nan
-    finding = difference(some, np.zeros(ROOMS))
+    finding = difference(np.r_[[np.nan] * 3, np.ones(ROOMS - 3)], np.zeros(ROOMS))
     assert finding.estimate.rooms == ROOMS - 3 and finding.note == f"3 of {ROOMS} rooms left out"
 
 
-def test_a_stated_number_is_one_draw() -> None:
-    draws = np.linspace(0.0, 100.0, 101).tolist()
-    assert [judge_draw(draws, stated) for stated in (50.0, 1.0, 99.0)] == [WITHIN, OUTSIDE, OUTSIDE]
-
-
 def test_times_not_seen_and_ladders_that_end_early_are_compared_fairly() -> None:
-    lost_early, reached = {"ladder_time": [1.0, 2.0], "lost": 1}, {"ladder_time": [1.0, 2.0, 7.0], "lost": 0}
-    np.testing.assert_array_equal(verdicts.at_rung([lost_early, reached], "ladder_time", 3, 35.0), [35.0, 7.0])
-    np.testing.assert_array_equal(verdicts.restricted([{"t": np.nan}, {"t": 4.0}], "t", 35.0), [35.0, 4.0])
-    rows = [{"lost": 1, "error": 0.1}, {"lost": 0, "error": 0.2}]
-    np.testing.assert_array_equal(verdicts.while_alive(rows, "error"), [np.nan, 0.2])
-    ours = [{"l": [-1.0, -2.0, -3.0]}, {"l": [-1.0]}, {"l": []}]
-    theirs = [{"l": [-10.0, -20.0]}, {"l": [-10.0, -20.0]}, {"l": [-10.0]}]
-    first, second = verdicts.at_common_rung(ours, theirs, "l", most=14)
-    np.testing.assert_array_equal(first, [-2.0, -1.0, np.nan])
-    np.testing.assert_array_equal(second, [-20.0, -10.0, np.nan])
-    np.testing.assert_array_equal(verdicts.at_common_rung(ours[:1], theirs[:1], "l", most=1)[0], [-1.0])
+    runs = [{"time": [1.0, 2.0], "lost": 1, "error": 0.1}, {"time": [7.0] * TARGET, "lost": 0, "error": 0.2}]
+    np.testing.assert_array_equal(at_target(runs, "time", 35.0), [35.0, 7.0])
+    np.testing.assert_array_equal(conditions.while_alive(runs, "error"), [np.nan, 0.2])
+    ours = [{"l": [-1.0, -2.0, -3.0]}, {"l": [-1.0]}, {"l": []}, {"l": [-5.0] * 20}]
+    theirs = [{"l": [-10.0, -20.0]}, {"l": [-10.0, -20.0]}, {"l": [-10.0]}, {"l": np.arange(20.0)}]
+    np.testing.assert_array_equal(lead_at_common_rung("l", ours, theirs), [18.0, 9.0, np.nan, -5.0 - (TARGET - 1)])
 
 
 def test_verdicts_of_several_choices_in_a_line_and_the_median_room() -> None:
-    one = verdicts.Finding("c", "a", "m", figure(1, 0.5, 2), HOLDS)
+    one = Finding("m", figure(1, 0.5, 2), HOLDS, choice="a")
     assert verdicts.under_choices([one]) == ""
     assert verdicts.under_choices([one, replace(one, choice="b")]) == "holds under every choice"
     text = verdicts.under_choices([replace(one, choice="z", verdict=FAILS), one, replace(one, choice="b")])
     assert text == "holds: a, b; does not hold: z"
-    rows = runs.Rows()
     scores = [10.0, 20.0, 30.0, 40.0, 50.0]
-    for name in STRATEGIES:
-        rows[DEFAULT, name] = [{"seed": i, "lost": int(i == 2), "log_score_gain": s} for i, s in enumerate(scores)]
-    assert median_room(rows) == 3  # of 10, 20, 40, 50: the upper of the two in the middle
+    runs = [{"seed": i, "lost": int(i == 2), "log_score_gain": s} for i, s in enumerate(scores)]
+    assert median_room(runs, runs, runs) == 3  # of 10, 20, 40, 50: the upper of the two in the middle
     live = [{"seed": i, "lost": int(i < 4), "log_score_gain": s} for i, s in enumerate(scores)]
-    assert median_alive([live]) == 4, "a live run that was lost at once was drawn: an empty panel"
-    assert median_alive([live[:4]]) == 2  # where all are lost
+    assert median_room(live) == 4, "a live run that was lost at once was drawn: an empty panel"
+    assert median_room(live[:4]) == 2  # where all are lost
 
 
 def test_toy_information_is_the_drop_of_entropy() -> None:
@@ -148,26 +128,23 @@ def test_the_default_reading_is_the_baseline(name: str, gaze_criterion: str | No
     np.testing.assert_array_equal(found.actions, expected.actions)
 
 
-@pytest.mark.parametrize("criterion", ["mutual_information", "fisher_trace"])
-def test_a_cap_that_holds_nobody_back_leaves_the_scores(criterion: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(strategies, "capped", lambda points, P, *_: P)
-    env = environment()
-    env.reset(seed=5)
-    policy = strategies.Reread(env, strategies.CAPPED)
-    for plans in (policy._motions, policy._gazes):
-        found, expected = policy._capped_scores(plans, criterion), env.unwrapped.scores(plans, criterion)
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
-def test_a_cap_touches_expected_landmarks_alone_and_lowers_them() -> None:
-    env: Any = environment().unwrapped
-    env.reset(seed=5)
-    prospect, waiting = env.prospect, SCENARIO.landmark_count
-    P, was = prospect.covariance, np.diag(prospect.covariance)
-    capped = strategies.capped(prospect.points, P, prospect.camera, waiting, SCENARIO)
-    assert (np.diag(capped) <= was).all() and (np.diag(capped) < was)[CAMERA_DIM:].any()
+def test_a_cap_touches_expected_landmarks_alone_and_without_one_the_scores_are_the_environments(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    core: Any = environment().unwrapped
+    core.reset(seed=5)
+    prospect, P = core.prospect, core.prospect.covariance
+    capped = strategies.capped(prospect.points, P, prospect.camera, SCENARIO.landmark_count, SCENARIO)
+    lowered = np.diag(capped) < np.diag(P)
+    assert (np.diag(capped) <= np.diag(P)).all() and lowered[CAMERA_DIM:].any()
     np.testing.assert_array_equal(capped[:CAMERA_DIM], P[:CAMERA_DIM])
     np.testing.assert_array_equal(strategies.capped(prospect.points, P, prospect.camera, 0, SCENARIO), P)
+    monkeypatch.setattr(strategies, "capped", lambda points, P, *_: P)
+    policy = strategies.Reread(core, strategies.CAPPED)
+    for plans in (policy._motions, policy._gazes):
+        for criterion in ("mutual_information", "fisher_trace"):
+            found, expected = policy._capped_scores(plans, criterion), core.scores(plans, criterion)
+            np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -178,9 +155,11 @@ def test_expected_landmarks_move_and_nothing_else(place: str) -> None:
     assert not np.array_equal(one.prospect.points, other.prospect.points)
     np.testing.assert_array_equal(one.truth.landmarks, other.truth.landmarks)
     assert one.belief.log2_det() == other.belief.log2_det()
+    with pytest.raises(ValueError, match="place must be one of"):
+        Placed(plain, "elsewhere")
 
 
-def test_landmarks_that_are_nowhere_are_in_no_score() -> None:
+def test_landmarks_that_are_nowhere_are_in_no_score_and_the_lattice_fills_the_room() -> None:
     env = Placed(environment(), "nowhere")
     env.reset(seed=5)
     core: Any = env.unwrapped
@@ -193,19 +172,14 @@ def test_landmarks_that_are_nowhere_are_in_no_score() -> None:
         without, plans = np.empty(len(Motion)), motion_plans(20)
         score_plans(models.camera, models.motion, rest, 0.0, plans, CRITERIA.number(criterion), without)
         np.testing.assert_array_equal(core.motion_scores(criterion), without)
-
-
-def test_the_lattice_fills_the_room() -> None:
     points = PLACES["lattice"](SCENARIO, 3)
     assert len(np.unique(points, axis=0)) == SCENARIO.landmark_count
     assert (np.abs(points) < np.array(SCENARIO.room_size) / 2.0).all()
     np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-12)
-    with pytest.raises(ValueError, match="place must be one of"):
-        Placed(environment(), "elsewhere")
 
 
 def observed(name: str) -> tuple[Episode, Notes]:
-    """Four seconds of a baseline, and what the observer notes of them."""
+    """Four seconds of a baseline, and the observer's notes of them."""
     env, observer = environment(4.0), Observer()
     return run_episode(env, baselines.make(name, env), seed=5, looks=[observer.look]), observer.notes
 
@@ -218,8 +192,7 @@ def test_notes_of_a_run_and_when_a_loop_closes() -> None:
     assert (np.diff(notes.visited_log2_det) < 0).all()  # each brings three small variances
     loops = LoopClosures()
     assert loops.count([-1], 0.0) == loops.count([-2], 0.1) == 0
-    assert loops.count([-1, -2, -3], CLOSURE_GAP) == 1
-    assert loops.count([-1, -2, -3], CLOSURE_GAP) == 0
+    assert [loops.count([-1, -2, -3], CLOSURE_GAP) for _ in range(2)] == [1, 0]
 
 
 def test_measures_of_a_made_up_run() -> None:
@@ -246,51 +219,37 @@ def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
     falling = np.concatenate(([0.0], np.cumsum(slopes)))
     closures = np.zeros(steps, int)
     closures[[closed, closed + 5]] = 1  # the second is the same event
-    notes = replace(notes, closures=closures)
+    notes = notes._replace(closures=closures)
     row = measures(replace(episode, log2_det_camera=falling), notes)
     assert (row["before_change_camera"], row["closure_change_camera"]) == (-20.0, -60.0)
     closures[:] = 0
     assert np.isnan(measures(episode, notes)["closure_change_camera"])
 
 
-def test_conditions_have_names_of_their_own_and_known_policies() -> None:
-    all_of_them = conditions()
-    assert len({one.name for one in all_of_them}) == len(all_of_them)
-    for one in all_of_them:
+def test_conditions_have_names_of_their_own_and_known_policies_and_those_of_equal_settings_share_episodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    every = {(one.choice, one.policy): one for one in conditions.conditions()}
+    assert len(every) == len(conditions.conditions())
+    for one in every.values():
         policies.factory(one.source)
-        Scenario(**one.scenario_fields())
-    by_name = {one.name: runs.task_of(one, 1) for one in all_of_them}
-    assert by_name["eigenvalue--mi-constant"] == by_name["default--mi-constant"]  # run once
-    assert by_name["eigenvalue--mi-fisher"] != by_name["default--mi-fisher"]
-    others = {"nowhere", "particles-nowhere", "clutter"}
-    assert {choice.name for choice in CHOICES} == {one.choice for one in all_of_them if one.policy == "mi-mi"} - others
-
-
-def test_conditions_of_equal_settings_share_their_episodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        Scenario(**one.environment()["scenario"])
+    assert every["eigenvalue", "mi-constant"].task(1) == every["default", "mi-constant"].task(1)
+    assert every["eigenvalue", "mi-fisher"].task(1) != every["default", "mi-fisher"].task(1)
     played: list[int] = []
 
-    def play(group: tuple[Task, ...]) -> list[Any]:
+    def play(group: tuple[tasks.Task, ...]) -> list[Any]:
         played.extend(task.seed for task in group)
-        times = {name: np.zeros(2) for name in ("times", *runs.CURVES)}
-        return [made_up(task.seed, times).arrays() for task in group]
+        return [replace(made_up(seed=task.seed), notes={"seed": np.array(task.seed)}).arrays() for task in group]
 
     monkeypatch.setattr(tasks, "play_tasks", play)
     twins = [Condition("a", "mi-mi", "mi-mi"), Condition("b", "mi-mi", "mi-mi")]
     for _ in range(2):
-        rows = runs.run_conditions({twins[0]: [1, 2], twins[1]: [2]}, Store(tmp_path), jobs=1)
+        rows = conditions.run_conditions({twins[0]: [1, 2], twins[1]: [2]}, Store(tmp_path), jobs=1)
         assert played == [1, 2]
-        assert [row["seed"] for row in rows["a", "mi-mi"]] == [1, 2] and [
-            row["seed"] for row in rows["b", "mi-mi"]
-        ] == [2]
-    runs.run_conditions({replace(twins[0], duration=2.0): [1]}, Store(tmp_path), jobs=1)
+        assert [[row["seed"] for row in rows[one, "mi-mi"]] for one in "ab"] == [[1, 2], [2]]
+    conditions.run_conditions({replace(twins[0], duration=2.0): [1]}, Store(tmp_path), jobs=1)
     assert played == [1, 2, 1]
-
-
-def made_up(seed: int, values: dict[str, Any]) -> Episode:
-    names = [field.name for field in fields(Episode)]
-    return Episode(
-        **{name: np.zeros(1) for name in names} | {"events": {}, "notes": {"seed": np.array(seed)}, **values}
-    )
 
 
 def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -299,13 +258,11 @@ def test_the_command_run_small(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert "Written to" in capsys.readouterr().out
     page = (tmp_path / "STUDY.md").read_text(encoding="utf-8")
     assert "python -m agents study --episodes 2 --choice-episodes 1 --duration 1 --seed 1000000" in page
-    for claim in CLAIMS:
-        assert claim.words in page
+    assert all(claim.words in page for claim in CLAIMS)
     study = json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
     assert {finding["claim"] for finding in study["findings"]} == {claim.key for claim in CLAIMS}
     for name in STRATEGIES:
         files = (tmp_path / "trajectories" / f"{name}-{kind}.tum" for kind in ("true", "estimated"))
         true, estimated = map(np.loadtxt, files)
         assert true.shape == estimated.shape == (21, 8)
-        np.testing.assert_allclose(np.linalg.norm(true[:, 4:], axis=1), 1.0, atol=1e-6)
     assert all(f"images/study/{path.name}" in page for path in (tmp_path / "images" / "study").glob("*"))

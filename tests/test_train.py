@@ -37,7 +37,7 @@ from agents.learn.algorithms import save_learner  # noqa: E402
 from agents.learn.card import read_card  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
-from agents.learn.weights import load, read, save  # noqa: E402
+from agents.learn.weights import read, save  # noqa: E402
 from agents.pretrained import FOLDER  # noqa: E402
 from agents.tools.files import alone_in  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
@@ -70,10 +70,10 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
     assert "gaze_period=1" in capsys.readouterr().out
     learner, env = PPO.load(tmp_path / "deep" / "ppo.zip"), gym.make("ActiveSLAM-v0", gaze_period=0.25)
     policy, observation = agents.load("ppo", env), env.reset(seed=5)[0]
-    for _ in range(8):
+    for _ in range(20):
         action, _ = policy.predict(observation)
         np.testing.assert_array_equal(action, learner.predict(observation, deterministic=True)[0])
-        observation = env.step(action)[0]
+        observation = env.step(env.action_space.sample())[0]
     learner.set_env(env)
     assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
 
@@ -127,19 +127,19 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
 
 def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    action = acts(env, load("policy", env, trained))
+    action = acts(env, agents.load("policy", env, trained))
     np.testing.assert_array_equal(acts(env, policies.resolve(str(trained / "policy.npz"), env)), action)
     envs = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
-    np.testing.assert_array_equal(acts(envs, load("policy", envs, trained))[0], action)
+    np.testing.assert_array_equal(acts(envs, agents.load("policy", envs, trained))[0], action)
     one = gym.make("ActiveSLAMDiscrete-v0", gaze_period=0.25)
-    assert acts(one, load("policy", one, trained)) == 3 * action[0] + action[1]
+    assert acts(one, agents.load("policy", one, trained)) == 3 * action[0] + action[1]
     larger = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
-    acts(larger, load("policy", larger, trained))
+    acts(larger, agents.load("policy", larger, trained))
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
     env = gym.make("ActiveSLAM-v0")
-    policy, state, actions = load("policy", env, trained), None, []
+    policy, state, actions = agents.load("policy", env, trained), None, []
     observation, _ = env.reset(seed=0)
     for _ in range(10):
         action, state = policy.predict(observation, state)
@@ -151,13 +151,9 @@ def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
 def test_what_does_not_fit_is_said(trained: Path) -> None:
     env, quick = (gym.make("ActiveSLAM-v0", gaze_period=period) for period in (0.25, 0.2))
     with pytest.raises(ValueError, match="name must be one of policy, got 'absent'"):
-        load("absent", env, trained)
+        agents.load("absent", env, trained)
     with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
-        load("policy", quick, trained)
-    with pytest.raises(ValueError, match="total_steps must be positive and finite, got 0"):
-        Args(total_steps=0).check()
-    with pytest.raises(ValueError, match="policy: 'absent.npz' is no file of weights"):
-        policies.factory("absent.npz")
+        agents.load("policy", quick, trained)
 
 
 def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
@@ -192,14 +188,14 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
 ) -> None:
     furnished = gym.make("ActiveSLAM-v0", scenario="office", gaze_period=0.25)
     plain = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    acts(furnished, load("policy", furnished, trained))
+    acts(furnished, agents.load("policy", furnished, trained))
     train(Args(out=tmp_path, total_steps=40, scenario="office", **SMALL))
     assert json.loads((tmp_path / "policy.json").read_text())["scenario"] == "office"
     observation = furnished.reset(seed=3)[0]
     far = activeslam_gym.observation_layout(furnished).global_slices["clearance"]
     assert far.stop == activeslam_gym.observation_layout(furnished).tokens.start  # behind all others
     observation[far] = 1.0  # nothing within reach
-    here, there = load("policy", furnished, tmp_path), load("policy", plain, tmp_path)
+    here, there = agents.load("policy", furnished, tmp_path), agents.load("policy", plain, tmp_path)
     without = np.delete(observation, np.arange(far.start, far.stop))
     np.testing.assert_array_equal(here.predict(observation)[0], there.predict(without)[0])
 
@@ -208,44 +204,24 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
 def test_dqn_learns_on_the_discrete_actions_and_a2c_on_the_pairs(tmp_path: Path, algorithm: Any) -> None:
     train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **SMALL))
     env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    acts(env, load("policy", env, tmp_path))
-
-
-def test_the_quick_decision_is_that_of_the_learner(trained: Path, tmp_path: Path) -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    learner = PPO.load(trained / CHECKPOINT)
-    save(tmp_path / "last.npz", learner.policy, read_card(trained / "policy.npz"))
-    policy = load("last", env, tmp_path)
-    observation, _ = env.reset(seed=5)
-    for _ in range(20):
-        action, _ = policy.predict(observation)
-        np.testing.assert_array_equal(action, learner.predict(observation, deterministic=True)[0])
-        observation = env.step(env.action_space.sample())[0]
+    acts(env, agents.load("policy", env, tmp_path))
 
 
 def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from agents.learn.callbacks import Progress
+    from agents.learn.keeper import Keeper
 
-    def interrupt(self: Progress) -> bool:
+    def interrupt(self: Keeper) -> bool:
         if self.num_timesteps >= 20:
             raise KeyboardInterrupt
         return True
 
     with monkeypatch.context() as patched:
-        patched.setattr(Progress, "_on_step", interrupt)
+        patched.setattr(Keeper, "_on_step", interrupt)
         assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert {path.name for path in tmp_path.iterdir()} >= LEFT
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
     assert train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert "2 held-out rooms" in json.loads((tmp_path / "policy.json").read_text())["chosen"]
-
-
-def test_nothing_is_written_before_all_is_checked(tmp_path: Path) -> None:
-    bad: dict[str, Any] = {"reward": "bogus", "learning_rate": np.inf, "entropy_bonus": np.nan, "decision_period": 0.13}
-    for name, value in bad.items():
-        with pytest.raises(ValueError, match=f"{name}|gaze_period"):
-            train(Args(out=tmp_path / "new", total_steps=40, **(SMALL | {name: value})))
-    assert not (tmp_path / "new").exists()
 
 
 class Evil:
@@ -357,7 +333,7 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
     for name, (value, said) in bad.items():
         (tmp_path / "bad.json").write_text(json.dumps(card | {name: value}))
         with pytest.raises(ValueError, match=said):
-            load("bad", env, tmp_path)
+            agents.load("bad", env, tmp_path)
     learner = PPO.load(trained / CHECKPOINT)
     with torch.no_grad():
         next(learner.policy.parameters())[:] = np.nan
@@ -368,4 +344,4 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
     assert not list(tmp_path.glob("new*"))
     np.savez(tmp_path / "bad.npz", **{name: value.numpy() for name, value in learner.policy.state_dict().items()})
     with pytest.raises(ValueError, match=diverged):
-        load("bad", env, tmp_path)
+        agents.load("bad", env, tmp_path)

@@ -11,7 +11,7 @@ from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import motion_of, transition
-from activeslam_gym.slam.filter import candidates_of
+from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.world import simulator
 from activeslam_gym.world.noise import normals, uniforms
 from activeslam_gym.world.room import draw_room, draw_start, varied
@@ -37,7 +37,7 @@ def points_of(truth: simulator.World) -> np.ndarray:
 
 def look(scenario: Scenario, truth: simulator.World, frame: int) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (M, 2) and labels (M,) of one image."""
-    candidates = candidates_of(np.zeros((simulator.detection_capacity(scenario), 2)))
+    candidates = detections_of(np.zeros((simulator.detection_capacity(scenario), 2)))
     labels = np.zeros(len(candidates), np.int64)
     truth.state.frame = frame
     n = simulator.detect(camera_of(scenario), simulator.sensor_of(scenario), truth, candidates, labels)

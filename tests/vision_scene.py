@@ -1,22 +1,30 @@
 """A plane with a smooth texture and a target on it, seen through the lens: truth for the front end's tests."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
+from activeslam_gym.camera import camera_of
 from activeslam_gym.geometry import quaternion_exp, quaternion_product, rotation_matrix
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.target import Rectangle
+from activeslam_gym.vision.target import CORNERS, FACING, Rectangle
+from activeslam_gym.vision.views import projected
 
 LENS = Calibration(320, 240, 195.0, 162.0, 125.0, 1.8e-5)
-FACING = np.array((0.0, 0.0, 1.0, 0.0))
-"""q_WC of a camera that looks along -Z, upright."""
+CAMERA = camera_of(LENS.scenario())
 TARGET = Rectangle(0.21, 0.1485, np.zeros((4, 2)))
 
 
 def pose_at(position: tuple[float, float, float], turn: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> np.ndarray:
     """(7,) a camera at ``position`` [m] that faces the plane Z = 0, turned by the rotation vector ``turn`` [rad]."""
     return np.concatenate((position, quaternion_product(quaternion_exp(np.array(turn)), FACING)))
+
+
+def path(count: int, distance: float = 0.7, approach: float = 0.002) -> list[np.ndarray]:
+    """Poses of a hand that comes nearer by ``approach`` [m] an image."""
+    wave = [(0.03 + 0.05 * math.sin(0.25 * k), 0.04 * (1 - math.cos(0.2 * k))) for k in range(count)]
+    return [pose_at((x, y, distance - approach * k)) for k, (x, y) in enumerate(wave)]
 
 
 def plane_points(pose: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -37,22 +45,28 @@ def texture(X: np.ndarray) -> np.ndarray:
     return value
 
 
-def grey_value(X: np.ndarray, target: bool) -> np.ndarray:
-    """The plane, with the dark target on a white sheet where there is one."""
-    value = texture(X)
-    if target:
-        a, b = np.abs(X[..., 0]), np.abs(X[..., 1])
-        value = np.where((a < 0.165) & (b < 0.135), 220.0, value)
-        value = np.where((a < 0.5 * TARGET.width) & (b < 0.5 * TARGET.height), 40.0, value)
-    return value
+def with_target(X: np.ndarray) -> np.ndarray:
+    """The plane with the dark target on a white sheet."""
+    a, b = np.abs(X[..., 0]), np.abs(X[..., 1])
+    value = np.where((a < 0.165) & (b < 0.135), 220.0, texture(X))
+    return np.where((a < 0.5 * TARGET.width) & (b < 0.5 * TARGET.height), 40.0, value)
+
+
+def photographed(pose: np.ndarray, grey: Callable[[np.ndarray], np.ndarray] = texture, samples: int = 4) -> np.ndarray:
+    """The image (240, 320) uint8 of a plane of ``grey`` values, each pixel the mean of ``samples``^2 rays."""
+    steps = (np.arange(samples) + 0.5) / samples - 0.5
+    y, x = np.mgrid[: LENS.image_height, : LENS.image_width].astype(float)
+    total = sum(grey(plane_points(pose, x + dx, y + dy)) for dy in steps for dx in steps)
+    return np.clip(np.rint(total / samples**2), 0, 255).astype(np.uint8)
 
 
 def image_from(pose: np.ndarray, target: bool = False, samples: int = 4) -> np.ndarray:
-    """The image (240, 320) uint8 from ``pose``, each pixel the mean of ``samples`` x ``samples`` rays."""
-    steps = (np.arange(samples) + 0.5) / samples - 0.5
-    total = np.zeros((LENS.image_height, LENS.image_width))
-    for dy in steps:
-        for dx in steps:
-            y, x = np.mgrid[: LENS.image_height, : LENS.image_width].astype(float)
-            total += grey_value(plane_points(pose, x + dx, y + dy), target)
-    return np.clip(np.rint(total / samples**2), 0, 255).astype(np.uint8)
+    """The image of the textured plane, with the target or without."""
+    return photographed(pose, with_target if target else texture, samples)
+
+
+def target_fields(pose: np.ndarray) -> dict[str, object]:
+    """The file of the target that the first image from ``pose`` shows."""
+    corners = np.rint(projected(CAMERA, pose, TARGET.fiducials)).tolist()
+    size = {"width": TARGET.width, "height": TARGET.height}
+    return {"kind": "rectangle", **size, "corners_px": dict(zip(CORNERS, corners))}

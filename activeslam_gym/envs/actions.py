@@ -25,8 +25,8 @@ class Encoding:
     """The numbers must be whole."""
     allowed: str
     """The same in words, for errors."""
-    commands: Callable[[np.ndarray], np.ndarray]
-    """From actions (B, k) to commands (B, 4), see `motion.COMMANDS`."""
+    commands: Callable[..., np.ndarray]
+    """From the numbers of an action to its command (4,), or from k arrays (B,) to (B, 4); see `motion.COMMANDS`."""
 
     def read_one(self, action: Any) -> np.ndarray:
         """The command (4,) of an action.
@@ -39,7 +39,7 @@ class Encoding:
             numbers = array.ravel().tolist()
             limits = zip(numbers, self.most, strict=True)
             if all(self.least <= x <= most and (not self.whole or x == int(x)) for x, most in limits):
-                return self.commands(array.reshape(1, -1))[0]
+                return self.commands(*(map(int, numbers) if self.whole else numbers))
         raise ValueError(f"action must be {self.allowed}, got {action!r}")
 
     def read(self, actions: Any, playing: np.ndarray) -> np.ndarray:
@@ -59,7 +59,8 @@ class Encoding:
         if not good.all():
             i = int(np.argmin(good))
             raise ValueError(f"actions[{i}] must be {self.allowed}, got {array[i]!r}")
-        return self.commands(np.where(playing[:, None], rows, 0))
+        rows = np.where(playing[:, None], rows, 0)
+        return self.commands(*(rows.astype(int) if self.whole else rows).T)
 
 
 def _as_array(value: Any) -> np.ndarray:
@@ -70,25 +71,26 @@ def _as_array(value: Any) -> np.ndarray:
         return np.asarray(None)
 
 
-def _within_a_step(commands: np.ndarray) -> np.ndarray:
-    """``commands`` (B, 4) with displacements of length 1 at most, in double precision whatever they were given in."""
-    commands = commands.astype(float)
-    length = np.sqrt((commands[:, :3] ** 2).sum(axis=1, keepdims=True))
-    return np.concatenate((commands[:, :3] / np.maximum(length, 1.0), commands[:, 3:]), axis=1)
+def _within_a_step(*numbers: Any) -> np.ndarray:
+    """The command (..., 4) with a displacement of length 1 at most, in double precision whatever it was given in."""
+    command = np.stack(numbers, axis=-1).astype(float)
+    length = np.sqrt((command[..., :3] ** 2).sum(axis=-1, keepdims=True))
+    command[..., :3] /= np.maximum(length, 1.0)
+    return command
 
 
 PAIRS = Encoding(
     lambda: spaces.MultiDiscrete([MOTION_COUNT, GAZE_COUNT]),
     (2,), 0, (MOTION_COUNT - 1, GAZE_COUNT - 1), True,
     f"two whole numbers, a motion in 0 … {MOTION_COUNT - 1} and a gaze in 0 … {GAZE_COUNT - 1}",
-    lambda pairs: COMMANDS[pairs[:, 0].astype(int), pairs[:, 1].astype(int)],
+    lambda motion, gaze: COMMANDS[motion, gaze],
 )  # fmt: skip
 """Of `ActiveSLAM-v0`: a motion and a gaze."""
 INDICES = Encoding(
     lambda: spaces.Discrete(MOTION_COUNT * GAZE_COUNT),
     (), 0, (MOTION_COUNT * GAZE_COUNT - 1,), True,
     f"one whole number in 0 … {MOTION_COUNT * GAZE_COUNT - 1}",
-    lambda indices: COMMANDS[np.divmod(indices[:, 0].astype(int), GAZE_COUNT)],
+    lambda index: COMMANDS[divmod(index, GAZE_COUNT)],
 )  # fmt: skip
 """Of `ActiveSLAMDiscrete-v0`: the index 3 motion + gaze."""
 POINTS = Encoding(

@@ -36,7 +36,8 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
 
     ``phases`` (B,) are STEP, BEGIN or REST; ``commands`` (B, 4) as in `motion.COMMANDS`; those of a BEGIN are zero.
     """
-    covariance = np.empty(runs.estimate.covariance.shape[1:])  # one for all: it stays in the processor's cache
+    covariance = runs.estimate.covariance[start]  # one for all: it stays in the processor's cache
+    runs.estimate.state[start].whole = False
     for i in range(start, stop):
         if phases[i] == REST:
             continue
@@ -51,7 +52,7 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
                 advance(run, commands[i, 3], frame == frames - 1)
         appraise(run, phases[i] == BEGIN)
         observe(run)
-        run.estimate.state.whole = False  # see `complete`
+        run.estimate.state.whole = stop - start == 1  # the others' covariances wait for `complete`
 
 
 @borrowing

@@ -10,7 +10,7 @@ from activeslam_gym.kernels import Record, borrowed, compiled, inlined, record
 from activeslam_gym.motion import MOTION, MOTION_COUNT
 from activeslam_gym.slam.belief import Belief, belief_at, write_estimate
 from activeslam_gym.slam.estimate import EstimateArrays, estimate_at
-from activeslam_gym.slam.filter import COUNTS, FILTER
+from activeslam_gym.slam.frame import COUNTS, FILTER
 from activeslam_gym.world.simulator import SENSOR, World, boxes_of, world_at
 
 TASK = record(
@@ -92,7 +92,7 @@ class Run(NamedTuple):
     viewpoint: np.ndarray
     """(V,) VIEW from which was looked for them; V = 0 without negative information."""
     candidate: np.ndarray
-    """(M,) CANDIDATE: the last frame's detections, as the filter gets them."""
+    """(M,) DETECTION: the last frame's detections, as the filter gets them."""
     label: np.ndarray
     """(M,) of what each of them is; see `World`. For scoring alone."""
     first_seen: np.ndarray

@@ -17,7 +17,7 @@ from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import POSITION, QUATERNION, accelerations, goal_by, turn_by
 from activeslam_gym.sensors.sensor import IMAGES
-from activeslam_gym.slam.association import ANYTHING, CANDIDATE
+from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
     empty_beliefs,
     feature_capacity,
@@ -27,7 +27,7 @@ from activeslam_gym.slam.belief import (
     write_points,
 )
 from activeslam_gym.slam.estimate import empty_estimates
-from activeslam_gym.slam.filter import filter_frame
+from activeslam_gym.slam.frame import filter_frame
 from activeslam_gym.slam.kalman import feel_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
 from activeslam_gym.world.scenes import BoxScene, Scene
@@ -51,7 +51,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         from activeslam_gym.vision.room.scene import BOX_COUNT
 
         box_count = BOX_COUNT
-    candidate = np.zeros((count, detections), CANDIDATE)
+    candidate = np.zeros((count, detections), DETECTION)
     candidate["R"] = scenario.pixel_std**2 * np.eye(2)
     return Run(
         models=np.zeros(count, MODELS),
@@ -216,10 +216,8 @@ def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) 
     motion, candidates = models.motion, run.candidate[: run.episode.detections]
     if contact:
         feel_contact(run.ekf, u, motion.dt)
-    filter_frame(
-        models.camera, motion, models.filter, run.ekf, world.fiducials, known_boxes(run), u, motion.dt, candidates,
-        labelled, run.episode.events,
-    )  # fmt: skip
+    boxes, events = known_boxes(run), run.episode.events
+    filter_frame(models, run.ekf, world.fiducials, boxes, u, candidates, labelled, events)
     if ends:
         present(run)
     else:

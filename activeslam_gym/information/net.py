@@ -26,7 +26,7 @@ from activeslam_gym.linalg import (
     subtract_from_upper,
 )
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, open_loop, turn_of
-from activeslam_gym.slam.sight import POSE_DIM, THING, place_point
+from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
 
 
 class Noise(NamedTuple):
@@ -195,12 +195,14 @@ def _measure(
     fiducials, points, P = prospect.fiducials, prospect.points, prospect.covariance
     seen = foresee(camera, prospect.limits, prospect.boxes, pose, fiducials, points, prospect.first_seen)
     view, weight, prior = view_of(camera, pose, prospect.boxes), 1.0 / camera.pixel_std**2, 0.0
-    H_x, H_y = thing.H_camera, thing.H_feature
+    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
     for fiducial in fiducials:
-        if place_point(view, fiducial, 0.0, thing):
+        if visible(view, fiducial, 0.0, z) and point_measurement(view, fiducial, z, H_x, H_y):
             _add_gram(weight, H_x, POSE_DIM, H_x, POSE_DIM, Y)
     for k in range(points.shape[0]):
-        if start[k] == IGNORED or not seen[k] or not place_point(view, points[k], 0.0, thing):
+        if start[k] == IGNORED or not seen[k] or not visible(view, points[k], 0.0, z):
+            continue
+        if not point_measurement(view, points[k], z, H_x, H_y):
             continue
         if start[k] == ABSENT:
             Y[:n, n : n + 3], Y[n : n + 3, n : n + 3] = 0.0, 0.0

@@ -78,4 +78,5 @@ def sight_by(
         own = things[pairs * a : pairs * (a + 1)]
         own["row"], own["visibility"] = row, INSIDE
         own["column"], own["width"] = (CAMERA_DIM + 3 * (row - K), 3) if row >= K else (0, 0)
-    return sight_with(things, P, len(P), pixel_var)
+    things["R"] = pixel_var * np.eye(2)
+    return sight_with(things, P, len(P))

@@ -26,78 +26,23 @@ import math
 import numpy as np
 
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT
 from activeslam_gym.slam.constellation import Margins, log_missed, match_jointly, worth_of_pair
-from activeslam_gym.slam.hypotheses import Hypotheses, close, condition_on_all, measure_distances
+from activeslam_gym.slam.hypotheses import Hypotheses, accept, measure_distances, predicted_pixels
 from activeslam_gym.slam.sight import INSIDE, NEVER, Sight
 
-CANDIDATE = record(
+DETECTION = record(
     pixel=("f8", 2),  # [px]
     R=("f8", (2, 2)),  # covariance of its noise [px^2]
     id="i8",  # of the one thing that it may be; ANYTHING: any
     log_ratio="f8",  # log likelihood of its appearance, if it is that thing, over a stranger's
-    match="i8",  # the filter's answer: the id of the thing that it was taken for, or NEW or REJECTED
+    match="i8",  # the filter's answer: the id of the thing that it was matched to, or NEW or REJECTED
 )
-"""A pixel that may be a measurement. The ids are those of features (positive) and of fiducials (negative)."""
+"""A measured pixel before its association. The ids are those of features (positive) and of fiducials (negative)."""
 ANYTHING = 0
-LATELY, JUST_NOW = 10.0, 0.25
-"""A feature was seen lately, or just now, if that was no longer ago [s]."""
 NEW, REJECTED = 0, -(2**62)
-"""A candidate that nothing known explains; one that something may explain, too unclear to be used."""
-
-ASSOCIATION = record(
-    gate="f8",  # chi-square bound of a match
-    birth_gate="f8",  # and of what is near a prediction
-    sharp_std_px="f8",  # a predicted ellipse is sharp when its longest axis is at most this
-    clear_margin="f8",  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
-    border_margin="f8",  # and, near the border of the image, its lead over the thing's being outside, in ln
-    margin="f8",  # lead over both that a joint match needs, in ln
-    lately="i8",  # what was seen within so many frames was seen lately
-    just_now="i8",  # and within so many, just now
-    missed_margin="f8",  # of a feature seen lately: the lead over its not being detected, in ln
-    point_margin="f8",  # of a point seen lately, not just now: the lead over its being another candidate
-    point_missed_margin="f8",  # and over its not being detected
-    vague_px="f8",  # longest ellipse of an inverse depth not seen just now that may take any candidate [px]
-    twin_px="f8",  # things predicted nearer to each other are not told apart [px]
-    novelty="f8",  # lead of "it is of nothing known" that makes a candidate NEW, in ln
-    nodes="i8",  # of a joint search
-    detection_probability="f8",  # of what is in the image
-    clutter_cost="f8",  # -2 ln of the density of one stranger in an image, less that of 2 pi
-    landmarks="f8",  # that the room holds
-    clutter_rate="f8",  # false detections in an image
-    width="f8",  # of the image [px]
-    height="f8",
-)
-"""Constants of the association."""
-
-
-def association_of(scenario: Scenario) -> Record:
-    """The ASSOCIATION record of a scenario."""
-    return filled(
-        ASSOCIATION,
-        gate=chi_square_2_quantile(scenario.gate_probability),
-        birth_gate=chi_square_2_quantile(scenario.birth_gate_probability),
-        sharp_std_px=2.0 * scenario.pixel_std,
-        clear_margin=20.0,
-        border_margin=6.0,
-        margin=8.0,
-        lately=round(LATELY / scenario.frame_time),
-        just_now=round(JUST_NOW / scenario.frame_time),
-        missed_margin=6.0,
-        point_margin=5.0,
-        point_missed_margin=3.0,
-        vague_px=3.0 * scenario.pixel_std if scenario.command_known else math.inf,
-        twin_px=4.0 * scenario.pixel_std,
-        novelty=2.0,
-        nodes=400,
-        detection_probability=scenario.detection_probability,
-        clutter_cost=2.0 * math.log(scenario.image_width * scenario.image_height / (2.0 * math.pi)),
-        landmarks=scenario.landmark_count,
-        clutter_rate=scenario.clutter_rate,
-        width=scenario.image_width,
-        height=scenario.image_height,
-    )
+"""A detection that nothing known explains; one that something may explain, too unclear to be used."""
 
 
 def chi_square_2_quantile(probability: float) -> float:
@@ -105,20 +50,86 @@ def chi_square_2_quantile(probability: float) -> float:
     return -2.0 * math.log(1.0 - probability)
 
 
+ASSOCIATION, association_of = constants(
+    Scenario(),
+    gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
+    birth_gate=lambda s: chi_square_2_quantile(s.birth_gate_probability),  # and of what is near a prediction
+    pixel_var=lambda s: s.pixel_std**2,  # R of a detection that is still to come, each axis [px^2]
+    # a predicted ellipse, without R, is sharp when its longest axis squared is at most this [px^2]:
+    sharp_var=lambda s: 3.0 * s.pixel_std**2,
+    clear_margin=20.0,  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
+    border_margin=6.0,  # and, near the border of the image, its lead over the thing's being outside, in ln
+    margin=8.0,  # lead over both that a joint match needs, in ln
+    lately=lambda s: round(10.0 / s.frame_time),  # a feature matched within so many frames was seen lately
+    just_now=lambda s: round(0.25 / s.frame_time),  # and within so many, just now
+    missed_margin=6.0,  # of a feature seen lately: the lead over its not being detected, in ln
+    point_margin=5.0,  # of a point seen lately, not just now: the lead over its being another detection
+    point_missed_margin=3.0,  # and over its not being detected
+    command_known="b1",  # whether an ellipse may be vague, see `_is_vague`
+    vague_px=lambda s: 3.0 * s.pixel_std,  # longest ellipse of an inverse depth not seen just now [px]
+    twin_px=lambda s: 4.0 * s.pixel_std,  # things predicted nearer to each other are not told apart [px]
+    novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
+    nodes=400,  # of a joint search
+    detection_probability="f8",  # of what is in the image
+    # -2 ln of the density of one stranger in an image, less that of 2 pi:
+    clutter_cost=lambda s: 2.0 * math.log(s.image_width * s.image_height / (2.0 * math.pi)),
+    landmarks=lambda s: float(s.landmark_count),  # that the room holds
+    clutter_rate="f8",  # false detections in an image
+    width=lambda s: float(s.image_width),  # of the image [px]
+    height=lambda s: float(s.image_height),
+)
+"""Constants of the association."""
+
+
 @compiled
 def associate(
-    model: Record, pixel_var: float, sight: Sight, candidates: np.ndarray, features: int, waits: np.ndarray
+    model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
 ) -> tuple[np.ndarray, int]:
-    """Match ``candidates`` (M,) to the things in ``sight`` (v,) of a map with so many ``features``.
+    """Match ``detections`` (M,) to the things in ``sight`` (v,) of a map with so many ``features``.
 
-    Returns (v,) the candidate of each thing, or -1, with how many were matched jointly, and sets ``candidates.match``.
-    ``pixel_var`` is that of the R in ``sight.S``; ``waits`` (v,) bool is set for the things that a candidate may be of
-    without being clear enough to match.
+    Returns (v,) the detection of each thing, or -1, with the number of joint matches, and sets ``detections.match``.
+    ``waits`` (v,) bool is set for the things that a detection may be of without being clear enough to match.
     """
-    v, M = sight.thing.shape[0], candidates.shape[0]
+    h, v, M = _open_questions(model, sight, detections), sight.thing.shape[0], detections.shape[0]
+    of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
+    pair_worth, margins = worth_of_pair(model, expected_strangers(model, features)), _margins(model, sight.thing)
+    settled = False  # what a search of everything leaves open stays so
+    while _any_open(model, h):
+        if not _match_clear(model, h, sight.thing, detections, pair_worth, of_thing):
+            if settled:
+                break
+            matched, settled = match_jointly(model, h, detections, pair_worth, margins, of_thing, novelty)
+            jointly += matched
+            settled = settled or matched == 0
+    for i in range(M):
+        detections[i].match = NEW
+        for a in range(v):
+            if h.free[i] and h.d2[a, i] < model.birth_gate and novelty[i] < model.novelty:
+                detections[i].match = REJECTED
+                if h.open[a]:
+                    waits[a] = True
+    for a in range(v):
+        if of_thing[a] >= 0:
+            detections[of_thing[a]].match = sight.thing[a].id
+    taken_back = 0
+    for a in range(v):
+        if _has_twin(model, sight.thing, a):
+            taken_back += _take_back(detections, of_thing, waits, a)
+    if _returns_by_chance(model, sight, detections, of_thing):
+        for a in range(v):
+            if _comes_back(model, sight.thing[a]):
+                taken_back += _take_back(detections, of_thing, waits, a)
+    return of_thing, max(jointly - taken_back, 0)
+
+
+@compiled
+def _open_questions(model: Record, sight: Sight, detections: np.ndarray) -> Hypotheses:
+    """All things open, all detections free: which may be which, and by what distance."""
+    v, M = sight.thing.shape[0], detections.shape[0]
+    z, S = predicted_pixels(sight)
     h = Hypotheses(
-        np.empty(2 * v),
-        sight.S.copy(),
+        z,
+        S,
         np.ones(v, np.bool_),
         np.ones(M, np.bool_),
         np.empty((v, M), np.bool_),
@@ -126,35 +137,12 @@ def associate(
         np.full((v, M), np.inf),
     )
     for a in range(v):
-        thing = sight.thing[a]
-        h.z[2 * a], h.z[2 * a + 1] = thing.z_hat[0], thing.z_hat[1]
         vague = _is_vague(model, sight, a)
         for i in range(M):
-            h.allowed[a, i] = candidates[i].id == thing.id or (candidates[i].id == ANYTHING and not vague)
-    of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
-    strangers, margins = expected_strangers(model, features), _margins(model, sight.thing)
-    measure_distances(h, candidates, pixel_var)
-    settled = False  # what a search of everything leaves open stays so
-    while _any_open(model, h):
-        if not _match_clear(model, h, sight.thing, candidates, pixel_var, worth_of_pair(model, strangers), of_thing):
-            if settled:
-                break
-            matched, settled = match_jointly(model, h, candidates, pixel_var, strangers, margins, of_thing, novelty)
-            jointly += matched
-            settled = settled or matched == 0
-    for i in range(M):
-        candidates[i].match = NEW
-        for a in range(v):
-            if h.free[i] and h.d2[a, i] < model.birth_gate and novelty[i] < model.novelty:
-                candidates[i].match = REJECTED
-                if h.open[a]:
-                    waits[a] = True
-    for a in range(v):
-        if of_thing[a] >= 0:
-            candidates[of_thing[a]].match = sight.thing[a].id
-    taken_back = _leave_twins(model, sight.thing, candidates, of_thing, waits)
-    taken_back += _leave_returns(model, sight, candidates, of_thing, waits)
-    return of_thing, max(jointly - taken_back, 0)
+            id = detections[i].id
+            h.allowed[a, i] = id == sight.thing[a].id or (id == ANYTHING and not vague)
+    measure_distances(h, detections)
+    return h
 
 
 @compiled
@@ -178,52 +166,45 @@ def _margins(model: Record, things: np.ndarray) -> Margins:
 
 
 @borrowing
-def _leave_twins(
-    model: Record, things: np.ndarray, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray
-) -> int:
-    """Take back the matches of ``things`` (v,) predicted side by side, by candidates that may be anything; how many.
+def _take_back(detections: np.ndarray, of_thing: np.ndarray, waits: np.ndarray, a: int) -> int:
+    """Take back the match of thing ``a`` by a detection that may be anything; the number of matches taken back."""
+    i = of_thing[a]
+    if i < 0 or detections[i].id != ANYTHING:
+        return 0
+    detections[i].match, of_thing[a], waits[a] = REJECTED, -1, True
+    return 1
+
+
+@borrowing
+def _has_twin(model: Record, things: np.ndarray, a: int) -> bool:
+    """Whether another of the ``things`` (v,) is predicted beside thing ``a``.
 
     Two that are d apart are told apart by (d / s)^2 +- sqrt(2) d / s nats, s the deviation of a pixel: at d = 4 s by
     16 +- 6, so that hardly a match that is clear enough owes it to its noise.
     """
-    taken_back = 0
-    for a in range(things.shape[0]):
-        i, z = of_thing[a], things[a].z_hat
-        if i < 0 or candidates[i].id != ANYTHING:
-            continue
-        for b in range(things.shape[0]):
-            other = things[b].z_hat
-            if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
-                candidates[i].match, of_thing[a], waits[a] = REJECTED, -1, True
-                taken_back += 1
-                break
-    return taken_back
+    z = things[a].z_hat
+    for b in range(things.shape[0]):
+        other = things[b].z_hat
+        if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
+            return True
+    return False
 
 
 @borrowing
-def _leave_returns(model: Record, sight: Sight, candidates: np.ndarray, of_thing: np.ndarray, waits: np.ndarray) -> int:
-    """Take back all matches of what `_comes_back` where no fewer that should have no candidate near; how many.
+def _returns_by_chance(model: Record, sight: Sight, detections: np.ndarray, of_thing: np.ndarray) -> bool:
+    """Whether as many things that come back have no detection near, although they should, as have a match.
 
     An estimate that is wrong by more than it knows predicts fiducials and old points where they are not. Where one of
     them meets a stranger by chance, the others meet nothing.
     """
-    back, missing, taken_back = 0, 0, 0
+    back, missing = 0, 0
     for a in range(of_thing.shape[0]):
-        if not _comes_back(model, sight.thing[a]):
-            continue
-        if of_thing[a] >= 0:
-            back += 1
-        elif sight.thing[a].visibility == INSIDE:
-            missing += not _is_met(model, sight, a, candidates)
-    if missing < back:
-        return 0
-    for a in range(of_thing.shape[0]):
-        i = of_thing[a]
-        if i < 0 or candidates[i].id != ANYTHING or not _comes_back(model, sight.thing[a]):
-            continue
-        candidates[i].match, of_thing[a], waits[a] = REJECTED, -1, True
-        taken_back += 1
-    return taken_back
+        if _comes_back(model, sight.thing[a]):
+            if of_thing[a] >= 0:
+                back += 1
+            elif sight.thing[a].visibility == INSIDE:
+                missing += not _is_met(model, sight, a, detections)
+    return missing >= back > 0
 
 
 @borrowing
@@ -233,12 +214,12 @@ def _comes_back(model: Record, thing: Record) -> bool:
 
 
 @borrowing
-def _is_met(model: Record, sight: Sight, a: int, candidates: np.ndarray) -> bool:
-    """Whether any candidate is within the birth gate of thing ``a``, as it was predicted."""
+def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool:
+    """Whether any detection is within the birth gate of thing ``a``, as it was predicted."""
     s00, s01, s11 = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
     bound, z = model.birth_gate * (s00 * s11 - s01 * s01), sight.thing[a].z_hat
-    for i in range(candidates.shape[0]):
-        u, v = candidates[i].pixel[0] - z[0], candidates[i].pixel[1] - z[1]
+    for i in range(detections.shape[0]):
+        u, v = detections[i].pixel[0] - z[0], detections[i].pixel[1] - z[1]
         if s11 * u * u - 2.0 * s01 * u * v + s00 * v * v < bound:
             return True
     return False
@@ -253,7 +234,8 @@ def _is_vague(model: Record, sight: Sight, a: int) -> bool:
     """
     thing = sight.thing[a]
     return (
-        thing.width == KIND_DIM[INVERSE_DEPTH]
+        model.command_known
+        and thing.width == KIND_DIM[INVERSE_DEPTH]
         and thing.unseen > model.just_now
         and _longest_square(sight.S, a) > model.vague_px**2
     )
@@ -278,7 +260,7 @@ def expected_strangers(model: Record, features: int) -> float:
 
 @borrowing
 def _any_open(model: Record, h: Hypotheses) -> bool:
-    """Whether an open thing and a free candidate may still belong together."""
+    """Whether an open thing and a free detection may still belong together."""
     for a in range(h.open.shape[0]):
         if h.open[a]:
             for i in range(h.free.shape[0]):
@@ -287,50 +269,36 @@ def _any_open(model: Record, h: Hypotheses) -> bool:
     return False
 
 
-@borrowing
-def _is_sharp(model: Record, h: Hypotheses, a: int) -> bool:
-    """Whether the longest axis of thing ``a``'s ellipse is within the limit."""
-    return _longest_square(h.S, a) <= model.sharp_std_px**2
-
-
 @compiled
 def _match_clear(
-    model: Record,
-    h: Hypotheses,
-    things: np.ndarray,
-    candidates: np.ndarray,
-    pixel_var: float,
-    worth: float,
-    of_thing: np.ndarray,
+    model: Record, h: Hypotheses, things: np.ndarray, detections: np.ndarray, pair_worth: float, of_thing: np.ndarray
 ) -> bool:
-    """Match every sharp thing that has a clear partner, then condition the rest on them; whether there was any.
+    """Match every sharp thing that has a clear partner, and condition the rest on them; whether there was any.
 
     Near the border a thing may just be outside, and a stranger beside it: there the match has to lead that, too. A
-    pair's likelihood is ``worth`` less half of its cost.
+    pair's likelihood is ``pair_worth`` less half of its cost.
     """
-    v = h.open.shape[0]
+    v, found = h.open.shape[0], False
     partner = np.full(v, -1)
-    found = False
     for a in range(v):
-        if h.open[a] and _is_sharp(model, h, a):
+        if h.open[a] and _longest_square(h.S, a) <= model.sharp_var:
             partner[a] = _clear_partner(model, h, a)
             if partner[a] >= 0 and things[a].visibility != INSIDE:
-                lead = worth - 0.5 * h.cost[a, partner[a]] - log_missed(model, h, a)
+                lead = pair_worth - 0.5 * h.cost[a, partner[a]] - log_missed(model, h, a)
                 partner[a] = partner[a] if lead >= model.border_margin else -1
             found |= partner[a] >= 0
     for a in range(v):
         if partner[a] >= 0:
             of_thing[a] = partner[a]
-            close(h, a, partner[a])
-    if found and _any_open(model, h):
-        condition_on_all(h, partner, candidates, pixel_var)
-        measure_distances(h, candidates, pixel_var)
+            accept(h, a, partner[a], detections)
+    if found:
+        measure_distances(h, detections)
     return found
 
 
 @borrowing
 def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
-    """The free candidate that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
+    """The free detection that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
     best = -1
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):

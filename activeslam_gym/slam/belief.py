@@ -151,19 +151,6 @@ def fiducial_id(k: int) -> int:
     return -1 - k
 
 
-@borrowing
-def position_of(belief: Belief, serial: int) -> int:
-    """Where the feature with that id stands in ``belief.feature``, or -1. They are in the order of their births."""
-    feature, low, high = belief.feature, 0, belief.state.count
-    while low < high:
-        middle = (low + high) // 2
-        if feature[middle].serial < serial:
-            low = middle + 1
-        else:
-            high = middle
-    return low if low < belief.state.count and feature[low].serial == serial else -1
-
-
 # Features as points -------------------------------------------------------------------------------------------------
 
 
@@ -203,26 +190,18 @@ def point_of(belief: Belief, k: int, T: np.ndarray) -> np.ndarray:
     y = anchor + depth m(azimuth, elevation); by inverse depth rho, dy/d rho = -m / rho^2. Columns beyond the kind's
     dimensions are not written.
     """
-    y = np.empty(3)
-    _write_point(belief, k, y, T)
-    return y
-
-
-@compiled
-def _write_point(belief: Belief, k: int, y: np.ndarray, T: np.ndarray) -> None:
-    """`point_of`, into ``y`` (3,)."""
-    feature = belief.feature[k]
+    feature, y = belief.feature[k], np.empty(3)
     for i in range(3):
         y[i] = feature.mean[i]
         for j in range(3):
             T[i, j] = 1.0 if i == j else 0.0
-    if feature.kind == POINT:
-        return
-    m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
-    depth = feature.depth if feature.kind == RAY else 1.0 / feature.mean[RHO]
-    for i in range(3):
-        y[i] += depth * m[0][i]
-        T[i, AZIMUTH], T[i, ELEVATION], T[i, RHO] = depth * m[1][i], depth * m[2][i], -depth * depth * m[0][i]
+    if feature.kind != POINT:
+        m = bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
+        depth = feature.depth if feature.kind == RAY else 1.0 / feature.mean[RHO]
+        for i in range(3):
+            y[i] += depth * m[0][i]
+            T[i, AZIMUTH], T[i, ELEVATION], T[i, RHO] = depth * m[1][i], depth * m[2][i], -depth * depth * m[0][i]
+    return y
 
 
 @compiled
@@ -267,7 +246,7 @@ def point_belief(belief: Belief, points: np.ndarray, covariance: np.ndarray) -> 
     n, dim, P = belief.state.count, belief.state.dim, belief.covariance
     T, TP = np.empty((n, 3, FEATURE_SIZE)), np.zeros((3, dim))
     for k in range(n):
-        _write_point(belief, k, points[k], T[k])
+        copy_into(points[k], point_of(belief, k, T[k]))
     _copy_identity_part(belief, covariance)
     for k in range(n):
         feature, own = belief.feature[k], CAMERA_DIM + 3 * k
@@ -293,7 +272,7 @@ def positions_of(belief: Belief) -> np.ndarray:
     n, T = belief.state.count, np.empty((3, FEATURE_SIZE))
     points = np.empty((n, 3))
     for k in range(n):
-        _write_point(belief, k, points[k], T)
+        copy_into(points[k], point_of(belief, k, T))
     return points
 
 

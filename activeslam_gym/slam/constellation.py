@@ -1,12 +1,12 @@
 """Joint matching: what the open things are, all together, by branch and bound over their joint Gaussian.
 
-An assignment gives each thing a candidate or none. Its log likelihood, against "all are of nothing known", is
+An assignment gives each thing a detection or none. Its log likelihood, against "all are of nothing known", is
 
     sum over pairs    ln N(z; z_hat, S | the pairs before) - ln(strangers per px^2)
   + sum over others   ln(1 - P_D P(its pixel is in the image)).
 
 A pair is accepted when the best assignment leads every one that makes something else of the thing by a margin, one for
-another candidate and one for none; and a candidate is of nothing known when the best that leaves it unexplained leads
+another detection and one for none; and a detection is of nothing known when the best that leaves it unexplained leads
 every one that explains it. (Neira and Tardos, "Data association in stochastic mapping using the joint compatibility
 test", 2001, count pairs; here wide ellipses pay for their width, and misses for standing in the image.) The search is
 bounded by nodes, never by the clock: where they run out, the sharper half of the things is searched by itself, which
@@ -18,55 +18,57 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.kernels import Record, borrowing, compiled, inlined
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, diagonal, solve_transposed
-from activeslam_gym.slam.hypotheses import Hypotheses, close, condition, measure_distances
+from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measure_distances
 
 MOST_THINGS = 14
 """A search takes so many things, the sharpest."""
-UNDECIDED, MISSED = -2, -1
-"""Answers beside the number of a candidate."""
+MISSED = -1
+"""The answer in place of the number of a detection."""
 
 
 class Margins(NamedTuple):
     """By how much what a thing is must lead what else it may be, in ln; at most ``model.margin``, where search ends."""
 
     other: np.ndarray
-    """(v,) another candidate."""
+    """(v,) another detection."""
     missed: np.ndarray
     """(v,) none."""
 
 
 class Search(NamedTuple):
-    """A depth-first search that decides one thing a level; n + 1 levels of n things and M candidates."""
+    """A depth-first search that decides one thing a level; n + 1 levels of n things and M detections."""
 
     thing: np.ndarray
     """(n + 1,) the one that the level decides."""
     choice: np.ndarray
-    """(n + 1, M + 1) what it may be: candidates, the likeliest first, and MISSED."""
+    """(n + 1, M + 1) what it may be: detections, the likeliest first, and MISSED."""
     choices: np.ndarray
     """(n + 1,) how many these are."""
     tried: np.ndarray
     """(n + 1,) and how many of them have been followed."""
     answer: np.ndarray
-    """(n + 1, n) what has been decided of each thing."""
+    """(n + 1, n) the decisions so far."""
     score: np.ndarray
-    """(n + 1,) its log likelihood."""
+    """(n + 1,) their log likelihood."""
     rest: np.ndarray
-    """(n + 1,) what the other open things cannot add more than."""
+    """(n + 1,) upper bound of what the other open things add."""
     most: np.ndarray
-    """(n,) what no pair of the thing is worth more than."""
+    """(n,) upper bound of the worth of any pair of the thing."""
     reached: np.ndarray
     """(M,) room to mark what some open thing reaches."""
+    pair_worth: float
+    """See `worth_of_pair`."""
 
 
 class Outcome(NamedTuple):
     """The greatest scores that were found."""
 
     with_pair: np.ndarray
-    """(n, M + 1) of those in which the thing is the candidate; in the last column, is missed."""
+    """(n, M + 1) of those in which the thing is the detection; in the last column, is missed."""
     without: np.ndarray
-    """(M,) of those that leave the candidate unexplained."""
+    """(M,) of those that leave the detection unexplained."""
     answer: np.ndarray
     """(n,) the best."""
 
@@ -75,27 +77,26 @@ class Outcome(NamedTuple):
 def match_jointly(
     model: Record,
     h: Hypotheses,
-    candidates: np.ndarray,
-    pixel_var: float,
-    strangers: float,
+    detections: np.ndarray,
+    pair_worth: float,
     margins: Margins,
     of_thing: np.ndarray,
     novelty: np.ndarray,
 ) -> tuple[int, bool]:
-    """Match what the open things of ``h`` are together, and condition the rest on it.
+    """Match the open things of ``h`` together, and condition the rest on the matches.
 
     Returns how many were matched, and whether the search took all things in reach.
 
-    ``model``: ASSOCIATION; ``strangers``: candidates of nothing known that are expected in an image; ``margins``: the
-    leads that matches of the v things need. Writes ``of_thing`` (v,), and ``novelty`` (M,): by how much the best
-    assignment that leaves a candidate unexplained leads, 0 where the search did not take all things in reach.
+    ``model``: ASSOCIATION; ``pair_worth``: see `worth_of_pair`; ``margins``: the leads that matches of the v things
+    need. Writes ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a detection
+    unexplained leads, 0 where the search did not take all things in reach.
     """
     in_reach = _in_reach(model, h)
-    chosen, pair_worth = in_reach[:MOST_THINGS], worth_of_pair(model, strangers)
-    outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
+    chosen = in_reach[:MOST_THINGS]
+    outcome, best = _search(model, h, chosen, detections, pair_worth)
     while best == -np.inf and chosen.shape[0] > 2:
         chosen = chosen[: chosen.shape[0] // 2]
-        outcome, best = _search(model, h, chosen, candidates, pixel_var, pair_worth)
+        outcome, best = _search(model, h, chosen, detections, pair_worth)
     novelty[:] = 0.0
     complete = best > -np.inf and chosen.shape[0] == in_reach.shape[0]
     if complete:
@@ -108,39 +109,38 @@ def match_jointly(
         other, missed = _best_rivals(outcome, k, i)
         if best - other >= margins.other[a] and best - missed >= margins.missed[a]:
             of_thing[a] = i
-            close(h, a, i)
-            condition(h, h.open, a, candidates[i], pixel_var)
+            accept(h, a, i, detections)
             matched += 1
-    measure_distances(h, candidates, pixel_var)
+    measure_distances(h, detections)
     return matched, complete
 
 
 @compiled
 def _search(
-    model: Record, h: Hypotheses, chosen: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_worth: float
+    model: Record, h: Hypotheses, chosen: np.ndarray, detections: np.ndarray, pair_worth: float
 ) -> tuple[Outcome, float]:
-    """What was found of the ``chosen`` (n,) things, and the greatest score: -inf where the nodes ran out."""
-    n, M = chosen.shape[0], candidates.shape[0]
+    """The outcome for the ``chosen`` (n,) things, and the greatest score: -inf where the nodes ran out."""
+    n, M = chosen.shape[0], detections.shape[0]
+    levels = _levels(h, chosen)
     search = Search(
         np.zeros(n + 1, np.int64),
         np.empty((n + 1, M + 1), np.int64),
         np.zeros(n + 1, np.int64),
         np.zeros(n + 1, np.int64),
-        np.full((n + 1, n), UNDECIDED),
+        np.full((n + 1, n), MISSED),
         np.zeros(n + 1),
         np.zeros(n + 1),
-        np.empty(n),
+        _bound_pairs(levels.S[0], detections, pair_worth),
         np.empty(M, np.bool_),
+        pair_worth,
     )
     outcome = Outcome(np.full((n, M + 1), -np.inf), np.full(M, -np.inf), np.full(n, MISSED))
-    levels = _levels(h, chosen)
-    _bound_pairs(levels.S[0], candidates, pixel_var, pair_worth, search.most)
-    return outcome, _explore(model, levels, search, outcome, candidates, pixel_var, pair_worth)
+    return outcome, _explore(model, levels, search, outcome, detections)
 
 
 @compiled
 def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
-    """The open things with a free candidate inside the birth gate, the sharpest first, by tr S."""
+    """The open things with a free detection inside the birth gate, the sharpest first, by tr S."""
     chosen, size, n = np.empty(h.open.shape[0], np.int64), np.empty(h.open.shape[0]), 0
     for a in range(h.open.shape[0]):
         near = 0
@@ -182,7 +182,7 @@ def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
     return levels
 
 
-@compiled(inline="always")
+@inlined
 def _level(levels: Hypotheses, d: int) -> Hypotheses:
     """The hypotheses of one level: views."""
     return Hypotheses(
@@ -191,19 +191,11 @@ def _level(levels: Hypotheses, d: int) -> Hypotheses:
 
 
 @borrowing
-def _explore(
-    model: Record,
-    levels: Hypotheses,
-    search: Search,
-    outcome: Outcome,
-    candidates: np.ndarray,
-    pixel_var: float,
-    pair_worth: float,
-) -> float:
+def _explore(model: Record, levels: Hypotheses, search: Search, outcome: Outcome, detections: np.ndarray) -> float:
     """Search through; the greatest score, or -inf with no answer in ``outcome`` where the nodes ran out."""
     best, nodes, depth, arrived = -np.inf, 0, 0, True
     while depth >= 0:
-        if arrived and not _look(model, _level(levels, depth), search, depth, candidates, pixel_var):
+        if arrived and not _look(model, _level(levels, depth), search, depth, detections):
             best = _note(levels.free[depth], search, depth, outcome, best)
             depth -= 1
             arrived = False
@@ -212,7 +204,7 @@ def _explore(
         if search.tried[depth] == search.choices[depth]:
             depth -= 1
             continue
-        score = _worth(model, _level(levels, depth), search, depth, pair_worth)
+        score = _score_of_next(model, _level(levels, depth), search, depth)
         if score + search.rest[depth] < best - model.margin:
             search.tried[depth] += 1
             continue
@@ -221,46 +213,46 @@ def _explore(
             for a in range(outcome.answer.shape[0]):
                 outcome.answer[a] = MISSED
             return -np.inf
-        _descend(levels, search, depth, score, candidates, pixel_var)
+        _descend(levels, search, depth, score, detections)
         depth += 1
         arrived = True
     return best
 
 
 @compiled
-def _bound_pairs(S: np.ndarray, candidates: np.ndarray, pixel_var: float, pair_worth: float, most: np.ndarray) -> None:
-    """What no pair of each thing is worth more than: that at the predicted pixel, given where all others are.
+def _bound_pairs(S: np.ndarray, detections: np.ndarray, pair_worth: float) -> np.ndarray:
+    """(n,) upper bound of the worth of any pair of each thing: at the predicted pixel, given where all others are.
 
     Of a joint covariance with the inverse A, what is given all others has the covariance A_aa^-1: no conditioning makes
-    a thing sharper. It is taken with the least R of the ``candidates``.
+    a thing sharper. It is taken with the least R of the ``detections``.
     """
-    n, least, ratio = S.shape[0], pixel_var, -np.inf
-    for i in range(candidates.shape[0]):
-        R = candidates[i].R
+    n, least, ratio = S.shape[0], np.inf, -np.inf
+    for i in range(detections.shape[0]):
+        R = detections[i].R
         half, differ = 0.5 * (R[0, 0] + R[1, 1]), 0.5 * (R[0, 0] - R[1, 1])
         least = min(least, half - math.sqrt(differ * differ + R[0, 1] * R[0, 1]))
-        ratio = max(ratio, candidates[i].log_ratio)
-    U, V = S.copy(), diagonal(np.full(n, 1.0))
+        ratio = max(ratio, detections[i].log_ratio)
+    U, V, most = S.copy(), diagonal(np.full(n, 1.0)), np.full(n // 2, np.inf)
     for a in range(n):
-        U[a, a] += least - pixel_var
-    sound = cholesky_in_place(U)
-    if sound:
+        U[a, a] += least
+    if cholesky_in_place(U):
         solve_transposed(U, V)
-    for a in range(n // 2):
-        a00, a01, a11 = 0.0, 0.0, 0.0
-        for k in range(n):
-            u, v = V[k, 2 * a], V[k, 2 * a + 1]
-            a00, a01, a11 = a00 + u * u, a01 + u * v, a11 + v * v
-        most[a] = pair_worth + ratio + 0.5 * math.log(a00 * a11 - a01 * a01) if sound else np.inf
+        for a in range(n // 2):
+            a00, a01, a11 = 0.0, 0.0, 0.0
+            for k in range(n):
+                u, v = V[k, 2 * a], V[k, 2 * a + 1]
+                a00, a01, a11 = a00 + u * u, a01 + u * v, a11 + v * v
+            most[a] = pair_worth + ratio + 0.5 * math.log(a00 * a11 - a01 * a01)
+    return most
 
 
-@compiled(inline="always")
-def _look(model: Record, h: Hypotheses, search: Search, depth: int, candidates: np.ndarray, pixel_var: float) -> bool:
-    """What is left at a level: things without a candidate are missed, and the one with the fewest is decided next.
+@borrowing
+def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: np.ndarray) -> bool:
+    """Prepare a level: things without a detection are missed, and the one with the fewest is decided next.
 
-    False, where nothing is.
+    False where nothing is left to decide.
     """
-    measure_distances(h, candidates, pixel_var)
+    measure_distances(h, detections)
     n, M, reached = h.open.shape[0], h.free.shape[0], search.reached
     fewest, most, highest = M + 1, 0.0, 0.0
     for i in range(M):
@@ -289,17 +281,17 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, candidates: 
     return fewest <= M
 
 
-@compiled(inline="always")
-def _worth(model: Record, h: Hypotheses, search: Search, depth: int, pair_worth: float) -> float:
+@borrowing
+def _score_of_next(model: Record, h: Hypotheses, search: Search, depth: int) -> float:
     """The score that follows a level's next choice."""
     a = search.thing[depth]
     i = search.choice[depth, search.tried[depth]]
-    return search.score[depth] + (log_missed(model, h, a) if i == MISSED else pair_worth - 0.5 * h.cost[a, i])
+    return search.score[depth] + (log_missed(model, h, a) if i == MISSED else search.pair_worth - 0.5 * h.cost[a, i])
 
 
-@compiled(inline="always")
+@borrowing
 def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> None:
-    """The free candidates near the level's thing, the likeliest first, and MISSED."""
+    """The free detections near the level's thing, the likeliest first, and MISSED."""
     a, choice, count = search.thing[depth], search.choice[depth], 0
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.birth_gate:
@@ -315,24 +307,23 @@ def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> N
 
 @borrowing
 def worth_of_pair(model: Record, strangers: float) -> float:
-    """What explains a candidate is worth so much, less half of the pair's cost: it is no stranger."""
+    """The log likelihood ratio of a pair against a stranger, plus half of the pair's cost."""
     return 0.5 * model.clutter_cost - math.log(strangers)
 
 
 @borrowing
 def log_missed(model: Record, h: Hypotheses, a: int) -> float:
-    """ln(1 - P_D P(in the image)) of thing ``a``, its pixel's axes taken as independent."""
-    wide_u, wide_v = math.sqrt(2.0 * h.S[2 * a, 2 * a]), math.sqrt(2.0 * h.S[2 * a + 1, 2 * a + 1])
+    """ln(1 - P_D P(in the image)) of thing ``a``, the axes of its measured pixel taken as independent."""
+    wide_u = math.sqrt(2.0 * (h.S[2 * a, 2 * a] + model.pixel_var))
+    wide_v = math.sqrt(2.0 * (h.S[2 * a + 1, 2 * a + 1] + model.pixel_var))
     u, v = h.z[2 * a], h.z[2 * a + 1]
     inside_u = 0.5 * (math.erf((model.width - u) / wide_u) + math.erf(u / wide_u))
     inside_v = 0.5 * (math.erf((model.height - v) / wide_v) + math.erf(v / wide_v))
     return math.log(1.0 - model.detection_probability * inside_u * inside_v)
 
 
-@compiled(inline="always")
-def _descend(
-    levels: Hypotheses, search: Search, depth: int, score: float, candidates: np.ndarray, pixel_var: float
-) -> None:
+@borrowing
+def _descend(levels: Hypotheses, search: Search, depth: int, score: float, detections: np.ndarray) -> None:
     """Follow the next choice of a level, with its ``score``, into the level below."""
     h, below, a = _level(levels, depth), _level(levels, depth + 1), search.thing[depth]
     i = search.choice[depth, search.tried[depth]]
@@ -346,10 +337,10 @@ def _descend(
     below.open[a] = False
     if i != MISSED:
         below.free[i] = False
-        condition(below, below.open, a, candidates[i], pixel_var)
+        condition(below.z, below.S, below.open, a, detections[i])
 
 
-@compiled(inline="always")
+@borrowing
 def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: float) -> float:
     """Take down a leaf; returns the best score so far."""
     score, answer, M = search.score[depth], search.answer[depth], free.shape[0]
@@ -366,7 +357,7 @@ def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: 
 
 @borrowing
 def _best_rivals(outcome: Outcome, a: int, i: int) -> tuple[float, float]:
-    """The best scores in which thing ``a`` is another candidate than ``i``, and in which it is missed."""
+    """The best scores in which thing ``a`` is another detection than ``i``, and in which it is missed."""
     scores, other = outcome.with_pair[a], -np.inf
     for j in range(scores.shape[0] - 1):
         if j != i:
@@ -376,7 +367,7 @@ def _best_rivals(outcome: Outcome, a: int, i: int) -> tuple[float, float]:
 
 @borrowing
 def _write_novelty(outcome: Outcome, best: float, margin: float, novelty: np.ndarray) -> None:
-    """How far leaving each candidate unexplained leads explaining it, at most the margin."""
+    """How far leaving each detection unexplained leads explaining it, at most the margin."""
     for i in range(novelty.shape[0]):
         explained = best - margin
         for a in range(outcome.answer.shape[0]):

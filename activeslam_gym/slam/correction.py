@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of
-from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into, solve_vector
 from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import Belief
@@ -23,27 +22,6 @@ SHORTEST = 0.05
 """A step is halved until it lowers the cost, but not to under this share of it."""
 ROUNDING = 1e-9
 """By which a cost that is lower may seem higher."""
-PRODUCT_FRAMES = 8.0
-"""So many frames tell of a product of two errors together what one does.
-
-Where the commands are known, the errors of a way and of an inverse depth hardly change from frame to frame, so neither
-does their product; where they are not known, each frame's way is a new one.
-"""
-
-CORRECTION = record(
-    product_frames="f8",  # for which the second-order noise of inverse depth stays what it is
-)
-"""Constants of the correction."""
-
-
-def correction_of(scenario: Scenario) -> Record:
-    """The CORRECTION record of a scenario."""
-    return filled(CORRECTION, product_frames=product_frames(scenario.command_known))
-
-
-def product_frames(last: bool) -> float:
-    """In how many frames a product of two errors counts: in several if it lasts."""
-    return PRODUCT_FRAMES if last else 1.0
 
 
 class Step(NamedTuple):
@@ -53,10 +31,12 @@ class Step(NamedTuple):
     """(dim,) in the tangent."""
     pull: np.ndarray
     """(dim,) P^-1 delta."""
+    cost: float
+    """delta^T P^-1 delta + (z - h)^T R^-1 (z - h) there; inf where it lowers nothing."""
 
 
 @compiled
-def correct(camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, pixels: np.ndarray) -> bool:
+def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, pixels: np.ndarray) -> bool:
     """x ⊞ delta, P - W^T W by the ``pixels`` (2 m,) of the m things in ``sight``, which is overwritten.
 
     The iterated Kalman filter (Bell and Cathey 1993), which is Gauss and Newton's descent of the cost
@@ -64,29 +44,30 @@ def correct(camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight,
     the last mean x_i = x ⊞ delta_i, and half of such a step where the whole would raise the cost. False, with nothing
     changed, if S has no factor, or no step lowers the cost.
     """
-    dim, things, var = belief.state.dim, sight.thing, camera.pixel_std**2
+    dim, things = belief.state.dim, sight.thing
     first, features = belief.state.camera.copy(), belief.feature[: belief.state.count].copy()
-    line = np.empty(pixels.shape[0])  # what the line through the last mean says of the pixels at delta = 0
+    line = np.empty(pixels.shape[0])  # the pixels at delta = 0, by the line through the last mean
     for r in range(line.shape[0]):
         line[r] = things[r // 2].z_hat[r % 2]
     HP, S, W, moved = sight.HP, sight.S, np.zeros((1, dim)), False
-    last, cost = Step(np.zeros(dim), np.zeros(dim)), _misfit(things, pixels, var)
+    last = Step(np.zeros(dim), np.zeros(dim), _misfit(things, pixels))
     for _ in range(1 + ITERATIONS):
         nu = pixels - line
         W_next, delta, sound = gain(HP, S, nu)
         if not sound:
             break
-        target = Step(delta, _pull(things, S, nu, dim))
-        step, lower, bent = _descend(camera, belief, fiducials, things, pixels, line, last, target, cost)
-        if lower < np.inf:
-            W, last, cost, moved = W_next, step, lower, True
-        again = bent > STRAIGHT_PX and lower < np.inf
+        target = Step(delta, _pull(things, S, nu, dim), np.inf)
+        step, bent = _descend(lens, belief, fiducials, things, pixels, line, last, target)
+        lowers = step.cost < np.inf
+        if lowers:
+            W, last, moved = W_next, step, True
+        again = lowers and bent > STRAIGHT_PX
         if again:
             _refer_to_prior(belief, things, line, last.delta)
         _restore(belief, first, features)
         if not again:
             break
-        nearer = sight_with(things, belief.covariance, dim, var)
+        nearer = sight_with(things, belief.covariance, dim)
         HP, S = nearer.HP, nearer.S
     if moved:
         shift_mean(belief, last.delta)
@@ -96,7 +77,7 @@ def correct(camera: Record, belief: Belief, fiducials: np.ndarray, sight: Sight,
 
 @compiled
 def _descend(
-    camera: Record,
+    lens: Record,
     belief: Belief,
     fiducials: np.ndarray,
     things: np.ndarray,
@@ -104,29 +85,25 @@ def _descend(
     line: np.ndarray,
     last: Step,
     target: Step,
-    cost: float,
-) -> tuple[Step, float, float]:
-    """So much of the way from ``last`` to ``target`` as lowers the ``cost``: the step, its cost, and its `_bend` [px].
+) -> tuple[Step, float]:
+    """So much of the way from ``last`` to ``target`` as lowers the cost, and its `_bend` [px], inf of a part of it.
 
-    ``things`` are measured there, and the mean stands there. The cost is infinite where no step lowers it, the bend
-    where it was not the whole way.
+    ``things`` are measured there, and the mean stands there.
     """
     first, features = belief.state.camera.copy(), belief.feature[: belief.state.count].copy()
-    share, step = 1.0, target
+    share, delta, pull = 1.0, target.delta, target.pull
     while share > SHORTEST:
-        step = Step(
-            last.delta + share * (target.delta - last.delta),
-            last.pull + share * (target.pull - last.pull),
-        )
-        shift_mean(belief, step.delta)
-        bent = _bend(camera, belief, fiducials, things, line, step.delta)
+        delta = last.delta + share * (target.delta - last.delta)
+        pull = last.pull + share * (target.pull - last.pull)
+        shift_mean(belief, delta)
+        bent = _bend(lens, belief, fiducials, things, line, delta)
         if bent < np.inf:
-            now = np.sum(step.delta * step.pull) + _misfit(things, pixels, camera.pixel_std**2)
-            if now <= cost + ROUNDING:
-                return step, now, bent if share == 1.0 else np.inf
+            cost = np.sum(delta * pull) + _misfit(things, pixels)
+            if cost <= last.cost + ROUNDING:
+                return Step(delta, pull, cost), bent if share == 1.0 else np.inf
         _restore(belief, first, features)
         share *= 0.5
-    return step, np.inf, np.inf
+    return target, np.inf
 
 
 @borrowing
@@ -138,19 +115,14 @@ def _restore(belief: Belief, camera: np.ndarray, features: np.ndarray) -> None:
 
 
 @borrowing
-def _square(thing: Record, x: float, y: float, var: float) -> float:
-    """(x, y)^2_R of a thing, R its noise."""
-    a, b, c = var + thing.extra[0, 0], thing.extra[0, 1], var + thing.extra[1, 1]
-    return (c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b)
-
-
-@borrowing
-def _misfit(things: np.ndarray, pixels: np.ndarray, var: float) -> float:
-    """Sum of (z - h)^2_R, h what was measured last."""
+def _misfit(things: np.ndarray, pixels: np.ndarray) -> float:
+    """Sum of (z - h)^T R^-1 (z - h), h measured last, R with the curvature."""
     total = 0.0
-    for a in range(things.shape[0]):
-        z_hat = things[a].z_hat
-        total += _square(things[a], pixels[2 * a] - z_hat[0], pixels[2 * a + 1] - z_hat[1], var)
+    for k in range(things.shape[0]):
+        z_hat, R, extra = things[k].z_hat, things[k].R, things[k].curvature
+        x, y = pixels[2 * k] - z_hat[0], pixels[2 * k + 1] - z_hat[1]
+        a, b, c = R[0, 0] + extra[0, 0], R[0, 1] + extra[0, 1], R[1, 1] + extra[1, 1]
+        total += (c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b)
     return total
 
 
@@ -171,14 +143,14 @@ def _pull(things: np.ndarray, U: np.ndarray, y: np.ndarray, dim: int) -> np.ndar
 
 @compiled
 def _bend(
-    camera: Record, belief: Belief, fiducials: np.ndarray, things: np.ndarray, line: np.ndarray, delta: np.ndarray
+    lens: Record, belief: Belief, fiducials: np.ndarray, things: np.ndarray, line: np.ndarray, delta: np.ndarray
 ) -> float:
     """Measure ``things`` at the shifted mean: how far their pixels are from ``line`` + H delta [px].
 
     Infinitely, where one is not in front.
     """
     pose, bent = belief.state.camera, 0.0
-    view = view_of(camera, pose, np.empty((0, 2, 3)))
+    view = view_of(lens, pose, np.empty((0, 2, 3)))
     for a in range(things.shape[0]):
         thing = things[a]
         said = (line[2 * a] + _along(thing, 0, delta), line[2 * a + 1] + _along(thing, 1, delta))

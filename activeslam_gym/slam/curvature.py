@@ -1,13 +1,13 @@
-"""What the line leaves out of a measurement: second-order terms, whose covariance counts as noise of the image.
+"""Second-order terms that the linearised measurement leaves out; their covariance counts as measurement noise.
 
-They are products of two errors, and matter where both are large: a filter that leaves them out measures what nobody
-saw. The mean that they have is left out.
+They are products of two errors, and matter where both are large: a filter that leaves them out is overconfident. Their
+mean is left out.
 """
 
 import numpy as np
 
 from activeslam_gym.camera import Vector, View
-from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.kernels import Record, borrowing
 from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import RHO
 
@@ -15,27 +15,27 @@ NEGLIGIBLE_PX = 0.2
 """The terms of a point are left out where they cannot come to about so much [px]."""
 
 
-@compiled
-def workspace() -> np.ndarray:
-    """(4, 6, 6), for the matrices of one point after another."""
-    return np.empty((4, 6, 6))
+PRODUCT_FRAMES = 8.0
+"""So many frames tell of a product of two errors together what one does, where the commands are known.
+
+There the errors of a way and of an inverse depth hardly change from frame to frame, so neither does their product.
+Where the commands are not known, each frame's way is a new one.
+"""
 
 
 @borrowing
-def curvature_of_inverse_depth(
-    P: np.ndarray, start: int, rho: float, H_y: np.ndarray, extra: np.ndarray, work: np.ndarray
-) -> None:
-    """Write what the line leaves out of an inverse-depth measurement into ``extra`` (2, 2) [px^2].
+def curvature_of_inverse_depth(P: np.ndarray, rho: float, thing: Record, work: np.ndarray) -> None:
+    """Write the covariance of the neglected terms of an inverse-depth measurement into ``thing.curvature`` [px^2].
 
-    Its point moves by d(rho) (anchor - p) + rho d(anchor - p) + d(rho) d(anchor - p). The last, a product of what may
-    both be vague, has for Gaussians the covariance var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p);
-    in the image J of it J^T, with J = H_anchor / rho.
+    ``work`` (>= 1, 6, 6) is room for matrices. The point moves by d(rho) (anchor - p) + rho d(anchor - p)
+    + d(rho) d(anchor - p). The last, a product of two errors that may both be large, has for Gaussians the covariance
+    C = var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p); in the image J C J^T, J = H_anchor / rho.
     """
-    D, r = work[0], start + RHO
+    D, r, H_y = work[0], thing.column + RHO, thing.H_feature
     for i in range(3):
-        a = start + i
+        a = thing.column + i
         for j in range(3):
-            b = start + j
+            b = thing.column + j
             D[i, j] = P[r, r] * (P[a, b] - P[a, j] - P[i, b] + P[i, j]) + (P[r, a] - P[r, i]) * (P[r, b] - P[r, j])
     for i in range(2):
         for j in range(i + 1):
@@ -43,13 +43,13 @@ def curvature_of_inverse_depth(
             for k in range(3):
                 for m in range(3):
                     value += H_y[i, k] * D[k, m] * H_y[j, m]
-            extra[i, j] = value / (rho * rho)
-            extra[j, i] = extra[i, j]
+            thing.curvature[i, j] = value / (rho * rho)
+            thing.curvature[j, i] = thing.curvature[i, j]
 
 
 @borrowing
 def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record, work: np.ndarray) -> None:
-    """Write what the line leaves out of the measurement of the point ``y`` (>= 3,) into ``thing.extra`` [px^2].
+    """Write the covariance of the neglected terms of a measured point ``y`` (>= 3,) into ``thing.curvature`` [px^2].
 
     Let D = y - p, n the camera's axis, J = dz/dy. To the camera that turns by theta the point moves by
     c = dy - dp - theta x D, and its pixel by J c and, besides, by
@@ -60,23 +60,23 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record, 
     x = (theta, c); for a Gaussian x of covariance Sigma, Cov(x^T M_i x, x^T M_j x) = 2 tr(M_i Sigma M_j Sigma).
     Sigma is that given the pixel, where the iterated correction ends: what remains is what the pixel does not tell.
 
-    Where the commands are not known, every frame begins with a wide turn. All of its points together tell that turn,
-    each by itself does not: so counted, they would hardly count, and a camera in the hand would be lost. There nothing
-    is counted.
+    Where the commands are not known, nothing is written: every frame begins with a wide turn, which all of its points
+    tell together and none by itself, so that each would hardly count, and a camera in the hand would be lost.
+    ``work`` (>= 4, 6, 6) is room for matrices.
     """
-    D = (y[0] - view.pose[0], y[1] - view.pose[1], y[2] - view.pose[2])
+    lens, D = view.camera, (y[0] - view.pose[0], y[1] - view.pose[1], y[2] - view.pose[2])
     turn, way, known = 0.0, 0.0, thing.width == 0
     for i in range(3):
         k, r = thing.column + i, D_ROTATION.start + i
         turn += P[r, r]
         way += P[i, i] if known else P[i, i] - 2.0 * P[i, k] + P[k, k]
     square = D[0] ** 2 + D[1] ** 2 + D[2] ** 2
-    if view.camera.point_curvature * view.camera.focal * (turn + way / square) < NEGLIGIBLE_PX:
+    if not lens.command_known or lens.focal * (turn + way / square) < NEGLIGIBLE_PX:
         return
     Sigma, M, first, second, minus_J = work[0], work[1], work[2], work[3], thing.H_camera[:, :3]
     n = (view.R_WC[0, 2], view.R_WC[1, 2], view.R_WC[2, 2])
     _of_turn_and_motion(P, D, thing.column, known, Sigma)
-    _condition_on_pixel(Sigma, minus_J, view.camera.pixel_std**2, M)
+    _condition_on_pixel(Sigma, minus_J, lens.pixel_std**2, M)
     _form(minus_J[0], D, n, M)  # the sign of J does not matter
     _product_of_six(M, Sigma, first)
     _form(minus_J[1], D, n, M)
@@ -87,8 +87,8 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record, 
             a += first[i, j] * first[j, i]
             b += first[i, j] * second[j, i]
             c += second[i, j] * second[j, i]
-    extra = thing.extra
-    extra[0, 0], extra[0, 1], extra[1, 0], extra[1, 1] = 2.0 * a, 2.0 * b, 2.0 * b, 2.0 * c
+    out = thing.curvature
+    out[0, 0], out[0, 1], out[1, 0], out[1, 1] = 2.0 * a, 2.0 * b, 2.0 * b, 2.0 * c
 
 
 @borrowing

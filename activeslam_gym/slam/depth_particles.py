@@ -1,7 +1,7 @@
 """The paper's delayed initialisation: a Gaussian ray whose depth is a particle distribution (Davison 2003).
 
-Made honest in two ways: a ray is re-weighted only after the camera has moved a baseline, since successive frames share
-the errors of the ray and the camera; and the spacing of the particles has a variance of its own.
+It is kept consistent in two ways. A ray is re-weighted only after the camera has moved a baseline, since successive
+frames share the errors of the ray and the camera; and the spacing of the particles has a variance of its own.
 """
 
 import math
@@ -11,27 +11,23 @@ import numpy as np
 
 from activeslam_gym.camera import View, view_of, visible
 from activeslam_gym.config import Scenario
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, squared_distance, sum_of_squares
 from activeslam_gym.motion import POSITION
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, chi_square_2_quantile
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
-PARTICLES = record(
-    particle_depth=("f8", 2),  # nearest and farthest [m]
+PARTICLES, particles_of = constants(
+    Scenario(),
+    particle_depth=lambda s: np.array(s.particle_depth),  # nearest and farthest [m]
     particle_prune="f8",  # a particle with less than this share of the mean weight is dropped
     particle_baseline="f8",  # motion between two re-weightings of a ray [m]
     maximum_misses="i8",
-    gate="f8",  # chi-square bound of a match
-    birth_gate="f8",  # and of what is near a particle
+    gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
+    birth_gate=lambda s: chi_square_2_quantile(s.birth_gate_probability),  # and of what is near a particle
 )
 """Constants of the depth particles; see the fields of `Scenario`."""
-
-
-def particles_of(scenario: Scenario, association: Record) -> Record:
-    """The PARTICLES record of a scenario, with the gates of its ``association``."""
-    return filled(PARTICLES, scenario, gate=association.gate, birth_gate=association.birth_gate)
 
 
 class Rays(NamedTuple):
@@ -44,7 +40,9 @@ class Rays(NamedTuple):
     z_hat: np.ndarray
     """(R, M, 2) [px]."""
     S: np.ndarray
-    """(R, M, 2, 2) with the camera's own image noise for R [px^2]."""
+    """(R, M, 2, 2) H P H^T + R, with the lens's own R [px^2]."""
+    pixel_var: float
+    """Of that R, each axis [px^2]."""
 
 
 @compiled
@@ -71,39 +69,44 @@ def _summarise(belief: Belief, k: int) -> None:
 
 @compiled
 def follow_rays(
-    camera: Record, model: Record, belief: Belief, boxes: np.ndarray, candidates: np.ndarray, labelled: bool
+    lens: Record, model: Record, belief: Belief, boxes: np.ndarray, detections: np.ndarray, labelled: bool
 ) -> None:
-    """One frame of all rays: match them to those of ``candidates`` (M,) that are NEW, and weigh them.
+    """One frame of all rays: match them to those of ``detections`` (M,) that are NEW, and weigh them.
 
-    Sets their ``match``, and REJECTED where a candidate is near a ray without being its match; ``labelled``: what is a
-    ray's is already said. A miss counts when every particle was well in view; a ray whose particles explain nothing has
-    missed enough.
+    Sets their ``match``, and REJECTED where a detection is near a ray without being its match; ``labelled``: the
+    matches of rays are set already. A miss counts when every particle with weight is predicted well inside the image; a
+    ray whose particles explain nothing has missed enough.
     """
-    rays, pixel_var = predict_rays(camera, belief, boxes), camera.pixel_std**2
-    if labelled:
-        of_ray = _labelled_rays(belief, rays, candidates)
-    else:
-        of_ray = _match_rays(model, belief, rays, candidates, pixel_var)
+    rays = predict_rays(lens, belief, boxes)
+    if not labelled:
+        _match_rays(model, belief, rays, detections)
     for r in range(rays.feature.shape[0]):
         feature = belief.feature[rays.feature[r]]
-        if of_ray[r] >= 0:
-            explained = reweight(model, belief, rays, r, candidates[of_ray[r]], pixel_var)
+        matched, in_view = -1, True
+        for i in range(detections.shape[0]):
+            if detections[i].match == feature.serial:
+                matched = i
+        for j in range(rays.visibility.shape[1]):
+            in_view &= belief.particles[feature.slot, j, 1] == 0.0 or rays.visibility[r, j] == INSIDE
+        if matched >= 0:
+            explained = reweight(model, belief, rays, r, detections[matched])
             feature.misses = 0 if explained else model.maximum_misses
             feature.seen = belief.state.frame
-        elif surely_in_view(belief, rays, r):
+        elif in_view:
             feature.misses += 1
 
 
 @compiled
-def predict_rays(camera: Record, belief: Belief, boxes: np.ndarray) -> Rays:
+def predict_rays(lens: Record, belief: Belief, boxes: np.ndarray) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
-    pose, feature, R, M = belief.state.camera, np.empty(belief.state.count, np.int64), 0, belief.particles.shape[1]
+    feature, R, M = np.empty(belief.state.count, np.int64), 0, belief.particles.shape[1]
     for k in range(belief.state.count):
         if belief.feature[k].kind == RAY:
             feature[R] = k
             R += 1
-    rays = Rays(feature[:R], np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)))
-    view = view_of(camera, pose, boxes)
+    var = lens.pixel_std**2
+    rays = Rays(feature[:R], np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)), var)
+    view = view_of(lens, belief.state.camera, boxes)
     for r in range(R):
         _predict_ray(view, belief, rays, r)
     return rays
@@ -111,7 +114,7 @@ def predict_rays(camera: Record, belief: Belief, boxes: np.ndarray) -> Rays:
 
 @compiled
 def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
-    feature, camera = belief.feature[rays.feature[r]], view.camera
+    feature, lens = belief.feature[rays.feature[r]], view.camera
     particles, m = belief.particles[feature.slot], bearing(feature.mean[AZIMUTH], feature.mean[ELEVATION])
     H_x, H_point, H_ray = np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 6))
     for j in range(particles.shape[0]):
@@ -119,7 +122,7 @@ def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
             continue
         depth, z_hat, S = particles[j, 0], rays.z_hat[r, j], rays.S[r, j]
         y = feature.mean[ANCHOR] + depth * np.array(m[0])
-        if not visible(view, y, camera.width, z_hat):
+        if not visible(view, y, lens.width, z_hat):
             continue
         point_measurement(view, y, z_hat, H_x, H_point)
         for axis in range(2):  # by the chain rule: dy/d anchor = I, dy/d angles = depth dm/d angles
@@ -128,36 +131,24 @@ def _predict_ray(view: View, belief: Belief, rays: Rays, r: int) -> None:
                 H_ray[axis, i] = H_point[axis, i]
                 H_ray[axis, AZIMUTH] += depth * H_point[axis, i] * m[1][i]
                 H_ray[axis, ELEVATION] += depth * H_point[axis, i] * m[2][i]
-        own_innovation(belief.covariance, feature.start, KIND_DIM[RAY], H_x, H_ray, camera.pixel_std**2, S)
-        rays.visibility[r, j] = visibility_of(camera, z_hat, S)
+        own_innovation(lens, belief.covariance, feature.start, KIND_DIM[RAY], H_x, H_ray, S)
+        rays.visibility[r, j] = visibility_of(lens, z_hat, S)
 
 
 @compiled
-def _labelled_rays(belief: Belief, rays: Rays, candidates: np.ndarray) -> np.ndarray:
-    """(R,) the candidate that is said to be of each ray, or -1."""
-    of_ray = np.full(rays.feature.shape[0], -1)
-    for r in range(of_ray.shape[0]):
-        for i in range(candidates.shape[0]):
-            if candidates[i].match == belief.feature[rays.feature[r]].serial:
-                of_ray[r] = i
-    return of_ray
+def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarray) -> None:
+    """Match rays to detections that are NEW so far: mutual best by the mixture's likelihood, inside a particle's gate.
 
-
-@compiled
-def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarray, pixel_var: float) -> np.ndarray:
-    """(R,) the candidate of each ray, or -1, of those that are NEW so far.
-
-    Mutual best by the mixture's likelihood, inside a particle's gate. What is near a ray without being its match is
-    REJECTED.
+    A detection near a ray without being its match is REJECTED.
     """
-    R, M = rays.feature.shape[0], candidates.shape[0]
+    R, M = rays.feature.shape[0], detections.shape[0]
     near, of_ray, ray_of = np.zeros(M, np.bool_), np.full(R, -1), np.full(M, -1)
-    ray_cost, cost = np.full(R, np.inf), np.full(M, np.inf)  # the least of each ray, and of each candidate
+    ray_cost, cost = np.full(R, np.inf), np.full(M, np.inf)  # the least of each ray, and of each detection
     for r in range(R):
         serial = belief.feature[rays.feature[r]].serial
         for i in range(M):
-            if candidates[i].match == NEW and (candidates[i].id == ANYTHING or candidates[i].id == serial):
-                d2, value = ray_distance(belief, rays, r, candidates[i], pixel_var)
+            if detections[i].match == NEW and (detections[i].id == ANYTHING or detections[i].id == serial):
+                d2, value = ray_distance(belief, rays, r, detections[i])
                 near[i] |= d2 < model.birth_gate
                 if d2 < model.gate and value < ray_cost[r]:
                     ray_cost[r], of_ray[r] = value, i
@@ -165,50 +156,35 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, candidates: np.ndarra
                     cost[i], ray_of[i] = value, r
     for i in range(M):
         if near[i]:
-            candidates[i].match = REJECTED
-    for r in range(R):
-        i = of_ray[r]
-        if i >= 0 and near[i] and ray_of[i] == r:
-            candidates[i].match = belief.feature[rays.feature[r]].serial
-        else:
-            of_ray[r] = -1
-    return of_ray
+            r = ray_of[i]
+            mutual = r >= 0 and of_ray[r] == i
+            detections[i].match = belief.feature[rays.feature[r]].serial if mutual else REJECTED
 
 
 @borrowing
-def ray_distance(belief: Belief, rays: Rays, r: int, candidate: Record, pixel_var: float) -> tuple[float, float]:
-    """(smallest squared Mahalanobis distance of a candidate to a particle, -2 ln of its likelihood less 2 pi)."""
+def ray_distance(belief: Belief, rays: Rays, r: int, detection: Record) -> tuple[float, float]:
+    """(smallest squared Mahalanobis distance of a detection to a particle, -2 ln of its likelihood less 2 pi)."""
     nearest, likelihood = np.inf, 0.0
     for k in range(rays.visibility.shape[1]):
         if rays.visibility[r, k] > 0:
-            d2, det = _distance_and_det(candidate, pixel_var, rays.z_hat[r, k], rays.S[r, k])
+            d2, det = _distance_and_det(rays, r, k, detection)
             nearest = min(nearest, d2)
             weight = belief.particles[belief.feature[rays.feature[r]].slot, k, 1]
             likelihood += weight * math.exp(-0.5 * d2) / math.sqrt(det)
-    return nearest, -2.0 * (math.log(max(likelihood, 1e-300)) + candidate.log_ratio)
+    return nearest, -2.0 * (math.log(max(likelihood, 1e-300)) + detection.log_ratio)
 
 
 @borrowing
-def _distance_and_det(candidate: Record, pixel_var: float, z_hat: np.ndarray, S: np.ndarray) -> tuple[float, float]:
-    """((z - z_hat)^T S^-1 (z - z_hat), |S|) of a candidate, with its own R in place of the camera's in ``S`` (2, 2)."""
-    R, a, b = candidate.R, candidate.pixel[0] - z_hat[0], candidate.pixel[1] - z_hat[1]
-    s00, s01, s11 = S[0, 0] + (R[0, 0] - pixel_var), S[0, 1] + R[0, 1], S[1, 1] + (R[1, 1] - pixel_var)
-    return squared_distance(s00, s01, s11, a, b)
-
-
-@borrowing
-def surely_in_view(belief: Belief, rays: Rays, r: int) -> bool:
-    """Whether every particle with weight is predicted well inside the image, so that a miss is telling."""
-    slot = belief.feature[rays.feature[r]].slot
-    for j in range(rays.visibility.shape[1]):
-        if belief.particles[slot, j, 1] > 0.0 and rays.visibility[r, j] != INSIDE:
-            return False
-    return True
+def _distance_and_det(rays: Rays, r: int, k: int, detection: Record) -> tuple[float, float]:
+    """((z - z_hat)^T S^-1 (z - z_hat), |S|) of a detection, with its own R in place of the lens's in S."""
+    z_hat, S, R = rays.z_hat[r, k], rays.S[r, k], detection.R
+    s00, s11 = S[0, 0] + (R[0, 0] - rays.pixel_var), S[1, 1] + (R[1, 1] - rays.pixel_var)
+    return squared_distance(s00, S[0, 1] + R[0, 1], s11, detection.pixel[0] - z_hat[0], detection.pixel[1] - z_hat[1])
 
 
 @compiled
-def reweight(model: Record, belief: Belief, rays: Rays, r: int, candidate: Record, pixel_var: float) -> bool:
-    """Bayes on the particles by the matched candidate, if the camera has moved a baseline since the last time.
+def reweight(model: Record, belief: Belief, rays: Rays, r: int, detection: Record) -> bool:
+    """Bayes on the particles by the matched detection, if the camera has moved a baseline since the last time.
 
     Particles under ``model.particle_prune`` of the mean weight are dropped. False if no particle explains it.
     """
@@ -222,7 +198,7 @@ def reweight(model: Record, belief: Belief, rays: Rays, r: int, candidate: Recor
         if rays.visibility[r, j] == 0:
             particles[j, 1] = 0.0
             continue
-        d2, det = _distance_and_det(candidate, pixel_var, rays.z_hat[r, j], rays.S[r, j])
+        d2, det = _distance_and_det(rays, r, j, detection)
         particles[j, 1] *= math.exp(-0.5 * d2) / math.sqrt(det)
         total += particles[j, 1]
     if not total > 1e-300:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
+from activeslam_gym.linalg import copy_block, copy_into
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 
 CAMERA_ESTIMATE = record(
@@ -174,8 +175,7 @@ def points_of(estimate: EstimateArrays) -> np.ndarray:
     """(n, 3) world positions of the landmarks [m]."""
     points = np.empty((estimate.state.count, 3))
     for k in range(points.shape[0]):
-        for i in range(3):
-            points[k, i] = estimate.landmark[k].point[i]
+        copy_into(points[k], estimate.landmark[k].point)
     return points
 
 
@@ -192,6 +192,4 @@ def mapped_of(estimate: EstimateArrays) -> np.ndarray:
 def copy_own_covariance(estimate: EstimateArrays, k: int, P_y: np.ndarray) -> None:
     """Write the covariance of landmark ``k`` by itself into ``P_y`` (3, 3)."""
     at = CAMERA_DIM + 3 * k
-    for i in range(3):
-        for j in range(3):
-            P_y[i, j] = estimate.covariance[at + i, at + j]
+    copy_block(estimate.covariance[at : at + 3, at : at + 3], P_y)

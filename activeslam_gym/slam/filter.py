@@ -1,8 +1,4 @@
-"""The filter: predict, see, associate, update, grow the map. The only order in which `slam` is used.
-
-`Filter` is for whoever has a sensor of their own and no environment; an environment calls `filter_frame`, which is the
-same steps for one belief of a batch.
-"""
+"""The filter without an environment, for any sensor: `Filter`, and `Ekf`, which is the same as an `Estimator`."""
 
 import copy
 from collections.abc import Sequence
@@ -10,271 +6,35 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.camera import camera_of, distance_between
+from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import KNOWN, Scenario
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, record, row
-from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import CAMERA_DIM, POSITION, motion_of
-from activeslam_gym.slam.appearance import appearance_of, associate_identified
-from activeslam_gym.slam.association import (
-    ANYTHING,
-    ASSOCIATION,
-    CANDIDATE,
-    NEW,
-    REJECTED,
-    associate,
-    association_of,
-)
+from activeslam_gym.kernels import filled, record, row
+from activeslam_gym.motion import CAMERA_DIM, MOTION, motion_of
+from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
     Belief,
     empty_beliefs,
-    point_belief,
-    position_of,
     positions_of,
     reset_belief,
     start_of,
     write_estimate,
 )
-from activeslam_gym.slam.correction import CORRECTION, correct, correction_of, product_frames
-from activeslam_gym.slam.depth_particles import PARTICLES, follow_rays, particles_of
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
 from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
-from activeslam_gym.slam.initialisation import (
-    INITIALISATION,
-    delete_failed,
-    follow_tracks,
-    give_birth,
-    initialisation_of,
-    mature,
-)
+from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
+from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
 from activeslam_gym.slam.map import remove_feature
-from activeslam_gym.slam.restart import RESTART, contradicted, restart, restart_of
-from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
+from activeslam_gym.slam.sight import THING, Sight, sight_of_belief
 
-FILTER = record(
-    association=ASSOCIATION,
-    correction=CORRECTION,
-    initialisation=INITIALISATION,
-    particles=PARTICLES,
-    restart=RESTART,
-)
-"""Constants of the filter."""
-COUNTS = record(
-    births="i8",
-    conversions="i8",
-    deletions="i8",
-    rejected_matches="i8",
-    starvations="i8",  # frames in which most candidates, of two or more, were rejected
-    recoveries="i8",  # frames in which joint matches alone, of two or more, kept this from happening
-    restarts="i8",  # times that the belief was given up
-)
-"""What a frame did to the map: counters that it adds to."""
-
-
-def filter_of(scenario: Scenario) -> Record:
-    """The FILTER record of a scenario."""
-    association = association_of(scenario)
-    return filled(
-        FILTER,
-        association=association,
-        correction=correction_of(scenario),
-        initialisation=initialisation_of(scenario),
-        particles=particles_of(scenario, association),
-        restart=restart_of(scenario),
-    )
-
-
-@compiled
-def filter_frame(
-    camera: Record,
-    motion: Record,
-    model: Record,
-    belief: Belief,
-    fiducials: np.ndarray,
-    boxes: np.ndarray,
-    u: np.ndarray,
-    dt: float,
-    candidates: np.ndarray,
-    labelled: bool,
-    counts: Record,
-) -> None:
-    """Advance the belief by one frame of ``dt`` seconds; sets ``candidates.match`` (M,), births included.
-
-    ``u`` (6,) is what the filter knows of the accelerations, ``boxes`` what it knows to hide things. ``labelled``: the
-    candidates' ids are certain; one without an id is of nothing known. ``counts`` may be any record with these fields.
-    """
-    predict(motion, belief, u, dt)
-    sight = sight_of_belief(camera, belief, fiducials, boxes)
-    use_candidates(camera, model, belief, fiducials, boxes, sight, candidates, labelled, counts)
-    initialise(camera, model, belief, candidates, counts)
-
-
-@compiled
-def initialise(camera: Record, model: Record, belief: Belief, candidates: np.ndarray, counts: Record) -> None:
-    """Initialise features at candidates (M,) that nothing explained for several frames; sets their ``match``."""
-    for i in follow_tracks(camera, model.initialisation, belief, candidates):
-        candidate = candidates[i]
-        candidate.match = give_birth(
-            camera, model.initialisation, model.particles, belief, candidate.pixel, candidate.R
-        )
-        counts.births += candidate.match != NEW
-
-
-@compiled
-def use_candidates(
-    camera: Record,
-    model: Record,
-    belief: Belief,
-    fiducials: np.ndarray,
-    boxes: np.ndarray,
-    sight: Sight,
-    candidates: np.ndarray,
-    labelled: bool,
-    counts: Record,
-) -> None:
-    """Associate, update, count misses, turn features into points and delete those that failed.
-
-    Where the fiducials contradict the belief, it is begun anew instead.
-    """
-    pixel_var, v, M = camera.pixel_std**2, sight.thing.shape[0], candidates.shape[0]
-    waits, jointly = np.zeros(v, np.bool_), 0
-    if labelled:
-        of_thing = match_by_id(sight, candidates)
-    else:
-        of_thing, jointly = associate(model.association, pixel_var, sight, candidates, belief.state.count, waits)
-    if belief.particles.shape[1] > 0:
-        follow_rays(camera, model.particles, belief, boxes, candidates, labelled)
-    rejected = 0
-    for i in range(M):
-        rejected += candidates[i].match == REJECTED
-    counts.rejected_matches += rejected
-    counts.starvations += M >= 2 and 2 * rejected > M
-    counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
-    if contradicted(model.restart, belief, sight, candidates, of_thing, waits, pixel_var):
-        counts.deletions += belief.state.count
-        counts.restarts += 1
-        restart(model.restart, belief)
-        for i in range(M):
-            candidates[i].match = REJECTED
-        return
-    _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
-    update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
-    counts.conversions += mature(model.initialisation, belief)
-    counts.deletions += delete_failed(model.initialisation, belief)
-
-
-@compiled
-def use_identified(
-    camera: Record,
-    appearance: Record,
-    model: Record,
-    belief: Belief,
-    fiducials: np.ndarray,
-    sight: Sight,
-    candidates: np.ndarray,
-    least: int,
-    counts: Record,
-) -> None:
-    """Associate candidates that bear ids, update, and turn features into points; see `appearance`.
-
-    No misses are counted and nothing is deleted: whoever searched knows which things it searched, and may come again in
-    the same frame.
-    """
-    pixel_var = camera.pixel_std**2
-    of_thing = associate_identified(appearance, pixel_var, sight, candidates, least)
-    for i in range(candidates.shape[0]):
-        counts.rejected_matches += candidates[i].match == REJECTED
-    _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    update_by(model.correction.product_frames, camera, belief, fiducials, sight, of_thing, candidates)
-    counts.conversions += mature(model.initialisation, belief)
-
-
-@compiled
-def match_by_id(sight: Sight, candidates: np.ndarray) -> np.ndarray:
-    """(v,) the likeliest candidate that bears each thing's id, or -1; sets ``candidates.match`` to their ids."""
-    of_thing = np.full(sight.thing.shape[0], -1)
-    for i in range(candidates.shape[0]):
-        candidates[i].match = candidates[i].id if candidates[i].id != ANYTHING else NEW
-        for a in range(of_thing.shape[0]):
-            rival = of_thing[a]
-            if candidates[i].id == sight.thing[a].id and (
-                rival < 0 or candidates[i].log_ratio > candidates[rival].log_ratio
-            ):
-                of_thing[a] = i
-    return of_thing
-
-
-@borrowing
-def _count_misses(
-    spacing: float, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
-) -> None:
-    """A match clears a feature's misses; being predicted well inside the image without a candidate near adds one.
-
-    Misses from places less than ``spacing`` [m] apart count once: what hides a feature hides it from all of them.
-    """
-    camera = belief.state.camera
-    for a in range(of_thing.shape[0]):
-        thing = sight.thing[a]
-        if thing.row < K:
-            continue
-        feature = belief.feature[thing.row - K]
-        if of_thing[a] >= 0:
-            feature.misses, feature.seen = 0, belief.state.frame
-        elif thing.visibility == INSIDE and not waits[a]:
-            if feature.misses == 0 or spacing == 0.0 or distance_between(feature.missed_at, camera) > spacing:
-                feature.misses += 1
-                copy_into(feature.missed_at, camera[POSITION])
-
-
-@compiled
-def update_by(
-    frames: float,
-    camera: Record,
-    belief: Belief,
-    fiducials: np.ndarray,
-    sight: Sight,
-    of_thing: np.ndarray,
-    candidates: np.ndarray,
-) -> None:
-    """Correct by the matched things, each with its candidate's own R.
-
-    The second-order noise of a feature stays what it is for so many ``frames``: as many of them tell what one does, so
-    each is given as many times that noise.
-    """
-    m = 0
-    for i in of_thing:
-        m += i >= 0
-    if m == 0:
-        return
-    things, row, pixels = np.empty(m, THING), np.empty(2 * m, np.int64), np.empty(2 * m)
-    HP, S = np.empty((2 * m, sight.HP.shape[1])), np.empty((2 * m, 2 * m))
-    m = 0
-    for a in range(of_thing.shape[0]):
-        if of_thing[a] >= 0:
-            things[m] = sight.thing[a]
-            for axis in range(2):
-                row[2 * m + axis], pixels[2 * m + axis] = 2 * a + axis, candidates[of_thing[a]].pixel[axis]
-            m += 1
-    for r in range(2 * m):
-        for j in range(HP.shape[1]):
-            HP[r, j] = sight.HP[row[r], j]
-        for c in range(2 * m):
-            S[r, c] = sight.S[row[r], row[c]]
-        R = candidates[of_thing[row[r] // 2]].R
-        for axis in range(2):
-            more = R[r % 2, axis] - (camera.pixel_std**2 if r % 2 == axis else 0.0)
-            more += (frames - 1.0) * things[r // 2].extra[r % 2, axis]
-            S[r, r - r % 2 + axis] += more
-            things[r // 2].extra[r % 2, axis] += more
-    correct(camera, belief, fiducials, Sight(things, HP, S), pixels)
+_MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
 
 
 class Filter:
-    """The filter on its own, for any sensor: pixels go in, a joint Gaussian of camera and map is kept.
+    """The filter on its own: it takes pixels, and keeps a joint Gaussian of camera and map.
 
-    A round is `predict`, `sight` (where to look), `update` (with what was found there), and `birth` or `delete` where
-    the map should grow or shrink. Things have ids that never change: a feature's is positive, fiducial k's -1 - k.
+    A round is `predict`, `sight` (predicted measurements), `update` (by the detections), and `birth` or `delete` where
+    the map should grow or shrink. Ids never change: a feature's is positive, fiducial k's -1 - k.
 
     Args:
         scenario: Its lens, noise, motion model and constants of the filter; ``landmark_count`` + 13 features at most.
@@ -282,10 +42,10 @@ class Filter:
         camera: (13,) first mean: position, quaternion (scalar first), velocity, angular velocity; None: the scenario's.
         covariance: (12, 12) of its tangent: position, rotation (world frame), velocity, angular velocity; None: the
             scenario's.
-        boxes: (B, 2, 3) lowest and highest corners [m] of what is known to hide things.
-        products_last: Whether products of two errors hardly change from frame to frame, so that they count as noise of
-            several frames, and for points too; None: where the scenario's commands are known. On images they were
-            measured to be better counted once (docs/vision.md).
+        boxes: (B, 2, 3) lowest and highest corners [m] of the boxes that are known to hide things.
+        command_known: Whether the errors of the camera's way hardly change from frame to frame (see
+            `curvature.PRODUCT_FRAMES`); None: as in the scenario. On images False was measured to be better
+            (docs/vision.md).
 
     Raises:
         ValueError: an array is not of its shape, or not finite.
@@ -299,15 +59,16 @@ class Filter:
         camera: Any = None,
         covariance: Any = None,
         boxes: Any = None,
-        products_last: bool | None = None,
+        command_known: bool | None = None,
     ) -> None:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
-        self.camera, self.motion, self.model = camera_of(scenario), motion_of(scenario, 1.0), filter_of(scenario)
-        if products_last is not None:
-            self.model.correction.product_frames = product_frames(products_last)
-            self.camera.point_curvature = float(products_last)
-        self.appearance = appearance_of(scenario)
+        self.models = filled(
+            _MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
+        )
+        self.camera = self.models.camera
+        if command_known is not None:
+            self.camera.command_known = command_known
         self.belief = row(empty_beliefs(scenario, 1), 0)
         self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))
         self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))
@@ -323,12 +84,12 @@ class Filter:
         ``drift``: deviation [rad] by which each feature's direction wanders while its view changes by a radian, for a
         sensor that does not see quite the same point from everywhere (`kalman.wander`).
         """
-        step = float(self.motion.dt if dt is None else dt)
+        step = float(self.models.motion.dt if dt is None else dt)
         if not 0.0 < step < np.inf:
             raise ValueError(f"dt must be a positive number of seconds, got {dt!r}")
         if not 0.0 <= drift < np.inf:
             raise ValueError(f"drift must be a number of radians that is not negative, got {drift!r}")
-        predict(self.motion, self.belief, _array("u", u, np.zeros(6), (6,)), step)
+        predict(self.models.motion, self.belief, _array("u", u, np.zeros(6), (6,)), step)
         if drift > 0.0:
             wander(self.belief, float(drift), step)
         self._sight = None
@@ -337,12 +98,8 @@ class Filter:
         """Work on the arrays ``belief`` of a run from now on."""
         self.belief, self._sight = belief, None
 
-    def forget_sight(self) -> None:
-        """Make `sight` anew at its next call."""
-        self._sight = None
-
     def sight(self) -> Sight:
-        """What should be in view now: ``thing`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
+        """The predicted measurements: ``thing`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
         if self._sight is None:
             sight = sight_of_belief(self.camera, self.belief, self.fiducials, self.boxes)
             self._sight = sight._replace(thing=sight.thing.view(THING))  # a kernel's records have no attributes
@@ -352,57 +109,55 @@ class Filter:
         """The camera has touched something, before that frame's `predict`: see `kalman.feel_contact`."""
         feel_contact(self.belief, u, dt)
 
-    def update(self, candidates: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
-        """Associate and update; (M,) the id that each candidate was taken for, or NEW (0) or REJECTED.
+    def update(self, detections: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
+        """Associate and update; (M,) the id that each detection was matched to, or NEW (0) or REJECTED.
 
-        ``candidates`` (M,) is an array of type CANDIDATE (see `candidates_of`); several may bear one id. ``labelled``:
-        the ids are certain. Features that were missed too often are forgotten.
+        ``detections`` (M,) is an array of type DETECTION (see `detections_of`); several may bear one id. ``labelled``:
+        the ids are certain. Features that were missed too often are deleted.
 
-        ``jointly``: all bear ids, since each thing was searched for where `sight` has it, and by their looks and places
-        together it is chosen which are right (`slam.appearance`); if fewer than ``least`` agree, none is believed. Then
-        missing and forgetting are the searcher's business, who may search some things, update, and then search the rest
-        of the same frame by the new `sight`.
+        ``jointly``: all bear ids, since each thing was searched for around its predicted pixel, and their looks and
+        places together choose the right ones (`slam.appearance`); if fewer than ``least`` agree, none is believed. Then
+        the searcher counts misses and deletes. It may search some things, update, and then search the rest of the same
+        frame by the new `sight`.
+
+        Raises:
+            ValueError: detections that are not finite, or not as ``jointly`` wants them.
         """
-        given = np.asarray(candidates)
-        if given.size and given.dtype.names != CANDIDATE.names:
-            raise ValueError(f"candidates must be of type CANDIDATE, as candidates_of makes them, got {candidates!r}")
-        given = np.array(given, CANDIDATE).reshape(-1)
+        given = np.asarray(detections)
+        if given.size and given.dtype.names != DETECTION.names:
+            raise ValueError(f"detections must be of type DETECTION, as detections_of makes them, got {detections!r}")
+        given = np.array(given, DETECTION).reshape(-1)
         if not (np.isfinite(given["pixel"]).all() and np.isfinite(given["R"]).all()):
-            raise ValueError("candidates must have finite pixels and covariances")
+            raise ValueError("detections must have finite pixels and covariances")
+        models, belief, fiducials, sight = self.models, self.belief, self.fiducials, self.sight()
         if jointly:
-            self._update_jointly(given, labelled, least)
+            self._check_joint(given, labelled)
+            use_identified(models, belief, fiducials, sight, given, int(least), self.counts)
         else:
-            use_candidates(
-                self.camera,
-                self.model,
-                self.belief,
-                self.fiducials,
-                self.boxes,
-                self.sight(),
-                given,
-                bool(labelled),
-                self.counts,
-            )
+            use_detections(models, belief, fiducials, self.boxes, sight, given, bool(labelled), self.counts)
         self._sight = None
         return given["match"].copy()
 
-    def _update_jointly(self, given: np.ndarray, labelled: bool, least: int) -> None:
-        """See `update`."""
+    def _check_joint(self, given: np.ndarray, labelled: bool) -> None:
         if labelled or np.any(given["id"] == ANYTHING):
-            raise ValueError("jointly chosen candidates must all bear ids, which are not certain")
+            raise ValueError("jointly chosen detections must all bear ids, which are not certain")
         if not np.isfinite(given["log_ratio"]).all():
-            raise ValueError("candidates must have finite log_ratio")
+            raise ValueError("detections must have finite log_ratio")
         if self.belief.particles.shape[1] > 0:
             raise ValueError("jointly needs a scenario whose initialisation is inverse_depth")
-        camera, belief, fiducials, sight = self.camera, self.belief, self.fiducials, self.sight()
-        use_identified(camera, self.appearance, self.model, belief, fiducials, sight, given, int(least), self.counts)
+
+    def initialise(self, detections: np.ndarray) -> None:
+        """Initialise features where ``detections`` (M,), after their `update`, were NEW for several frames."""
+        initialise(self.models, self.belief, detections, self.counts)
+        self._sight = None
 
     def birth(self, pixel: Any, R: Any = None) -> int:
         """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); its id, or 0 if there is no room."""
         z = _array("pixel", pixel, None, (2,))
         noise = _array("R", R, self.camera.pixel_std**2 * np.eye(2), (2, 2))
         self._sight = None
-        return int(give_birth(self.camera, self.model.initialisation, self.model.particles, self.belief, z, noise))
+        model = self.models.filter
+        return int(give_birth(self.camera, model.initialisation, model.particles, self.belief, z, noise))
 
     def delete(self, id: int) -> None:
         """Forget a feature.
@@ -410,12 +165,15 @@ class Filter:
         Raises:
             KeyError: no feature has that id.
         """
-        remove_feature(self.belief, self._position(id))
+        found = np.flatnonzero(self.ids == id)
+        if not len(found):
+            raise KeyError(f"there is no feature with id {id}; there are {self.ids.tolist()}")
+        remove_feature(self.belief, int(found[0]))
         self._sight = None
 
     def arrays(self) -> EstimateArrays:
         """The present estimate, in arrays that the next call overwrites."""
-        write_estimate(self.belief, float(self.model.initialisation.mapped_depth_ratio), self._arrays)
+        write_estimate(self.belief, float(self.models.filter.initialisation.mapped_depth_ratio), self._arrays)
         return self._arrays
 
     def estimate(self) -> Estimate:
@@ -458,16 +216,8 @@ class Filter:
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """Every feature as a point, (n, 3) [m], and the joint covariance of camera and points (12 + 3 n)^2."""
-        n = int(self.belief.state.count)
-        points, P = np.empty((n, 3)), np.empty((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n))
-        point_belief(self.belief, points, P)
-        return points, P
-
-    def _position(self, id: int) -> int:
-        k = int(position_of(self.belief, int(id))) if id > 0 else -1
-        if k < 0:
-            raise KeyError(f"there is no feature with id {id}; there are {self.ids.tolist()}")
-        return k
+        estimate = self.estimate()
+        return estimate.points, estimate.covariance
 
 
 @ESTIMATORS.register(EKF)
@@ -497,14 +247,9 @@ class Ekf:
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Associate, update, and initialise features."""
-        filter = self._filter
-        given = candidates_of(measurements.values, measurements.noise, measurements.ids)
-        use_candidates(
-            filter.camera, filter.model, filter.belief, filter.fiducials, filter.boxes, filter.sight(), given,
-            self._known, filter.counts,
-        )  # fmt: skip
-        initialise(filter.camera, filter.model, filter.belief, given, filter.counts)
-        filter.forget_sight()
+        given = detections_of(measurements.values, measurements.noise, measurements.ids)
+        given["match"] = self._filter.update(given, self._known)
+        self._filter.initialise(given)
         return given["match"].copy()
 
     def estimate(self) -> Estimate:
@@ -516,16 +261,16 @@ class Ekf:
         return copy.deepcopy(self)
 
 
-def candidates_of(
+def detections_of(
     pixels: Any,
     R: Any = None,
     ids: Sequence[int] | np.ndarray | int = ANYTHING,
     log_ratios: Any = 0.0,
     pixel_std: float = 2.0,
 ) -> np.ndarray:
-    """Candidates (M,) at ``pixels`` (M, 2), with noise ``R`` (2, 2) or (M, 2, 2); None: ``pixel_std``."""
+    """Detections (M,) at ``pixels`` (M, 2), with noise ``R`` (2, 2) or (M, 2, 2); None: ``pixel_std``."""
     pixels = np.reshape(np.asarray(pixels, float), (-1, 2))
-    out = np.zeros(len(pixels), CANDIDATE)
+    out = np.zeros(len(pixels), DETECTION)
     out["pixel"], out["R"] = pixels, pixel_std**2 * np.eye(2) if R is None else R
     out["id"], out["log_ratio"] = ids, log_ratios
     return out

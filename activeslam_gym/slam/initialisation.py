@@ -1,6 +1,6 @@
-"""From unexplained candidates to features: tracks, births, growing up, deletion.
+"""From unexplained detections to features: tracks, initialisation, conversion to points, deletion.
 
-The seam of the two initialisers: `give_birth` and `mature` are the only places that know which of them is at work.
+Only `give_birth` and `mature` know which of the two initialisers is at work.
 """
 
 import math
@@ -11,7 +11,7 @@ from activeslam_gym import config
 from activeslam_gym.camera import camera_from_world, pixel_from_camera_point, ray_from_pixel, ray_jacobian
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix, skew
-from activeslam_gym.kernels import Record, borrowing, compiled, filled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, product
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION, POSITION, QUATERNION
 from activeslam_gym.slam.association import NEW, REJECTED
@@ -32,93 +32,67 @@ from activeslam_gym.slam.depth_particles import scatter_particles
 from activeslam_gym.slam.map import append_feature, convert_to_point, remove_feature, room_for
 
 TRACK_RADIUS_PX = 15.0
-"""A track is followed to the nearest new candidate within this distance of where its direction projects [px]."""
+"""A track is followed to the nearest new detection within this distance of where its direction projects [px]."""
 ALONE_STDS = 6.0
-"""Nothing is born while another unexplained candidate is nearer than so many deviations of the image noise."""
+"""Nothing is born while another unexplained detection is nearer than so many deviations of the image noise."""
 
-INITIALISATION = record(
+INITIALISATION, initialisation_of = constants(
+    Scenario(),
     birth_detections="i8",
-    alone_px="f8",  # a birth's distance from other unexplained candidates [px]
-    inverse_depth="b1",  # whether features begin as INVERSE_DEPTH, or as RAY
-    rho_mean="f8",  # first inverse depth [1/m]
-    rho_std="f8",
-    memory_frames="i8",  # an INVERSE_DEPTH feature out of sight for longer is deleted
+    alone_px=lambda s: ALONE_STDS * s.pixel_std,  # a birth's distance from other unexplained detections [px]
+    inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY
+    rho_mean=lambda s: s.inverse_depth_mean,  # first inverse depth [1/m]
+    rho_std=lambda s: s.inverse_depth_std,
+    # an INVERSE_DEPTH feature out of sight for longer is deleted:
+    memory_frames=lambda s: round(s.inverse_depth_memory / s.frame_time),
     linearity_threshold="f8",  # linearity index under which it becomes a point
     mapped_depth_ratio="f8",
     ray_capacity="i8",
-    ray_age_frames="i8",  # a RAY that is older is deleted
+    ray_age_frames=lambda s: round(s.ray_age / s.frame_time),  # a RAY that is older is deleted
     maximum_misses="i8",
     miss_spacing="f8",  # misses from places nearer to each other count once [m]
 )
 """Constants of births, conversions and deletions; see the fields of `Scenario`."""
 
 
-def initialisation_of(scenario: Scenario) -> Record:
-    """The INITIALISATION record of a scenario."""
-    return filled(
-        INITIALISATION,
-        birth_detections=scenario.birth_detections,
-        alone_px=ALONE_STDS * scenario.pixel_std,
-        inverse_depth=scenario.initialisation == config.INVERSE_DEPTH,
-        rho_mean=scenario.inverse_depth_mean,
-        rho_std=scenario.inverse_depth_std,
-        memory_frames=round(scenario.inverse_depth_memory / scenario.frame_time),
-        linearity_threshold=scenario.linearity_threshold,
-        mapped_depth_ratio=scenario.mapped_depth_ratio,
-        ray_capacity=scenario.ray_capacity,
-        ray_age_frames=round(scenario.ray_age / scenario.frame_time),
-        maximum_misses=scenario.maximum_misses,
-        miss_spacing=scenario.miss_spacing,
-    )
-
-
 # Tracks -------------------------------------------------------------------------------------------------------------
 
 
 @compiled
-def follow_tracks(camera: Record, model: Record, belief: Belief, candidates: np.ndarray) -> np.ndarray:
-    """Follow candidates (M,) that nothing explains; returns the indices of those that now deserve a feature.
+def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.ndarray) -> np.ndarray:
+    """Follow detections (M,) that nothing explains; returns the indices of those that now deserve a feature.
 
-    A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW candidate
-    near it. It may hop between two landmarks that are seen side by side; so a birth waits until its candidate stands
+    A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
+    near it. It may hop between two landmarks that are seen side by side; so a birth waits until its detection stands
     alone, lest what is born of one is fed by the other.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
-    taken, ripe = np.empty(candidates.shape[0], np.bool_), np.empty(candidates.shape[0], np.int64)
-    for i in range(candidates.shape[0]):
-        taken[i] = candidates[i].match != NEW
+    taken, ripe = np.empty(detections.shape[0], np.bool_), np.empty(detections.shape[0], np.int64)
+    for i in range(detections.shape[0]):
+        taken[i] = detections[i].match != NEW
     count = 0
     for t in range(tracks.shape[0]):
         if tracks[t].hits == 0:
             continue
-        i = _nearest_candidate(camera, R_WC, tracks[t].direction, candidates, taken)
+        i = _nearest_detection(camera, R_WC, tracks[t].direction, detections, taken)
         if i < 0:
             tracks[t].hits = 0
             continue
         taken[i] = True
         tracks[t].hits += 1
-        copy_into(tracks[t].direction, direction_of(camera, R_WC, candidates[i].pixel))
-        if tracks[t].hits >= model.birth_detections and _is_alone(model, candidates, i):
+        copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
+        if tracks[t].hits >= model.birth_detections and _is_alone(model, detections, i):
             ripe[count] = i
             count += 1
             tracks[t].hits = 0
-    _begin_tracks(camera, tracks, R_WC, candidates, taken)
-    return ripe[:count]
-
-
-@compiled
-def _begin_tracks(
-    camera: Record, tracks: np.ndarray, R_WC: np.ndarray, candidates: np.ndarray, taken: np.ndarray
-) -> None:
     t = 0
-    for i in range(candidates.shape[0]):
+    for i in range(detections.shape[0]):
         while t < tracks.shape[0] and tracks[t].hits > 0:
             t += 1
-        if t == tracks.shape[0]:
-            return
-        if not taken[i]:
+        if t < tracks.shape[0] and not taken[i]:
             tracks[t].hits = 1
-            copy_into(tracks[t].direction, direction_of(camera, R_WC, candidates[i].pixel))
+            copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
+    return ripe[:count]
 
 
 @compiled
@@ -132,16 +106,16 @@ def direction_of(camera: Record, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndar
 
 
 @compiled
-def _nearest_candidate(
-    camera: Record, R_WC: np.ndarray, direction: np.ndarray, candidates: np.ndarray, taken: np.ndarray
+def _nearest_detection(
+    camera: Record, R_WC: np.ndarray, direction: np.ndarray, detections: np.ndarray, taken: np.ndarray
 ) -> int:
-    """Index of the free candidate nearest to where ``direction`` projects, within the radius, or -1."""
+    """Index of the free detection nearest to where ``direction`` projects, within the radius, or -1."""
     z, h = np.empty(2), (direction[0], direction[1], direction[2])
     if not pixel_from_camera_point(camera, camera_from_world(R_WC, h), z):
         return -1
     best, nearest = -1, TRACK_RADIUS_PX**2
-    for i in range(candidates.shape[0]):
-        pixel = candidates[i].pixel
+    for i in range(detections.shape[0]):
+        pixel = detections[i].pixel
         square = (pixel[0] - z[0]) ** 2 + (pixel[1] - z[1]) ** 2
         if not taken[i] and square < nearest:
             best, nearest = i, square
@@ -149,11 +123,11 @@ def _nearest_candidate(
 
 
 @borrowing
-def _is_alone(model: Record, candidates: np.ndarray, i: int) -> bool:
-    """Whether no other candidate that nothing known explains is near candidate ``i``."""
-    pixel = candidates[i].pixel
-    for j in range(candidates.shape[0]):
-        other, match = candidates[j].pixel, candidates[j].match
+def _is_alone(model: Record, detections: np.ndarray, i: int) -> bool:
+    """Whether no other detection that nothing known explains is near detection ``i``."""
+    pixel = detections[i].pixel
+    for j in range(detections.shape[0]):
+        other, match = detections[j].pixel, detections[j].match
         square = (other[0] - pixel[0]) ** 2 + (other[1] - pixel[1]) ** 2
         if j != i and (match == NEW or match == REJECTED) and square < model.alone_px**2:
             return False
@@ -170,9 +144,11 @@ def give_birth(camera: Record, model: Record, rays: Record, belief: Belief, pixe
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
     independent of the rest. ``rays``: PARTICLES.
     """
-    kind = INVERSE_DEPTH if model.inverse_depth else RAY
+    kind, rays_in_use = INVERSE_DEPTH if model.inverse_depth else RAY, 0
+    for k in range(belief.state.count):
+        rays_in_use += belief.feature[k].kind == RAY
     width = KIND_DIM[kind]
-    if not room_for(belief, width) or (kind == RAY and _ray_count(belief) >= model.ray_capacity):
+    if not room_for(belief, width) or (kind == RAY and rays_in_use >= model.ray_capacity):
         return NEW
     mean, J_x, Q = _line_of_sight(camera, belief, pixel, R)
     mean[RHO] = model.rho_mean
@@ -212,15 +188,7 @@ def _line_of_sight(
     return mean, J_x, Q
 
 
-@borrowing
-def _ray_count(belief: Belief) -> int:
-    count = 0
-    for k in range(belief.state.count):
-        count += belief.feature[k].kind == RAY
-    return count
-
-
-# Growing up and deletion --------------------------------------------------------------------------------------------
+# Conversion and deletion --------------------------------------------------------------------------------------------
 
 
 @compiled
@@ -265,23 +233,20 @@ def linearity_index(belief: Belief, k: int) -> float:
 
 @borrowing
 def delete_failed(model: Record, belief: Belief) -> int:
-    """Delete features that were missed too often or are `_outdated`; returns how many."""
-    count = 0
+    """Delete features that were missed too often or are outdated; returns how many.
+
+    Outdated is a RAY that is too old, and an INVERSE_DEPTH that was out of sight for too long: the long ellipse of a
+    vague depth, met again after seconds, takes another landmark's detection that lies on it, and that makes it a point,
+    overconfidently wrong.
+    """
+    count, frame = 0, belief.state.frame
     for k in range(belief.state.count - 1, -1, -1):
-        if belief.feature[k].misses >= model.maximum_misses or _outdated(model, belief, k):
+        feature = belief.feature[k]
+        if feature.kind == RAY:
+            outdated = frame - feature.born > model.ray_age_frames
+        else:
+            outdated = feature.kind == INVERSE_DEPTH and frame - feature.seen > model.memory_frames
+        if feature.misses >= model.maximum_misses or outdated:
             remove_feature(belief, k)
             count += 1
     return count
-
-
-@borrowing
-def _outdated(model: Record, belief: Belief, k: int) -> bool:
-    """Whether a feature that is no point yet is too old (RAY) or was out of sight for too long (INVERSE_DEPTH).
-
-    The long ellipse of a vague depth, met again after seconds, takes what another landmark's detection lies on it, and
-    that makes it a point, confidently wrong.
-    """
-    frame, feature = belief.state.frame, belief.feature[k]
-    if feature.kind == RAY:
-        return frame - feature.born > model.ray_age_frames
-    return feature.kind == INVERSE_DEPTH and frame - feature.seen > model.memory_frames

@@ -91,22 +91,11 @@ def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
     FP, P_cc = np.zeros((CAMERA_DIM, dim)), P[:CAMERA_DIM, :CAMERA_DIM]
     add_product(F, P[:CAMERA_DIM], FP)
     for i in range(CAMERA_DIM):
-        if _leaves_alone(F[i], i):
-            continue
         for j in range(CAMERA_DIM, dim):
             P[i, j] = FP[i, j]
             P[j, i] = FP[i, j]
     copy_block(Q, P_cc)
     add_symmetric_product(FP, F, P_cc)
-
-
-@borrowing
-def _leaves_alone(row: np.ndarray, i: int) -> bool:
-    """Whether this is row ``i`` of the identity, as those of the velocities are."""
-    for j in range(row.shape[0]):
-        if row[j] != (1.0 if j == i else 0.0):
-            return False
-    return True
 
 
 @compiled

@@ -71,7 +71,7 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
     B = right[m : m + 3]
     copy_block(P[D_ROTATION, :dim], B)
     for i in range(3):
-        subtract_from_one(B, i, W[:, D_ROTATION], W, 0, m, 0, dim)
+        subtract_from_one(B, i, W[:, D_ROTATION], W, m, 0, dim)
     add_product(0.5 * B[:, D_ROTATION], E, B)
     copy_block(W, left)
     copy_block(W, right)
@@ -127,10 +127,9 @@ def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
     P, dim = belief.covariance, belief.state.dim
     J, P_theta = so3_left_jacobian(delta[D_ROTATION]), np.zeros((3, dim))
     add_product(J, P[D_ROTATION], P_theta)
-    P[D_ROTATION, D_ROTATION] = 0.0
-    add_symmetric_product(P_theta[:, D_ROTATION], J, P[D_ROTATION, D_ROTATION])
     for i in range(3):
         for j in range(dim):
-            if j < D_ROTATION.start or j >= D_ROTATION.stop:
-                P[D_ROTATION.start + i, j] = P_theta[i, j]
-                P[j, D_ROTATION.start + i] = P_theta[i, j]
+            P[D_ROTATION.start + i, j] = P_theta[i, j]
+            P[j, D_ROTATION.start + i] = P_theta[i, j]
+    P[D_ROTATION, D_ROTATION] = 0.0
+    add_symmetric_product(P_theta[:, D_ROTATION], J, P[D_ROTATION, D_ROTATION])

@@ -41,15 +41,13 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     return k
 
 
-@compiled
+@borrowing
 def _free_slot(belief: Belief) -> int:
     """The lowest slot that no feature has."""
-    taken = np.zeros(belief.feature.shape[0], np.bool_)
-    for k in range(belief.state.count):
-        taken[belief.feature[k].slot] = True
-    slot = 0
-    while taken[slot]:
-        slot += 1
+    slot, k = 0, 0
+    while k < belief.state.count:
+        taken = belief.feature[k].slot == slot
+        slot, k = (slot + 1, 0) if taken else (slot, k + 1)
     return slot
 
 

@@ -1,4 +1,4 @@
-"""Sight: what a camera is expected to see, with H by blocks, H P and S. The filter and the planner share it.
+"""Sight: predicted measurements of all that is in view, with H by blocks, H P and S. Filter and planner share it.
 
 Rows are numbered alike everywhere: row r < K is fiducial r, row K + k the feature (or the planner's point) k.
 """
@@ -31,10 +31,11 @@ from activeslam_gym.slam.belief import (
     RAY,
     RHO,
     Belief,
+    Direction,
     bearing,
     fiducial_id,
 )
-from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point, workspace
+from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
@@ -60,9 +61,10 @@ THING = record(
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
-    extra=("f8", (2, 2)),  # covariance of its measurement beside H P H^T and the camera's own image noise [px^2]
+    R=("f8", (2, 2)),  # covariance of the measurement's noise: the lens's own, or a matched detection's [px^2]
+    curvature=("f8", (2, 2)),  # covariance of the terms that the linearisation leaves out [px^2]
 )
-"""One thing in reach."""
+"""One predicted measurement, of a thing in reach."""
 
 
 class Sight(NamedTuple):
@@ -73,7 +75,7 @@ class Sight(NamedTuple):
     HP: np.ndarray
     """(2 v, dim) covariance of the predicted pixels with the state [px × unit of the state]."""
     S: np.ndarray
-    """(2 v, 2 v) innovation covariance H P H^T + R: the camera's own image noise, and each thing's ``extra`` [px^2]."""
+    """(2 v, 2 v) innovation covariance H P H^T + R, and each thing's ``curvature`` [px^2]."""
 
 
 # One measurement ----------------------------------------------------------------------------------------------------
@@ -137,10 +139,10 @@ def _chain(view: View, p_C: Vector, d: Vector, scale: float, H_x: np.ndarray, H_
 
 @borrowing
 def own_innovation(
-    P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, pixel_var: float, S: np.ndarray
+    lens: Record, P: np.ndarray, start: int, width: int, H_x: np.ndarray, H_y: np.ndarray, S: np.ndarray
 ) -> None:
-    """S (2, 2) = H P H^T + R, with H non-zero on the pose and on ``width`` columns from ``start`` on."""
-    s00, s01, s11 = pixel_var, 0.0, pixel_var
+    """S (2, 2) = H P H^T + R, with H non-zero on the pose and on ``width`` columns from ``start`` on; the lens's R."""
+    s00, s01, s11 = lens.pixel_std**2, 0.0, lens.pixel_std**2
     for a in range(POSE_DIM):
         h0, h1 = H_x[0, a], H_x[1, a]
         own0, own1, cross0, cross1 = 0.0, 0.0, 0.0, 0.0
@@ -165,13 +167,13 @@ def own_innovation(
 
 
 @borrowing
-def visibility_of(camera: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
+def visibility_of(lens: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
     """Whether a predicted pixel with covariance ``S`` is out of reach (0), NEAR or INSIDE."""
     longest = math.sqrt(max(S[0, 0], S[1, 1]))
     z = (z_hat[0], z_hat[1])
-    if inside_image(camera, z, -INSIDE_STDS * longest):
+    if inside_image(lens, z, -INSIDE_STDS * longest):
         return INSIDE
-    return NEAR if inside_image(camera, z, SEARCH_STDS * longest) else 0
+    return NEAR if inside_image(lens, z, SEARCH_STDS * longest) else 0
 
 
 @borrowing
@@ -190,111 +192,81 @@ def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) ->
 
 
 @compiled
-def sight_of_belief(camera: Record, belief: Belief, fiducials: np.ndarray, boxes: np.ndarray) -> Sight:
+def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: np.ndarray) -> Sight:
     """The fiducials (K, 3), and all features but rays, whose predicted pixel is within reach of the image.
 
-    ``boxes`` (B, 2, 3) are what the filter knows to hide things.
+    ``boxes`` (B, 2, 3) are those that the filter knows to hide things.
     """
-    K, pose, P = fiducials.shape[0], belief.state.camera, belief.covariance
-    view, S = view_of(camera, pose, boxes), np.empty((2, 2))
-    things, v, work = np.empty(K + belief.state.count, THING), 0, workspace()
+    K, P, v = fiducials.shape[0], belief.covariance, 0
+    view, things = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, THING)
+    S, work = np.empty((2, 2)), np.empty((4, 6, 6))
     for row in range(K + belief.state.count):
+        if row >= K and belief.feature[row - K].kind == RAY:
+            continue
         thing = things[v]
-        if row < K:
-            found = _place_known(view, fiducials[row], thing)
-            thing.id, thing.column, thing.width, thing.unseen = fiducial_id(row), 0, 0, 0
-        else:
-            feature = belief.feature[row - K]
-            found = _place_feature(view, feature.kind, feature.mean, thing)
-            thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
-            thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
-        if found:
-            own_innovation(P, thing.column, thing.width, thing.H_camera, thing.H_feature, camera.pixel_std**2, S)
-            thing.extra[:] = 0.0
+        _describe(belief, K, row, thing)
+        reached = in_reach(view, _expected_place(belief, fiducials, row), lens.width, thing.z_hat)
+        if reached and measure(view, belief, fiducials, thing):
+            own_innovation(lens, P, thing.column, thing.width, thing.H_camera, thing.H_feature, S)
+            _write_noise(lens, thing)
             if row < K:
                 curvature_of_point(view, P, fiducials[row], thing, work)
             elif belief.feature[row - K].kind == POINT:
                 curvature_of_point(view, P, belief.feature[row - K].mean, thing, work)
             else:
-                curvature_of_inverse_depth(
-                    P, thing.column, belief.feature[row - K].mean[RHO], thing.H_feature, thing.extra, work
-                )
+                curvature_of_inverse_depth(P, belief.feature[row - K].mean[RHO], thing, work)
             for i in range(2):
                 for j in range(2):
-                    S[i, j] += thing.extra[i, j]
-            thing.row, thing.visibility = row, visibility_of(camera, thing.z_hat, S)
+                    S[i, j] += thing.curvature[i, j]
+            thing.visibility = visibility_of(lens, thing.z_hat, S)
             if thing.visibility == INSIDE and _may_be_too_far(view, belief, fiducials, row):
                 thing.visibility = NEAR
             v += thing.visibility > 0
-    return sight_with(things[:v], P, belief.state.dim, camera.pixel_std**2)
-
-
-@compiled
-def sight_of_points(
-    camera: Record,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    fiducials: np.ndarray,
-    points: np.ndarray,
-    seen: np.ndarray,
-    P: np.ndarray,
-) -> Sight:
-    """What lies in the image of ``pose`` (>= 7: position, quaternion): fiducials (K, 3), and the ``seen`` (M,) ones of
-    points (M, 3).
-
-    ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
-    """
-    K, view = fiducials.shape[0], view_of(camera, pose, boxes)
-    things, v = np.empty(K + points.shape[0], THING), 0
-    for row in range(K + points.shape[0]):
-        thing = things[v]
-        if row >= K and not seen[row - K]:
-            continue
-        if place_point(view, fiducials[row] if row < K else points[row - K], 0.0, thing):
-            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
-            thing.extra[:] = 0.0
-            thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
-            v += 1
-    return sight_with(things[:v], P, P.shape[0], camera.pixel_std**2)
+    return sight_with(things[:v], P, belief.state.dim)
 
 
 @borrowing
-def place_point(view: View, y: np.ndarray, margin: float, thing: Record) -> bool:
-    """Write pixel and Jacobians of the world point ``y`` (>= 3,) into ``thing``, if it is `visible`."""
-    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
-    return visible(view, y, margin, z) and point_measurement(view, y, z, H_x, H_y)
+def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
+    """Write the identity of a fiducial or a feature, and its covariance rows."""
+    thing.row = row
+    if row < K:
+        thing.id, thing.column, thing.width, thing.unseen = fiducial_id(row), 0, 0, 0
+    else:
+        feature = belief.feature[row - K]
+        thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
+        thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
 
 
 @borrowing
-def _place_feature(view: View, kind: int, mean: np.ndarray, thing: Record) -> bool:
-    """The same of a feature's ``mean`` (6,), as far as an image's width outside of the image; never of a RAY."""
-    if kind == POINT:
-        return _place_known(view, mean, thing)
-    if kind == RAY:
-        return False
-    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+def _expected_place(belief: Belief, fiducials: np.ndarray, row: int) -> Direction:
+    """The world point of a fiducial or a feature."""
+    K = fiducials.shape[0]
+    if row < K:
+        return fiducials[row, 0], fiducials[row, 1], fiducials[row, 2]
+    mean = belief.feature[row - K].mean
+    if belief.feature[row - K].kind == POINT:
+        return mean[0], mean[1], mean[2]
     m, rho = bearing(mean[AZIMUTH], mean[ELEVATION])[0], mean[RHO]
-    y = (mean[0] + m[0] / rho, mean[1] + m[1] / rho, mean[2] + m[2] / rho)
-    return in_reach(view, y, view.camera.width, z) and inverse_depth_measurement(view, mean, z, H_x, H_y)
+    return mean[0] + m[0] / rho, mean[1] + m[1] / rho, mean[2] + m[2] / rho
 
 
 @borrowing
-def _place_known(view: View, y: np.ndarray, thing: Record) -> bool:
-    """The same of a world point ``y`` (>= 3,) at any distance."""
-    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
-    return in_reach(view, (y[0], y[1], y[2]), view.camera.width, z) and point_measurement(view, y, z, H_x, H_y)
+def _write_noise(lens: Record, thing: Record) -> None:
+    """R of the ``lens``, and no curvature."""
+    thing.R[:] = 0.0
+    thing.R[0, 0] = thing.R[1, 1] = lens.pixel_std**2
+    thing.curvature[:] = 0.0
 
 
 @borrowing
 def _may_be_too_far(view: View, belief: Belief, fiducials: np.ndarray, row: int) -> bool:
-    """Whether what ``row`` is may be beyond the camera's greatest distance, so that its absence tells nothing.
+    """Whether a fiducial or a feature may be beyond the camera's greatest distance, so that its absence tells nothing.
 
-    That is where it stands, or, while its depth is vague, always.
+    A feature with a vague depth always may.
     """
-    greatest = view.camera.maximum_distance
+    greatest, K = view.camera.maximum_distance, fiducials.shape[0]
     if greatest == math.inf:
         return False
-    K = fiducials.shape[0]
     if row < K:
         return distance_between(view.pose, fiducials[row]) > TELLING_SHARE * greatest
     feature = belief.feature[row - K]
@@ -302,18 +274,49 @@ def _may_be_too_far(view: View, belief: Belief, fiducials: np.ndarray, row: int)
 
 
 @compiled
-def sight_with(things: np.ndarray, P: np.ndarray, dim: int, pixel_var: float) -> Sight:
+def sight_of_points(
+    lens: Record,
+    boxes: np.ndarray,
+    pose: np.ndarray,
+    fiducials: np.ndarray,
+    points: np.ndarray,
+    seen: np.ndarray,
+    P: np.ndarray,
+) -> Sight:
+    """The contents of the image from ``pose`` (>= 7: position, quaternion): the fiducials (K, 3) in it, and those of
+    the ``seen`` (M,) points (M, 3).
+
+    ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
+    """
+    K, view, v = fiducials.shape[0], view_of(lens, pose, boxes), 0
+    things = np.empty(K + points.shape[0], THING)
+    for row in range(K + points.shape[0]):
+        if row >= K and not seen[row - K]:
+            continue
+        thing, y = things[v], fiducials[row] if row < K else points[row - K]
+        if visible(view, y, 0.0, thing.z_hat) and point_measurement(
+            view, y, thing.z_hat, thing.H_camera, thing.H_feature
+        ):
+            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
+            thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
+            _write_noise(lens, thing)
+            v += 1
+    return sight_with(things[:v], P, P.shape[0])
+
+
+@compiled
+def sight_with(things: np.ndarray, P: np.ndarray, dim: int) -> Sight:
     """The joint covariances of ``things`` (v,): H P = H_camera P_camera + H_feature P_feature, S = H P H^T + R."""
     HP = np.zeros((2 * things.shape[0], dim))
     for a in range(things.shape[0]):
         thing, rows = things[a], HP[2 * a : 2 * a + 2]
         add_product_of_two(thing.H_camera, P[:POSE_DIM], rows)
         add_product_of_two(thing.H_feature, P[thing.column : thing.column + thing.width], rows)
-    return Sight(things, HP, innovation_covariance(things, HP, pixel_var))
+    return Sight(things, HP, innovation_covariance(things, HP))
 
 
 @compiled(fastmath={"contract"})
-def innovation_covariance(things: np.ndarray, HP: np.ndarray, pixel_var: float) -> np.ndarray:
+def innovation_covariance(things: np.ndarray, HP: np.ndarray) -> np.ndarray:
     """S (2 v, 2 v) of ``things`` (v,) from their ``HP``, see `Sight`; symmetric to the bit."""
     m = HP.shape[0]
     S = np.empty((m, m))
@@ -330,8 +333,8 @@ def innovation_covariance(things: np.ndarray, HP: np.ndarray, pixel_var: float) 
                 v += row[column + k] * H_feature[1, k]
             S[r, c], S[c, r], S[r, c + 1], S[c + 1, r] = u, u, v, v
     for r in range(m):
-        S[r, r] += pixel_var
-        extra = things[r // 2].extra
+        R, curvature = things[r // 2].R, things[r // 2].curvature
         for axis in range(2):
-            S[r, r - r % 2 + axis] += extra[r % 2, axis]
+            S[r, r - r % 2 + axis] += R[r % 2, axis]
+            S[r, r - r % 2 + axis] += curvature[r % 2, axis]
     return S

@@ -1,4 +1,4 @@
-"""Pictures of a flat board with known corners, and the lens of equation 1 that explains them: what ``calibrate`` does.
+"""The lens of equation 1 that explains pictures of a flat board with known corners: the command ``calibrate``.
 
 A board is a chessboard of so many inner corners, or a ChArUco board of so many squares. Its size does not enter the
 lens. Axes are those of image files here, x right and y down, in which equation 1 is u = u0 + u_c / sqrt(1 + K r_c^2).
@@ -17,55 +17,41 @@ from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import written_whole
 from activeslam_gym.vision.calibration import Calibration
+from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import open_images
+from activeslam_gym.vision.target import CHARUCO, Board
 
-KINDS = ("chessboard", "charuco")
+KINDS = ("chessboard", CHARUCO)
 LEAST_PICTURES = 3
-_SIDES = (3, 100)
-"""The fewest and the most columns and rows of a board."""
-_MARKER_SHARE = 0.75
-"""Side of a ChArUco board's markers, in squares."""
-_MARKERS = 50
-"""Markers of its dictionary, 4x4_50: a board has at most as many."""
-_FOCALS = (0.45, 0.65, 0.9, 1.3)
-"""Focal lengths from which the fit starts, in widths of the image."""
+_SIDES = (3, 100)  # fewest and most columns and rows of a board
+_MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
+_MARKERS = 50  # markers of its dictionary, 4x4_50: a board has at most as many
+_FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
 
 View = tuple[np.ndarray, np.ndarray]
-"""Corners on the board (n, 2) [squares] and in the picture (n, 2) [px]."""
+"""Corners on the board (n, 3) [squares] and in the picture (n, 2) [px]."""
 
 
 class Fit(NamedTuple):
     """A lens and how well it explains the corners."""
 
     calibration: Calibration
-    residual_px: float
-    """Root mean square of a corner's residual, each axis [px]."""
-    stds: np.ndarray
-    """(4,) of focal length, principal point and distortion, from the residual."""
-    pictures: int
-    """That showed the board."""
+    residual_px: float  # root mean square of a corner's residual, each axis
+    stds: np.ndarray  # (4,) of focal length, principal point and distortion, from the residual
+    pictures: int  # that showed the board
 
 
 def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | None:
     """The corners of the board in a grey ``image`` (h, w) uint8, or None if it does not show enough of it."""
+    if kind == CHARUCO:
+        board = Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50")
+        points, pixels = corners_in(image, board)
+        return (points * (1.0, -1.0, 1.0), pixels) if len(points) >= LEAST_CORNERS else None
     cv2 = opencv()
-    if kind == "charuco":
-        aruco = cv2.aruco
-        board = aruco.CharucoBoard(
-            (columns, rows), 1.0, _MARKER_SHARE, aruco.getPredefinedDictionary(aruco.DICT_4X4_50)
-        )
-        pixels, ids = aruco.CharucoDetector(board).detectBoard(image)[:2]
-        if ids is None or len(ids) < 6:
-            return None
-        return np.array(board.getChessboardCorners())[ids.ravel(), :2].astype(float), pixels.reshape(-1, 2).astype(
-            float
-        )
     found, pixels = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
-    if not found:
-        return None
-    y, x = np.mgrid[:rows, :columns]
-    return np.stack((x.ravel(), y.ravel()), axis=1).astype(float), pixels.reshape(-1, 2).astype(float)
+    y, x = (axis.ravel() for axis in np.mgrid[:rows, :columns])
+    return (np.stack((x, y, 0.0 * x), axis=1), pixels.reshape(-1, 2).astype(float)) if found else None
 
 
 def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
@@ -95,7 +81,7 @@ def _residuals(x: np.ndarray, views: Sequence[View]) -> np.ndarray:
     f, u0, v0, bend = x[:4]
     out = []
     for (points, pixels), pose in zip(views, x[4:].reshape(-1, 6)):
-        p = Rotation.from_rotvec(pose[:3]).apply(np.pad(points, ((0, 0), (0, 1)))) + pose[3:]
+        p = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
         u_c = f * p[:, :2] / np.maximum(p[:, 2:], 1e-3)
         d = np.maximum(1.0 + bend * (u_c**2).sum(1), 1e-3)
         out.append(u_c / np.sqrt(d)[:, None] + (u0, v0) - pixels)
@@ -103,22 +89,10 @@ def _residuals(x: np.ndarray, views: Sequence[View]) -> np.ndarray:
 
 
 def _guess(views: Sequence[View], focal: float, width: int, height: int) -> np.ndarray:
-    """The parameters for a lens without distortion: each board's pose is that of its homography."""
-    middle = 0.5 * np.array((width - 1.0, height - 1.0))
-    poses = [_pose(points, (pixels - middle) / focal) for points, pixels in views]
-    return np.concatenate(((focal, *middle, 0.0), *poses))
-
-
-def _pose(points: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """(6,) the pose of a board whose ``points`` (n, 2) are seen along (x, y, 1): H = [r1 r2 t] (Zhang 2000)."""
-    one, zero = np.ones((len(points), 1)), np.zeros((len(points), 3))
-    h = np.hstack((points, one))
-    rows = np.vstack((np.hstack((h, zero, -rays[:, :1] * h)), np.hstack((zero, h, -rays[:, 1:] * h))))
-    H = np.linalg.svd(rows)[2][-1].reshape(3, 3)
-    H /= math.copysign(math.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1])), H[2] @ (*points.mean(0), 1.0))
-    U, _, Vt = np.linalg.svd(np.column_stack((H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1]))))
-    R = U @ np.diag((1.0, 1.0, np.linalg.det(U @ Vt))) @ Vt
-    return np.concatenate((Rotation.from_matrix(R).as_rotvec(), H[:, 2]))
+    """The parameters for a lens without distortion, with each board's pose through it."""
+    cv2, middle = opencv(), 0.5 * np.array((width - 1.0, height - 1.0))
+    poses = [cv2.solvePnP(points, (pixels - middle) / focal, np.eye(3), None)[1:] for points, pixels in views]
+    return np.concatenate(((focal, *middle, 0.0), *(np.ravel(pose) for pose in poses)))
 
 
 def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str | Path) -> Fit:
@@ -134,7 +108,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     if not least <= min(columns, rows) <= max(columns, rows) <= most:
         sizes = " x ".join(map(reprlib.repr, (columns, rows)))
         raise ValueError(f"the board must have {least} to {most} columns and rows, got {sizes}")
-    if kind == "charuco" and columns * rows // 2 > _MARKERS:
+    if kind == CHARUCO and columns * rows // 2 > _MARKERS:
         raise ValueError(f"a charuco board must have at most {_MARKERS} markers, got {columns} x {rows} squares")
     views, shape = [], (0, 0)
     for _, image in open_images(images, 1.0):

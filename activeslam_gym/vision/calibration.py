@@ -1,4 +1,4 @@
-"""The calibration of a real camera: equation 1's parameters in a small JSON file."""
+"""The calibration of a real camera: equation 1's parameters in a small JSON file; and checked JSON files."""
 
 import json
 import math
@@ -15,36 +15,28 @@ from activeslam_gym.files import text_of
 class Calibration(NamedTuple):
     """Equation 1: u = u0 - u_c / sqrt(1 + K_d (u_c^2 + v_c^2)). Pixel (0, 0) is the centre of the first pixel."""
 
-    image_width: int
-    """[px]"""
-    image_height: int
-    """[px]"""
+    image_width: int  # [px]
+    image_height: int  # [px]
     focal_px: float
-    """[px]"""
     principal_x_px: float
-    """[px]"""
     principal_y_px: float
-    """[px]"""
-    distortion: float
-    """K_d [1/px^2]."""
+    distortion: float  # K_d [1/px^2]
 
     def scenario(self, **fields: Any) -> Scenario:
         """A scenario with this camera; ``fields`` are other fields of `Scenario`."""
         return Scenario(**{**self._asdict(), **fields})
 
     def check_image(self, image: np.ndarray) -> None:
-        """Demand a grey image (h, w) uint8 of the size that was calibrated.
+        """Demand a grey image (h, w) uint8 of the calibrated size.
 
         Raises:
-            ValueError: it is something else; the message says what was expected.
+            ValueError: it is another; the message tells the expected size.
         """
-        size = (self.image_height, self.image_width)
         if image.ndim != 2 or image.dtype != np.uint8:
             raise ValueError(f"an image must be grey, (h, w) uint8, got {image.shape} {image.dtype}")
-        if image.shape != size:
-            raise ValueError(
-                f"the calibration is of images of {size[1]} x {size[0]} pixels, got {image.shape[1]} x {image.shape[0]}"
-            )
+        (h, w), (width, height) = image.shape, self[:2]
+        if (w, h) != (width, height):
+            raise ValueError(f"the calibration is of images of {width} x {height} pixels, got {w} x {h}")
 
 
 def read_calibration(path: str | Path) -> Calibration:
@@ -58,7 +50,7 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> Calibration:
-    """The calibration that ``fields`` hold, checked; ``where`` they are from is said in errors.
+    """The calibration with these ``fields``; errors name its origin ``where``.
 
     Raises:
         ValueError: a field is missing, unknown or out of range.
@@ -101,7 +93,7 @@ def read_object(path: str | Path) -> dict[str, Any]:
 
 
 def check_names(fields: dict[str, Any], names: set[str], where: str) -> None:
-    """Demand that ``fields`` has just these ``names``.
+    """Demand that ``fields`` has exactly these ``names``.
 
     Raises:
         ValueError: one is missing or unknown.

@@ -4,88 +4,58 @@ import numpy as np
 
 from activeslam_gym.vision.opencv import opencv
 
-_CELLS = (4, 5)
-"""Rows and columns of the cells whose features are counted."""
-_BLOCK = 7
-"""Side of the window over which gradients are summed [px]."""
-
-
-def corner_strength(image: np.ndarray) -> np.ndarray:
-    """Smaller eigenvalue (h, w) float32 of the gradients' covariance around each pixel of a grey ``image`` (h, w)."""
-    return opencv().cornerMinEigenVal(image, _BLOCK, ksize=3)
+_CELLS = (4, 5)  # rows and columns of the cells whose features are counted
+_BLOCK = 7  # side of the window over which gradients are summed [px]
+_MEETING = (_BLOCK // 2 + 1,) * 2, (-1, -1), (1, 10, 0.0)
+"""Window, no hole in it, and 10 rounds (1: they are counted) of OpenCV's `cornerSubPix`."""
 
 
 def new_corners(
-    image: np.ndarray,
-    occupied: np.ndarray,
-    count: int,
-    radius: float,
-    border: int,
-    least: float,
-    least_ratio: float = 0.0,
+    image: np.ndarray, occupied: np.ndarray, count: int, radius: float, border: int, least: float, least_ratio: float
 ) -> np.ndarray:
     """Up to ``count`` pixels (n, 2) of ``image`` (h, w) uint8 for new features, the best first.
 
     Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
     ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
     The smaller eigenvalue is at least ``least_ratio`` of the greater: along an edge, features slide. It is the pixel
-    where the edges meet: strength is nearly the same wherever the window holds the corner, and what is beside the
-    feature itself would move otherwise than it where the view changes.
+    where the edges meet (Foerstner and Guelch 1987): the strength is nearly the same wherever the window holds the
+    corner, and a pixel beside the feature would move otherwise than the feature where the view changes.
     """
-    strength = corner_strength(image)
+    cv2 = opencv()
+    strength = cv2.cornerMinEigenVal(image, _BLOCK, ksize=3)
     strength[strength < least] = 0.0
     h, w = image.shape
     strength[:border], strength[h - border :] = 0.0, 0.0
     strength[:, :border], strength[:, w - border :] = 0.0, 0.0
     crowd = np.zeros(_CELLS)
+
+    def take(x: float, y: float) -> None:
+        """Count a feature, and leave no corner near it."""
+        _clear(strength, x, y, radius)
+        if 0 <= x < w and 0 <= y < h:
+            crowd[int(y * _CELLS[0] / h), int(x * _CELLS[1] / w)] += 1
+
     for pixel in occupied:
-        _take(strength, crowd, pixel, radius)
+        take(*pixel)
     found: list[tuple[int, int]] = []
     while len(found) < count and (pixel := _strongest_in_thinnest(strength, crowd)) is not None:
-        x, y = _centre(image, pixel)
-        pixel = (x, y) if strength[y, x] > 0.0 else pixel
-        if _roundness(image, pixel) >= least_ratio:
-            found.append(pixel)
-            _take(strength, crowd, np.array(pixel, float), radius)
+        x, y = np.rint(cv2.cornerSubPix(image, np.array([[pixel]], np.float32), *_MEETING))[0, 0].astype(int).tolist()
+        if strength[y, x] <= 0.0:
+            x, y = pixel
+        part = image[max(y - _BLOCK, 0) : y + _BLOCK + 1, max(x - _BLOCK, 0) : x + _BLOCK + 1]
+        both = cv2.cornerEigenValsAndVecs(part, _BLOCK, ksize=3)[min(y, _BLOCK), min(x, _BLOCK), :2]
+        if both.min() >= least_ratio * both.max():
+            found.append((x, y))
+            take(x, y)
         else:
-            _clear(strength, np.array(pixel, float), radius)
+            _clear(strength, x, y, radius)
     return np.array(found, float).reshape(-1, 2)
 
 
-def _centre(image: np.ndarray, pixel: tuple[int, int]) -> tuple[int, int]:
-    """The pixel (x, y) near ``pixel`` that all gradients around are across from (Foerstner and Guelch 1987), or itself,
-    if there is none in the window."""
-    cv2 = opencv()
-    at, half = np.array([[pixel]], np.float32), (_BLOCK // 2 + 1, _BLOCK // 2 + 1)
-    x, y = np.rint(cv2.cornerSubPix(image, at, half, (-1, -1), (cv2.TERM_CRITERIA_COUNT, 10, 0.0))).astype(int)[0, 0]
-    return int(x), int(y)
-
-
-def _roundness(image: np.ndarray, pixel: tuple[int, int]) -> float:
-    """Smaller eigenvalue of the gradients' covariance around ``pixel`` (x, y) over the greater one."""
-    x, y = pixel
-    part = image[max(y - _BLOCK, 0) : y + _BLOCK + 1, max(x - _BLOCK, 0) : x + _BLOCK + 1]
-    least, most = np.sort(opencv().cornerEigenValsAndVecs(part, _BLOCK, ksize=3)[min(y, _BLOCK), min(x, _BLOCK), :2])
-    return float(least / most)
-
-
-def _take(strength: np.ndarray, crowd: np.ndarray, pixel: np.ndarray, radius: float) -> None:
-    """Count a feature at ``pixel`` (2,) and leave no corner near it."""
-    h, w = strength.shape
-    rows, columns = crowd.shape
-    x, y = pixel
-    _clear(strength, pixel, radius)
-    if 0 <= x < w and 0 <= y < h:
-        crowd[int(y * rows / h), int(x * columns / w)] += 1
-
-
-def _clear(strength: np.ndarray, pixel: np.ndarray, radius: float) -> None:
-    """Leave no corner near ``pixel`` (2,)."""
-    h, w = strength.shape
-    x, y = pixel
-    if -radius < x < w + radius and -radius < y < h + radius:
-        left, top = max(int(x - radius), 0), max(int(y - radius), 0)
-        strength[top : int(y + radius) + 1, left : int(x + radius) + 1] = 0.0
+def _clear(strength: np.ndarray, x: float, y: float, radius: float) -> None:
+    """Leave no corner near the pixel (x, y)."""
+    top, left = (max(int(at - radius), 0) for at in (y, x))
+    strength[top : max(int(y + radius) + 1, 0), left : max(int(x + radius) + 1, 0)] = 0.0
 
 
 def _strongest_in_thinnest(strength: np.ndarray, crowd: np.ndarray) -> tuple[int, int] | None:

@@ -1,6 +1,7 @@
-"""A film of a track: the image with what was searched and found, beside the map from above."""
+"""A film of a track: the image with the searches and matches, beside the map from above."""
 
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,100 +13,82 @@ from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
 
-_SCALE = 2
-"""Pixels of the film for one of the image."""
-_BELIEVED, _MISSED, _PATH, _GREY = (80, 200, 80), (60, 60, 230), (0, 94, 213), (150, 150, 150)
-"""Blue, green, red: ellipses of what was matched and what was not, the camera's path, features."""
+_SCALE = 2  # pixels of the film for one of the image
+_MATCHED, _MISSED, _PATH, _FEATURE = (80, 200, 80), (60, 60, 230), (0, 94, 213), (150, 150, 150)  # blue, green, red
+_CODES = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
-class Film:
-    """Writes a picture an image to the video ``path`` (.mp4 or .avi), ``rate`` [Hz]: a context, at whose end the file
-    is there, whole or not at all.
+@contextmanager
+def film_to(path: Path, rate: float) -> Iterator[Callable[[FrontEnd, np.ndarray], None]]:
+    """A function that adds the picture of the moment after an image (h, w) to the video ``path`` (.mp4 or .avi), of
+    ``rate`` [Hz]: a context, at whose end the file is there, whole or not at all.
 
     Raises:
         ValueError: ``path`` ends otherwise.
         OSError: at the end, the video cannot be read again: the disk is full.
     """
+    if path.suffix not in _CODES:
+        raise ValueError(f"a film is .mp4 or .avi, got {path}")
+    cv2, pictures = opencv(), 0
+    writer, unfinished, track = None, path, list[np.ndarray]()
+    with ExitStack() as at_close:
 
-    def __init__(self, path: str | Path, rate: float) -> None:
-        self._path, self._rate = Path(path), float(rate)
-        self._writer: Any = None
-        self._at_close = ExitStack()
-        self._written = 0
-        self._track: list[np.ndarray] = []
-        kinds = {".mp4": "mp4v", ".avi": "MJPG"}
-        if self._path.suffix not in kinds:
-            raise ValueError(f"a film is .mp4 or .avi, got {path}")
-        self._kind = kinds[self._path.suffix]
+        def add(front_end: FrontEnd, image: np.ndarray) -> None:
+            nonlocal writer, unfinished, pictures
+            track.append(front_end.filter.mean[:3])
+            picture = np.hstack((_seen(cv2, front_end, image), _map(cv2, front_end, track, image.shape)))
+            if writer is None:
+                unfinished = at_close.enter_context(written_whole(path))
+                code = cv2.VideoWriter_fourcc(*_CODES[path.suffix])
+                writer = cv2.VideoWriter(str(unfinished), code, float(rate), picture.shape[1::-1])
+            writer.write(picture)
+            pictures += 1
 
-    def add(self, front_end: FrontEnd, image: np.ndarray) -> None:
-        """The moment after ``image`` (h, w)."""
-        cv2 = opencv()
-        picture = np.hstack((_seen(cv2, front_end, image), self._map(cv2, front_end, image.shape)))
-        if self._writer is None:
-            self._unfinished = self._at_close.enter_context(written_whole(self._path))
-            code = cv2.VideoWriter_fourcc(*self._kind)
-            self._writer = cv2.VideoWriter(str(self._unfinished), code, self._rate, picture.shape[1::-1])
-            self._at_close.push(self._finish)
-        self._writer.write(picture)
-        self._written += 1
+        try:
+            yield add
+        finally:
+            if writer is not None:
+                writer.release()
+        # OpenCV does not tell that it could not write a picture
+        if pictures and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < pictures:
+            raise OSError(f"{path} cannot be written as a video (is the disk full?)")
 
-    def __enter__(self) -> "Film":
-        return self
 
-    def __exit__(self, *error: Any) -> None:
-        self._at_close.__exit__(*error)
-
-    def _finish(self, *error: Any) -> None:
-        """Demand that each picture is in the file: OpenCV does not tell that it could not write one."""
-        cv2 = opencv()
-        self._writer.release()
-        if any(error):
-            return  # which `written_whole` sees too
-        if cv2.VideoCapture(str(self._unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < self._written:
-            raise OSError(f"{self._path} cannot be written as a video (is the disk full?)")
-
-    def _map(self, cv2: Any, front_end: FrontEnd, shape: tuple[int, ...]) -> np.ndarray:
-        """X to the right and Z downwards, as seen from above: features with their ellipses (2 sigma), and the path."""
-        points, P = front_end.filter.points()
-        self._track.append(front_end.filter.mean[:3])
-        everything = np.concatenate((points, front_end.filter.fiducials, self._track))[:, [0, 2]]
-        low, high = np.percentile(everything, [2, 98], axis=0)
-        h, w = _SCALE * shape[0], _SCALE * shape[1]
-        per_metre = 0.8 * min(w / max(high[0] - low[0], 0.5), h / max(high[1] - low[1], 0.5))
-        picture, middle = np.full((h, w, 3), 255, np.uint8), 0.5 * (low + high)
-
-        def at(point: np.ndarray) -> np.ndarray:
-            return per_metre * (point[..., [0, 2]] - middle) + (0.5 * w, 0.5 * h)
-
-        for k, point in enumerate(points):
-            own = slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
-            _ellipse(cv2, picture, at(point), per_metre**2 * P[own, own][np.ix_([0, 2], [0, 2])], 2.0, _GREY)
-        for point in at(front_end.filter.fiducials):
-            cv2.circle(picture, tuple(np.rint(point).astype(int).tolist()), 3, (0, 0, 0), -1)
-        cv2.polylines(picture, [np.rint(at(np.array(self._track))).astype(np.int32)], False, _PATH, 2)
-        return picture
+def _map(cv2: Any, front_end: FrontEnd, track: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """X to the right and Z downwards, as seen from above: features with their ellipses (2 sigma), and the path."""
+    points, P = front_end.filter.points()
+    path, fiducials, points = (np.array(p)[:, [0, 2]] for p in (track, front_end.filter.fiducials, points))
+    low, high = np.percentile(np.concatenate((points, fiducials, path)), [2, 98], axis=0)
+    size = _SCALE * np.array(shape[::-1])
+    scale = 0.8 * (size / np.maximum(high - low, 0.5)).min()
+    path, fiducials, points = (scale * (p - 0.5 * (low + high)) + 0.5 * size for p in (path, fiducials, points))
+    picture = np.full((*size[::-1], 3), 255, np.uint8)
+    for k, point in enumerate(points):
+        own = CAMERA_DIM + 3 * k + np.array((0, 2))
+        _ellipse(cv2, picture, point, scale**2 * P[np.ix_(own, own)], 2.0, _FEATURE)
+    for point in fiducials:
+        cv2.circle(picture, tuple(np.rint(point).astype(int).tolist()), 3, (0, 0, 0), -1)
+    cv2.polylines(picture, [np.rint(path).astype(np.int32)], False, _PATH, 2)
+    return picture
 
 
 def _seen(cv2: Any, front_end: FrontEnd, image: np.ndarray) -> np.ndarray:
-    """The image with the ellipses (3 sigma) of what should be in view, and a point where a match was believed."""
+    """The image with the ellipses (3 sigma) of the features that should be in view, and a point at each match."""
     picture = cv2.cvtColor(np.repeat(np.repeat(image, _SCALE, 0), _SCALE, 1), cv2.COLOR_GRAY2BGR)
     sight, found = front_end.filter.sight(), front_end.candidates
-    believed = found[found["match"] != REJECTED]
+    matched = found[found["match"] != REJECTED]
     for a, (id, z) in enumerate(zip(sight.thing["id"], sight.thing["z_hat"])):
         S = sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
-        colour = _BELIEVED if id in believed["match"] else _MISSED
+        colour = _MATCHED if id in matched["match"] else _MISSED
         _ellipse(cv2, picture, _SCALE * z, _SCALE**2 * S, 3.0, colour)
-    for pixel in believed["pixel"]:
-        cv2.circle(picture, tuple(np.rint(_SCALE * pixel).astype(int).tolist()), 2, _BELIEVED, -1)
+    for pixel in matched["pixel"]:
+        cv2.circle(picture, tuple(np.rint(_SCALE * pixel).astype(int).tolist()), 2, _MATCHED, -1)
     return picture
 
 
 def _ellipse(cv2: Any, picture: np.ndarray, middle: np.ndarray, covariance: np.ndarray, sigmas: float, colour: Any):
     """The contour of a Gaussian, unless it is larger than the picture."""
     squares, axes = np.linalg.eigh(covariance)
-    if not (np.isfinite(middle).all() and 0.0 < squares[0] and squares[1] < max(picture.shape) ** 2):
-        return
-    angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
-    half = tuple((sigmas * np.sqrt(squares[::-1])).tolist())
-    cv2.ellipse(picture, (tuple(middle.tolist()), (2 * half[0], 2 * half[1]), angle), colour, 1)
+    if np.isfinite(middle).all() and 0.0 < squares[0] and squares[1] < max(picture.shape) ** 2:
+        angle, sides = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))), 2.0 * sigmas * np.sqrt(squares[::-1])
+        cv2.ellipse(picture, (tuple(middle.tolist()), tuple(sides.tolist()), angle), colour, 1)

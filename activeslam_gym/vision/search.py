@@ -10,23 +10,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.camera import View
 from activeslam_gym.kernels import Record, borrowing, compiled, record
-from activeslam_gym.motion import QUATERNION
-from activeslam_gym.vision.templates import (
-    TEMPLATE_HALF,
-    TEMPLATE_SIDE,
-    Templates,
-    predict_appearance,
-)
+from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templates, predict_appearance
 
 PEAKS = 3
-"""Candidates kept of a feature."""
+"""Most candidates of a feature."""
 UNSEARCHED, MISSING, FOUND = 0, 1, 2
-"""What became of a row: it was not searched; nothing there is like it; it has a candidate."""
-_COUNT = TEMPLATE_SIDE * TEMPLATE_SIDE
-_INNER = (TEMPLATE_SIDE - 2) ** 2
-
+"""States of a row: it was not searched; nothing there is similar; it has a candidate."""
+_COUNT, _INNER = TEMPLATE_SIDE**2, (TEMPLATE_SIDE - 2) ** 2  # pixels of a template, and those that have a gradient
 
 SEARCH = record(
     gate="f8",  # the ellipse is d^2 < gate
@@ -42,58 +34,36 @@ SEARCH = record(
 
 
 class Findings(NamedTuple):
-    """What was found: v rows, up to 3 candidates each."""
+    """The result of a search: v rows, up to 3 candidates each, the best first."""
 
-    state: np.ndarray
-    """(v,) UNSEARCHED, MISSING or FOUND."""
-    peaks: np.ndarray
-    """(v,) candidates."""
-    pixel: np.ndarray
-    """(v, 3, 2) [px]."""
-    R: np.ndarray
-    """(v, 3, 2, 2) [px^2]."""
-    score: np.ndarray
-    """(v, 3) normalised cross-correlation, the best first."""
+    state: np.ndarray  # (v,) UNSEARCHED, MISSING or FOUND
+    peaks: np.ndarray  # (v,) candidates
+    pixel: np.ndarray  # (v, 3, 2) [px]
+    R: np.ndarray  # (v, 3, 2, 2) [px^2]
+    score: np.ndarray  # (v, 3) normalised cross-correlation
 
 
 @compiled
 def search(
-    camera: Record,
-    model: Record,
-    templates: Templates,
-    image: np.ndarray,
-    pose: np.ndarray,
-    places: np.ndarray,
-    points: np.ndarray,
-    z_hat: np.ndarray,
-    S: np.ndarray,
-) -> Findings:
+    view: View, model: Record, templates: Templates, image: np.ndarray, places: np.ndarray, points: np.ndarray,
+    z_hat: np.ndarray, S: np.ndarray,
+) -> Findings:  # fmt: skip
     """Look for the features at ``points`` (v, 3), whose templates are at ``places`` (v,), in ``image`` (h, w) float32.
 
-    ``z_hat`` (v, 2) and ``S`` (v, 2, 2) are their predicted pixels; ``pose`` (>= 7,) is the camera's.
+    ``z_hat`` (v, 2) and ``S`` (v, 2, 2) are their predicted pixels in ``view``.
     """
     v = places.shape[0]
-    out = Findings(
-        np.zeros(v, np.int64),
-        np.zeros(v, np.int64),
-        np.zeros((v, PEAKS, 2)),
-        np.zeros((v, PEAKS, 2, 2)),
-        np.zeros((v, PEAKS)),
-    )
-    R_WC = rotation_matrix(pose[QUATERNION])
-    sums = integrals(image)
-    drawn, T = (
-        np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32),
-        np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32),
-    )
+    state, peaks, pixel = np.zeros(v, np.int64), np.zeros(v, np.int64), np.zeros((v, PEAKS, 2))
+    out = Findings(state, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)))
+    sums, T = integrals(image), np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for a in range(v):
-        if places[a] < 0 or not _is_searchable(model, image, z_hat[a], S[a]):
-            continue
-        if not predict_appearance(camera, templates, places[a], pose, R_WC, points[a], model.warp, drawn):
-            continue
-        if not _normalise(drawn, T):
-            continue
-        _search_one(model, image, sums, T, z_hat[a], S[a], a, out)
+        if (
+            places[a] >= 0
+            and _is_searchable(model, image, z_hat[a], S[a])
+            and predict_appearance(view, templates, places[a], points[a], model.warp, T)
+            and _normalise(T)
+        ):
+            _search_one(model, image, sums, T, z_hat[a], S[a], a, out)
     return out
 
 
@@ -109,25 +79,23 @@ def _is_searchable(model: Record, image: np.ndarray, z: np.ndarray, S: np.ndarra
 
 
 @compiled
-def _normalise(drawn: np.ndarray, T: np.ndarray) -> bool:
-    """T = drawn with mean 0 and length 1, its unseen pixels 0; False if there is nothing on it."""
+def _normalise(T: np.ndarray) -> bool:
+    """Give a drawn template mean 0 and length 1, its unseen pixels 0; False if there is nothing on it."""
+    values = T.reshape(_COUNT)
     total, seen = 0.0, 0
-    for i in range(TEMPLATE_SIDE):
-        for j in range(TEMPLATE_SIDE):
-            if not math.isnan(drawn[i, j]):
-                total += drawn[i, j]
-                seen += 1
+    for k in range(_COUNT):
+        if not math.isnan(values[k]):
+            total += values[k]
+            seen += 1
     mean, square = total / max(seen, 1), 0.0
-    for i in range(TEMPLATE_SIDE):
-        for j in range(TEMPLATE_SIDE):
-            T[i, j] = 0.0 if math.isnan(drawn[i, j]) else drawn[i, j] - mean
-            square += T[i, j] * T[i, j]
+    for k in range(_COUNT):
+        values[k] = 0.0 if math.isnan(values[k]) else values[k] - mean
+        square += values[k] * values[k]
     if square < 25.0 * _COUNT:  # a standard deviation of 5 grey levels
         return False
     scale = 1.0 / math.sqrt(square)
-    for i in range(TEMPLATE_SIDE):
-        for j in range(TEMPLATE_SIDE):
-            T[i, j] *= scale
+    for k in range(_COUNT):
+        values[k] *= scale
     return True
 
 
@@ -180,15 +148,9 @@ def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, row: int,
 
 @compiled
 def _search_one(
-    model: Record,
-    image: np.ndarray,
-    sums: np.ndarray,
-    T: np.ndarray,
-    z: np.ndarray,
-    S: np.ndarray,
-    a: int,
+    model: Record, image: np.ndarray, sums: np.ndarray, T: np.ndarray, z: np.ndarray, S: np.ndarray, a: int,
     out: Findings,
-) -> None:
+) -> None:  # fmt: skip
     """Correlate ``T`` over the ellipse around ``z``; row ``a`` of ``out`` gets its peaks."""
     h, w = image.shape
     edge = TEMPLATE_HALF + 1
@@ -247,10 +209,15 @@ def _localise(model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray
     d = -(J^T J)^-1 J^T r (inverse composition: the patch in the image is T shifted by d), and
     R = floor^2 I + grain (r^T r / n) (J^T J)^-1.
     """
-    A00, A01, A11 = _structure(T)
+    A00, A01, A11 = 1e-6, 0.0, 1e-6
+    for i in range(1, TEMPLATE_SIDE - 1):
+        for j in range(1, TEMPLATE_SIDE - 1):
+            gx, gy = _gradient(T, i, j)
+            A00 += gx * gx
+            A01 += gx * gy
+            A11 += gy * gy
     det = A00 * A11 - A01 * A01
-    start_x, start_y = pixel[0], pixel[1]
-    residual = 0.0
+    start_x, start_y, residual = pixel[0], pixel[1], 0.0
     for step in range(4):
         g0, g1, residual = _misfit(image, T, pixel)
         if step == 3 or not model.subpixel or math.isnan(residual):
@@ -266,19 +233,6 @@ def _localise(model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray
     floor = model.floor_std**2 + (0.0 if model.subpixel else 1.0 / 12.0)
     R[0, 0], R[0, 1], R[1, 1] = floor + fit * A11, -fit * A01, floor + fit * A00
     R[1, 0] = R[0, 1]
-
-
-@compiled
-def _structure(T: np.ndarray) -> tuple[float, float, float]:
-    """J^T J of the template's gradients: (xx, xy, yy)."""
-    xx, xy, yy = 1e-6, 0.0, 1e-6
-    for i in range(1, TEMPLATE_SIDE - 1):
-        for j in range(1, TEMPLATE_SIDE - 1):
-            gx, gy = _gradient(T, i, j)
-            xx += gx * gx
-            xy += gx * gy
-            yy += gy * gy
-    return xx, xy, yy
 
 
 @borrowing

@@ -1,6 +1,4 @@
-"""What the front end searches, believes, adds and drops."""
-
-from __future__ import annotations
+"""Settings of the front end: which features are searched, believed, added and deleted."""
 
 import math
 from dataclasses import dataclass
@@ -11,105 +9,61 @@ from activeslam_gym.vision.search import SEARCH
 
 @dataclass(frozen=True)
 class FrontEndSettings:
-    """What is searched, believed, added and dropped."""
+    """Settings of one front end; a frame is one image."""
 
-    gate: float = 11.8
-    """Ellipses are searched to this squared Mahalanobis distance: 3 sigma, 99.7 % [-]."""
-    least_score: float = 0.8
-    """Least normalised cross-correlation of a candidate."""
-    largest_area: float = 4000.0
-    """Larger ellipses are not searched [px]."""
-    vague_area: float = 1500.0
-    """If the median ellipse is larger, scouts are searched first [px]."""
-    scout_area: float = 20000.0
-    """Of a larger ellipse, a scout searches the middle part of this size [px]."""
-    least_share: float = 0.2
-    """If a smaller share of the searched belongs together, nothing is believed: strangers agree now and then."""
-    scout_share: float = 0.4
-    """The same of the scouts."""
-    scouts: int = 10
-    """How many go first."""
-    floor_std: float = 0.3
-    """Pixel noise of a perfect template: what lens and plane leave unexplained, correlated in time [px]."""
-    grain: float = 10.0
-    """Inflation of the covariance of the sub-pixel fit."""
-    fiducial_std: float = 0.3
-    """`floor_std` of a fiducial, whose template is drawn [px]."""
-    fiducial_grain: float = 10.0
-    """`grain` of a fiducial."""
-    looks: float = math.inf
-    """All images from one drawing of the target to the next together tell of its corners what so many would, if their
-    errors were not the same: a stare repeats them."""
-    drift: float = 0.0
-    """How far a feature's pixel wanders while its view changes by a radian; its square grows with the change [px]."""
-    redrawn: float = 0.1
-    """The target is drawn anew when its view has changed by so much, or the camera has turned by it [rad]."""
-    lens_std: float = 1.0
-    """What the lens model leaves at half the image's width from the centre, growing with the radius squared [px]."""
-    most_change: float = 2.0
-    """A feature that is seen more differently than that is not searched, and may have a younger one beside it [rad]."""
-    warp: bool = True
-    """Whether templates are warped to the present view."""
-    subpixel: bool = True
-    """Whether matches are refined below the pixel."""
-    appearance: bool = True
-    """Whether the score of a match counts in the association."""
-    match_score: float = 0.8
-    """Score at which a match and a stranger are equally likely."""
-    score_weight: float = 25.0
-    """Growth of the log likelihood ratio with the score."""
-    visible: int = 32
-    """Features wanted in view."""
-    births: int = 4
-    """Most births of a frame."""
-    births_every: int = 3
-    """Frames from one look for corners to the next, unless fewer than half of the wanted are in view."""
-    spacing: float = 13.0
-    """Distance of a birth from other features [px]."""
-    least_corner: float = 4e-4
-    """Least corner strength of a birth."""
-    least_ratio: float = 0.0
-    """Least quotient of the two eigenvalues of a birth's gradients: less is an edge, along which a feature slides."""
-    trials: int = 10
-    """A feature is judged after so many searches ..."""
-    least_success: float = 0.5
-    """... and deleted when a smaller share of them was matched."""
-    most_residual: float = 1.0
-    """A feature whose pixels are that far, on average, from where the updated belief has it, is deleted: an edge before
-    something far behind, or a moving picture [px]."""
-    memory: float = 0.9
-    """Share of a feature's record that is left after one more search."""
-    clear: float = 0.5
-    """A frame in which a smaller share of the searched is matched is blurred: it judges no feature and bears none."""
-    least_clear: int = 3
-    """So is one in which fewer are matched."""
-    room_below: int = 32
-    """In a full map, features not seen for longest make room while fewer are in view."""
-    recover: bool = True
-    """Whether ``least_share`` is demanded, scouts go first where ellipses are large, and a lost map is sought."""
-    lost_after: int = 3
-    """Images, one after the other, in which next to nothing that should be there is found, until the map is lost and is
-    sought in the whole image."""
-    patience: int = 20
-    """Such images until features are judged and born again, come what may."""
-    sought: int = 20
-    """Features that are sought, those with the best record."""
-    constellation: int = 7
-    """So many must be where one pose has them."""
+    # Search
+    gate: float = 11.8  # squared Mahalanobis distance to which ellipses are searched: 3 sigma, 99.7 %
+    least_score: float = 0.8  # normalised cross-correlation of a candidate
+    largest_area: float = 4000.0  # larger ellipses are not searched [px^2]
+    warp: bool = True  # whether templates are warped to the present view
+    subpixel: bool = True  # whether matches are refined below the pixel
+    most_change: float = 2.0  # a feature whose view has changed more is not searched, and may get a neighbour [rad]
+    vague_area: float = 1500.0  # where the median ellipse is larger, scouts are searched first [px^2]
+    scouts: int = 10  # how many go first
+    scout_area: float = 20000.0  # of a larger ellipse, a scout searches the middle part of this size [px^2]
+
+    # Noise and association
+    least_share: float = 0.2  # if fewer of the searched belong together, none is believed: outliers agree now and then
+    scout_share: float = 0.4  # the same of the scouts
+    appearance: bool = True  # whether the score of a match counts in the association
+    match_score: float = 0.8  # score at which a match and an outlier are equally likely
+    score_weight: float = 25.0  # growth of the log likelihood ratio with the score
+    floor_std: float = 0.3  # pixel noise of a perfect template: lens and plane, correlated in time [px]
+    grain: float = 10.0  # inflation of the covariance of the sub-pixel fit
+    fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
+    fiducial_grain: float = 10.0  # `grain` of a fiducial
+    looks: float = math.inf  # all images from one drawing of the target to the next tell of it as much as so many would
+    lens_std: float = 1.0  # error of the lens model at half the image's width, growing with the radius squared [px]
+    drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
+    redrawn: float = 0.1  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
+
+    # New features
+    visible: int = 32  # features wanted in view
+    births: int = 4  # most births of a frame
+    births_every: int = 3  # frames between two searches for corners, unless fewer than half of the wanted are in view
+    spacing: float = 13.0  # distance of a birth from other features [px]
+    least_corner: float = 4e-4  # least corner strength of a birth
+    least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
+    room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
+
+    # Deletion: a feature is judged by its running record
+    trials: int = 10  # after so many searches it is judged ...
+    least_success: float = 0.5  # ... and deleted where a smaller share of them was matched
+    most_residual: float = 1.0  # deleted where its pixels are that far from the updated estimate, in the mean [px]
+    memory: float = 0.9  # share of the record that is left after one more search
+    clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or born
+    least_clear: int = 3  # and so is one in which fewer are matched
+
+    # Recovery
+    recover: bool = True  # whether `least_share` is demanded, scouts go first, and a lost map is sought
+    lost_after: int = 3  # frames in a row in which next to nothing is found, until the map is sought in the whole image
+    patience: int = 20  # such frames until features are judged and born again in any case
+    sought: int = 20  # features that are sought, those with the best record
+    constellation: int = 7  # so many must agree with one pose
 
     def search(self, scouting: bool) -> Record:
-        """The SEARCH record; scouts look into the middle of ellipses that are too large."""
-        return filled(
-            SEARCH,
-            gate=self.gate,
-            least_score=self.least_score,
-            largest_area=self.scout_area if scouting else self.largest_area,
-            shrink=scouting,
-            floor_std=self.floor_std,
-            grain=self.grain,
-            warp=self.warp,
-            subpixel=self.subpixel,
-        )
+        """The SEARCH record; scouts search the middle of ellipses that are too large."""
+        return filled(SEARCH, self, largest_area=self.scout_area if scouting else self.largest_area, shrink=scouting)
 
 
 SIGHTED = FrontEndSettings(

@@ -1,10 +1,10 @@
-"""Sources of images: a folder, a pattern, a video, a live camera. Each is an iterator of (time [s], grey image (h, w)
-uint8)."""
+"""Sources of images: a folder, a pattern, a video, a live camera. Each is an iterator of `Frame`."""
 
 import glob
 import math
 import time
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +13,19 @@ from activeslam_gym.vision.opencv import opencv
 
 Frame = tuple[float, np.ndarray]
 """Time [s] and grey image (h, w) uint8."""
-
 PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 """Endings of the pictures that a folder is searched for."""
 CAMERA = "camera:"
-"""What the name of a live camera begins with; its number follows."""
+"""The name of a live camera begins with it; its number follows."""
 
 
 class SourceError(ValueError):
-    """Images are missing or are not what they should be. What came before has been handed out and stays valid."""
+    """Images are missing or are not as they should be. Those before have been handed out and stay valid."""
 
 
 def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
-    """The images that ``path`` means, ``rate`` [Hz] a second: a folder, a pattern (``shots/*.png``) or a video; or of
-    the live camera ``camera:0``, in grey, with the times at which they came.
+    """The images of the source ``path``, ``rate`` [Hz] a second: a folder, a pattern (``shots/*.png``) or a video; or
+    of the live camera ``camera:0``, in grey, with the times at which they came.
 
     Raises:
         SourceError: there is nothing there (said at once), or an image is unreadable, coloured or of another size than
@@ -36,45 +35,47 @@ def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
     """
     if not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
-    if str(path).startswith(CAMERA):
-        return _live(str(path))
-    where = Path(path)
-    if where.is_dir():
-        files = sorted(file for file in where.iterdir() if file.suffix.lower() in PICTURES)
-        return _checked(_pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})"), rate)
-    if where.is_file():
-        return _checked(_video(where), rate)
+    frames = _live(str(path)) if str(path).startswith(CAMERA) else _timed(_stored(path), rate)
+    return chain([next(frames)], frames)  # so that errors come at once
+
+
+def _stored(path: str | Path) -> Iterator[tuple[str, np.ndarray]]:
+    """The images of a folder, a pattern or a video with their names."""
+    if Path(path).is_file():
+        return _video(Path(path))
+    files = _picture_files(path)
+    if Path(path).is_dir():
+        return _pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})")
     if glob.has_magic(str(path)):
-        files = sorted(Path(name) for name in glob.glob(str(path)))
-        return _checked(_pictures(files, f"nothing matches the pattern {path}"), rate)
+        return _pictures(files, f"nothing matches the pattern {path}")
     raise SourceError(f"there is no {path}")
 
 
 def image_count(path: str | Path) -> int | None:
-    """How many images ``path`` means, or None where nobody knows: a live camera, some videos."""
-    where = Path(path)
-    if where.is_dir():
-        return sum(file.suffix.lower() in PICTURES for file in where.iterdir())
-    if where.is_file():
-        cv2 = opencv()
-        return int(cv2.VideoCapture(str(where)).get(cv2.CAP_PROP_FRAME_COUNT)) or None
-    return len(glob.glob(str(path))) or None
+    """How many images the source ``path`` has, or None where that is unknown: a live camera, some videos."""
+    if not Path(path).is_file():
+        return len(_picture_files(path)) or None
+    cv2 = opencv()
+    return int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT)) or None
 
 
-def _checked(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
-    """The images with their times, each grey and of the first one's size. Opened at once, so errors come at once."""
-    name, first = next(images)
-    grey = _grey(first, name)
+def _picture_files(path: str | Path) -> list[Path]:
+    """The pictures in a folder, or those that match a pattern."""
+    if Path(path).is_dir():
+        return sorted(file for file in Path(path).iterdir() if file.suffix.lower() in PICTURES)
+    return sorted(Path(name) for name in glob.glob(str(path)))
 
-    def rest() -> Iterator[Frame]:
-        yield 0.0, grey
-        for k, (name, image) in enumerate(images, 1):
-            now = _grey(image, name)
-            if now.shape != grey.shape:
-                raise SourceError(f"{name} is of {_size(now)} pixels, the first image of {_size(grey)}")
-            yield k / rate, now
 
-    return rest()
+def _timed(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
+    """The images with their times, each grey and of the first one's size."""
+    shape = None
+    for k, (name, image) in enumerate(images):
+        grey = _grey(image, name)
+        shape = shape or grey.shape
+        if grey.shape != shape:
+            now, then = (f"{w} x {h}" for h, w in (grey.shape, shape))
+            raise SourceError(f"{name} is of {now} pixels, the first image of {then}")
+        yield k / rate, grey
 
 
 def _grey(image: np.ndarray, name: str) -> np.ndarray:
@@ -87,14 +88,9 @@ def _grey(image: np.ndarray, name: str) -> np.ndarray:
         raise SourceError(f"{name} has {image.dtype} pixels; 8-bit grey is needed")
     if image.ndim == 2:
         return image
-    one = image[:, :, 0]
-    if any(not np.array_equal(one, image[:, :, channel]) for channel in range(1, min(image.shape[2], 3))):
+    if (image[:, :, 1:3] != image[:, :, :1]).any():
         raise SourceError(f"{name} is in colour; grey images are needed (convert them first)")
-    return np.ascontiguousarray(one)
-
-
-def _size(image: np.ndarray) -> str:
-    return f"{image.shape[1]} x {image.shape[0]}"
+    return np.ascontiguousarray(image[:, :, 0])
 
 
 def _pictures(files: list[Path], nothing: str) -> Iterator[tuple[str, np.ndarray]]:
@@ -113,44 +109,34 @@ def _pictures(files: list[Path], nothing: str) -> Iterator[tuple[str, np.ndarray
 
 def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     cv2 = opencv()
-    capture = cv2.VideoCapture(str(path))
+    capture, count = cv2.VideoCapture(str(path)), 0
     try:
         if not capture.isOpened():
             raise SourceError(f"{path} cannot be read as a video")
-        count = 0
-        while True:
-            there, image = capture.read()
-            if not there:
-                break
-            yield f"image {count} of {path.name}", image
+        while (frame := capture.read())[0]:
+            yield f"image {count} of {path.name}", frame[1]
             count += 1
         if count == 0:
             raise SourceError(f"{path} holds no image that can be read")
-        if 0 < count < int(capture.get(cv2.CAP_PROP_FRAME_COUNT)):
+        if count < int(capture.get(cv2.CAP_PROP_FRAME_COUNT)):
             raise SourceError(f"{path} breaks off after {count} images")
     finally:
         capture.release()
 
 
 def _live(name: str) -> Iterator[Frame]:
-    """The images of a live camera, until it stops; opened at once, so that errors come at once."""
+    """The images of a live camera, until it stops."""
     cv2, number = opencv(), name.removeprefix(CAMERA)
     if not number.isdecimal():
         raise SourceError(f"a camera is camera:0, camera:1 and so on, got {name}")
     capture = cv2.VideoCapture(int(number))
     if not capture.isOpened():
         raise SourceError(f"{name} is not there or cannot be opened")
-
-    def frames() -> Iterator[Frame]:
-        began = time.monotonic()
-        try:
-            while True:
-                there, image = capture.read()
-                if not there:
-                    raise SourceError(f"{name} has stopped")
-                grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-                yield time.monotonic() - began, grey
-        finally:
-            capture.release()
-
-    return frames()
+    began = time.monotonic()
+    try:
+        while (frame := capture.read())[0]:
+            image = frame[1]
+            yield time.monotonic() - began, image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        raise SourceError(f"{name} has stopped")
+    finally:
+        capture.release()

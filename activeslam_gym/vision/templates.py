@@ -1,4 +1,4 @@
-"""What a feature looks like: the patch of its first sight, and its appearance from elsewhere.
+"""The looks of a feature: the patch of its first sight, and its appearance from elsewhere.
 
 A patch lies on a small plane through the feature. A pixel z of the present image looks along d = R_WC r(z) and meets
 that plane at X = p + d (n . (y - p)) / (n . d); the first camera saw X at the pixel where the stored patch is sampled.
@@ -10,49 +10,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import camera_from_world, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.camera import View, camera_from_world, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.motion import QUATERNION
 
-PATCH_HALF = 20
-"""A stored patch has 2 x 20 + 1 pixels a side: room for a turn and for twice the distance."""
-TEMPLATE_HALF = 7
-"""A predicted template has 2 x 7 + 1 pixels a side."""
+PATCH_HALF, TEMPLATE_HALF = 20, 7
 PATCH_SIDE, TEMPLATE_SIDE = 2 * PATCH_HALF + 1, 2 * TEMPLATE_HALF + 1
-
-_LEAST_COSINE = 0.35
-"""A plane seen more obliquely than this is not predicted."""
-_SCALES = (0.45, 2.2)
-"""Nor is one at less or more than so many times the distance of its first sight."""
-_LEAST_INSIDE = 0.7
-"""Nor is a template of which less than this share has been seen."""
+"""Pixels a side of a stored patch, with room for a turn and for twice the distance, and of a predicted template."""
+_LEAST_COSINE = 0.35  # a plane seen more obliquely than this is not predicted
+_SCALES = (0.45, 2.2)  # nor is one at less or more than so many times the distance of its first sight
+_LEAST_INSIDE = 0.7  # nor is a template of which less than this share has been seen
 
 
 class Templates(NamedTuple):
     """Patches of up to n features, by place; a place without a feature has id 0."""
 
-    id: np.ndarray
-    """(n,) the feature's serial number, or -1 - k for fiducial k."""
-    patch: np.ndarray
-    """(n, 41, 41) float32 grey values around the first sight; NaN outside the image."""
-    pixel: np.ndarray
-    """(n, 2) its pixel then: the centre of the patch [px]."""
-    camera: np.ndarray
-    """(n, 7) the camera's pose then: position [m] and quaternion q_WC."""
-    normal: np.ndarray
-    """(n, 3) the plane's normal in the world, away from the camera."""
+    id: np.ndarray  # (n,) the feature's serial number, or -1 - k for fiducial k
+    patch: np.ndarray  # (n, 41, 41) float32 grey values around the first sight; NaN outside the image
+    pixel: np.ndarray  # (n, 2) its pixel then: the centre of the patch [px]
+    camera: np.ndarray  # (n, 7) the camera's pose then: position [m] and quaternion q_WC
+    normal: np.ndarray  # (n, 3) the plane's normal in the world, away from the camera
 
 
 def empty_templates(capacity: int) -> Templates:
     """No template, and room for ``capacity``."""
-    return Templates(
-        np.zeros(capacity, np.int64),
-        np.zeros((capacity, PATCH_SIDE, PATCH_SIDE), np.float32),
-        np.zeros((capacity, 2)),
-        np.zeros((capacity, 7)),
-        np.zeros((capacity, 3)),
-    )
+    patches = np.zeros((capacity, PATCH_SIDE, PATCH_SIDE), np.float32)
+    return Templates(np.zeros(capacity, np.int64), patches, *(np.zeros((capacity, size)) for size in (2, 7, 3)))
 
 
 @compiled
@@ -67,31 +51,33 @@ def sample(image: np.ndarray, x: float, y: float) -> float:
     return (1.0 - b) * upper + b * lower
 
 
+@borrowing
+def _in_world(R_WC: np.ndarray, ray: np.ndarray) -> tuple[float, float, float]:
+    """The ``ray`` (x, y, 1) in world axes."""
+    return (
+        R_WC[0, 0] * ray[0] + R_WC[0, 1] * ray[1] + R_WC[0, 2],
+        R_WC[1, 0] * ray[0] + R_WC[1, 1] * ray[1] + R_WC[1, 2],
+        R_WC[2, 0] * ray[0] + R_WC[2, 1] * ray[1] + R_WC[2, 2],
+    )
+
+
 @compiled
 def store(
-    camera: Record,
-    templates: Templates,
-    place: int,
-    id: int,
-    image: np.ndarray,
-    pixel: np.ndarray,
-    pose: np.ndarray,
-    normal: np.ndarray,
+    view: View, templates: Templates, place: int, id: int, image: np.ndarray, pixel: np.ndarray, normal: np.ndarray
 ) -> None:
-    """Keep the patch of ``image`` around ``pixel`` (2,) as it is seen from ``pose`` (>= 7,).
+    """Keep the patch of ``image`` around ``pixel`` (2,) as it is seen in ``view``, whose pose is (>= 7,).
 
     ``normal`` (3,) is the plane's normal in the world if it is known, or zero: then it faces the camera.
     """
-    R_WC = rotation_matrix(pose[QUATERNION])
-    ray = ray_from_pixel(camera, pixel)
+    ray = ray_from_pixel(view.camera, pixel)
     length = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0)
-    templates.id[place] = id
+    sight = _in_world(view.R_WC, ray)
     known = normal[0] != 0.0 or normal[1] != 0.0 or normal[2] != 0.0
+    templates.id[place] = id
     for i in range(3):
-        sight = (R_WC[i, 0] * ray[0] + R_WC[i, 1] * ray[1] + R_WC[i, 2]) / length
-        templates.normal[place, i] = normal[i] if known else sight
+        templates.normal[place, i] = normal[i] if known else sight[i] / length
     for i in range(7):
-        templates.camera[place, i] = pose[i]
+        templates.camera[place, i] = view.pose[i]
     for i in range(2):
         templates.pixel[place, i] = pixel[i]
     for i in range(PATCH_SIDE):
@@ -104,28 +90,20 @@ def shows_template(picture: np.ndarray, pixel: np.ndarray) -> bool:
     """Whether ``picture`` (h, w) shows enough around ``pixel`` (2,) for a template, NaN being nothing."""
     x, y = (round(float(value)) for value in pixel)
     rows, columns = (slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
-    part = picture[rows, columns]
-    return bool(np.isfinite(part).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
+    return bool(np.isfinite(picture[rows, columns]).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
 
 
 @compiled
 def predict_appearance(
-    camera: Record,
-    templates: Templates,
-    place: int,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    point: np.ndarray,
-    warp: bool,
-    out: np.ndarray,
+    view: View, templates: Templates, place: int, point: np.ndarray, warp: bool, out: np.ndarray
 ) -> bool:
-    """Draw the template (15, 15) of the feature at ``point`` (3,) as seen from ``pose`` (>= 3,) into ``out``.
+    """Draw the template (15, 15) of the feature at ``point`` (3,) as it looks in ``view`` into ``out``.
 
     The centre of ``out`` is the feature itself: on the sight line of the first camera, at the distance of ``point``.
     False where the view is too different from the first, or reaches beyond the patch.
     """
     nodes = np.empty((3, 3, 2))
-    if not _view(camera, templates, place, pose, R_WC, point, nodes):
+    if not _find_nodes(view, templates, place, point, nodes):
         return False
     if not warp:
         for i in range(3):
@@ -135,47 +113,38 @@ def predict_appearance(
 
 
 @compiled
-def _view(
-    camera: Record,
-    templates: Templates,
-    place: int,
-    pose: np.ndarray,
-    R_WC: np.ndarray,
-    point: np.ndarray,
-    nodes: np.ndarray,
-) -> bool:
+def _find_nodes(view: View, templates: Templates, place: int, point: np.ndarray, nodes: np.ndarray) -> bool:
     """Where the template's corners, edge middles and centre are in the patch: ``nodes`` (3, 3, 2) [px] from its centre.
 
     Between them the map is so nearly linear that interpolation is as good as the homography (under 0.02 px).
     """
-    first, normal, born = templates.camera[place], templates.normal[place], templates.pixel[place]
+    camera, first = view.camera, templates.camera[place]
+    normal, born = templates.normal[place], templates.pixel[place]
     R_WB = rotation_matrix(first[QUATERNION])
     ray = ray_from_pixel(camera, born)
-    far, length = 0.0, math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0)
+    length, along_ray = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0), _in_world(R_WB, ray)
+    far = 0.0
     for i in range(3):
         far += (point[i] - first[i]) ** 2
     far = math.sqrt(far)
-    sight, offset, d = np.empty(3), np.empty(3), np.empty(3)
+    sight, offset = np.empty(3), np.empty(3)  # to the feature, and from the first camera to this one
     near, plane = 0.0, 0.0
     for i in range(3):
-        offset[i] = pose[i] - first[i]
-        sight[i] = far * (R_WB[i, 0] * ray[0] + R_WB[i, 1] * ray[1] + R_WB[i, 2]) / length - offset[i]
+        offset[i] = view.pose[i] - first[i]
+        sight[i] = far * along_ray[i] / length - offset[i]
         near += sight[i] * sight[i]
         plane += normal[i] * sight[i]
     near = math.sqrt(near)
     if plane < _LEAST_COSINE * near or not _SCALES[0] * far < near < _SCALES[1] * far:
         return False
     centre, z = np.empty(2), np.empty(2)
-    if not pixel_from_camera_point(camera, camera_from_world(R_WC, sight), centre):
+    if not pixel_from_camera_point(camera, camera_from_world(view.R_WC, sight), centre):
         return False
     for i in range(3):
         for j in range(3):
             z[0], z[1] = centre[0] + (j - 1) * TEMPLATE_HALF, centre[1] + (i - 1) * TEMPLATE_HALF
-            r = ray_from_pixel(camera, z)
-            along = 0.0
-            for k in range(3):
-                d[k] = R_WC[k, 0] * r[0] + R_WC[k, 1] * r[1] + R_WC[k, 2]
-                along += normal[k] * d[k]
+            d = _in_world(view.R_WC, ray_from_pixel(camera, z))
+            along = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
             if along <= 0.0:
                 return False
             t = plane / along
@@ -197,18 +166,9 @@ def _draw(patch: np.ndarray, nodes: np.ndarray, out: np.ndarray) -> int:
             n = j // (TEMPLATE_HALF + 1)
             a = (j - n * TEMPLATE_HALF) / TEMPLATE_HALF
             w00, w01, w10, w11 = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
-            x = (
-                w00 * nodes[m, n, 0]
-                + w01 * nodes[m, n + 1, 0]
-                + w10 * nodes[m + 1, n, 0]
-                + w11 * nodes[m + 1, n + 1, 0]
-            )
-            y = (
-                w00 * nodes[m, n, 1]
-                + w01 * nodes[m, n + 1, 1]
-                + w10 * nodes[m + 1, n, 1]
-                + w11 * nodes[m + 1, n + 1, 1]
-            )
+            upper, lower = nodes[m], nodes[m + 1]
+            x = w00 * upper[n, 0] + w01 * upper[n + 1, 0] + w10 * lower[n, 0] + w11 * lower[n + 1, 0]
+            y = w00 * upper[n, 1] + w01 * upper[n + 1, 1] + w10 * lower[n, 1] + w11 * lower[n + 1, 1]
             value = sample(patch, PATCH_HALF + x, PATCH_HALF + y)
             out[i, j] = value
             seen += not math.isnan(value)

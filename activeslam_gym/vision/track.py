@@ -1,4 +1,4 @@
-"""From a sequence of images to a trajectory, a map and a log: what ``track`` does.
+"""From a sequence of images to a trajectory, a map and a log: the command ``track``.
 
 The trajectory is in TUM's format, ``t tx ty tz qx qy qz qw``: camera-to-world in the target's frame, with the camera's
 axes as image files have them, x right, y down, z forward. The filter's camera has x left, y up: R_file = R diag(-1, -1,
@@ -9,26 +9,27 @@ free: lengths are in a unit that only the prior of depth has chosen, and that ma
 """
 
 import csv
-import io
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, closing
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from activeslam_gym.camera import camera_of
-from activeslam_gym.config import Scenario
 from activeslam_gym.files import Lines, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration, read_calibration
-from activeslam_gym.vision.film import Film
+from activeslam_gym.vision.drawing import drawn
+from activeslam_gym.vision.film import film_to
+from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame, image_count, open_images
-from activeslam_gym.vision.target import FACING, Target, drawn, fiducials_among, read_target, seen_corners, start_pose
+from activeslam_gym.vision.target import FACING, Target, read_target
 
 HAND_HELD: dict[str, Any] = {
     "name": "track",
@@ -41,35 +42,24 @@ HAND_HELD: dict[str, Any] = {
     "inverse_depth_std": 0.75,
 }
 """Fields of the scenario of a camera in the hand before a desk."""
-_CORNER_STD = 0.35
-"""Of the target's corners in the first image: aliasing and the lens [px]."""
-_SPEED_STD, _TURN_STD = 0.05, 0.05
-"""Of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest."""
-_ORIGIN_STD = 1e-4
-"""Of the first pose where it is the world's origin [m, rad]."""
-_BEHIND = np.array((0.0, 0.0, -1.0))
-"""The target's normal, away from the camera."""
 FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
-"""What is said of a track without a target."""
-_HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))
-"""Quaternion of diag(-1, -1, 1)."""
+"""The words for a track without a target."""
+_CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
+_SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
+_ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
+_BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
+_HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))  # quaternion of diag(-1, -1, 1)
 
 
 class Track(NamedTuple):
-    """What became of a sequence: n images."""
+    """The result of tracking n images."""
 
-    times: np.ndarray
-    """(n,) [s]"""
-    cameras: np.ndarray
-    """(n, 13) means of the camera (filter axes)."""
-    covariances: np.ndarray
-    """(n, 6, 6) of position and rotation."""
-    logs: list[FrameLog]
-    """Of all images but the first."""
-    filter: Filter
-    """As it was after the last image."""
-    trouble: str | None
-    """Why it ended early, or None."""
+    times: np.ndarray  # (n,) [s]
+    cameras: np.ndarray  # (n, 13) means of the camera (filter axes)
+    covariances: np.ndarray  # (n, 6, 6) of position and rotation
+    logs: list[FrameLog]  # of all images but the first
+    filter: Filter  # as it was after the last image
+    trouble: str | None  # why it ended early, or None
 
     @property
     def metric(self) -> bool:
@@ -91,32 +81,19 @@ def start(
         ValueError: the image does not fit the calibration, or the target is not where it is said to be.
     """
     calibration.check_image(image)
-    scenario: Scenario = calibration.scenario(frame_time=1.0 / rate, **{**HAND_HELD, **(scenario_fields or {})})
-    camera, none = camera_of(scenario), np.zeros((0, 3))
-    if target is None:
-        here = np.concatenate((np.zeros(3), FACING))
-        front_end = _at_rest(scenario, settings, none, here, _ORIGIN_STD**2 * np.eye(6))
-        front_end.start(image, image, none[:, :2], _BEHIND)
-        return front_end
-    points, corners = seen_corners(image, camera, target)
-    first, fiducials = start_pose(camera, points, corners, _CORNER_STD), fiducials_among(points)
-    front_end = _at_rest(scenario, settings, fiducials, first.pose, first.covariance)
-    front_end.start(image, *drawn(image, camera, target, first.pose, fiducials), _BEHIND)
+    scenario = calibration.scenario(frame_time=1.0 / rate, **{**HAND_HELD, **(scenario_fields or {})})
+    camera, fiducials = camera_of(scenario), np.zeros((0, 3))
+    pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
+    if target is not None:
+        points, corners = seen_corners(image, camera, target)
+        pose, covariance = start_pose(camera, points, corners, _CORNER_STD)
+        fiducials = fiducials_among(points)
+    mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
+    P[:6, :6] = covariance
+    front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
+    picture, pixels = (image, fiducials[:, :2]) if target is None else drawn(image, camera, target, pose, fiducials)
+    front_end.start(image, picture, pixels, _BEHIND)
     return front_end
-
-
-def _at_rest(
-    scenario: Scenario,
-    settings: FrontEndSettings | None,
-    fiducials: np.ndarray,
-    pose: np.ndarray,
-    covariance: np.ndarray,
-) -> FrontEnd:
-    """A front end that has seen nothing, of a camera at the ``pose`` (7,) with that ``covariance`` (6, 6)."""
-    mean, P = np.zeros(13), np.zeros((12, 12))
-    mean[:7], P[:6, :6] = pose, covariance
-    P[6:, 6:] = np.diag((_SPEED_STD**2,) * 3 + (_TURN_STD**2,) * 3)
-    return FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
 
 
 def follow(
@@ -125,49 +102,37 @@ def follow(
     target: Target | None,
     rate: float,
     settings: FrontEndSettings | None = None,
-    scenario_fields: dict[str, Any] | None = None,
+    watch: Callable[[FrontEnd, Frame, FrameLog | None], None] = lambda front_end, frame, log: None,
 ) -> Track:
-    """Track ``images``; trouble with an image ends the track, and what was tracked until then is kept.
+    """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
-    Without a ``target`` the scale is free; see the module.
+    Without a ``target`` the scale is free; see the module. ``watch`` is called after each image; the first has no log.
 
     Raises:
         SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target.
     """
     source = iter(images)
-    first = next(source)
-    front_end = start(first[1], calibration, target, rate, settings, scenario_fields)
-    return _followed(front_end, first, source, calibration, lambda frame, log: None)
-
-
-def _followed(
-    front_end: FrontEnd,
-    first: Frame,
-    rest: Iterable[Frame],
-    calibration: Calibration,
-    watch: Callable[[Frame, FrameLog | None], None],
-) -> Track:
-    """The track of a ``front_end`` that has seen the ``first`` image; ``watch`` is called after each."""
-    filter, trouble = front_end.filter, None
+    frame: Frame = next(source)
+    front_end = start(frame[1], calibration, target, rate, settings)
+    filter, trouble, log = front_end.filter, None, None
     times, cameras, covariances, logs = [], [], [], []
-
-    def took(frame: Frame, log: FrameLog | None) -> None:
-        times.append(frame[0])
-        cameras.append(filter.mean)
-        covariances.append(filter.camera_covariance[:6, :6])
-        watch(frame, log)
-
     try:
-        took(first, None)
-        for time, image in rest:
-            calibration.check_image(image)
-            logs.append(front_end.step(image, time))
-            took((time, image), logs[-1])
+        while True:
+            times.append(frame[0])
+            cameras.append(filter.mean)
+            covariances.append(filter.camera_covariance[:6, :6])
+            watch(front_end, frame, log)
+            frame = next(source)
+            calibration.check_image(frame[1])
+            log = front_end.step(frame[1], frame[0])
+            logs.append(log)
+    except StopIteration:
+        pass
     except ValueError as error:
         trouble = str(error)
     except KeyboardInterrupt:
         trouble = "interrupted"
-    return Track(np.array(times), np.array(cameras), np.array(covariances), logs, front_end.filter, trouble)
+    return Track(np.array(times), np.array(cameras), np.array(covariances), logs, filter, trouble)
 
 
 def track(
@@ -178,35 +143,34 @@ def track(
     out: str | Path,
     film: bool = False,
 ) -> Track:
-    """Track the images that ``images`` means and write `TrackFiles` into the folder ``out``, and with ``film`` the
-    images with their ellipses beside the map, film.mp4.
-
-    Ctrl-C ends it early, as trouble with an image does.
+    """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
+    the images with their ellipses beside the map, film.mp4.
 
     Raises:
         OSError: a file is missing or cannot be written.
-        ValueError: a file is not what it should be, or the first image does not show the target.
+        ValueError: a file is not as it should be, or the first image does not show the target.
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
     lens, known = read_calibration(calibration), None if target is None else read_target(target)
     frames, folder = open_images(images, rate), Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    source = iter(_with_progress(frames, image_count(images)))
-    first = next(source)
-    front_end = start(first[1], lens, known, rate)
     with ExitStack() as at_close:
-        painter = at_close.enter_context(Film(folder / "film.mp4", rate)) if film else None
-        files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
+        files, picture = None, None
 
-        def keep(frame: Frame, log: FrameLog | None) -> None:
+        def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
+            nonlocal files, picture
+            if files is None:  # the first image shows the target
+                picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
+                files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
             files.add(frame[0], front_end.filter.mean, log)
-            if painter is not None and log is not None:
-                painter.add(front_end, frame[1])
+            if picture is not None and log is not None:
+                picture(front_end, frame[1])
 
-        done = _followed(front_end, first, source, lens, keep)
-        points, P = done.filter.points()
-        files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
+        done = follow(_with_progress(frames, image_count(images)), lens, known, rate, watch=keep)
+        if files is not None:
+            points, P = done.filter.points()
+            files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
     return done
 
 
@@ -220,7 +184,7 @@ def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame
 
 
 def summary(done: Track) -> str:
-    """A line on what was tracked."""
+    """A line on the track."""
     matched, searched = (sum(getattr(log, name) for log in done.logs) for name in ("matched", "searched"))
     line = f"{len(done.times)} images; {matched / max(searched, 1):.0%} of the searched features found"
     if again := sum(log.relocalised for log in done.logs):
@@ -252,9 +216,10 @@ class TrackFiles:
         Raises:
             OSError: the disk is full, or gone.
         """
-        self._poses.write(_pose_line(time, camera))
+        w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
+        self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
         if log is not None:
-            self._rows.writerow(_log_row(log))
+            self._rows.writerow((f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"))
 
     def save(self, ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> None:
         """Write the map, see `map_table`."""
@@ -267,21 +232,10 @@ class TrackFiles:
         self._frames.close()
 
 
-def _pose_line(time: float, camera: np.ndarray) -> str:
-    """A line of a trajectory in TUM's format: the pose of ``camera`` (>= 7,) at ``time`` [s]; see the module."""
-    w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
-    return f"{time:.6f} " + " ".join(f"{number:.7f}" for number in (*camera[:3], x, y, z, w)) + "\n"
-
-
 def map_table(ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> str:
     """A map as CSV: ids (n,), positions (n, 3) and their standard deviations (n, 3) [m]."""
-    table = io.StringIO()
+    table = StringIO()
     writer = csv.writer(table)
     writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
     writer.writerows((id, *(f"{value:.6f}" for value in row)) for id, row in zip(ids, np.hstack((points, stds))))
     return table.getvalue()
-
-
-def _log_row(log: FrameLog) -> tuple[str | int, ...]:
-    """A row of frames.csv."""
-    return f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"

@@ -1,10 +1,16 @@
-"""Views: of the plane Z = 0 of the target's frame, and of one thing from two places."""
+"""Views: from a pose, of points and of the plane Z = 0 of the target's frame; and the difference of two views."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import pixel_from_camera_point
+from activeslam_gym.camera import View, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record
+
+
+def view_from(camera: Record, pose: np.ndarray) -> View:
+    """The view of a CAMERA from ``pose`` (>= 7,), with nothing that hides."""
+    return View(camera, pose, rotation_matrix(pose[3:7]))
 
 
 def plane_points(camera: Record, pose: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -28,18 +34,10 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
     return out
 
 
-def supersampled(low: np.ndarray, high: np.ndarray, samples: int) -> tuple[np.ndarray, np.ndarray]:
-    """Columns and rows [px], ``samples`` to a pixel, of the pixels from ``low`` (2,) to before ``high`` (2,)."""
-    steps = (np.arange(samples) + 0.5) / samples - 0.5
-    x, y = (np.arange(low[axis], high[axis])[:, None] + steps for axis in (0, 1))
-    return x.ravel(), y.ravel()
-
-
-def bounding_box(pixels: np.ndarray, reach: float, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """First pixel (2,), and the one after the last (2,), of what is ``reach`` pixels around ``pixels`` (n, 2)."""
-    low = np.maximum(np.floor(pixels.min(axis=0) - reach).astype(int), 0)
-    high = np.minimum(np.ceil(pixels.max(axis=0) + reach).astype(int) + 1, shape[::-1])
-    return low, high
+def pose_of(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """(7,) position and quaternion q_WC of the camera that has a point p at Exp(turn) p + shift, as OpenCV tells it."""
+    R_WC = Rotation.from_rotvec(turn.ravel()).inv()
+    return np.concatenate((-R_WC.apply(shift.ravel()), np.roll(R_WC.as_quat(), 1)))
 
 
 def turn_between(one: np.ndarray, other: np.ndarray) -> float:

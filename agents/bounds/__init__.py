@@ -1,1 +1,1 @@
-"""How much there is to be had: constants, greedy, learned and planning policies between their bounds."""
+"""Open-loop, greedy, learned and planning policies between their bounds."""

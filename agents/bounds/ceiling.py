@@ -1,9 +1,8 @@
-"""A loose bound: a camera that is where a run's was, knows exactly where, and sees everything all the time."""
+"""A loose upper bound: a camera on the path of a run, with a known pose, that sees every landmark in every frame."""
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from activeslam_gym import Scenario
 from activeslam_gym.evaluation import Episode
@@ -19,26 +18,16 @@ def ceiling(episode: Episode, scenario: Scenario) -> float:
     log2 density of the landmark 1/2 log2 |Lambda| - 3/2 log2(2 pi e), of which the prior's is subtracted. The camera's
     own part is that of the run.
     """
-    prior = np.diag(1.0 / np.array(scenario.landmark_prior_variance))
-    information = prior + _information(episode, scenario)
-    gained = 0.5 * np.linalg.slogdet(information)[1] / math.log(2.0) - 1.5 * LOG2_2PIE
-    camera = 0.5 * (episode.log2_det_camera[0] - episode.log2_det_camera[-1])
-    return float(np.sum(gained - _prior_density(episode.true_landmarks, scenario)) + camera)
-
-
-def _information(episode: Episode, scenario: Scenario) -> NDArray[np.float64]:
-    """(L, 3, 3) of each landmark from the whole path [1/m^2]."""
-    sight = episode.true_landmarks[:, None] - episode.true_position[1:]
+    variance = np.array(scenario.landmark_prior_variance)
+    sight = episode.true_landmarks[:, None] - episode.true_position[1:]  # (L, T - 1, 3)
     distance = np.maximum(np.linalg.norm(sight, axis=-1), scenario.minimum_depth)
     m = sight / distance[..., None]
-    across = np.eye(3) - m[..., :, None] * m[..., None, :]
     frames = np.diff(episode.times) / scenario.frame_time
     weight = frames * (scenario.focal_px / (scenario.pixel_std * distance)) ** 2
-    return np.einsum("lt,ltij->lij", weight, across)
-
-
-def _prior_density(points: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
-    """(L,) log2 density of `points` (L, 3) under the room's prior."""
-    variance = np.array(scenario.landmark_prior_variance)
-    exponents = np.log(2.0 * math.pi * variance) + points**2 / variance
-    return -0.5 * exponents.sum(axis=1) / math.log(2.0)
+    across = np.eye(3) - m[..., :, None] * m[..., None, :]
+    information = np.diag(1.0 / variance) + np.einsum("lt,ltij->lij", weight, across)
+    density = 0.5 * np.linalg.slogdet(information)[1] / math.log(2.0) - 1.5 * LOG2_2PIE
+    exponents = np.log(2.0 * math.pi * variance) + episode.true_landmarks**2 / variance
+    prior_density = -0.5 * exponents.sum(axis=1) / math.log(2.0)
+    camera = 0.5 * (episode.log2_det_camera[0] - episode.log2_det_camera[-1])
+    return float(np.sum(density - prior_density) + camera)

@@ -12,7 +12,7 @@ small, medium, large = (partial(Rollout, budget=budget, threads=1) for budget in
 
 
 class Clairvoyant(Rollout):
-    """The planner, told where everything really is, but not the noise: its plans are scored over several of it."""
+    """The oracle planner: it knows the true room, but not the noise; its plans are scored over several draws of it."""
 
     imagination = Hindsight
 

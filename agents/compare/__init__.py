@@ -1,5 +1,1 @@
-"""The comparison: policies in the same unseen rooms, and where they were not trained."""
-
-from agents.compare.command import Args, compare, main
-
-__all__ = ["Args", "compare", "main"]
+"""The comparison: policies in the same held-out rooms, and in scenarios in which they were not trained."""

@@ -1,4 +1,4 @@
-"""Compare policies in the same unseen rooms: episodes, table, CSV, JSON and figures."""
+"""Compare policies in the same held-out rooms: episodes, table, CSV, JSON and figures."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,25 +10,24 @@ from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from activeslam_gym.metrics import LOST_POSITION_ERROR
-from agents import policies, tables
+from agents import policies
 from agents.figures import draw_all
-from agents.summary import Summary, summarise
+from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Rooms, at_least, command_line, given, scenario_argument, times, times_within
-from agents.tools.files import alone_in, write_csv, write_json, write_text, written
-from agents.tools.sections import provenance, put_section
+from agents.tools.arguments import Figures, Pages, Rooms, given, scenario_argument, times, times_within, within
+from agents.tools.files import alone_in, write_csv, write_json, write_text
+from agents.tools.sections import put_section
 
 
-@dataclass(frozen=True)
-class Args(Rooms):
-    """Run policies in the same unseen rooms; write a table, CSV, JSON and figures."""
+@dataclass(frozen=True, kw_only=True)
+class Args(Rooms, Pages, Figures):
+    """Run policies in the same held-out rooms; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
     """Names of policies, or 'package.module:factory' of your own, called as factory(env)."""
     policy: tuple[str, ...] = ()
     """More of them, beside `policies`."""
     episodes: int = 8
-    """Rooms for each policy."""
     out: Path = Path("results/compare")
     """Folder of the results."""
     scenario: str = "paper"
@@ -49,14 +48,10 @@ class Args(Rooms):
     """Seconds at which the NEES is told; those within the duration count."""
     resume: bool = False
     """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones."""
-    report: tuple[Path, ...] = ()
-    """Markdown files whose generated sections "compare" (all tables) and "headline" (one) are made anew."""
-    figures: bool = True
-    """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        at_least(self, target_landmarks=1)
+        within(self, target_landmarks=(1, 10**6))
         given(self, *(() if self.policy else ("policies",)))
         times(self, "honesty_times")
         if self.reference not in {*self.names, Args.reference}:
@@ -73,6 +68,16 @@ class Args(Rooms):
         names = ("scenario", "gaze_period", "motion_period", "duration", "lost_position_error")
         return {name: getattr(self, name) for name in names} | {"scenario": scenario_argument(self.scenario)}
 
+    def tasks(self) -> list[Task]:
+        """Room by room, so that an interrupted comparison has seen the same rooms with every policy."""
+        settings = json.dumps(self.environment, sort_keys=True)
+        made_of = {name: policies.content(name) for name in self.names}
+        return [
+            Task(name, seed, settings, whole=seed == self.seed, content=made_of[name])
+            for seed in self.seeds
+            for name in self.names
+        ]
+
 
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
@@ -81,7 +86,8 @@ def main(args: Args) -> int:
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")
         return 130
-    print(f"\n{tables.text(summary)}\n\nWritten to {args.out}/: {', '.join(written(args.out))}")
+    written = sorted(path.name for path in args.out.iterdir() if path.is_file())
+    print(f"\n{text(summary)}\n\nWritten to {args.out}/: {', '.join(written)}")
     print(f"All tables (errors, NEES, paired differences): {args.out}/summary.md")
     return 0 if summary.settings["complete"] else 130
 
@@ -93,10 +99,19 @@ def compare(args: Args) -> Summary | None:
     policy or a bad argument of the environment, before any episode.
     """
     check(args.names, [args.environment])
-    args.prepare("compare", "headline")
+    args.check_pages("compare", "headline")
+    args.prepare()
     rehearse(args.names, [args.environment], args.seed)
     with alone_in(args.out):
-        return _compare(args)
+        episodes = _play(args)
+        return _written(episodes, args) if episodes else None
+
+
+def part_of(args: Any, name: str, seed: int, **more: Any) -> Args:
+    """One of several comparisons of a command: in a folder of its own, with the common store of episodes."""
+    out, store = args.out / name.replace(" ", "-"), args.store or args.out / "episodes"
+    same = {"episodes": args.episodes, "jobs": args.jobs, "resume": True, "figures": False}
+    return Args(**same, seed=seed, out=out, store=store, **more)
 
 
 def compare_each(comparisons: Mapping[str, Args]) -> dict[str, Summary] | None:
@@ -112,68 +127,43 @@ def compare_each(comparisons: Mapping[str, Args]) -> dict[str, Summary] | None:
     return summaries
 
 
-def _compare(args: Args) -> Summary | None:
-    tasks = tasks_of(args)
-    episodes = _play(tasks, args)
-    if not episodes:
-        return None
-    settings = _settings(args, complete=len(episodes) == len(tasks))
-    duration = args.duration or scenario_from(args.environment["scenario"]).duration
-    honest_at = times_within(args.honesty_times, duration)
-    summary = summarise(episodes, args.reference, args.target_landmarks, honest_at, settings)
-    if not settings["complete"]:
-        summary.notes.append(f"Interrupted: {len(episodes)} of {len(tasks)} episodes.")
-    if args.figures and not args.drawn:
-        summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
-    write_json(args.out / "summary.json", asdict(summary))
-    write_text(args.out / "summary.md", tables.markdown(summary))
-    for page in args.report:
-        put_section(page, "compare", f"{provenance(command_line('compare', args))}\n\n{tables.markdown(summary)}")
-        put_section(page, "headline", tables.headline(summary))
-    if args.drawn:
-        draw_all(episodes, args.out)
-    return summary
-
-
-def tasks_of(args: Args) -> list[Task]:
-    """Room by room, so that an interrupted study has seen the same rooms with every policy."""
-    seeds = range(args.seed, args.seed + args.episodes)
-    settings = json.dumps(args.environment, sort_keys=True)
-    made_of = {name: policies.content(name) for name in args.names}
-    return [
-        Task(name, seed, settings, seed == args.seed, content=made_of[name]) for seed in seeds for name in args.names
-    ]
-
-
-def _play(tasks: Sequence[Task], args: Args) -> list[Episode]:
+def _play(args: Args) -> list[Episode]:
     """The episodes by policy, as they were named, and seed: all, or those that were over at Ctrl-C.
 
     episodes.csv is written after each room.
     """
-    rank = {name: i for i, name in enumerate(args.names)}
 
     def write(episodes: Sequence[Episode]) -> None:
-        write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
-
-    def note(episodes: Sequence[Episode]) -> None:
         if len(episodes) % len(args.names) == 0:
-            write(episodes)
+            write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
 
-    episodes = play_until_interrupted(tasks, args.episode_store, args.jobs, not args.resume, note)
-    episodes.sort(key=lambda one: (rank[one.policy], one.seed))
-    if episodes:
-        write(episodes)
-    return episodes
+    episodes = play_until_interrupted(args.tasks(), args.episode_store, args.jobs, not args.resume, write)
+    return sorted(episodes, key=lambda one: (args.names.index(one.policy), one.seed))
 
 
-def _settings(args: Args, complete: bool) -> dict[str, Any]:
-    """What was run, with which versions, as plain values."""
-    return {
+def _written(episodes: Sequence[Episode], args: Args) -> Summary:
+    """The figures, written with everything else."""
+    total = args.episodes * len(args.names)
+    settings = {
         "policies": list(args.names),
-        "episodes": args.episodes,
-        "seed": args.seed,
-        "target_landmarks": args.target_landmarks,
+        **{name: getattr(args, name) for name in ("episodes", "seed", "target_landmarks")},
         **args.environment,
-        "complete": complete,
+        "complete": len(episodes) == total,
         "versions": package_versions(LIBRARIES),
     }
+    duration = args.duration or scenario_from(args.environment["scenario"]).duration
+    told_at = times_within(args.honesty_times, duration)
+    summary = summarise(episodes, args.reference, args.target_landmarks, told_at, settings)
+    if not settings["complete"]:
+        summary.notes.append(f"Interrupted: {len(episodes)} of {total} episodes.")
+    if args.figures and not args.drawn:
+        summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
+    write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
+    write_json(args.out / "summary.json", asdict(summary))
+    write_text(args.out / "summary.md", markdown(summary))
+    args.publish("compare", compare=markdown(summary))
+    for page in args.report:
+        put_section(page, "headline", headline(summary))
+    if args.drawn:
+        draw_all(episodes, args.out)
+    return summary

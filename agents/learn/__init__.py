@@ -1,1 +1,1 @@
-"""Policies that learn: what is learned and how, the network and its weights, and what they reach."""
+"""Policies that learn: the recipe, the network and its weights, their card, and the training."""

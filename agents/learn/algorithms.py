@@ -26,10 +26,10 @@ from agents.tools.files import reading
 from baselines.sequences import best_sequence
 
 REPLAY_STEPS = 100_000
-"""What DQN remembers: some hundreds of megabytes of observations."""
+"""Length of DQN's replay buffer: some hundreds of megabytes of observations."""
 COUNTS = {"num_timesteps": int, "_n_updates": int, "_episode_num": int, "seconds": float}
-"""What a checkpoint tells of the learner beside its tensors."""
-_LAST_RATE = 0.05
+"""Plain numbers of a learner in a checkpoint, beside its tensors."""
+LAST_RATE = 0.05
 """The learning rate's last value, relative to its first."""
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
@@ -47,13 +47,8 @@ def held_out_seed(recipe: Recipe) -> int:
 
 def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
     """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are."""
-    arguments: dict[str, Any] = {
-        "scenario": recipe.scenario,
-        "gaze_period": recipe.decision_period,
-        "duration": recipe.duration,
-        "reward": recipe.reward,
-    }
-    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", **arguments)
+    same: dict[str, Any] = {name: getattr(recipe, name) for name in ("scenario", "duration", "reward")}
+    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", gaze_period=recipe.decision_period, **same)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), recipe.reward_scale, recipe.reward_clip)
 
@@ -70,7 +65,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
     learner = CLASSES[recipe.algorithm](
         "MlpPolicy",
         env,
-        learning_rate=lambda left: recipe.learning_rate * max(left, _LAST_RATE),
+        learning_rate=lambda left: recipe.learning_rate * max(left, LAST_RATE),
         gamma=recipe.gamma,
         policy_kwargs=policy_arguments(observation_layout(env.unwrapped), recipe.width),
         tensorboard_log=str(logs) if logs else None,
@@ -92,7 +87,7 @@ def _prefer(learner: Any, action: tuple[int, int], probability: float) -> None:
 
 
 def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> Any:
-    """A learner of SB3 that has these weights, for a single environment of the recipe that the card tells.
+    """A learner of SB3 that has these weights, for a single environment of the recipe on the card.
 
     Raises ValueError where they do not fit each other.
     """
@@ -111,13 +106,15 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
     return learner
 
 
-def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> Any:
+def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path) -> Any:
     """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
 
-    Of the file, tensors and plain numbers are read, never a pickle: `BaseAlgorithm.load` would run what stands in it.
-    Raises ValueError for a damaged file, or one of another learner.
+    Without a checkpoint it is new. Of the file, tensors and plain numbers are read, never a pickle:
+    `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another learner.
     """
     learner = make_learner(recipe, env, logs)
+    if not checkpoint.exists():
+        return learner
     with reading(checkpoint), ZipFile(checkpoint) as archive:
         kept = json.loads(archive.read("data"))
         try:
@@ -132,7 +129,7 @@ def load_learner(recipe: Recipe, env: VecEnv, logs: Path, checkpoint: Path) -> A
 
 
 def save_learner(learner: BaseAlgorithm, checkpoint: Path) -> None:
-    """The learner with its optimiser, whole or not at all; DQN's memory is left out.
+    """The learner with its optimiser, whole or not at all; DQN's replay buffer is left out.
 
     Raises ValueError for weights that are not finite.
     """

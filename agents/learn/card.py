@@ -1,4 +1,4 @@
-"""The card of learned weights: how they came to be, what they reached, and what they were not made for."""
+"""The card of learned weights: how they were trained, their results, and their limits."""
 
 import json
 from dataclasses import asdict
@@ -10,17 +10,16 @@ import numpy as np
 from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import benchmark_seed
 from activeslam_gym.evaluation import Store
+from agents import task
 from agents.learn.recipe import ALGORITHMS, Recipe
 from agents.summary import Summary, summarise
-from agents.task import Task
-from agents.task import results as results_of
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
-"""A constant action and two greedy strategies: what a learned policy is worth training for."""
+"""An open-loop policy and two greedy strategies: a learned policy is worth its training if it beats them."""
 FLOOR = -100.0
-"""What a held-out room counts at least, as much as the forfeit of a lost run: one room does not choose the weights."""
+"""Least count of a held-out room, as much as the failure penalty: one room does not choose the weights."""
 COLUMNS = (
     "log_score_gain_median",
     "log_score_gain",
@@ -40,7 +39,7 @@ LIMITS = (
 
 
 def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: int) -> dict[str, Any]:
-    """What is known of weights when they are kept, after `steps` decisions and `seconds` of training.
+    """The card of weights that are kept after `steps` decisions and `seconds` of training.
 
     No `held_out_rooms`: they are the last ones, not chosen.
     """
@@ -67,8 +66,7 @@ def read_card(weights: Path) -> dict[str, Any]:
     if not path.exists():
         path = weights
     with reading(path):
-        text = _held_card(path) if path == weights else path.read_text(encoding="utf-8")
-        card = json.loads(text)
+        card = json.loads(_held_card(path) if path == weights else path.read_text(encoding="utf-8"))
         int(card["width"]), float(card["decision_period"])
         if card["algorithm"] not in ALGORITHMS:
             raise ValueError(f"algorithm: {card['algorithm']!r}; allowed: {', '.join(ALGORITHMS)}")
@@ -82,22 +80,16 @@ def _held_card(weights: Path) -> str:
         return str(file[CARD])
 
 
-def unseen_seed(recipe: Recipe) -> int:
-    """The first seed of the rooms of a card's results: none of training, of the choice of weights, of a benchmark."""
-    return benchmark_seed(recipe.scenario, validation=True) + 250_000
+def results(weights: Path, rooms: int, recipe: Recipe) -> tuple[dict[str, Any], Summary]:
+    """Figures of the weights and of `REFERENCES` in the same rooms for a card, with their intervals; and the summary.
 
-
-def unseen(weights: Path, rooms: int, recipe: Recipe) -> Summary:
-    """What the weights reach in `rooms` unseen rooms of the scenario, beside `REFERENCES` in the same rooms."""
+    The rooms are of neither training, nor the choice of weights, nor a benchmark.
+    """
+    first = benchmark_seed(recipe.scenario, validation=True) + 250_000
     settings = json.dumps({"scenario": recipe.scenario, "duration": recipe.duration})
-    first = unseen_seed(recipe)
     names, seeds = (str(weights), *REFERENCES), range(first, first + rooms)
-    tasks = [Task(name, seed, settings) for name in names for seed in seeds]
-    return summarise([episode for _, episode in results_of(tasks, Store())])
-
-
-def results(weights: Path, summary: Summary, recipe: Recipe) -> dict[str, Any]:
-    """The figures of the weights and of the references for a card, with their intervals."""
+    tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
+    summary = summarise([episode for _, episode in task.results(tasks, Store())])
     figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
     own = figures.pop(str(weights))
-    return {"first_seed": unseen_seed(recipe), "rooms": own["bits"]["rooms"], **own, "references": figures}
+    return {"first_seed": first, "rooms": own["bits"]["rooms"], **own, "references": figures}, summary

@@ -1,4 +1,4 @@
-"""The learned policies' eye: landmarks are a set, so their tokens are encoded alike and pooled."""
+"""The encoder of the observation: landmarks are a set, so their tokens are encoded alike and pooled."""
 
 import torch
 from gymnasium import spaces
@@ -9,14 +9,14 @@ from activeslam_gym import ObservationLayout
 
 
 class SetEncoder(BaseFeaturesExtractor):
-    """Global features, and the mean and the maximum of the encoded tokens: blind to the order of the tokens.
+    """Global features, and the mean and the maximum of the encoded tokens, which do not depend on their order.
 
-    The number of tokens does not enter the weights, so that they serve a room with more landmarks. A token that stands
-    for nothing (its kind is all zero) is left out.
+    The number of tokens does not enter the weights, so that they serve a room with more landmarks. An empty token (its
+    kind is all zero) is left out.
 
     Args:
         observation_space: The flat observation's.
-        layout: Where its parts stand.
+        layout: Slices of its parts.
         width: Units of each layer.
     """
 
@@ -25,8 +25,7 @@ class SetEncoder(BaseFeaturesExtractor):
         self.layout = layout
         kinds = [layout.token_slices[name] for name in ("fiducial", "expected", "initialising", "mapped")]
         self.kinds = slice(kinds[0].start, kinds[-1].stop)
-        global_size = layout.tokens.start
-        self.globals = nn.Sequential(nn.Linear(global_size, width), nn.Tanh())
+        self.globals = nn.Sequential(nn.Linear(layout.tokens.start, width), nn.Tanh())
         self.tokens = nn.Sequential(
             nn.Linear(layout.token_shape[1], width), nn.ReLU(), nn.Linear(width, width), nn.ReLU()
         )

@@ -1,4 +1,4 @@
-"""What is learned, and how: the arguments of training, apart from PyTorch and its slow import."""
+"""The arguments of training, apart from PyTorch and its slow import."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -7,12 +7,14 @@ from activeslam_gym.config import scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
 
 Algorithm = Literal["ppo", "a2c", "dqn"]
+CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"
+"""Files of a training."""
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is learned, and how."""
+    """The arguments that decide what is learned."""
 
     algorithm: Algorithm = "ppo"
     """Learner of Stable-Baselines3; DQN learns on the 21 joint actions."""
@@ -45,20 +47,18 @@ class Recipe:
     target_kl: float = 0.02
     """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
     reward_scale: float = 0.05
-    """Constant factor of the reward; it is not normalised, which would clip the forfeit."""
+    """Constant factor of the reward; it is not normalised, which would clip the failure penalty."""
     reward_clip: float = 600.0
-    """Most that one decision may gain or lose in training, in the reward's unit: above the forfeit of a lost run, below
-    the thousands of bits of log_score that a rare gross error costs, which would drown a rollout. Held-out rooms are
-    judged without it."""
+    """Most that one decision may gain or lose in training, in the reward's unit: above the failure penalty, below the
+    thousands of bits of log_score that a rare gross error costs. Held-out rooms are judged without it."""
     width: int = 64
     """Units of each layer."""
 
     def check(self) -> None:
-        """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
+        """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         scenario = scenario_from(self.scenario)
         positive(self, "total_steps", "num_envs", "width", "decision_period", "gamma")
-        if self.duration is not None:
-            positive(self, "duration")
+        positive(self, *(["duration"] if self.duration is not None else []))
         whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
         whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
         within(self, warm_start=(0.0, 0.99))

@@ -1,7 +1,7 @@
-"""Learned policies: how they are built, kept and used.
+"""Learned policies: their network, their file and their use.
 
-Weights are kept as plain arrays (``.npz``, read without unpickling) with a card that says how they came to be, in the
-same file and as ``.json`` beside it; the network is built anew for the environment at hand.
+Weights are kept as plain arrays (``.npz``, read without unpickling) with their card, in the same file and as ``.json``
+beside it; the network is rebuilt for the environment at hand.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
 def save(path: Path, policy: torch.nn.Module, card: dict[str, Any]) -> None:
     """Write a policy's weights and its card to ``path`` (.npz), and the card beside it (.json).
 
-    Wherever the process is killed, the weights that are there have their own card: the new file holds both, and takes
+    Wherever the process is killed, the weights in the folder have their own card: the new file holds both, and takes
     its place when the card of the old weights is gone. Raises ValueError for weights that are not finite.
     """
     weights: dict[str, Any] = {name: value.cpu().numpy() for name, value in policy.state_dict().items()}
@@ -54,6 +54,24 @@ def save(path: Path, policy: torch.nn.Module, card: dict[str, Any]) -> None:
         np.savez(unfinished, **(weights | {CARD: json_text(card)}))
         beside.unlink(missing_ok=True)
     write_json(beside, card)
+
+
+def read(name: str, folder: Path = pretrained.FOLDER) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Weights and card of ``NAME.npz`` in a folder.
+
+    Raises:
+        ValueError: there are none of that name, or they are damaged.
+    """
+    known = pretrained.names(folder)
+    if name not in known:
+        raise ValueError(
+            f"name must be one of {', '.join(known) or 'none, since no weights are shipped'}, got {name!r}"
+        )
+    path = folder / f"{name}.npz"
+    with reading(path), np.load(path, allow_pickle=False) as file:
+        weights = {key: file[key] for key in file.files if key != CARD}
+        require_finite(weights)
+    return weights, read_card(path)
 
 
 def require_finite(weights: Mapping[str, np.ndarray]) -> None:
@@ -95,14 +113,13 @@ class LearnedPolicy:
 
     def _decide(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
+        known = np.where(self._columns == FREE, np.float32(1.0), observations[:, self._columns])
         with torch.inference_mode(), _one_thread():
-            known = np.where(self._columns == FREE, np.float32(1.0), observations[:, self._columns])
             logits = self._logits(torch.as_tensor(known))
             if deterministic or len(logits) == 1:  # values are no probabilities
-                chosen = [part.argmax(dim=1) for part in logits]
+                parts = [part.argmax(dim=1).numpy() for part in logits]
             else:
-                chosen = [torch.multinomial(part.softmax(dim=1), 1)[:, 0] for part in logits]
-            parts = [part.numpy() for part in chosen]
+                parts = [torch.multinomial(part.softmax(dim=1), 1)[:, 0].numpy() for part in logits]
         return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
 
 
@@ -136,6 +153,9 @@ def _one_thread() -> Iterator[None]:
 def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> Logits:
     """The network for a layout with these weights, as a function from observations to preferences.
 
+    Of an actor-critic it is the actor alone, without the critic and the distributions of SB3's `predict`: a third of
+    its time. Of DQN it gives the joint actions' values.
+
     Raises:
         ValueError: the weights do not fit the observation.
     """
@@ -154,39 +174,11 @@ def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: di
             f"{layout.token_shape[1]}: {error}"
         ) from error
     network.set_training_mode(False)
-    if isinstance(network, DQNPolicy):
-        return lambda observations: (network.q_net(observations),)  # the joint actions' values, as preferences
-    return _action_logits(network)
-
-
-def _action_logits(network: ActorCriticPolicy) -> Logits:
-    """The actor alone, without the critic and the distributions of `predict`: a third of its time."""
 
     def logits(observations: torch.Tensor) -> Sequence[torch.Tensor]:
+        if isinstance(network, DQNPolicy):
+            return (network.q_net(observations),)
         latent = network.mlp_extractor.forward_actor(network.extract_features(observations))
         return network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
 
     return logits
-
-
-def read(name: str, folder: Path = pretrained.FOLDER) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Weights and card of ``NAME.npz`` in a folder.
-
-    Raises:
-        ValueError: there are none of that name, or they are damaged.
-    """
-    known = pretrained.names(folder)
-    if name not in known:
-        raise ValueError(
-            f"name must be one of {', '.join(known) or 'none, since no weights are shipped'}, got {name!r}"
-        )
-    path = folder / f"{name}.npz"
-    with reading(path), np.load(path, allow_pickle=False) as file:
-        weights = {key: file[key] for key in file.files if key != CARD}
-        require_finite(weights)
-    return weights, read_card(path)
-
-
-def load(name: str, env: Environment, folder: Path = pretrained.FOLDER) -> LearnedPolicy:
-    """See `agents.load`."""
-    return LearnedPolicy(env, *read(name, folder))

@@ -1,7 +1,8 @@
-"""The paper's claims, and what our runs say of each."""
+"""The paper's claims, and the findings of our runs on each."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -15,22 +16,15 @@ from agents.study.conditions import (
     LIVE_CHOICES,
     PARTICLES_NOWHERE,
     STRATEGIES,
-)
-from agents.study.measures import TARGET
-from agents.study.runs import Rows
-from agents.study.verdicts import (
     Array,
-    Finding,
     Row,
-    Side,
-    at_common_rung,
-    at_rung,
+    Rows,
+    at_target,
     column,
-    judged,
-    one_draw,
-    restricted,
+    lead_at_common_rung,
     while_alive,
 )
+from agents.study.verdicts import Finding, Side, judged, one_draw
 
 STATED = {"mi-constant": (19.0, -530.0), "mi-mi": (18.0, -550.0), "mi-fisher": (30.0, -610.0)}
 """Strategy → time of the 14th landmark [s] and log₂|P| then, as the paper reads them off figure 2 d–f."""
@@ -44,7 +38,7 @@ LOST_BAR = 0.05
 """Most runs that may be lost under `clutter`."""
 LADDERS = {"ladder_log2_det": "unvisited counted", "ladder_visited": "visited alone"}
 FISHER_MOTIONS = {DEFAULT: "trace", "eigenvalue": "largest eigenvalue", "unpropagated": "trace of horizon 0"}
-"""Choice → what a motion by Fisher information is then chosen by."""
+"""Choice → metric of a motion by Fisher information."""
 INITIALISERS = {"inverse depth": ("nowhere", DEFAULT), "particles": (PARTICLES_NOWHERE, "particles")}
 """Initialiser → choices without and with expected landmarks."""
 SCENES = range(100)
@@ -54,7 +48,7 @@ OWN, OTHERS = "mi-fisher", ("mi-constant", "mi-mi")
 
 @dataclass(frozen=True)
 class Claim:
-    """What the paper says, and how our runs answer."""
+    """A claim of the paper, and our findings on it."""
 
     key: str
     words: str
@@ -66,52 +60,41 @@ class Claim:
 
 
 def findings_of(rows: Rows) -> list[Finding]:
-    """What the rows say of every claim."""
+    """The findings on every claim."""
     return [replace(finding, claim=claim.key) for claim in CLAIMS for finding in claim.findings(rows)]
 
 
-# Simulation: the three strategies -----------------------------------------------------------------------------------
+Lead = Callable[[list[Row], list[Row], float], Array]
+"""(runs of one, runs of another, duration) → (rooms,) of one − of the other."""
 
 
-Pair = Callable[[Sequence[Row], Sequence[Row], float], tuple[Array, Array]]
-"""(runs of one, runs of another, duration) → (rooms,) of each."""
+def _lead(values: Callable[[list[Row], float], Array]) -> Lead:
+    return lambda ours, theirs, end: values(ours, end) - values(theirs, end)
 
 
-def _each(values: Callable[[Sequence[Row], float], Array]) -> Pair:
-    """The same `values` of runs and the duration, for both."""
-    return lambda ours, theirs, end: (values(ours, end), values(theirs, end))
+def _against(
+    key: str, words: str, where: str, measure: str, lead: Lead, side: Side, digits: int = 1
+) -> Iterator[Claim]:
+    """The claim on (iii) minus each other strategy, under every choice; `{}` is its name in `key`, and its numeral."""
+    for other in OTHERS:
+
+        def findings(rows: Rows, other: str = other) -> Iterator[Finding]:
+            for choice in (choice.name for choice in CHOICES):
+                values = lead(rows[choice, OWN], rows[choice, other], rows.duration)
+                yield judged(choice, f"{measure}, (iii) − {STRATEGIES[other]}", values, side, digits=digits)
+
+        yield Claim(key.format(other), words.format(STRATEGIES[other]), where, findings)
 
 
-def _at_rung(ladder: str) -> Pair:
-    """log₂|P| at the same number of landmarks, by a ladder."""
-    return lambda ours, theirs, _: at_common_rung(ours, theirs, ladder, TARGET)
-
-
-def _against(other: str, key: str, words: str, where: str, what: str, pair: Pair, side: Side, digits: int = 1) -> Claim:
-    """The claim on (iii) minus another strategy, under every choice; `{}` is its name in `key`, and its numeral."""
-    numeral = STRATEGIES[other]
-
-    def findings(rows: Rows) -> Iterator[Finding]:
-        for choice in CHOICES:
-            ours, theirs = pair(rows[choice.name, OWN], rows[choice.name, other], rows.duration)
-            yield judged(choice.name, f"{what}, (iii) − {numeral}", ours - theirs, side, digits=digits)
-
-    return Claim(key.format(other), words.format(numeral), where, findings)
-
-
-def _strategies(rows: Rows) -> dict[str, list[Row]]:
-    """Numeral → the runs of the strategy."""
-    return {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
-
-
-def _with_live(rows: Rows) -> dict[str, list[Row]]:
-    """Those, and the runs of the live system."""
-    return _strategies(rows) | {name: rows[name, LIVE] for name in LIVE_CHOICES}
+def _runs(rows: Rows, live: Sequence[str] = LIVE_CHOICES) -> dict[str, list[Row]]:
+    """Numeral → the runs of the strategy; then the runs of the live system."""
+    runs = {numeral: rows[DEFAULT, strategy] for strategy, numeral in STRATEGIES.items()}
+    return runs | {name: rows[name, LIVE] for name in live}
 
 
 def _stated_times(rows: Rows) -> Iterator[Finding]:
     for strategy, (time, _) in STATED.items():
-        times = at_rung(rows[DEFAULT, strategy], "ladder_time", TARGET, rows.duration)
+        times = at_target(rows[DEFAULT, strategy], "ladder_time", rows.duration)
         early, reached = int(np.sum(times <= time)), int(np.sum(times < rows.duration))
         measure = f"median time of the 14th landmark, s, {STRATEGIES[strategy]} (the paper: {time:g})"
         note = f"{_spread(times)}, {early} as early; reached in {reached} of {len(times)}"
@@ -120,7 +103,7 @@ def _stated_times(rows: Rows) -> Iterator[Finding]:
 
 def _stated_entropies(rows: Rows) -> Iterator[Finding]:
     for (ladder, counted), (strategy, (_, log2_det)) in product(LADDERS.items(), STATED.items()):
-        values = at_rung(rows[DEFAULT, strategy], ladder, TARGET)
+        values = at_target(rows[DEFAULT, strategy], ladder)
         measure = f"median log₂\\|P\\| at the 14th landmark, {counted}, {STRATEGIES[strategy]} (paper: {log2_det:.0f})"
         note = f"{int(np.sum(~np.isnan(values)))} rooms reached it; {_spread(values)}"
         yield one_draw(DEFAULT, measure, values, log2_det, note, digits=0)
@@ -134,19 +117,19 @@ def _spread(values: Array) -> str:
     return f"central 95 % of rooms {low:.0f} … {high:.0f}"
 
 
-def _honest_errors(rows: Rows) -> Iterator[Finding]:
+def _consistent_errors(rows: Rows) -> Iterator[Finding]:
     forms = {
         "position_in_axis": ("% of position errors within ±0.2 m", 0.95),
         "quaternion_in_axis": ("% of quaternion errors within ±0.02", 0.95),
         "position_in_bounds": ("% of position errors within 2σ (nominal 95.4)", 0.9),
         "orientation_in_bounds": ("% of orientation errors within 2σ (nominal 95.4)", 0.9),
     }
-    for (name, (measure, bound)), (numeral, runs) in product(forms.items(), _strategies(rows).items()):
+    for (name, (measure, bound)), (numeral, runs) in product(forms.items(), _runs(rows, live=()).items()):
         yield judged(DEFAULT, f"{measure}, {numeral}", column(runs, name), "above", bound, 100.0)
 
 
 def _closure_drop(rows: Rows) -> Iterator[Finding]:
-    for part, (name, runs) in product(("camera", "total"), _with_live(rows).items()):
+    for part, (name, runs) in product(("camera", "total"), _runs(rows).items()):
         change = column(runs, f"closure_change_{part}") - column(runs, f"before_change_{part}")
         measure = f"change of log₂\\|P\\| ({part}) in the second from a closure on − before it, {name}"
         yield judged(DEFAULT, measure, change, "below")
@@ -177,7 +160,7 @@ def _approach(rows: Rows) -> Iterator[Finding]:
 
 
 def _perpendicular(rows: Rows) -> Iterator[Finding]:
-    for event, (name, runs) in product(("birth", "mapping"), _with_live(rows).items()):
+    for event, (name, runs) in product(("birth", "mapping"), _runs(rows).items()):
         after, measure = column(runs, f"lateral_after_{event}"), f"% of motions that are lateral after a {event}"
         yield judged(event, f"{measure}, {name} (chance 57)", after, "above", CHANCE_LATERAL, 100.0)
         more = after - column(runs, "lateral_otherwise")
@@ -207,44 +190,39 @@ def _clutter(rows: Rows) -> Iterator[Finding]:
 
 
 def _figure_1(rows: Rows) -> Iterator[Finding]:
-    views = {"96° view": np.radians(48.0), "sees all around": np.pi}
-    shapes = {"isotropic landmarks": True, "landmarks long along the sight": False}
     measure = "% of drawn scenes whose best move lies between landmarks 2 and 3 (more than half?)"
-    for (view, half_view), (shape, isotropic) in product(views.items(), shapes.items()):
+    for (view, half_view), (shape, isotropic) in product(toy.VIEWS.items(), toy.SHAPES.items()):
         inside = np.array([toy.lies_between(toy.drawn(seed, isotropic, half_view)) for seed in SCENES], float)
         yield judged(f"{view} with {shape}", measure, inside, "above", 0.5, 100.0, 0, "share")
 
 
 def _claims() -> Iterator[Claim]:
     yield Claim("figure-1", "moving between landmarks 2 and 3 maximises the mutual information", "Fig. 1", _figure_1)
-    for other in OTHERS:
-        words, what = "{} inserts landmarks faster than (iii)", "time of the 14th landmark, s"
-        reached = _each(lambda runs, end: at_rung(runs, "ladder_time", TARGET, end))
-        yield _against(other, "faster-{}", words, "IV-B, Fig. 2", what, reached, "above")
+    words, measure = "{} inserts landmarks faster than (iii)", "time of the 14th landmark, s"
+    reached = _lead(lambda runs, end: at_target(runs, "ladder_time", end))
+    yield from _against("faster-{}", words, "IV-B, Fig. 2", measure, reached, "above")
     yield Claim("stated-times", "the 14th landmark is added after 19, 18 and 30 s", "IV-B", _stated_times)
     yield Claim("stated-entropies", "log₂\\|P\\| is then −530, −550 and −610", "IV-B", _stated_entropies)
-    for other, (ladder, counted) in product(OTHERS, LADDERS.items()):
-        words = "at the same number of landmarks (iii) has lower entropy than {}"
-        what = f"log₂\\|P\\| at the 14th landmark, {counted}"
-        yield _against(other, f"entropy-{{}}-{ladder}", words, "IV-B, Fig. 2", what, _at_rung(ladder), "below", 0)
-    for other in OTHERS:
-        words, what = "(iii) needs more time to reduce entropy than {}", "log₂\\|P\\| at 35 s"
-        final = _each(lambda runs, _: while_alive(runs, "final_log2_det"))
-        yield _against(other, "slower-{}", words, "IV-B", what, final, "above", 0)
-    for other in OTHERS:
-        words, what = "(iii) estimates orientation much better than {}", "RMS orientation error, °"
-        rms = _each(lambda runs, _: np.degrees(while_alive(runs, "orientation_rms")))
-        yield _against(other, "orientation-{}", words, "IV-B, Fig. 3", what, rms, "below", 2)
-    for other in OTHERS:
-        words, what = "(iii) revisits the fiducials more often than {}", "fiducials matched in a frame"
-        seen = _each(lambda runs, _: column(runs, "fiducials_a_frame"))
-        yield _against(other, "fiducials-{}", words, "IV-B", what, seen, "above", 2)
-    for other in OTHERS:
-        words, what = "(iii) closes loops sooner than {}", "time of the first loop closure, s"
-        first = _each(lambda runs, end: restricted(runs, "first_closure", end))
-        yield _against(other, "loops-{}", words, "IV-B", what, first, "below")
+    words = "at the same number of landmarks (iii) has lower entropy than {}"
+    for ladder, counted in LADDERS.items():
+        measure, lead = f"log₂\\|P\\| at the 14th landmark, {counted}", partial(lead_at_common_rung, ladder)
+        yield from _against(f"entropy-{{}}-{ladder}", words, "IV-B, Fig. 2", measure, lead, "below", 0)
+    words, final = (
+        "(iii) needs more time to reduce entropy than {}",
+        _lead(lambda runs, _: while_alive(runs, "final_log2_det")),
+    )
+    yield from _against("slower-{}", words, "IV-B", "log₂\\|P\\| at 35 s", final, "above", 0)
+    words, measure = "(iii) estimates orientation much better than {}", "RMS orientation error, °"
+    rms = _lead(lambda runs, _: np.degrees(while_alive(runs, "orientation_rms")))
+    yield from _against("orientation-{}", words, "IV-B, Fig. 3", measure, rms, "below", 2)
+    words, measure = "(iii) revisits the fiducials more often than {}", "fiducials matched in a frame"
+    seen = _lead(lambda runs, _: column(runs, "fiducials_a_frame"))
+    yield from _against("fiducials-{}", words, "IV-B", measure, seen, "above", 2)
+    words, measure = "(iii) closes loops sooner than {}", "time of the first loop closure, s"
+    closed = _lead(lambda runs, end: np.nan_to_num(column(runs, "first_closure"), nan=end))
+    yield from _against("loops-{}", words, "IV-B", measure, closed, "below")
     yield Claim("closure-drop", "entropy drops where a loop closes", "V, Fig. 5 a", _closure_drop)
-    yield Claim("honest-errors", "errors stay within their axes and 2σ bounds", "Fig. 3", _honest_errors)
+    yield Claim("honest-errors", "errors stay within their axes and 2σ bounds", "Fig. 3", _consistent_errors)
     yield Claim("homeostasis", "without unvisited landmarks the best action is always `stay`", "IV-A", _homeostasis)
     yield Claim("less-homeostasis", "unvisited landmarks prevent homeostasis", "IV-A", _less_homeostasis)
     yield Claim("approach", "Fisher information for motion drives the camera onto the landmarks", "III-B", _approach)

@@ -1,7 +1,6 @@
-"""From one run to the numbers that the claims are about."""
+"""From one run to the numbers of the claims."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +19,18 @@ LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)
 CLOSURE_WINDOW = 1.0
 """The drop of entropy at a loop closure is measured over so long, and over as long before it [s]."""
 FIRST_MINUTE = 60.0
-"""What figure 5 b shows [s]."""
+"""The time of figure 5 b [s]."""
 POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02
 """Half heights of figure 3's axes: m, and a quaternion's component."""
 
 
-@dataclass(frozen=True)
-class Notes:
+class Notes(NamedTuple):
     """Of K steps."""
 
     fiducials: Array
     """(K,) fiducials matched in the step's last frame."""
     births: Array
-    """(K,) features born."""
+    """(K,) features initialised."""
     closures: Array
     """(K,) features and fiducials matched again after `metrics.CLOSURE_GAP`."""
     nearest: Array
@@ -42,7 +40,7 @@ class Notes:
 
 
 class Observer:
-    """The measure of the study: a row of numbers, from the whole episode and what was noted after each step."""
+    """The measure of the study: a row of numbers, from the whole episode and the notes after each step."""
 
     whole = True
 
@@ -52,39 +50,30 @@ class Observer:
         self._loops = LoopClosures()
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
-        """See what there is to note of a step."""
+        """Note a step."""
         if core.time == 0.0:
             return
-        matches = matched_ids(core)
-        fiducials = sum(id < 0 for id in matches)
-        self._steps.append((fiducials, info["events"]["births"], self._loops.count(matches, core.time), _nearest(core)))
-        if info["landmarks_mapped"] > len(self._visited):
-            self._note_visited(core.belief, info["landmarks_mapped"])
-
-    def _note_visited(self, belief: Any, mapped_count: int) -> None:
-        oldest = np.flatnonzero(belief.mapped)
-        for j in range(len(self._visited) + 1, mapped_count + 1):
-            rows = np.r_[:CAMERA_DIM, (CAMERA_DIM + 3 * oldest[:j, None] + np.arange(3)).ravel()]
-            sign, log_det = np.linalg.slogdet(belief.covariance[np.ix_(rows, rows)])
+        matches, births = matched_ids(core), info["events"]["births"]
+        closures, fiducials = self._loops.count(matches, core.time), sum(id < 0 for id in matches)
+        truth, detected = core.truth, core.labels.detected
+        points = np.concatenate((truth.fiducials, truth.landmarks))[detected[detected >= 0]]
+        nearest = np.min(np.linalg.norm(points - truth.position, axis=1), initial=np.inf)
+        self._steps.append((fiducials, births, closures, nearest if len(points) else np.nan))
+        for j in range(len(self._visited) + 1, info["landmarks_mapped"] + 1):
+            oldest = np.flatnonzero(core.belief.mapped)[:j]
+            rows = np.r_[:CAMERA_DIM, (CAMERA_DIM + 3 * oldest[:, None] + np.arange(3)).ravel()]
+            sign, log_det = np.linalg.slogdet(core.belief.covariance[np.ix_(rows, rows)])
             self._visited.append(log_det / np.log(2.0) if sign > 0 else np.nan)
+
+    @property
+    def notes(self) -> Notes:
+        """The notes since the reset."""
+        fiducials, births, closures, nearest = (np.array(column) for column in zip(*self._steps, strict=True))
+        return Notes(fiducials, births, closures, nearest, np.array(self._visited))
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """See `measures`."""
         return measures(episode, self.notes)
-
-    @property
-    def notes(self) -> Notes:
-        """What has been noted since the reset."""
-        fiducials, births, closures, nearest = (np.array(column) for column in zip(*self._steps, strict=True))
-        return Notes(fiducials, births, closures, nearest, np.array(self._visited))
-
-
-def _nearest(core: Any) -> float:
-    """Distance of the true camera to the nearest point that was detected [m]; NaN without any."""
-    truth, detected = core.truth, core.labels.detected
-    points = np.concatenate((truth.fiducials, truth.landmarks))[detected[detected >= 0]]
-    distances = np.linalg.norm(points - truth.position, axis=1)
-    return float(distances.min()) if len(distances) else np.nan
 
 
 def measures(episode: Episode, notes: Notes) -> dict[str, Any]:
@@ -110,34 +99,35 @@ def _errors(episode: Episode) -> dict[str, float]:
     return {
         "orientation_rms": float(np.sqrt(np.mean(episode.orientation_error**2))),
         "position_rms": float(np.sqrt(np.mean(episode.position_error**2))),
-        "position_in_axis": float(np.mean(position <= POSITION_AXIS)),
-        "quaternion_in_axis": float(np.mean(rotation / 2.0 <= QUATERNION_AXIS)),
-        "position_in_bounds": float(np.mean(position <= 2.0 * episode.position_std)),
-        "orientation_in_bounds": float(np.mean(rotation <= 2.0 * episode.rotation_std)),
+        "position_in_axis": _mean(position <= POSITION_AXIS),
+        "quaternion_in_axis": _mean(rotation / 2.0 <= QUATERNION_AXIS),
+        "position_in_bounds": _mean(position <= 2.0 * episode.position_std),
+        "orientation_in_bounds": _mean(rotation <= 2.0 * episode.rotation_std),
         "orientation_std": float(np.sqrt(np.mean(episode.rotation_std**2))),
     }
 
 
 def _sights(episode: Episode, notes: Notes) -> dict[str, float]:
-    """Fiducials in a frame, how near the camera came to what it saw and to them [m], and how far it went [m]."""
-    seen = notes.nearest[~np.isnan(notes.nearest)]
+    """Fiducials in a frame, distances of the camera to detected points and to fiducials [m], and its way [m]."""
     path = episode.true_position
-    to_fiducials = np.linalg.norm(path[:, None] - episode.fiducials[None], axis=-1)
     return {
-        "fiducials_a_frame": float(notes.fiducials.mean()),
-        "fiducial_frames": float(np.mean(notes.fiducials > 0)),
-        "nearest_mean": float(seen.mean()) if len(seen) else np.nan,
-        "fiducial_distance": float(to_fiducials.mean()),
+        "fiducials_a_frame": _mean(notes.fiducials),
+        "fiducial_frames": _mean(notes.fiducials > 0),
+        "nearest_mean": _mean(notes.nearest[~np.isnan(notes.nearest)]),
+        "fiducial_distance": _mean(np.linalg.norm(path[:, None] - episode.fiducials[None], axis=-1)),
         "travelled": float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
         "from_start": float(np.linalg.norm(path[-1] - path[0])),
     }
 
 
 def _closures(episode: Episode, notes: Notes) -> dict[str, float]:
-    """Loop closures, and by how much log₂|P| changes in the second from one on, and in the second before it."""
-    closed = np.flatnonzero(notes.closures)
+    """Loop closures, and the change of log₂|P| in the second from one on, and in the second before it.
+
+    Of closures with a second without another before them, and a second left.
+    """
+    closed, steps = np.flatnonzero(notes.closures), len(notes.closures)
     width = round(CLOSURE_WINDOW / float(np.median(np.diff(episode.times))))
-    alone = _alone(closed, width, len(notes.closures))
+    alone = closed[(np.diff(closed, prepend=-1) > width) & (closed >= width) & (closed + width <= steps)]
     row = {
         "closures": float(notes.closures.sum()),
         "first_closure": float(episode.times[closed[0] + 1]) if len(closed) else np.nan,
@@ -149,12 +139,6 @@ def _closures(episode: Episode, notes: Notes) -> dict[str, float]:
     return row
 
 
-def _alone(closed: Array, width: int, steps: int) -> Array:
-    """Those of the steps `closed` that have `width` steps without a closure before them and `width` steps left."""
-    gaps = np.diff(closed, prepend=-1)
-    return closed[(gaps > width) & (closed >= width) & (closed + width <= steps)]
-
-
 def _commands(episode: Episode, notes: Notes) -> dict[str, float]:
     """Shares of the commands; of the lateral ones apart for those within a period after a birth, and for others."""
     motions, gazes = np.array(motion_counts(episode)), np.array(gaze_counts(episode))
@@ -163,16 +147,14 @@ def _commands(episode: Episode, notes: Notes) -> dict[str, float]:
     after_birth = np.array([notes.births[a:b].any() for a, b in zip(read[:-1], read[1:])], dtype=bool)
     mapped = np.maximum.accumulate(episode.landmarks_mapped)
     after_mapping = mapped[read[1:]] > mapped[read[:-1]]
-    neither = ~after_birth & ~after_mapping
-    minute = lateral[episode.times[read] < FIRST_MINUTE]
     return {
         "stay_share": float(motions[Motion.STAY] / motions.sum()),
         "gaze_stay_share": float(gazes[Gaze.STAY] / gazes.sum()),
         "forward_share": float(motions[Motion.FORWARD] / motions.sum()),
-        "lateral_first_minute": float(minute.mean()),
+        "lateral_first_minute": _mean(lateral[episode.times[read] < FIRST_MINUTE]),
         "lateral_after_birth": _mean(lateral[1:][after_birth]),
         "lateral_after_mapping": _mean(lateral[1:][after_mapping]),
-        "lateral_otherwise": _mean(lateral[1:][neither]),
+        "lateral_otherwise": _mean(lateral[1:][~after_birth & ~after_mapping]),
     }
 
 

@@ -1,4 +1,4 @@
-"""The page of the study: what was run, the pictures, and a table of the claims with their verdicts."""
+"""The page of the study: its settings, the pictures, and tables of the claims with their verdicts."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,12 +7,18 @@ import numpy as np
 
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents.study.claims import CLAIMS
-from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES
-from agents.study.runs import Row, Rows
-from agents.study.verdicts import FEWEST_ROOMS, Finding, column, under_choices, while_alive
+from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES, Row, Rows, while_alive
+from agents.study.verdicts import FEWEST_ROOMS, Finding, under_choices
 from agents.tools.sections import listed, table
-from agents.tools.statistics import estimate
+from agents.tools.statistics import Column
 
+FIGURES = (
+    Column("lost", "% lost", "share", 100.0, 0),
+    Column("landmarks_mapped", "Landmarks mapped"),
+    Column("log_score_gain", "Log score, bits", digits=0),
+    Column("alive_rms", "Orientation RMS, ° (alive)", scale=180.0 / np.pi, digits=2),
+    Column("stay_share", "`stay`, % of motions", scale=100.0, digits=0),
+)
 PICTURES = {
     "figure1": "Figure 1. A camera with two degrees of freedom and three landmarks (`agents/study/toy.py`).",
     "figure2_maps": "Figure 2 a–c. Final maps and trajectories, from above.",
@@ -48,8 +54,8 @@ chance. *After a birth / a mapping*: the command that follows a motion period in
 PIXELS = """\
 ## The live system, from rendered pixels
 
-A simulated person in a rendered room, as the [live system](live.md) sees it: who follows the advice beside who moves at
-random, and who stays. By a command of its own, `python -m agents live`, which `make figures` runs too.
+A simulated person in a rendered room, as the [live system](live.md) sees it: one who follows the advice, one who moves
+at random, and one who stays. By a command of its own, `python -m agents live`, which `make figures` runs too.
 
 <!-- generated: live-claims -->
 <!-- end: live-claims -->"""
@@ -61,7 +67,7 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
     return "\n\n".join(
         [
             "# The paper's study",
-            _what_was_run(settings),
+            _settings(settings),
             "## Claims",
             _claims_table(findings),
             READING.format(count=round(len(findings), -1), fewest=FEWEST_ROOMS, lost=LOST_POSITION_ERROR),
@@ -80,7 +86,7 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
     )
 
 
-def _what_was_run(settings: dict[str, Any]) -> str:
+def _settings(settings: dict[str, Any]) -> str:
     rooms = f"{settings['episodes']} rooms, seeds {settings['seed']} … {settings['seed'] + settings['episodes'] - 1}"
     return (
         "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
@@ -119,21 +125,15 @@ def _sensitivity_tables(findings: Sequence[Finding]) -> str:
 
 
 def _conditions_table(rows: Rows) -> str:
-    """Lost runs and the usual figures of everything that was run."""
+    """Lost runs and the usual figures of every condition."""
     pairs = [(choice.name, strategy) for choice in CHOICES for strategy in STRATEGIES]
     pairs += [(one.choice, one.policy) for one in SINGLES if (one.choice, one.policy) not in pairs]
-    header = ["Choice", "Policy", "% lost", "Landmarks mapped", "Log score, bits"]
-    header += ["Orientation RMS, ° (alive)", "`stay`, % of motions"]
-    return table(header, [_condition_row(choice, policy, rows[choice, policy]) for choice, policy in pairs])
-
-
-def _condition_row(choice: str, policy: str, runs: Sequence[Row]) -> list[str]:
-    return [
-        f"`{choice}`",
-        "mi (gaze scripted)" if policy == LIVE else policy,
-        estimate(column(runs, "lost"), "share").text(100.0, 0),
-        estimate(column(runs, "landmarks_mapped"), "median").text(),
-        estimate(column(runs, "log_score_gain"), "median").text(1.0, 0),
-        estimate(np.degrees(while_alive(runs, "orientation_rms")), "median").text(1.0, 2),
-        estimate(column(runs, "stay_share"), "median").text(100.0, 0),
-    ]
+    cells = []
+    for choice, policy in pairs:
+        runs: list[Row] = [
+            {**row, "alive_rms": rms}
+            for row, rms in zip(rows[choice, policy], while_alive(rows[choice, policy], "orientation_rms"))
+        ]
+        name = "mi (gaze scripted)" if policy == LIVE else policy
+        cells.append([f"`{choice}`", name, *(column.text(column.of(runs)) for column in FIGURES)])
+    return table(["Choice", "Policy", *(column.title for column in FIGURES)], cells)

@@ -40,10 +40,10 @@ class Reread(Greedy):
         self, env: Environment, reading: Reading, gaze_criterion: str | None = None, motion_criterion: str | None = None
     ) -> None:
         super().__init__(env, motion_criterion, gaze_criterion)
-        self.reading = reading
         frame, ahead = self.env.scenario.frame_time, reading.gaze_ahead or self.env.gaze_period
         self._motions = motion_plans(round(self.env.motion_period / frame) if reading.propagated else 0)
         self._gazes = gaze_plans(round(ahead / frame))
+        self._scores = self._capped_scores if reading.capped else self.env.scores
 
     def choose_motion(self) -> Actions:
         return best([self._scores(self._motions, self.motion_criterion)])
@@ -53,12 +53,8 @@ class Reread(Greedy):
             return self.always(Gaze.LEFT)
         return best([self._scores(self._gazes, self.gaze_criterion)])
 
-    def _scores(self, plans: NDArray, criterion: str) -> Array:
-        """(A,) of plans of one action."""
-        return self._capped_scores(plans, criterion) if self.reading.capped else self.env.scores(plans, criterion)
-
     def _capped_scores(self, plans: NDArray, criterion: str) -> Array:
-        """The same steps as the environment's own scores, with the covariance capped for each pose."""
+        """(A,) of plans of one action: the environment's own scores, with the covariance capped for each pose."""
         models, prospect, scenario = self.env.setting.models, self.env.prospect, self.env.scenario
         camera, motion, out = models.camera, models.motion, np.zeros(len(plans))
         for a, (index, gaze, frames) in enumerate(plans[:, 0].tolist()):
@@ -81,13 +77,11 @@ def capped(points: Array, P: Array, pose: Array, waiting: int, scenario: Scenari
     if not waiting:
         return P
     out = P.copy()
-    R_WC = rotation_matrix(pose[QUATERNION])
-    depth = (points[-waiting:] - pose[POSITION]) @ R_WC[:, 2]
+    depth = (points[-waiting:] - pose[POSITION]) @ rotation_matrix(pose[QUATERNION])[:, 2]
     widest = np.sqrt(max(scenario.landmark_prior_variance))
     known = scenario.image_width / np.sqrt(12.0) * np.maximum(depth, scenario.minimum_depth) / scenario.focal_px
-    scale = np.minimum(1.0, (known / widest) ** 2)
     diagonal = np.arange(CAMERA_DIM + 3 * (len(points) - waiting), len(P))
-    out[diagonal, diagonal] *= np.repeat(scale, 3)
+    out[diagonal, diagonal] *= np.repeat(np.minimum(1.0, (known / widest) ** 2), 3)
     return out
 
 
@@ -106,4 +100,4 @@ capped_mi_fisher = partial(Reread, reading=CAPPED, gaze_criterion=FISHER)
 mi_eigenvalue = partial(greedy, gaze_criterion=EIGENVALUE)
 """(iii) with the largest eigenvalue of the Fisher matrix, as the end of section III-B says, for its trace."""
 eigenvalue_eigenvalue = partial(greedy, motion_criterion=EIGENVALUE, gaze_criterion=EIGENVALUE)
-"""Motion too by the largest eigenvalue: what `fisher-fisher` is for the trace."""
+"""Motion too by the largest eigenvalue: the counterpart of `fisher-fisher`, which takes the trace."""

@@ -1,4 +1,4 @@
-"""Figure 1: a camera with two degrees of freedom and three landmarks. Where should it go to learn the most?
+"""Figure 1: a camera with two degrees of freedom and three landmarks. Which move brings the most information?
 
 The paper gives neither positions nor uncertainties, only that the landmarks lie to the left, in front and to the right
 front, and that the best place lies between landmarks 2 and 3. Here the camera moves in a plane with a known heading and
@@ -12,6 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+VIEWS = {"96° view": np.radians(48.0), "sees all around": np.pi}
+"""Name → half the angle of view [rad]."""
+SHAPES = {"isotropic landmarks": True, "landmarks long along the sight": False}
+"""Name → `Toy.isotropic`."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +50,13 @@ class Toy:
     @property
     def covariance(self) -> Array:
         """(2 + 2 L, 2 + 2 L) of camera and landmarks, y_i = p + r_i e(theta_i), before the move."""
-        L = len(self.ranges)
-        G = np.tile(np.eye(2), (1 + L, 1))
+        G = np.tile(np.eye(2), (1 + len(self.ranges), 1))
         P = self.position_std**2 * G @ G.T
+        ratios = self.range_ratio, self.range_ratio if self.isotropic else self.bearing_std
         for i, (r, theta) in enumerate(zip(self.ranges, self.bearings)):
-            along, across = direction(theta), direction(theta + np.pi / 2.0)
             block = slice(2 + 2 * i, 4 + 2 * i)
-            ratio_across = self.range_ratio if self.isotropic else self.bearing_std
-            P[block, block] += (self.range_ratio * r) ** 2 * np.outer(along, along)
-            P[block, block] += (ratio_across * r) ** 2 * np.outer(across, across)
+            for ratio, axis in zip(ratios, (direction(theta), direction(theta + np.pi / 2.0))):
+                P[block, block] += (ratio * r) ** 2 * np.outer(axis, axis)
         return P
 
 
@@ -64,7 +67,7 @@ def information(toy: Toy, positions: Array) -> Array:
     L = len(toy.ranges)
     d = toy.landmarks - positions[..., None, :]  # (..., L, 2)
     H_y = np.stack((-d[..., 1], d[..., 0]), axis=-1) / np.sum(d * d, axis=-1, keepdims=True)
-    H_y[np.abs(np.arctan2(d[..., 0], d[..., 1])) > toy.half_view] = 0.0  # out of view: tells nothing
+    H_y[np.abs(np.arctan2(d[..., 0], d[..., 1])) > toy.half_view] = 0.0  # out of view: no information
     H = np.zeros((*positions.shape[:-1], L, len(P)))
     for i in range(L):
         H[..., i, :2], H[..., i, 2 + 2 * i : 4 + 2 * i] = -H_y[..., i, :], H_y[..., i, :]
@@ -72,14 +75,9 @@ def information(toy: Toy, positions: Array) -> Array:
     return 0.5 * np.linalg.slogdet(S)[1] / np.log(2.0)
 
 
-def field(toy: Toy, xs: Array, ys: Array) -> Array:
-    """(len(ys), len(xs)) bits at every place of a grid [m]."""
-    return information(toy, np.stack(np.meshgrid(xs, ys), axis=-1))
-
-
-def best_direction(toy: Toy, count: int = 360) -> float:
-    """The direction of the move that teaches the most [rad]."""
-    angles = np.linspace(-np.pi, np.pi, count, endpoint=False)
+def best_direction(toy: Toy) -> float:
+    """The direction of the move with the most information [rad], of one in each degree."""
+    angles = np.linspace(-np.pi, np.pi, 360, endpoint=False)
     return float(angles[information(toy, toy.step * direction(angles)).argmax()])
 
 
@@ -89,7 +87,7 @@ def lies_between(toy: Toy, first: int = 1, second: int = 2) -> bool:
     return low <= best_direction(toy) <= high
 
 
-def drawn(seed: int, isotropic: bool = True, half_view: float = np.pi) -> Toy:
+def drawn(seed: int, isotropic: bool, half_view: float) -> Toy:
     """Another scene of the same kind: directions within 15 degrees, ranges 0.75 to 1.5 times, ratios 0.1 to 0.5."""
     rng, L = np.random.default_rng(seed), len(Toy.bearings)
     bearings = tuple(np.array(Toy.bearings) + np.radians(rng.uniform(-15.0, 15.0, L)))

@@ -1,1 +1,1 @@
-"""What every command needs: estimates over rooms, files, processes, and where a number comes from."""
+"""Helpers of every command: arguments, files, sections of Markdown pages, statistics over rooms."""

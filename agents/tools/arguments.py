@@ -1,4 +1,4 @@
-"""What the commands take and check; a ValueError names the argument, its value and what is allowed."""
+"""Arguments that commands share, and their checks; a ValueError names the argument, its value and the allowed ones."""
 
 import json
 import math
@@ -13,52 +13,86 @@ from typing import Any
 from activeslam_gym.config import benchmark_seed
 from activeslam_gym.evaluation import Store
 from agents.tools.files import writable_folder
-from agents.tools.sections import page_with
+from agents.tools.sections import page_with, provenance, put_section
 
 SEEDS = (0, 2**62)
-"""What a seed may be: the rooms after it have seeds too."""
+"""Bounds of a seed: the rooms after it have seeds too."""
 UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")
 """Arguments that decide no number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rooms:
-    """What every command takes that plays many rooms."""
+    """Arguments of every command that plays many rooms."""
 
+    episodes: int
+    """Rooms for each policy, in each scenario or condition."""
     seed: int = 1_000_000
     """Episode j is reset(seed=seed + j)."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
+    out: Path
+    """Folder of the results; finished episodes that it holds are not run again."""
     store: Path | None = None
     """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a number outside of what it may be."""
+        """Raises ValueError for a number outside its bounds."""
         within(self, episodes=(1, 10**6), seed=SEEDS, jobs=(1, 4096))
 
-    def prepare(self, *sections: str) -> None:
-        """Raises ValueError where `out` cannot be written to, or a page of `report` has none of these sections."""
-        for page in getattr(self, "report", ()):
-            page_with(page, *sections)
-        writable_folder("out", self.out)  # type: ignore[attr-defined]
+    def prepare(self) -> None:
+        """Raises ValueError where a folder cannot be written to."""
+        writable_folder("out", self.out)
         if self.store:
             writable_folder("store", self.store)
 
     @property
+    def seeds(self) -> range:
+        """Of the rooms."""
+        return range(self.seed, self.seed + self.episodes)
+
+    @property
     def episode_store(self) -> Store:
-        """Where episodes are kept."""
-        return Store(self.store or self.out / "episodes")  # type: ignore[attr-defined]
+        """The store of the episodes."""
+        return Store(self.store or self.out / "episodes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pages:
+    """Generated sections of pages that people write."""
+
+    report: tuple[Path, ...] = ()
+    """Markdown pages whose generated sections of this command are regenerated."""
+
+    def check_pages(self, *sections: str) -> None:
+        """Raises ValueError where a page has none of these sections."""
+        for page in self.report:
+            page_with(page, *sections)
+
+    def publish(self, name: str, **sections: str) -> None:
+        """Put the texts into the sections of the pages, each under the command that made it."""
+        for page in self.report:
+            for section, text in sections.items():
+                put_section(page, section.replace("_", "-"), f"{provenance(command_line(name, self))}\n\n{text}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figures:
+    """Figures, which need matplotlib."""
+
+    figures: bool = True
+    """Draw the figures (needs matplotlib)."""
 
     @property
     def drawn(self) -> bool:
         """Whether figures are wanted and matplotlib is there to draw them."""
-        return self.figures and find_spec("matplotlib") is not None  # type: ignore[attr-defined]
+        return self.figures and find_spec("matplotlib") is not None
 
 
 def command_line(name: str, args: Any) -> str:
     """The command that `args` are of: how many rooms, and whatever else decides its numbers and is no default."""
     told = []
-    for one in sorted(fields(args), key=lambda field: field.name == "seed"):
+    for one in sorted(fields(args), key=lambda field: (field.name == "seed", field.name != "policies")):
         value = getattr(args, one.name)
         if one.name in ("episodes", "rooms", "seed") or (one.name not in UNTOLD and value != one.default):
             several = value if isinstance(value, tuple) else (value,)
@@ -67,15 +101,8 @@ def command_line(name: str, args: Any) -> str:
     return " ".join([f"python -m agents {name}", *told])
 
 
-def at_least(args: Any, **least: int) -> None:
-    """Raise ValueError where an argument is less than it may be."""
-    for name, bound in least.items():
-        if not getattr(args, name) >= bound:
-            raise ValueError(f"{name}: {getattr(args, name)}; allowed: {bound} or more")
-
-
 def within(args: Any, **bounds: tuple[float, float]) -> None:
-    """Raise ValueError where an argument is less or more than it may be."""
+    """Raise ValueError where an argument lies outside its bounds."""
     for name, (low, high) in bounds.items():
         if not low <= getattr(args, name) <= high:
             raise ValueError(f"{name}: {getattr(args, name)!r}; allowed: {low} to {high}")
@@ -96,14 +123,14 @@ def given(args: Any, *names: str) -> None:
 
 
 def times(args: Any, name: str) -> None:
-    """Raise ValueError where a list of times has one that is none [s]."""
+    """Raise ValueError where a list of times has a negative or an infinite one [s]."""
     for time in getattr(args, name):
         if not 0 <= time < math.inf:
             raise ValueError(f"{name}: {time!r}; allowed: finite times of 0 s or more")
 
 
 def times_within(times: Sequence[float], duration: float) -> list[float]:
-    """Those within the duration, and its end."""
+    """The times before the duration, and the duration."""
     return sorted({*(time for time in times if time < duration), duration})
 
 
@@ -113,7 +140,7 @@ def first_room(scenario: str, seed: int) -> int:
 
 
 def scenario_argument(text: str) -> str | dict[str, Any]:
-    """A scenario as the command line gives it: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
+    """A scenario of the command line: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
     if not text.lstrip().startswith("{"):
         return text
     try:

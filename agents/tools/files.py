@@ -1,7 +1,8 @@
-"""Results as CSV, JSON and text, each whole or not at all."""
+"""Results as CSV, JSON and text, each written whole or not at all."""
 
 import csv
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ def write_csv(path: Path, rows: Sequence[dict[str, Any]]) -> None:
     with written_whole(path) as unfinished, unfinished.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
-        writer.writerows({key: _plain(value, "") for key, value in row.items()} for row in rows)
+        writer.writerows(_finite(list(rows)))  # None is written as nothing
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -25,8 +26,8 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def json_text(value: Any) -> str:
-    """`value` as JSON; a number that is not finite becomes null."""
-    return json.dumps(_plain(value, None), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    """`value` as JSON; a number that is not finite becomes null, a path its text."""
+    return json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False, default=str) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:
@@ -44,7 +45,7 @@ def writable_folder(argument: str, folder: Path) -> None:
 
 
 def writable_file(argument: str, path: Path) -> None:
-    """The same for a file, which need not be there yet."""
+    """The same for a file, which may be absent."""
     if path.is_dir():
         raise ValueError(f"{argument}: {str(path)!r} is a folder; allowed: a file")
     writable_folder(argument, path.parent)
@@ -52,9 +53,9 @@ def writable_file(argument: str, path: Path) -> None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Make `folder` and hold it against other processes of ours, as far as the system has such locks.
+    """Make `folder` and lock it against other processes, where the system has such locks, until the block ends.
 
-    It is let go at the end of the block, and of the process, however that ends. Raises ValueError where another has it.
+    Raises ValueError where another process holds the lock.
     """
     folder.mkdir(parents=True, exist_ok=True)
     try:
@@ -74,7 +75,7 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Whatever goes wrong with a file that is damaged, or not of this kind, becomes a ValueError of a line."""
+    """Turn every error of reading a damaged or foreign file into a ValueError of one line."""
     try:
         yield
     except Exception as error:  # readers of archives, arrays and tensors raise a dozen kinds
@@ -82,17 +83,10 @@ def reading(path: Path) -> Iterator[None]:
         raise ValueError(f"{str(path)!r} cannot be read: {kind}{next(iter(str(error).splitlines()), '')}") from error
 
 
-def written(folder: Path) -> list[str]:
-    """Names of the results in `folder`."""
-    return sorted(path.name for path in folder.iterdir() if path.is_file())
-
-
-def _plain(value: Any, missing: Any) -> Any:
-    """`value` with `missing` in the place of each number that is not finite."""
+def _finite(value: Any) -> Any:
+    """`value` with None in the place of each number that is not finite."""
     if isinstance(value, dict):
-        return {key: _plain(item, missing) for key, item in value.items()}
+        return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item, missing) for item in value]
-    if isinstance(value, float) and not (abs(value) < float("inf")):
-        return missing
-    return value
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

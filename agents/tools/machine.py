@@ -1,4 +1,4 @@
-"""What a number was measured on, and with which versions."""
+"""The machine and the versions that a number was measured with."""
 
 import os
 import platform
@@ -8,20 +8,18 @@ from activeslam_gym.evaluation.code import package_versions
 
 
 def machine() -> str:
-    """Processor and cores, for people."""
+    """Processor and number of cores."""
     return f"{processor()}, {os.cpu_count()} cores"
 
 
 def processor() -> str:
     """The processor's name, or "unknown"."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or "unknown"
 
 
 def versions(packages: tuple[str, ...]) -> dict[str, str]:
-    """Of these packages and of Python."""
+    """Versions of Python and of these packages."""
     return {"python": platform.python_version()} | package_versions(packages)

@@ -1,14 +1,40 @@
-"""Generated sections of Markdown pages that people write."""
+"""Tables, and generated sections of Markdown pages that people write."""
 
 import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 from agents.tools.files import reading, writable_folder, write_text
 from agents.tools.machine import machine, versions
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
+
+
+class Table(NamedTuple):
+    """A title, the header, and rows of text as long as the header."""
+
+    title: str
+    header: list[str]
+    rows: list[list[str]]
+
+    def aligned(self) -> str:
+        """The title over columns of equal width, names to the left and figures to the right."""
+        lines = [self.header, *self.rows]
+        widths = [max(map(len, column)) for column in zip(*lines)]
+        cells = ([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:]))] for line in lines)
+        return "\n".join([self.title, *("  ".join(line) for line in cells)])
+
+    def markdown(self) -> str:
+        """The table in Markdown, without its title; figures to the right."""
+        return table(self.header, self.rows, "| --- |" + " ---: |" * (len(self.header) - 1))
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") -> str:
+    """A Markdown table; everything to the left, if there is no `rule` under the header."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
+    return "\n".join([lines[0], rule or "|---" * len(header) + "|", *lines[1:]])
 
 
 def provenance(command: str) -> str:
@@ -22,14 +48,8 @@ def listed(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
-def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") -> str:
-    """A Markdown table; everything to the left, if there is no `rule` under the header."""
-    lines = ["| " + " | ".join(cells) + " |" for cells in (header, *rows)]
-    return "\n".join([lines[0], rule or "|---" * len(header) + "|", *lines[1:]])
-
-
 def put_section(path: Path, name: str, text: str) -> bool:
-    """Replace what stands between the marks of section `name` in the page at `path`; False where it has no such marks.
+    """Replace the text between the marks of section `name` in the page at `path`; False where it has no such marks.
 
     Raises ValueError if there is no such page.
     """

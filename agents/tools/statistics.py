@@ -5,9 +5,9 @@ interquartile mean has one by the bootstrap, since it leaves out the tails. A me
 failure does not show how far it lies from the true mean.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,8 @@ RESAMPLES = 2000
 """Bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each."""
 FEWEST = 6
 """Rooms that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %."""
+FEW_ROOMS = 20
+"""With fewer rooms a report says that its intervals are a hint."""
 
 MISSING = "–"
 """Stands for a figure that no room gave."""
@@ -26,7 +28,7 @@ LEGEND = (
     f"[ ]: {CONFIDENCE:.0%} interval over rooms: of a share, Clopper and Pearson's; from {FEWEST} rooms on, of a "
     "median by order statistics, of an interquartile mean (IQM, over the middle half of the rooms) by the bootstrap."
 )
-"""What the brackets are."""
+"""Explains the brackets."""
 
 Array = NDArray[np.float64]
 Statistic = Literal["median", "IQM", "share", "mean", "pooled"]
@@ -51,6 +53,38 @@ class Estimate:
         return value if np.isnan(self.low) else f"{value} [{low}, {high}]"
 
 
+@dataclass(frozen=True)
+class Column:
+    """A figure over rooms and how it is shown: its title, the factor to the title's unit, the digits after the point.
+
+    A key that ends in ``_median`` is another statistic of the column without it.
+    """
+
+    key: str
+    title: str
+    statistic: Statistic = "median"
+    scale: float = 1.0
+    digits: int = 1
+
+    @property
+    def source(self) -> str:
+        """The key of the value in a row."""
+        return self.key.removesuffix("_median")
+
+    def of(self, rows: Iterable[Mapping[str, Any]]) -> Estimate:
+        """The figure over rows, one a room."""
+        return estimate([row[self.source] for row in rows], self.statistic)
+
+    def text(self, figure: Estimate) -> str:
+        """The figure in the title's unit."""
+        return figure.text(self.scale, self.digits)
+
+    @property
+    def heading(self) -> str:
+        """The title with the statistic; a share needs none."""
+        return self.title if self.statistic == "share" else f"{self.title} ({self.statistic})"
+
+
 def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     """A statistic of `values` (one a room) with its 95 % interval, if it has one; rooms with NaN are left out."""
     all_rooms: Array = np.asarray(values, dtype=float)
@@ -67,6 +101,19 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     return Estimate(value, low, high, len(rooms), statistic)
 
 
+def shares(scores: Mapping[str, Mapping[int, float]], planner: str, base: str) -> dict[str, Estimate]:
+    """Policy → its lead over `base` divided by that of `planner`, from policy → seed → log score gained [bit].
+
+    Interquartile means over the rooms that all three saw.
+    """
+    found = {}
+    for name, own in scores.items():
+        seeds = [seed for seed in own if seed in scores[planner] and seed in scores[base]]
+        leads = ([one[seed] - scores[base][seed] for seed in seeds] for one in (own, scores[planner]))
+        found[name] = estimate_ratio(*leads)
+    return found
+
+
 def estimate_ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
     """IQM of `parts` (rooms,) over that of `wholes` (rooms,), in pairs; NaN where the latter is not positive.
 
@@ -75,6 +122,19 @@ def estimate_ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
     rooms: Array = np.stack([np.asarray(one, dtype=float) for one in (parts, wholes)], axis=-1)
     value = float(_ratio(rooms)) if len(rooms) else np.nan
     return Estimate(value, *_bootstrap(rooms, _ratio), len(rooms), "IQM")
+
+
+def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
+    """RMSE of each of two policies over the landmarks that both mapped in one room; NaN where there are none.
+
+    errors, others: (L,) m, NaN for a landmark that is not mapped.
+    """
+    pair: Array = np.array([errors, others], dtype=float)
+    common = pair[:, ~np.isnan(pair).any(axis=0)]
+    if not common.size:
+        return np.nan, np.nan
+    own, other = np.sqrt(np.mean(common**2, axis=1))
+    return float(own), float(other)
 
 
 def _iqm(rooms: Array) -> Array:
@@ -113,16 +173,3 @@ def _exact(rooms: Array) -> tuple[float, float]:
 
     interval = binomtest(int(rooms.sum()), len(rooms)).proportion_ci(CONFIDENCE)
     return float(interval.low), float(interval.high)
-
-
-def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
-    """RMSE of each of two policies over the landmarks that both mapped in one room; NaN where there are none.
-
-    errors, others: (L,) m, NaN for a landmark that is not mapped.
-    """
-    pair: Array = np.array([errors, others], dtype=float)
-    common = pair[:, ~np.isnan(pair).any(axis=0)]
-    if not common.size:
-        return np.nan, np.nan
-    own, other = np.sqrt(np.mean(common**2, axis=1))
-    return float(own), float(other)

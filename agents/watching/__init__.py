@@ -1,1 +1,1 @@
-"""Watching an episode: in a window, as an animation, as a recording or as trajectories."""
+"""Episodes and live recordings as animations, trajectories or files for the Rerun viewer."""

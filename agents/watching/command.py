@@ -2,16 +2,17 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 
-from activeslam_gym.evaluation import Episode, Look, outcome
+from activeslam_gym.evaluation import Look, outcome
 from activeslam_gym.live.recording import read_about
 from activeslam_gym.rendering import NoScreenWarning
+from agents.recording import Recording
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
 from agents.tools.files import writable_file, writable_folder
@@ -52,7 +53,7 @@ class Args:
     """A folder for the true and the estimated trajectories in TUM's format."""
 
     def check(self) -> None:
-        """Raises ValueError when an argument has no meaning, naming it, its value and what is allowed."""
+        """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         given(self, "policy")
         within(self, seed=SEEDS, width=(64, 4096))
         positive(self, "every", "speed")
@@ -85,21 +86,19 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status. Raises as `watch` does, and ValueError for a bad argument."""
+    """Run the command; the exit status. Raises as `watch`, and ValueError for a bad argument or a damaged recording."""
     args.check()
-    for path in watch(args) if args.recording is None else watch_recording(args.recording, args):
-        print(f"Written to {path}")
-    return 0
-
-
-def watch_recording(folder: Path, args: Args) -> Iterator[Path]:
-    """Yield the files of a live recording once they are written. Raises OSError or ValueError where it is damaged."""
+    if args.recording is None:
+        for path in watch(args):
+            print(f"Written to {path}")
+        return 0
     if args.save:
-        animate(folder, args.save, args.every, args.speed, args.width)
-        yield args.save
+        animate(args.recording, args.save, args.every, args.speed, args.width)
+        print(f"Written to {args.save}")
     if args.rerun:
-        log_rerun(folder, args.rerun)
-        yield args.rerun
+        log_rerun(args.recording, args.rerun)
+        print(f"Written to {args.rerun}")
+    return 0
 
 
 def watch(args: Args) -> Iterator[Path]:
@@ -107,48 +106,40 @@ def watch(args: Args) -> Iterator[Path]:
 
     Raises:
         ValueError: an unknown policy, or a bad argument of the environment.
-        ImportError, gymnasium.error.Error: what shows or records it is missing.
+        ImportError, gymnasium.error.Error: a package that shows or records, or a screen, is missing.
     """
     films, titles = [], labels(args.policy)
     for name, title in titles.items():
-        film = Film(args.every, args.width)
-        env = make_environment(args.environment)
-        with ExitStack() as stack:
-            looks: list[Look] = [film.look] if args.save else []
+        film, env = Film(args.every, args.width), make_environment(args.environment)
+        looks: list[Look] = [film.look] if args.save else []
+        with ExitStack() as stack, warnings.catch_warnings():
             if args.rerun:
-                from agents.recording import Recording
-
                 path = args.rerun.with_stem(f"{args.rerun.stem}-{title}") if len(titles) > 1 else args.rerun
-                scenario = cast(Any, env.unwrapped).scenario
-                looks.append(stack.enter_context(Recording(path, scenario, name)).log)
-            stack.enter_context(_window_demanded())
-            (episode,) = run_policy(name, env, [args.seed], looks=[looks])
-        print(summary_line(episode))
+                looks.append(stack.enter_context(Recording(path, env.unwrapped.scenario, name)).log)
+            warnings.simplefilter("error", NoScreenWarning)
+            try:
+                (episode,) = run_policy(name, env, [args.seed], looks=[looks])
+            except NoScreenWarning as warning:
+                told = "no screen was found to watch on; --save clip.gif, --rerun or --tum write files instead"
+                raise gym.error.Error(told) from warning
+        row = outcome(episode, target_landmarks=14)
+        end = "lost" if episode.lost else f"{row['bits']:.0f} bits removed"
+        print(
+            f"{label(name)}, room {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
+            f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
+        )
         if args.rerun:
             yield path
         if args.tum:
             yield from episode.write_trajectories(args.tum, f"{title}-{args.seed}")
         films.append(film.pictures)
     if args.save:
-        pictures = side_by_side(films, list(titles.values()))
-        write_animation(args.save, pictures, args.every / args.speed)
+        write_animation(args.save, side_by_side(films, list(titles.values())), args.every / args.speed)
         yield args.save
 
 
-@contextmanager
-def _window_demanded() -> Iterator[None]:
-    """Raise gymnasium.error.Error where a window is to be shown and there is no screen."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", NoScreenWarning)
-        try:
-            yield
-        except NoScreenWarning as warning:
-            told = "no screen was found to watch on; --save clip.gif, --rerun or --tum write files instead"
-            raise gym.error.Error(told) from warning
-
-
 def labels(names: Sequence[str]) -> dict[str, str]:
-    """Each policy's name once, and what it is called: its `label`, or more of it where others have that too."""
+    """Each policy's name once, and its title: its `label`, or `file_name` where others have that label too."""
     short = {name: label(name) for name in names}
     return {name: one if list(short.values()).count(one) == 1 else file_name(name) for name, one in short.items()}
 
@@ -156,13 +147,3 @@ def labels(names: Sequence[str]) -> dict[str, str]:
 def label(name: str) -> str:
     """A policy's name as part of a file's name: the stem of a file of weights, the factory of a user's own."""
     return Path(name.rpartition(":")[2]).stem
-
-
-def summary_line(episode: Episode) -> str:
-    """What the episode came to, in a line."""
-    row = outcome(episode, target_landmarks=14)
-    end = "lost" if episode.lost else f"{row['bits']:.0f} bits removed"
-    return (
-        f"{label(episode.policy)}, room {episode.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
-        f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
-    )

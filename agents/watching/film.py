@@ -12,13 +12,13 @@ from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import TEXT
 
 SUFFIXES = (".gif", ".webp", ".png")
-"""What Pillow writes as an animation."""
+"""Animations that Pillow writes."""
 COLOURS = 64
 """Of the palette; the pictures are flat."""
 STRIP_PX = 26
 """Height of the strip with a name."""
 LOST = "#D62728"
-"""Colour of the word under which a lost run stands."""
+"""Colour of the word on a lost run."""
 
 Picture = np.ndarray
 """(H, W, 3) uint8."""
@@ -33,16 +33,30 @@ class Film:
         self.pictures: list[Picture] = []
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
-        """Take a picture if it is time for one, or the episode is over."""
-        due = core.time >= self.every * len(self.pictures) - 1e-9
-        if due or info["lost"]:
+        """Take a picture if it is time for one, or the run is lost, which stands under the time."""
+        if core.time >= self.every * len(self.pictures) - 1e-9 or info["lost"]:
             picture = rendering.draw(core.snapshot(), self.size)
-            self.pictures.append(_lost(picture) if info["lost"] else picture)
+            self.pictures.append(written(picture, 0.08 * len(picture), "lost", LOST) if info["lost"] else picture)
+
+
+def strip(words: str, width: int) -> Picture:
+    """A white strip with words."""
+    return written(np.full((STRIP_PX, width, 3), 255, np.uint8), 4, words, TEXT)
+
+
+def written(picture: Picture, top: float, words: str, colour: str) -> Picture:
+    """A copy with these words at its left margin."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(picture)
+    font = ImageFont.load_default(18)
+    ImageDraw.Draw(image).text((0.022 * image.width, round(top)), words, fill=colour, font=font)
+    return np.asarray(image)
 
 
 def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> list[Picture]:
     """The films beside each other under their names; a shorter one stands still at its end."""
-    strips = [_strip(name, film[0].shape[1]) for name, film in zip(names, films, strict=True)]
+    strips = [strip(name, film[0].shape[1]) for name, film in zip(names, films, strict=True)]
     last = [film[-1] for film in films]
     pictures = ([end if one is None else one for one, end in zip(moment, last)] for moment in zip_longest(*films))
     return [np.hstack([np.vstack(pair) for pair in zip(strips, beside)]) for beside in pictures]
@@ -60,22 +74,3 @@ def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> 
     how: dict[str, Any] = {"format": path.suffix[1:].upper(), "duration": durations, "loop": 0, "optimize": True}
     with written_whole(path) as unfinished:
         images[0].save(unfinished, save_all=True, append_images=images[1:], **how)
-
-
-def _strip(name: str, width: int) -> Picture:
-    """A white strip with the name."""
-    return _written(np.full((STRIP_PX, width, 3), 255, np.uint8), 4, name, TEXT)
-
-
-def _lost(picture: Picture) -> Picture:
-    """The picture, which tells under its time that the run is lost."""
-    return _written(picture, round(0.08 * len(picture)), "lost", LOST)
-
-
-def _written(picture: Picture, top: int, words: str, colour: str) -> Picture:
-    """A copy with these words at its left margin."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    image = Image.fromarray(picture)
-    ImageDraw.Draw(image).text((0.022 * image.width, top), words, fill=colour, font=ImageFont.load_default(18))
-    return np.asarray(image)

@@ -1,32 +1,29 @@
 """A camera in a room: the source of rendered images, each a function of the seed, the pose and the frame alone."""
 
 from functools import partial
+from itertools import product
 
 import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
+from activeslam_gym.vision.drawing import printed_rectangle
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.printed import printed_target
-from activeslam_gym.vision.room.geometry import Scene, scene_point
+from activeslam_gym.vision.room.geometry import scene_point
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
 from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
-from activeslam_gym.vision.room.sensor import Sensor, sensor_of
+from activeslam_gym.vision.room.sensor import Sensor
 from activeslam_gym.vision.target import FACING, Rectangle
 
 TARGET_CORNERS = 4
 """Fiducials of a room: the corners of its target."""
-_AHEAD = np.array((0.0, 0.0, 1.0))
-"""The target's normal, away from the camera."""
-_SOFTNESS = 0.6
-"""Deviation by which pictures of it are blurred: the lens, and the filter of the texture [px]."""
-
-_AROUND = 2.0 * np.array([(0, 0), *((i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j)])
-"""A pixel and its surroundings [px]."""
-_STEP = 0.05
-"""What is so much of its distance before a surface's plane is in front of it, and not of it."""
+_TARGET = Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2)))
+_AHEAD = np.array((0.0, 0.0, 1.0))  # the target's normal, away from the camera
+_SOFTNESS = 0.6  # deviation by which pictures of it are blurred: the lens, and the filter of the texture [px]
+_AROUND = np.array(((0, 0), *product((-2.0, 0.0, 2.0), repeat=2)))  # a pixel and its surroundings [px]
+_STEP = 0.05  # a point before the plane of a surface by so much of its distance is in front of it, and not of it
 
 
 class RoomCamera:
@@ -35,27 +32,25 @@ class RoomCamera:
     ``scene``: the room; `fiducials` (4, 3) [m]: the corners of its target.
     """
 
-    def __init__(self, scenario: Scenario, lens: Record, seed: np.random.SeedSequence, sensor: Sensor | None = None):
+    def __init__(self, scenario: Scenario, lens: Record, seed: np.random.SeedSequence) -> None:
         room, noise = seed.spawn(2)
-        self.scene: Scene = draw_scene(scenario, np.random.default_rng(room))
-        self.fiducials = self.scene.target[[0, 1, 3, 2]]  # in the order of `Rectangle`
-        self._sensor = sensor_of() if sensor is None else sensor
-        self._lens = lens_of(lens)
+        self.scene = draw_scene(scenario, np.random.default_rng(room))
+        self.fiducials = self.scene.target
+        self._sensor, self._lens = Sensor(), lens_of(lens)
         self._key = noise.generate_state(1, np.uint64)
         self._work = workspace_of(self.scene, self._lens)
-        self._size = int(lens.height), int(lens.width)
 
     def photograph(self, state: np.ndarray, frame: int) -> np.ndarray:
         """The image (H, W) uint8 of ``frame`` from ``state`` (13,): position, quaternion, and their velocities."""
-        image = np.empty(self._size, np.uint8)
+        image = np.empty((int(self._lens.camera.height), int(self._lens.camera.width)), np.uint8)
         render(self.scene, self._lens, self._sensor, state, frame, self._key, self._work, image)
         return image
 
     def point(self, state: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-        """(3,) what ``pixel`` (2,) shows from ``state`` [m]; the room is closed, so there is always something.
+        """(3,) the scene point of ``pixel`` (2,) from ``state`` [m]; the room is closed, so there always is one.
 
-        An edge belongs to what is in front: where something within two pixels is before the plane of the pixel's own
-        surface, the depth is the least of such.
+        An edge belongs to the surface in front: where something within two pixels is before the plane of the pixel's
+        own surface, the depth is the least of such.
         """
         met = [scene_point(self.scene, state, self._lens.camera, pixel + offset)[:2] for offset in _AROUND]
         ways = np.array([point for point, _ in met]) - state[:3]
@@ -65,11 +60,11 @@ class RoomCamera:
 
 
 def introduce_target(front_end: FrontEnd, fiducials: np.ndarray) -> None:
-    """Tell the front end what the ``fiducials`` (4, 3) of a room look like: corners of the target, as it is printed."""
+    """Tell the front end the looks of the ``fiducials`` (4, 3) of a room: corners of the target, as it is printed."""
     front_end.show(partial(target_seen, front_end.camera, fiducials.mean(axis=0)), _AHEAD)
 
 
 def target_seen(camera: Record, middle: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), and its corners, see `printed_target`."""
+    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), and its corners: `printed_rectangle`."""
     own = np.concatenate((rotation_matrix(FACING) @ (pose[:3] - middle), quaternion_product(FACING, pose[3:])))
-    return printed_target(camera, Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2))), SHEET_SIZE, own, _SOFTNESS)
+    return printed_rectangle(camera, _TARGET, SHEET_SIZE, own, _SOFTNESS)

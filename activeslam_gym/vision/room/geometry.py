@@ -13,7 +13,6 @@ from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.motion import QUATERNION
-from activeslam_gym.vision.room.shading import SIZE
 
 SURFACE = record(
     corner=("f8", 3),  # in the world [m], as the edges are
@@ -26,76 +25,25 @@ SURFACE = record(
     texels=("f8", 2),  # how many it is long and high
     brightness="f8",  # the share of the light that it gets
 )
-"""A rectangle and what it shows."""
-
+"""A rectangle and its texture."""
 _COPLANAR = 1e-9
 """Depths that differ by less [m] are equal: a poster's and its wall's."""
 
 
 class Scene(NamedTuple):
-    """What is in the room."""
+    """A room."""
 
-    surfaces: np.ndarray
-    """(S,) of `SURFACE`. A poster stands before the face that it hangs on, so that it is met first."""
-    boxes: np.ndarray
-    """(B, 2, 3) their lowest and highest corners [m]. Their plans do not overlap."""
-    target: np.ndarray
-    """(4, 3) corners of the black rectangle [m]: top left, top right, bottom right, bottom left as seen."""
-    textures: np.ndarray
-    """The library that the surfaces refer to, see `texture_library`."""
-
-
-def face(centre: np.ndarray, axis: int, sign: float, extent: np.ndarray) -> np.recarray:
-    """A rectangle (1,) with the normal ``sign`` e_axis about ``centre``, as large as the box ``extent`` (3,) is there.
-
-    Upright faces have ``down`` = -Y. Directions obey down x along = normal.
-    """
-    surface = np.zeros(1, SURFACE).view(np.recarray)
-    normal, down = np.zeros(3), np.zeros(3)
-    normal[axis] = sign
-    down[1 if axis != 1 else 2] = -1.0
-    along = np.cross(normal, down)
-    along, down = along * np.abs(along @ extent), down * np.abs(down @ extent)
-    surface.normal, surface.along, surface.down = normal, along, down
-    surface.corner = centre - 0.5 * (along + down)
-    surface.brightness = 1.0
-    return surface
-
-
-def box_faces(box: np.ndarray, inside: bool = False) -> list[np.recarray]:
-    """The six faces of a box (2, 3), seen from outside or from ``inside``; -X, +X, -Y, +Y, -Z, +Z."""
-    centre, extent = 0.5 * (box[0] + box[1]), box[1] - box[0]
-    faces = []
-    for axis in range(3):
-        for sign in (-1.0, 1.0):
-            middle = centre.copy()
-            middle[axis] += 0.5 * sign * extent[axis]
-            faces.append(face(middle, axis, -sign if inside else sign, extent))
-    return faces
-
-
-def decal(on: np.recarray, middle: np.ndarray, size: np.ndarray) -> np.recarray:
-    """A rectangle of ``size`` (2,) [m] on a face, with its middle at ``middle`` (2,) [m] from the face's corner."""
-    surface = on.copy()
-    right, downwards = (edge / np.linalg.norm(edge) for edge in (on.along[0], on.down[0]))
-    surface.corner = on.corner[0] + right * (middle[0] - 0.5 * size[0]) + downwards * (middle[1] - 0.5 * size[1])
-    surface.along, surface.down = right * size[0], downwards * size[1]
-    return surface
-
-
-def papered(surface: np.recarray, texture: int, period: float | None = None, brightness: float = 1.0) -> np.recarray:
-    """The rectangle with a texture that repeats every ``period`` [m], or that fits once (None)."""
-    surface.texture, surface.brightness = texture, brightness
-    sides = np.array([np.linalg.norm(surface.along[0]), np.linalg.norm(surface.down[0])])
-    surface.texels = SIZE * (np.ones(2) if period is None else sides / period)
-    return surface
+    surfaces: np.ndarray  # (S,) of SURFACE. A poster stands before the face that it hangs on, so that it is met first
+    boxes: np.ndarray  # (B, 2, 3) their lowest and highest corners [m]. Their plans do not overlap
+    target: np.ndarray  # (4, 3) corners of the black rectangle [m]: top left, top right, bottom left, bottom right
+    textures: np.ndarray  # the library that the surfaces refer to, see `texture_library`
 
 
 @compiled
 def scene_point(scene: Scene, state: np.ndarray, camera: Record, pixel: np.ndarray) -> tuple[np.ndarray, int, bool]:
-    """What the pixel (2,) shows: the point (3,) [m] in the world, its surface, and whether there is one.
+    """The scene point of the pixel (2,): (3,) [m] in the world, its surface, and whether there is one.
 
-    ``state`` begins with the camera's position and quaternion. The nearest of all rectangles, each asked in turn.
+    ``state`` begins with the camera's position and quaternion. The nearest of all rectangles, each tested in turn.
     """
     origin, ray = state[:3], rotation_matrix(state[QUATERNION]) @ ray_from_pixel(camera, pixel)
     nearest, surface = math.inf, -1

@@ -19,27 +19,22 @@ class Lens(NamedTuple):
     """A camera's rays."""
 
     camera: Record
-    columns: int
-    """Tiles side by side; the last may reach over the image's edge."""
-    rays: np.ndarray
-    """(tiles, 5, TILE) float32: x and y of the ray (x, y, 1) of each pixel, and dx/du, dx/dv = dy/du, dy/dv [1/px]."""
-    bounds: np.ndarray
-    """(tiles, 4): least x, greatest x, least y, greatest y of a tile's rays, a pixel around it included."""
-    image_bounds: np.ndarray
-    """(4,) the same for the whole image."""
+    columns: int  # tiles side by side; the last may reach over the image's edge
+    rays: np.ndarray  # (tiles, 5, TILE) float32: x and y of each ray (x, y, 1); dx/du, dx/dv = dy/du, dy/dv [1/px]
+    bounds: np.ndarray  # (tiles, 4): least x, greatest x, least y, greatest y of a tile and a pixel around it
+    image_bounds: np.ndarray  # (4,) the same for the whole image
 
 
 def lens_of(camera: Record) -> Lens:
     """The table of a camera, whose width and height are whole numbers."""
-    width, height = int(camera.width), int(camera.height)
-    columns, rows = -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT)
+    columns, rows = -(-int(camera.width) // TILE_WIDTH), -(-int(camera.height) // TILE_HEIGHT)
     table = np.empty((5, rows * TILE_HEIGHT, columns * TILE_WIDTH))
     _trace(camera, table)
     by_tile = table.reshape(5, rows, TILE_HEIGHT, columns, TILE_WIDTH).transpose(1, 3, 0, 2, 4)
     rays = by_tile.reshape(rows * columns, 5, TILE)
     reach = np.abs(rays[:, 2:]).sum(1)  # of a pixel
-    x, y = rays[:, 0], rays[:, 1]
-    bounds = np.stack([(x - reach).min(1), (x + reach).max(1), (y - reach).min(1), (y + reach).max(1)], axis=1)
+    low, high = ((rays[:, :2] + sign * reach[:, None]) for sign in (-1, 1))
+    bounds = np.stack([low.min(2), high.max(2)], axis=2).reshape(-1, 4)
     image_bounds = np.array([bounds[:, 0].min(), bounds[:, 1].max(), bounds[:, 2].min(), bounds[:, 3].max()])
     return Lens(camera, columns, np.ascontiguousarray(rays, np.float32), bounds, image_bounds)
 

@@ -42,9 +42,6 @@ def _grid(n: int) -> tuple[np.ndarray, np.ndarray]:
     return at[None, :], at[:, None]
 
 
-# Plain and repeated ---------------------------------------------------------------------------------------------------
-
-
 def target(rng: np.random.Generator, n: int) -> np.ndarray:
     """A white board with a black rectangle: its corners are the fiducials."""
     x, y = _grid(n)
@@ -82,9 +79,6 @@ def ceiling(rng: np.random.Generator, n: int) -> np.ndarray:
     joint = ((3.0 * x % 1.0) < 0.03) | ((3.0 * y % 1.0) < 0.03)
     specks = value_noise(rng, n, 64, 64, 2) > 2.2
     return np.where(joint, 120.0, np.where(specks, 165.0, 205.0)) + 2.0 * value_noise(rng, n, 4, 4)
-
-
-# Wood and cloth -------------------------------------------------------------------------------------------------------
 
 
 def tiles(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -138,9 +132,6 @@ def books(rng: np.random.Generator, n: int) -> np.ndarray:
             x = right
         _rectangle(picture, 0.0, top + 0.31, 1.0, top + 1.0 / 3.0, 140.0)
     return picture + 3.0 * value_noise(rng, n, 32, 32)
-
-
-# Posters --------------------------------------------------------------------------------------------------------------
 
 
 def poster(rng: np.random.Generator, n: int) -> np.ndarray:

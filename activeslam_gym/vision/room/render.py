@@ -12,44 +12,32 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.room.geometry import Scene
-from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens
+from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens
 from activeslam_gym.vision.room.sensor import PAD, Sensor, develop, extend, smear, soften
-from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, clear_tile, empty_tile
-from activeslam_gym.vision.room.visibility import SIGHT, WHOLLY, candidates, inverse_depth_at, look, place
+from activeslam_gym.vision.room.shading import COLOUR, REST, Tile, add_rectangle, empty_tile
+from activeslam_gym.vision.room.visibility import SIGHT, candidates, inverse_depth_at, look
 
-_STILL = 1.0
-"""Where nothing flows farther than that during the exposure [px], the blur is none."""
+_STILL = 1.0  # where nothing flows farther than that during the exposure [px], there is no blur
 
 
 class Workspace(NamedTuple):
-    """Room to work in, one for each thread; nothing in it is kept from an image to the next."""
+    """Arrays to work in, one set for each thread; nothing in them is kept from an image to the next."""
 
-    sights: np.ndarray
-    """(S,) of `SIGHT`: the rectangles that the camera sees."""
-    near: np.ndarray
-    """(S,) those of a tile."""
-    tile: Tile
-    """The one that is being drawn."""
-    flows: np.ndarray
-    """(tiles, 2) how far the picture moves during the exposure [px]."""
-    sharp: np.ndarray
+    sights: np.ndarray  # (S,) of SIGHT: the rectangles that the camera sees
+    near: np.ndarray  # (S,) those of a tile
+    tile: Tile  # the one that is being drawn
+    flows: np.ndarray  # (tiles, 2) how far the picture moves during the exposure [px]
+    sharp: np.ndarray  # pictures float32, whole tiles with a margin of PAD around them
     soft: np.ndarray
-    """Pictures float32, whole tiles with a margin of `PAD` around them."""
 
 
 def workspace_of(scene: Scene, lens: Lens) -> Workspace:
-    """Room for pictures of such a scene through that lens."""
-    tiles = lens.rays.shape[0]
+    """The arrays for pictures of such a scene through that lens."""
+    tiles, surfaces = lens.rays.shape[0], scene.surfaces.shape[0]
     shape = (tiles // lens.columns * TILE_HEIGHT + 2 * PAD, lens.columns * TILE_WIDTH + 2 * PAD)
-    surfaces = scene.surfaces.shape[0]
-    return Workspace(
-        np.zeros(surfaces, SIGHT),
-        np.zeros(surfaces, np.int64),
-        empty_tile(),
-        np.zeros((tiles, 2)),
-        np.zeros(shape, np.float32),
-        np.zeros(shape, np.float32),
-    )
+    sharp, soft = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    sights, near = np.zeros(surfaces, SIGHT), np.zeros(surfaces, np.int64)
+    return Workspace(sights, near, empty_tile(), np.zeros((tiles, 2)), sharp, soft)
 
 
 @compiled
@@ -62,7 +50,7 @@ def render(
     ``state`` (13,) is the camera's in the middle of the exposure: position, quaternion, velocity, angular velocity
     (world frame). ``key`` (1,) uint64 is the stream of the noise, of which frame k uses its own part.
     """
-    expose(scene, lens, state, work)
+    _expose(scene, lens, state, work)
     extend(work.sharp)
     soften(work.sharp, sensor.side, work.soft)
     if sensor.exposure > 0.0 and _flow(lens, sensor.exposure, state, work) > _STILL:
@@ -73,22 +61,22 @@ def render(
 
 
 @compiled
-def expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> None:
+def _expose(scene: Scene, lens: Lens, state: np.ndarray, work: Workspace) -> None:
     """The light in each pixel into ``work.sharp`` [grey levels]; the inverse depth of each tile into ``work.flows``."""
     count = look(scene, state, lens.image_bounds, work.sights)
     for tile in range(lens.rays.shape[0]):
         bounds, rays = lens.bounds[tile], lens.rays[tile].reshape(-1)
-        found = candidates(work.sights, count, bounds, work.near)
-        clear_tile(work.tile)
+        found, covered = candidates(work.sights, count, bounds, work.near)
+        work.tile.floats[REST : REST + TILE] = np.float32(1.0)
+        work.tile.floats[COLOUR : COLOUR + TILE] = np.float32(0.0)
         work.flows[tile, 0] = 0.0
         for k in range(found):
             sight = work.sights[work.near[k]]
-            whole = k == found - 1 and place(sight, bounds) == WHOLLY
             texture = scene.textures[sight.texture].reshape(-1)
-            add_rectangle(sight, whole, rays, texture, work.tile)
+            add_rectangle(sight, covered and k == found - 1, rays, texture, work.tile)
             if work.flows[tile, 0] == 0.0:
-                middle = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
-                work.flows[tile, 0] = inverse_depth_at(sight, middle[0], middle[1])
+                x, y = 0.5 * (bounds[0] + bounds[1]), 0.5 * (bounds[2] + bounds[3])
+                work.flows[tile, 0] = inverse_depth_at(sight, x, y)
         _hang(work.tile.floats, tile, lens.columns, work.sharp)
 
 

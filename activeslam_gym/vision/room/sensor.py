@@ -14,42 +14,26 @@ from activeslam_gym.world.noise import normals, uniforms
 
 PAD = 20
 """Pixels by which pictures are continued on each side while they are worked on."""
-_LONGEST = 30.0
-"""Blur is no longer than that [px]."""
-_NOISE_TILE = 1 << 16
-"""Normal numbers that are drawn once; each row of an image takes its own from them, from a random place on."""
-_WIDEST = 4096
-"""The greatest width of an image."""
-_DRAWS = 4096
-"""Draws that an image may use: one for each row."""
-_GAIN_STREAM = 1 << 50
-"""Draws from here on are of the gain, which is far beyond those of any frame."""
+_LONGEST = 30.0  # blur is no longer than that [px]
+_NOISE_TILE = 1 << 16  # normal numbers, drawn once; each row of an image takes its own, from a random place on
+_WIDEST = 4096  # greatest width of an image
+_NOISE = np.random.default_rng(0).standard_normal(_NOISE_TILE + _WIDEST).astype(np.float32)  # of every camera
+_DRAWS = 4096  # draws that an image may use: one for each row
+_GAIN_STREAM = 1 << 50  # draws from here on are of the gain, which is far beyond those of any frame
 
 
 class Sensor(NamedTuple):
-    """What the camera does to the light."""
+    """The way from light to grey values; as it is, of a webcam in a lit room.
 
-    exposure: float
-    """Time during which an image is exposed [s]; zero: no blur."""
-    noise_std: float
-    """Of a pixel [grey levels]."""
-    gain_std: float
-    """Of the gain's drift about one."""
-    gain_period: int
-    """Frames between two independent gains; smooth between them."""
-    side: float
-    """Weight of each neighbour in the lens's blur, (side, 1 - 2 side, side) across and down; its variance is 2 side
-    [px^2]."""
-    noise: np.ndarray
-    """Standard normal numbers, float32, the same for every camera."""
+    The lens blurs by the weights (side, 1 - 2 side, side) across and down, of variance 2 side [px^2].
+    """
 
-
-def sensor_of(
-    exposure: float = 0.02, noise_std: float = 2.0, gain_std: float = 0.03, gain_period: int = 60, side: float = 0.125
-) -> Sensor:
-    """A webcam in a lit room."""
-    noise = np.random.default_rng(0).standard_normal(_NOISE_TILE + _WIDEST).astype(np.float32)
-    return Sensor(float(exposure), float(noise_std), float(gain_std), int(gain_period), float(side), noise)
+    exposure: float = 0.02  # time during which an image is exposed [s]; zero: no blur
+    noise_std: float = 2.0  # of a pixel [grey levels]
+    gain_std: float = 0.03  # of the gain's drift about one
+    gain_period: int = 60  # frames between two independent gains; smooth between them
+    side: float = 0.125  # weight of each neighbour in the lens's blur
+    noise: np.ndarray = _NOISE
 
 
 @compiled
@@ -57,16 +41,14 @@ def extend(picture: np.ndarray) -> None:
     """Continue a picture into its margin of ``PAD`` by its outermost pixels."""
     height, width = picture.shape
     for v in range(PAD, height - PAD):
-        for u in range(PAD):
-            picture[v, u], picture[v, width - 1 - u] = picture[v, PAD], picture[v, width - 1 - PAD]
+        picture[v, :PAD], picture[v, width - PAD :] = picture[v, PAD], picture[v, width - 1 - PAD]
     for v in range(PAD):
-        for u in range(width):
-            picture[v, u], picture[height - 1 - v, u] = picture[PAD, u], picture[height - 1 - PAD, u]
+        picture[v], picture[height - 1 - v] = picture[PAD], picture[height - 1 - PAD]
 
 
 @compiled
 def soften(sharp: np.ndarray, side: float, soft: np.ndarray) -> None:
-    """The lens's point spread: the weights (side, 1 - 2 side, side) across and down."""
+    """The lens's point spread, see `Sensor`."""
     a, c = np.float32(side), np.float32(1.0 - 2.0 * side)
     middle, edge, corner = c * c, a * c, a * a
     for v in range(1, sharp.shape[0] - 1):
@@ -84,9 +66,7 @@ def smear(soft: np.ndarray, flows: np.ndarray, columns: int, out: np.ndarray) ->
     """
     for tile in range(flows.shape[0]):
         v, u = PAD + TILE_HEIGHT * (tile // columns), PAD + TILE_WIDTH * (tile % columns)
-        for i in range(v, v + TILE_HEIGHT):
-            for j in range(u, u + TILE_WIDTH):
-                out[i, j] = 0.0
+        out[v : v + TILE_HEIGHT, u : u + TILE_WIDTH] = np.float32(0.0)
         flow_u, flow_v = flows[tile, 0], flows[tile, 1]
         upright = abs(flow_v) > abs(flow_u)
         longer, other = (flow_v, flow_u) if upright else (flow_u, flow_v)

@@ -1,4 +1,4 @@
-"""What a tile of the image shows: coverage by rectangles, and their textures filtered to the size of a pixel.
+"""The picture of a tile of the image: coverage by rectangles, and their textures filtered to the size of a pixel.
 
 A tile is a vector of TILE pixels; each step is one short loop over it, which the compiler turns into vector
 instructions. All is in 32 bits and without ``fastmath``, so that every machine gives the same bits.
@@ -14,73 +14,41 @@ from activeslam_gym.vision.room.lens import TILE
 
 SIZE = 256
 """Texels a side of a texture; a power of two."""
-LEVELS = SIZE.bit_length()
-"""Of its pyramid."""
+_LEVELS = SIZE.bit_length()  # of its pyramid
 
 _ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(0.25)
 _TINY = np.float32(1e-20)
 
-_X, _Y, _X_U, _X_V, _Y_V = 0 * TILE, 1 * TILE, 2 * TILE, 3 * TILE, 4 * TILE
-"""In ``floats``: the covered pixels' rays and their derivatives, see `Lens.rays`."""
-_LEVEL = 5 * TILE
-"""Of the pyramid, where they are read."""
-_RIGHT, _BELOW = 6 * TILE, 7 * TILE
-"""Where between four texels a probe is."""
-_GREY = 8 * TILE
-"""Of the pixels at hand."""
-_WEIGHT = 9 * TILE
-"""The share of each pixel of the tile that the rectangle at hand covers."""
-REST = 10 * TILE
-"""The share that is not covered yet."""
-COLOUR = 11 * TILE
-"""The tile's pixels [grey levels]."""
-_FLOATS = 12 * TILE
-_U, _V = 0 * TILE, 1 * TILE
-"""In each of the ``probes``: its texel."""
-_AT, _PICK = 0 * TILE, 1 * TILE
-"""In ``integers``: positions of texels in a texture; which pixels of the tile are at hand."""
+# Vectors in ``floats``
+_X, _Y, _X_U, _X_V, _Y_V = range(0, 5 * TILE, TILE)  # the covered pixels' rays and their derivatives, see `Lens.rays`
+_LEVEL = 5 * TILE  # of the pyramid, where they are read
+_RIGHT, _BELOW = 6 * TILE, 7 * TILE  # where between four texels a probe is
+_GREY = 8 * TILE  # of the pixels at hand
+_WEIGHT = 9 * TILE  # the share of each pixel of the tile that the rectangle at hand covers
+REST, COLOUR = 10 * TILE, 11 * TILE
+"""In ``floats``: the share of each pixel that is not covered yet; the tile's pixels [grey levels]."""
+_U, _V = 0, TILE  # in each of the ``probes``: its texel
+_AT, _PICK = 0, TILE  # in ``integers``: positions of texels in a texture; the pixels of the tile that are at hand
+
+_LANES = 8  # pixels are handled in so many at a time: a rest would be done one by one
+_EXPONENT = np.int32(23)  # where it begins in a number of 32 bits; its bias is 127
+_ONE_BITS, _HALF_LOG = np.int32(127 << 23), np.float32(0.5 / 2**23)
+_GREATEST = np.float32(4.0 ** (_LEVELS - 3))  # square of the largest texel to be asked for: two levels are above it
 
 
 class Tile(NamedTuple):
     """Vectors of TILE numbers to work in, several in each array."""
 
-    floats: np.ndarray
-    """float32."""
-    probes: np.ndarray
-    """(2, …) float32: each pixel is looked at in two places."""
-    integers: np.ndarray
-    """int32."""
-    quads: np.ndarray
-    """uint32: texels."""
+    floats: np.ndarray  # float32
+    probes: np.ndarray  # (2, 2 TILE) float32: each pixel is sampled in two places
+    integers: np.ndarray  # int32
+    quads: np.ndarray  # uint32: texels
 
 
 def empty_tile() -> Tile:
-    """Room for a tile."""
-    return Tile(
-        np.zeros(_FLOATS, np.float32),
-        np.zeros((2, 2 * TILE), np.float32),
-        np.zeros(2 * TILE, np.int32),
-        np.zeros(TILE, np.uint32),
-    )
-
-
-_LANES = 8
-"""Pixels are handled in so many at a time: a rest would be done one by one."""
-_EXPONENT = np.int32(23)
-"""Where it begins in a number of 32 bits; its bias is 127."""
-_ONE_BITS = np.int32(127 << 23)
-_HALF_LOG = np.float32(0.5 / 2**23)
-_GREATEST = np.float32(4.0 ** (LEVELS - 3))
-"""Square of the largest texel to be asked for: there are two levels above it."""
-
-
-@compiled
-def clear_tile(tile: Tile) -> None:
-    """An empty tile."""
-    floats = tile.floats
-    for i in range(TILE):
-        floats[REST + i] = _ONE
-        floats[COLOUR + i] = _ZERO
+    """The arrays of a tile."""
+    floats, probes = np.zeros(12 * TILE, np.float32), np.zeros((2, 2 * TILE), np.float32)
+    return Tile(floats, probes, np.zeros(2 * TILE, np.int32), np.zeros(TILE, np.uint32))
 
 
 @compiled
@@ -90,17 +58,11 @@ def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndar
     ``rays`` (5 TILE,), ``texture`` (2 SIZE^2,).
     """
     floats, probes, integers, quads = tile
-    rows = (
-        np.float32(sight.rows[0, 0]), np.float32(sight.rows[0, 1]), np.float32(sight.rows[0, 2]),
-        np.float32(sight.rows[1, 0]), np.float32(sight.rows[1, 1]), np.float32(sight.rows[1, 2]),
-        np.float32(sight.rows[2, 0]), np.float32(sight.rows[2, 1]), np.float32(sight.rows[2, 2]),
-    )  # fmt: skip
-    limits = (
-        np.float32(sight.low[0]), np.float32(sight.high[0]), np.float32(sight.low[1]), np.float32(sight.high[1])
-    )  # fmt: skip
+    H, low, high = sight.rows, sight.low, sight.high
+    rows = (H[0, 0], H[0, 1], H[0, 2], H[1, 0], H[1, 1], H[1, 2], H[2, 0], H[2, 1], H[2, 2])
+    limits = (low[0], high[0], low[1], high[1])
     if whole:
-        for i in range(TILE):
-            floats[_WEIGHT + i] = floats[REST + i]
+        floats[_WEIGHT : _WEIGHT + TILE] = floats[REST : REST + TILE]
     else:
         _cover(rows, limits, rays, floats)
     count = _pick(rays, floats, integers)
@@ -108,14 +70,14 @@ def add_rectangle(sight: Record, whole: bool, rays: np.ndarray, texture: np.ndar
         return
     vectors = -(-count // _LANES) * _LANES
     _footprints(vectors, rows, limits, floats, probes[0], probes[1])
-    for i in range(vectors):
-        floats[_GREY + i] = _ZERO
+    floats[_GREY : _GREY + vectors] = _ZERO
     for probe in range(2):
         for coarser in range(2):
             _address(vectors, probes[probe], np.int32(coarser), floats, integers)
-            _fetch(vectors, texture, integers, quads)
+            for i in range(vectors):
+                quads[i] = texture[np.uint32(integers[_AT + i])]
             _blend(vectors, coarser == 1, quads, floats)
-    _lay(count, np.float32(_HALF * np.float32(sight.brightness)), floats, integers)
+    _lay(count, np.float32(_HALF * sight.brightness), floats, integers)
 
 
 @compiled
@@ -157,14 +119,12 @@ def _pick(rays: np.ndarray, floats: np.ndarray, integers: np.ndarray) -> int:
         integers[_PICK + count] = i
         count += floats[_WEIGHT + i] > _ZERO
     if count == TILE:
-        for i in range(5 * TILE):
-            floats[i] = rays[i]
+        floats[: 5 * TILE] = rays
+    if count == TILE or count == 0:
         return count
-    if count == 0:
-        return count
-    for i in range(count, -(-count // _LANES) * _LANES):
-        integers[_PICK + i] = integers[_PICK]
-    for i in range(-(-count // _LANES) * _LANES):
+    vectors = -(-count // _LANES) * _LANES
+    integers[_PICK + count : _PICK + vectors] = integers[_PICK]
+    for i in range(vectors):
         pixel = integers[_PICK + i]
         floats[_X + i], floats[_Y + i] = rays[_X + pixel], rays[_Y + pixel]
         floats[_X_U + i], floats[_X_V + i] = rays[_X_U + pixel], rays[_X_V + pixel]
@@ -227,13 +187,6 @@ def _address(count: int, probe: np.ndarray, coarser: np.int32, floats: np.ndarra
         row = np.int32(np.int32(top) & np.int32(side - np.int32(1)))
         start = np.int32(np.int32(2) * np.int32(np.int32(SIZE) - side))
         integers[_AT + i] = np.int32(np.int32(np.int32(start + row) * np.int32(SIZE)) + column)
-
-
-@compiled
-def _fetch(count: int, texture: np.ndarray, integers: np.ndarray, quads: np.ndarray) -> None:
-    """Read the texels."""
-    for i in range(count):
-        quads[i] = texture[np.uint32(integers[_AT + i])]
 
 
 @compiled

@@ -15,29 +15,19 @@ import numpy as np
 from activeslam_gym.vision.room import patterns
 from activeslam_gym.vision.room.shading import SIZE
 
-_OVERSAMPLING = 2
-"""Pictures are drawn so many times finer, then averaged: their hard edges become smooth."""
-
-_KINDS: tuple[tuple[patterns.Pattern, int], ...] = (
-    (patterns.target, 1),
-    (patterns.plaster, 2),
-    (patterns.bricks, 1),
-    (patterns.wallpaper, 1),
-    (patterns.ceiling, 1),
-    (patterns.tiles, 1),
-    (patterns.planks, 2),
-    (patterns.carpet, 2),
-    (patterns.crate, 3),
-    (patterns.books, 2),
-    (patterns.poster, 16),
-)
-"""How many of each kind a library holds, in their order there."""
+_OVERSAMPLING = 2  # pictures are drawn so many times finer, then averaged: their hard edges become smooth
+_COUNTS = {
+    patterns.target: 1, patterns.plaster: 2, patterns.bricks: 1, patterns.wallpaper: 1, patterns.ceiling: 1,
+    patterns.tiles: 1, patterns.planks: 2, patterns.carpet: 2, patterns.crate: 3, patterns.books: 2,
+    patterns.poster: 16,
+}  # fmt: skip
+_DRAWN = [pattern for pattern, count in _COUNTS.items() for _ in range(count)]
+"""The patterns of a library, in their order there."""
 
 
 def texture_range(*kinds: patterns.Pattern) -> np.ndarray:
     """Where in a library the textures of these kinds are: indices."""
-    drawn = [pattern for pattern, count in _KINDS for _ in range(count)]
-    return np.array([index for index, pattern in enumerate(drawn) if pattern in kinds])
+    return np.array([index for index, pattern in enumerate(_DRAWN) if pattern in kinds])
 
 
 @functools.lru_cache(maxsize=4)
@@ -46,9 +36,8 @@ def texture_library(seed: int = 0) -> np.ndarray:
 
     Level l, with s = SIZE / 2^l, has its texels in rows 2 (SIZE - s) … 2 (SIZE - s) + s - 1 and columns 0 … s - 1.
     """
-    drawn = [pattern for pattern, count in _KINDS for _ in range(count)]
-    library = np.zeros((len(drawn), 2 * SIZE, SIZE), np.uint32)
-    for index, pattern in enumerate(drawn):
+    library = np.zeros((len(_DRAWN), 2 * SIZE, SIZE), np.uint32)
+    for index, pattern in enumerate(_DRAWN):
         picture = pattern(np.random.default_rng([seed, index]), _OVERSAMPLING * SIZE)
         write_pyramid(np.clip(_halved(picture), 0.0, 255.0), library[index])
     library.flags.writeable = False
@@ -56,10 +45,13 @@ def texture_library(seed: int = 0) -> np.ndarray:
 
 
 def write_pyramid(picture: np.ndarray, out: np.ndarray) -> None:
-    """All levels of ``picture`` (SIZE, SIZE) [grey levels] into ``out`` (2 SIZE, SIZE)."""
+    """All levels of ``picture`` (SIZE, SIZE) [grey levels] into ``out`` (2 SIZE, SIZE). Its edges are joined."""
     while True:
         s = picture.shape[0]
-        out[2 * (SIZE - s) : 2 * (SIZE - s) + s, :s] = _quads(picture)
+        grey = np.rint(picture).astype(np.uint32)
+        below = np.roll(grey, -1, 0)
+        quads = grey | np.roll(grey, -1, 1) << 8 | below << 16 | np.roll(below, -1, 1) << 24
+        out[2 * (SIZE - s) : 2 * (SIZE - s) + s, :s] = quads
         if s == 1:
             return
         picture = _halved(picture)
@@ -68,13 +60,3 @@ def write_pyramid(picture: np.ndarray, out: np.ndarray) -> None:
 def _halved(picture: np.ndarray) -> np.ndarray:
     """The mean of every two by two."""
     return 0.25 * (picture[::2, ::2] + picture[1::2, ::2] + picture[::2, 1::2] + picture[1::2, 1::2])
-
-
-def _quads(picture: np.ndarray) -> np.ndarray:
-    """The grey of each texel and of those to its right, below and below right, from the lowest byte to the highest.
-
-    The picture's edges are joined.
-    """
-    grey = np.rint(picture).astype(np.uint32)
-    below = np.roll(grey, -1, 0)
-    return grey | np.roll(grey, -1, 1) << 8 | below << 16 | np.roll(below, -1, 1) << 24

@@ -1,4 +1,4 @@
-"""Which rectangles a pose sees, from front to back, and which of them a tile of the image holds.
+"""The rectangles in view of a pose, from front to back, and those in a tile of the image.
 
 The ray (x, y, 1) in camera axes meets a rectangle's plane at a depth 1/w and at a texel (u/w, v/w), where u, v and w
 are linear in (x, y): a homography. It holds beyond the edges too, where a pixel may still be covered in part.
@@ -6,8 +6,6 @@ are linear in (x, y): a homography. It holds beyond the edges too, where a pixel
 Boxes are asked from front to back, which needs no depth per pixel: what is seen of a convex box does not hide itself,
 and of two boxes with a plane between them, the one on the camera's side cannot be hidden by the other.
 """
-
-import math
 
 import numpy as np
 
@@ -17,18 +15,17 @@ from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.room.geometry import Scene
 
 SIGHT = record(
-    rows=("f8", (3, 3)),  # u, v, w of its homography [texels/m, texels/m, 1/m]
-    low=("f8", 2),  # its least texel
-    high=("f8", 2),  # and its greatest
+    rows=("f4", (3, 3)),  # u, v, w of its homography [texels/m, texels/m, 1/m]
+    low=("f4", 2),  # its least texel
+    high=("f4", 2),  # and its greatest
     inside=("f8", (5, 3)),  # linear forms of the ray, all positive in its inside: from its four edges, and w
     texture="i8",
-    brightness="f8",
+    brightness="f4",
 )
 """A rectangle as a pose sees it."""
 
 OUTSIDE, PARTLY, WHOLLY = 0, 1, 2
-_NEAREST = 1e-6
-"""Of a plane, to be seen from its front [m]."""
+_NEAREST = 1e-6  # of a plane, to be seen from its front [m]
 
 
 @compiled
@@ -60,15 +57,11 @@ def _next_box(boxes: np.ndarray, origin: np.ndarray, done: np.ndarray) -> int:
     """
     first = -1
     for a in range(boxes.shape[0]):
-        if done[a]:
-            continue
-        if first < 0:
+        hidden = done[a]
+        if first < 0 and not hidden:
             first = a
-        hidden = False
         for b in range(boxes.shape[0]):
-            if b != a and not done[b] and _may_hide(boxes[b], boxes[a], origin):
-                hidden = True
-                break
+            hidden = hidden or (b != a and not done[b] and _may_hide(boxes[b], boxes[a], origin))
         if not hidden:
             return a
     return first
@@ -78,9 +71,8 @@ def _next_box(boxes: np.ndarray, origin: np.ndarray, done: np.ndarray) -> int:
 def _may_hide(b: np.ndarray, a: np.ndarray, origin: np.ndarray) -> bool:
     """Whether box ``b`` (2, 3) may be before ``a``: unless a plane has them apart, and the camera on a's side."""
     for i in range(3):
-        if a[1, i] <= b[0, i] and origin[i] <= b[0, i]:
-            return False
-        if b[1, i] <= a[0, i] and origin[i] >= b[1, i]:
+        before, behind = a[1, i] <= b[0, i], b[1, i] <= a[0, i]
+        if (before and origin[i] <= b[0, i]) or (behind and origin[i] >= b[1, i]):
             return False
     return True
 
@@ -92,8 +84,7 @@ def _sight_of(surface: Record, origin: np.ndarray, R_WC: np.ndarray, sight: Reco
     With d the ray in the world, n the normal and h = n . (p - corner): 1/depth = w = -n . d / h. Along the edge a, the
     share of the way is s = a . (p + d/w - corner) / a.a, so that s w = w a . (p - corner) / a.a + a . d / a.a.
     """
-    height, along, down = 0.0, 0.0, 0.0
-    along_square, down_square = 0.0, 0.0
+    height, along, down, along_square, down_square = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(3):
         away = origin[i] - surface.corner[i]
         height += surface.normal[i] * away
@@ -145,18 +136,18 @@ def place(sight: Record, bounds: np.ndarray) -> int:
 @compiled
 def inverse_depth_at(sight: Record, x: float, y: float) -> float:
     """1/depth [1/m] of the rectangle along the ray (x, y, 1), or zero where it is not."""
+    form = 0.0
     for k in range(5):
-        if sight.inside[k, 0] * x + sight.inside[k, 1] * y + sight.inside[k, 2] <= 0.0:
+        form = sight.inside[k, 0] * x + sight.inside[k, 1] * y + sight.inside[k, 2]
+        if form <= 0.0:
             return 0.0
-    return math.fabs(sight.rows[2, 0] * x + sight.rows[2, 1] * y + sight.rows[2, 2])
+    return form  # the last is w
 
 
 @compiled
-def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarray) -> int:
-    """The first ``count`` of the ``sights`` that a tile may show, into ``out``, up to one that covers it; how many.
-
-    Only the last may cover the whole tile.
-    """
+def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarray) -> tuple[int, bool]:
+    """The first ``count`` of the ``sights`` that a tile may show, into ``out``, up to one that covers it: how many, and
+    whether the last of them covers the tile."""
     found = 0
     for k in range(count):
         where = place(sights[k], bounds)
@@ -164,5 +155,5 @@ def candidates(sights: np.ndarray, count: int, bounds: np.ndarray, out: np.ndarr
             out[found] = k
             found += 1
         if where == WHOLLY:
-            break
-    return found
+            return found, True
+    return found, False

@@ -1,4 +1,4 @@
-"""What the hidden labels say of a run, frame by frame: depth errors at conversion, wrong associations, duplicates.
+"""The hidden labels of a run, frame by frame: depth errors at conversion, wrong associations, duplicates.
 
 A step must be one frame, or conversions would be seen some frames late.
 """
@@ -17,11 +17,11 @@ Array = NDArray[Any]
 class Witness:
     """Takes down what the labels say after each frame: a measure of the consistency report.
 
-    It adds to the record's notes: ``depth_errors`` (C,), standardised, of the features that became points and have an
-    owner (see `depth_error`); ``conversions``, features that became points, those without an owner too; ``matches`` of
-    detections to fiducials or features that were there before (births are none); ``wrong_matches``, as the environment
-    counts them (a feature born of clutter is one); ``features`` that ever had an owner, a true landmark that they were
-    born of; ``duplicates``, those of them that at some frame had it in common with an older feature of the map.
+    It adds to the record's notes: ``depth_errors`` (C,), standardised, of the features that became points and have a
+    true landmark (see `depth_error`); ``conversions``, features that became points, those without a landmark too;
+    ``matches`` of detections to fiducials or to features of earlier frames; ``wrong_matches``, as the environment
+    counts them (a feature initialised by clutter is one); ``features`` that ever had a true landmark;
+    ``duplicates``, those of them that at some frame had it in common with an older feature of the map.
     """
 
     whole = False
@@ -30,42 +30,39 @@ class Witness:
         self._depth_errors: list[float] = []
         self._counts = {"conversions": 0, "matches": 0, "wrong_matches": 0}
         self._owned: set[int] = set()
-        self._doubles: set[int] = set()
+        self._duplicates: set[int] = set()
         self._anchors: dict[int, Array] = {}
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
-        """See what there is to say of a frame. Raises ValueError for steps of several frames."""
+        """Take down a frame. Raises ValueError for steps of several frames."""
         if round(core.gaze_period / core.scenario.frame_time) != 1:
             raise ValueError(f"gaze_period: {core.gaze_period!r}; allowed: one frame, or conversions are seen late")
-        belief, labels = core.belief, core.labels
+        belief, owners, events = core.belief, core.labels.owners, info["events"]
         if core.time > 0.0:
-            self._note_conversions(belief, labels.owners, core.truth)
-            self._counts["matches"] += len(matched_ids(core)) - info["events"]["births"]
-            self._counts["conversions"] += info["events"]["conversions"]
-            self._counts["wrong_matches"] += info["events"]["wrong_matches"]
-            self._note_owners(labels.owners, belief.ids)
+            for k in np.flatnonzero(belief.converted).tolist():
+                if (anchor := self._anchors.get(int(belief.ids[k]))) is not None:
+                    self._depth_errors.append(depth_error(belief, core.truth, k, int(owners[k]), anchor))
+            self._counts["matches"] += len(matched_ids(core)) - events["births"]
+            self._counts["conversions"] += events["conversions"]
+            self._counts["wrong_matches"] += events["wrong_matches"]
+            self._note_owners(owners, belief.ids)
         waiting = ~belief.converted
         self._anchors = dict(zip(belief.ids[waiting].tolist(), belief.anchors[waiting]))
 
-    def _note_conversions(self, belief: Any, owners: Array, truth: Any) -> None:
-        for k in np.flatnonzero(belief.converted).tolist():
-            if (anchor := self._anchors.get(int(belief.ids[k]))) is not None:
-                self._depth_errors.append(depth_error(belief, truth, k, int(owners[k]), anchor))
-
     def _note_owners(self, owners: Array, ids: Array) -> None:
-        """Features come oldest first: one whose owner an older one has is a double."""
+        """Features come oldest first: one whose landmark an older one has is a duplicate."""
         seen: set[int] = set()
         for owner, id in zip(owners.tolist(), ids.tolist()):
             if owner >= 0:
                 self._owned.add(id)
                 if owner in seen:
-                    self._doubles.add(id)
+                    self._duplicates.add(id)
                 seen.add(owner)
 
     def result(self, episode: Episode) -> dict[str, Any]:
-        """What has been said."""
+        """The notes."""
         errors = np.array(self._depth_errors)
-        counts = self._counts | {"features": len(self._owned), "duplicates": len(self._doubles)}
+        counts = self._counts | {"features": len(self._owned), "duplicates": len(self._duplicates)}
         return {"depth_errors": errors[~np.isnan(errors)], **counts}
 
 

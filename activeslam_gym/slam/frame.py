@@ -1,0 +1,219 @@
+"""One frame of the filter, in kernels: predict, see, associate, update, initialise.
+
+``models`` is any record with the fields ``camera`` (CAMERA), ``motion`` (MOTION) and ``filter`` (FILTER).
+"""
+
+import numpy as np
+
+from activeslam_gym.camera import distance_between
+from activeslam_gym.config import Scenario
+from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
+from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import POSITION
+from activeslam_gym.slam.appearance import appearance_of, associate_identified
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of
+from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.correction import correct
+from activeslam_gym.slam.curvature import PRODUCT_FRAMES
+from activeslam_gym.slam.depth_particles import follow_rays, particles_of
+from activeslam_gym.slam.initialisation import delete_failed, follow_tracks, give_birth, initialisation_of, mature
+from activeslam_gym.slam.kalman import predict
+from activeslam_gym.slam.restart import contradicted, restart, restart_of
+from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
+
+FILTER, filter_of = constants(
+    Scenario(),
+    association=association_of,
+    appearance=appearance_of,
+    initialisation=initialisation_of,
+    particles=particles_of,
+    restart=restart_of,
+)
+"""Constants of the filter."""
+COUNTS = record(
+    births="i8",
+    conversions="i8",
+    deletions="i8",
+    rejected_matches="i8",
+    starvations="i8",  # frames in which most detections, of two or more, were rejected
+    recoveries="i8",  # frames in which joint matches alone, of two or more, kept this from happening
+    restarts="i8",  # times that the belief was reset
+)
+"""Counters that a frame adds to; any record with these fields will do."""
+
+
+@compiled
+def filter_frame(
+    models: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    boxes: np.ndarray,
+    u: np.ndarray,
+    detections: np.ndarray,
+    labelled: bool,
+    counts: Record,
+) -> None:
+    """Advance the belief by one frame; sets ``detections.match`` (M,), of new features too.
+
+    ``u`` (6,) are the accelerations that the filter knows, ``boxes`` those that it knows to hide things. ``labelled``:
+    the detections' ids are certain; one without an id is of nothing known.
+    """
+    predict(models.motion, belief, u, models.motion.dt)
+    sight = sight_of_belief(models.camera, belief, fiducials, boxes)
+    use_detections(models, belief, fiducials, boxes, sight, detections, labelled, counts)
+    initialise(models, belief, detections, counts)
+
+
+@compiled
+def initialise(models: Record, belief: Belief, detections: np.ndarray, counts: Record) -> None:
+    """Initialise features at detections (M,) that nothing explained for several frames; sets their ``match``."""
+    model = models.filter
+    for i in follow_tracks(models.camera, model.initialisation, belief, detections):
+        one = detections[i]
+        one.match = give_birth(models.camera, model.initialisation, model.particles, belief, one.pixel, one.R)
+        counts.births += one.match != NEW
+
+
+@compiled
+def use_detections(
+    models: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    boxes: np.ndarray,
+    sight: Sight,
+    detections: np.ndarray,
+    labelled: bool,
+    counts: Record,
+) -> None:
+    """Associate, update, count misses, turn features into points and delete those that failed.
+
+    Where the fiducials contradict the belief, it is reset instead.
+    """
+    model, v, M = models.filter, sight.thing.shape[0], detections.shape[0]
+    waits, jointly = np.zeros(v, np.bool_), 0
+    if labelled:
+        of_thing = match_by_id(sight, detections)
+    else:
+        of_thing, jointly = associate(model.association, sight, detections, belief.state.count, waits)
+    if belief.particles.shape[1] > 0:
+        follow_rays(models.camera, model.particles, belief, boxes, detections, labelled)
+    rejected = _count_rejected(detections)
+    counts.rejected_matches += rejected
+    counts.starvations += M >= 2 and 2 * rejected > M
+    counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
+    if contradicted(model.restart, belief, sight, detections, of_thing, waits):
+        counts.deletions += belief.state.count
+        counts.restarts += 1
+        restart(model.restart, belief)
+        for i in range(M):
+            detections[i].match = REJECTED
+        return
+    _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
+    update_by(models.camera, belief, fiducials, sight, of_thing, detections)
+    counts.conversions += mature(model.initialisation, belief)
+    counts.deletions += delete_failed(model.initialisation, belief)
+
+
+@compiled
+def use_identified(
+    models: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    sight: Sight,
+    detections: np.ndarray,
+    least: int,
+    counts: Record,
+) -> None:
+    """Associate detections that bear ids, update, and turn features into points; see `appearance`.
+
+    No misses are counted and nothing is deleted: the searcher knows which things it searched, and may come again in
+    the same frame.
+    """
+    of_thing = associate_identified(models.filter.appearance, sight, detections, least)
+    counts.rejected_matches += _count_rejected(detections)
+    _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
+    update_by(models.camera, belief, fiducials, sight, of_thing, detections)
+    counts.conversions += mature(models.filter.initialisation, belief)
+
+
+@borrowing
+def _count_rejected(detections: np.ndarray) -> int:
+    """How many of the ``detections`` (M,) something may explain, too unclearly."""
+    count = 0
+    for i in range(detections.shape[0]):
+        count += detections[i].match == REJECTED
+    return count
+
+
+@compiled
+def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
+    """(v,) the likeliest detection that bears each thing's id, or -1; sets ``detections.match`` to their ids."""
+    of_thing = np.full(sight.thing.shape[0], -1)
+    for i in range(detections.shape[0]):
+        detections[i].match = detections[i].id if detections[i].id != ANYTHING else NEW
+        for a in range(of_thing.shape[0]):
+            rival = of_thing[a]
+            if detections[i].id == sight.thing[a].id and (
+                rival < 0 or detections[i].log_ratio > detections[rival].log_ratio
+            ):
+                of_thing[a] = i
+    return of_thing
+
+
+@borrowing
+def _count_misses(
+    spacing: float, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
+) -> None:
+    """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
+
+    Misses from places less than ``spacing`` [m] apart count once: what hides a feature hides it from all of them.
+    """
+    camera = belief.state.camera
+    for a in range(of_thing.shape[0]):
+        thing = sight.thing[a]
+        if thing.row < K:
+            continue
+        feature = belief.feature[thing.row - K]
+        if of_thing[a] >= 0:
+            feature.misses, feature.seen = 0, belief.state.frame
+        elif thing.visibility == INSIDE and not waits[a]:
+            if feature.misses == 0 or spacing == 0.0 or distance_between(feature.missed_at, camera) > spacing:
+                feature.misses += 1
+                copy_into(feature.missed_at, camera[POSITION])
+
+
+@compiled
+def update_by(
+    lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, of_thing: np.ndarray, detections: np.ndarray
+) -> None:
+    """Correct by the matched things, each with the R of its own detection.
+
+    The curvature of a feature stays the same for several frames where the commands are known (see `PRODUCT_FRAMES`): as
+    many of them tell what one does, so each is given as many times that noise.
+    """
+    m = 0
+    for i in of_thing:
+        m += i >= 0
+    if m == 0:
+        return
+    things, row, pixels = np.empty(m, THING), np.empty(2 * m, np.int64), np.empty(2 * m)
+    HP, S = np.empty((2 * m, sight.HP.shape[1])), np.empty((2 * m, 2 * m))
+    more_frames, m = PRODUCT_FRAMES - 1.0 if lens.command_known else 0.0, 0
+    for a in range(of_thing.shape[0]):
+        if of_thing[a] >= 0:
+            things[m] = sight.thing[a]
+            for axis in range(2):
+                row[2 * m + axis], pixels[2 * m + axis] = 2 * a + axis, detections[of_thing[a]].pixel[axis]
+            m += 1
+    for r in range(2 * m):
+        thing, R = things[r // 2], detections[of_thing[row[r] // 2]].R
+        for j in range(HP.shape[1]):
+            HP[r, j] = sight.HP[row[r], j]
+        for c in range(2 * m):
+            S[r, c] = sight.S[row[r], row[c]]
+        for axis in range(2):
+            more = more_frames * thing.curvature[r % 2, axis]
+            S[r, r - r % 2 + axis] += R[r % 2, axis] - thing.R[r % 2, axis] + more
+            thing.R[r % 2, axis] = R[r % 2, axis]
+            thing.curvature[r % 2, axis] += more
+    correct(lens, belief, fiducials, Sight(things, HP, S), pixels)

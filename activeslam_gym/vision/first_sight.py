@@ -1,0 +1,179 @@
+"""The target in the first image: its corners below the pixel, and the pose of the camera before it."""
+
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from activeslam_gym.camera import pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.geometry import rotate_left
+from activeslam_gym.kernels import Record
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.target import CHARUCO, Board, Rectangle, Target, markers_of
+from activeslam_gym.vision.views import pose_of, projected
+
+_SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))  # of the rectangle, by corners: top, bottom, left, right
+_REACH = 4.0  # corners of a rectangle are known to so many pixels
+_ROUNDS = 4  # times that its edges are sought from the corners found before
+_LEAST_CONTRAST = 25.0  # grey levels between the two sides of its edge
+LEAST_CORNERS = 6  # fewer corners of a board are no start
+_WINDOW = 0.8  # half side of the window of a corner's fit, in the free space around it: the board may be slanted
+_MODULES = 10.0  # black and white fields along a tag, at most
+_FIDUCIALS = 8  # corners of a board that are searched in every image
+
+
+def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.ndarray, np.ndarray]:
+    """The target's corners that the ``image`` (h, w) uint8 shows: (n, 3) [m] and their pixels (n, 2).
+
+    Raises:
+        ValueError: the target is not there, or fewer than LEAST_CORNERS of a board's corners are.
+    """
+    if isinstance(target, Rectangle):
+        return target.fiducials, refine_corners(image, camera, target.corners_px)
+    points, pixels = corners_in(image, target)
+    if len(points) < LEAST_CORNERS:
+        raise ValueError(
+            f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
+            f"{target.kind}; {LEAST_CORNERS} or more are needed"
+        )
+    return points, _refined(image, target, points[:, :2], pixels)
+
+
+def fiducials_among(points: np.ndarray) -> np.ndarray:
+    """Of the corners ``points`` (n, 3) those that are searched in each image: 8 at most, far from each other."""
+    chosen = [int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())]
+    while len(chosen) < min(_FIDUCIALS, len(points)):
+        apart = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
+        chosen.append(int(apart.argmax()))
+    return points[sorted(chosen)]
+
+
+def refine_corners(image: np.ndarray, camera: Record, corners_px: np.ndarray) -> np.ndarray:
+    """Corners (4, 2) [px] of the rectangle in ``image`` (h, w), from corners known to 4 pixels.
+
+    Edge points are found along each side, across it; a side is a straight line of *rays*, where the lens bends nothing;
+    a corner is where two of them meet.
+
+    Raises:
+        ValueError: a side has too few edge points, so that there is no rectangle at this place.
+    """
+    corners = np.array(corners_px, float)
+    for _ in range(_ROUNDS):
+        lines = {side: _side(image, camera, *corners[list(side)]) for side in _SIDES}
+        for corner in range(4):
+            one, other = (lines[side] for side in _SIDES if corner in side)
+            meeting = np.cross(one, other)
+            pixel_from_camera_point(camera, np.append(meeting[:2] / meeting[2], 1.0), corners[corner])
+        if not np.abs(corners - corners_px).max() <= 2.0 * _REACH:
+            raise ValueError("the target's sides do not meet where its corners are said to be in the first image")
+    return corners
+
+
+def _side(image: np.ndarray, camera: Record, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Line (3,) l . (x, y, 1) = 0 of the rays of the side between two corners."""
+    along = end - start
+    across = np.array((-along[1], along[0])) / np.linalg.norm(along)
+    steps, rays = np.arange(-_REACH, _REACH + 0.125, 0.25)[:, None], []
+    for share in np.linspace(0.15, 0.85, max(int(0.7 * np.linalg.norm(along)), 8)):
+        middle = start + share * along
+        line = (middle + steps * across).T[::-1]
+        shift = _edge(map_coordinates(image, line, output=float, order=1, mode="nearest"))
+        if shift is not None:
+            rays.append(ray_from_pixel(camera, middle + shift * across))
+    if len(rays) < 8:
+        raise ValueError(f"no edge of the target between the pixels {start.tolist()} and {end.tolist()}")
+    return _line_through(np.array(rays))
+
+
+def _edge(profile: np.ndarray) -> float | None:
+    """Where a step stands in a ``profile`` (n,) from -_REACH to _REACH [px], or None if there is none.
+
+    By its area: a step from a to b at e has the mean ((reach + e) a + (reach - e) b) / (2 reach), whatever blurs it or
+    rings around it evenly; the steepest place would lock to whole pixels, as sharp as these edges are.
+    """
+    a, b = np.median(profile[:6]), np.median(profile[-6:])
+    if abs(b - a) < _LEAST_CONTRAST:
+        return None
+    mean = float((profile[1:] + profile[:-1]).mean() / 2.0)
+    shift = _REACH * (a + b - 2.0 * mean) / (b - a)
+    return shift if abs(shift) < 0.75 * _REACH else None
+
+
+def _line_through(rays: np.ndarray) -> np.ndarray:
+    """The line (3,) nearest to the points ``rays`` (n, 3) of the plane z = 1, outliers left out."""
+    kept = rays
+    for _ in range(3):
+        centre = kept[:, :2].mean(axis=0)
+        normal = np.linalg.svd(kept[:, :2] - centre)[2][1]
+        distance = np.abs((rays[:, :2] - centre) @ normal)
+        kept = rays[distance <= max(2.5 * np.median(distance), 1e-4)]
+    return np.array((*normal, -normal @ centre))
+
+
+def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the ``board`` in the ``image`` (h, w) uint8, roughly: (n, 3) [m] and their pixels (n, 2)."""
+    aruco, pattern = opencv().aruco, board.pattern
+    if board.kind == CHARUCO:
+        found, numbers = aruco.CharucoDetector(pattern).detectBoard(image)[:2]
+    else:
+        found, numbers = aruco.ArucoDetector(markers_of(board.dictionary)).detectMarkers(image)[:2]
+    matched: Any = (None, None) if numbers is None else pattern.matchImagePoints(found, numbers)
+    if matched[0] is None:
+        return np.zeros((0, 3)), np.zeros((0, 2))
+    return board.upright(matched[0]), np.reshape(matched[1], (-1, 2)).astype(float)
+
+
+def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """The corners below the pixel, in a window that nothing else of the board reaches into."""
+    cv2, spread = opencv(), np.std(pixels, axis=0)
+    per_metre = float(np.linalg.norm(spread) / np.linalg.norm(np.std(points, axis=0)))
+    gap = board.pitch - board.marker
+    free = 0.5 * gap if board.kind == CHARUCO else min(gap, board.marker / _MODULES)
+    half = int(np.clip(_WINDOW * free * per_metre, 2, 5))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.002)
+    rough = pixels.astype(np.float32).reshape(-1, 1, 2)
+    return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
+
+
+def start_pose(
+    camera: Record, points: np.ndarray, pixels: np.ndarray, corner_std: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pose (7,) of the camera that sees ``points`` (n, 3) of the plane Z = 0 [m] at ``pixels`` (n, 2), and its
+    covariance (6, 6), (J^T J)^-1 corner_std^2, of position and rotation (world frame) [m^2, rad^2].
+
+    A plane's pose has two minima, whose normals are mirror images at the sight line; of those from which the target's
+    printed side is seen (camera at Z > 0), the one with the smaller residual is kept. ``corner_std``: of the pixels.
+
+    Raises:
+        ValueError: no pose explains the pixels.
+    """
+    cv2, rays = opencv(), np.array([ray_from_pixel(camera, pixel)[:2] for pixel in pixels])
+    _, turn, shift = cv2.solvePnP(points, rays, np.eye(3), None)
+    half_turn = Rotation.from_rotvec(np.pi * shift.ravel() / np.linalg.norm(shift))  # about the sight line
+    mirrored = (half_turn * Rotation.from_rotvec(turn.ravel()) * Rotation.from_rotvec((0.0, 0.0, np.pi))).as_rotvec()
+    fits = []
+    for pose in (pose_of(turn, shift), pose_of(mirrored, shift)):
+        try:
+            for _ in range(2):  # the second time at the minimum, so that its Jacobian is by the pose there
+                given = (camera, points, pixels, pose)
+                fit = least_squares(_residuals, np.zeros(6), args=given, method="lm", xtol=1e-12)
+                pose = _moved(pose, fit.x)
+        except ValueError:
+            continue  # a point behind the camera
+        if pose[2] > 0.0:
+            fits.append((fit.cost, pose, corner_std**2 * np.linalg.inv(fit.jac.T @ fit.jac)))
+    if not fits:
+        raise ValueError("no pose before the target explains its corners in the first image")
+    return min(fits, key=lambda fit: fit[0])[1:]
+
+
+def _residuals(x: np.ndarray, camera: Record, points: np.ndarray, pixels: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """(2 n,) predicted - measured pixels from the ``pose`` moved by ``x``."""
+    return (projected(camera, _moved(pose, x), points) - pixels).ravel()
+
+
+def _moved(pose: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The ``pose`` (7,) shifted and turned, in the world frame, by ``x`` (6,)."""
+    return np.concatenate((pose[:3] + x[:3], rotate_left(x[3:], pose[3:])))

@@ -1,1 +1,0 @@
-"""Is the filter honest? Whether its covariance means what it says, by the hidden labels of many runs."""

@@ -1,0 +1,120 @@
+"""The course of a training: a progress bar, checkpoints, and the best weights on held-out rooms."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.vec_env import VecEnv
+
+from agents.learn.algorithms import held_out_seed, save_learner
+from agents.learn.card import FLOOR, REFERENCES, card_of, read_card, results
+from agents.learn.recipe import CHECKPOINT, WEIGHTS
+from agents.learn.weights import save
+from agents.summary import text
+from agents.tools.files import write_json
+
+if TYPE_CHECKING:
+    from agents.train import Args
+
+
+class Keeper(BaseCallback):
+    """Keeps checkpoints of a learner, and its best weights and their card.
+
+    Every `period` decisions, and at the end, the deterministic policy plays an episode in each of the held-out
+    ``rooms``. The mean return, in the reward's own unit and at least `FLOOR` a room, chooses the weights.
+    """
+
+    def __init__(self, args: Args, learner: Any, rooms: VecEnv) -> None:
+        super().__init__()
+        self.args, self.learner, self.rooms = args, learner, rooms
+        self.weights, self.visited = args.out / WEIGHTS, 0
+        self.bar: Any = None
+        self.begun = time.monotonic() - getattr(learner, "seconds", 0.0)
+        self.best: float = -math.inf
+        if self.weights.exists():
+            card = read_card(self.weights)
+            write_json(self.weights.with_suffix(".json"), card)  # a killed process may have left none beside them
+            best = card.get("held_out_return")
+            self.best = self.best if best is None else float(best)
+
+    def close(self) -> None:
+        """End the bar, write the checkpoint, and the present weights where none were chosen."""
+        if self.bar is not None:
+            self.bar.close()
+        self.learner.seconds = self.seconds()  # goes into the checkpoint
+        save_learner(self.learner, self.args.out / CHECKPOINT)
+        if not self.weights.exists():
+            self.keep(math.nan)
+
+    def seconds(self) -> float:
+        """Wall-clock of training, earlier calls included [s]."""
+        return time.monotonic() - self.begun
+
+    def keep(self, held_out_return: float) -> None:
+        """Write the present weights and their card."""
+        rooms = 0 if math.isnan(held_out_return) else self.args.held_out_rooms
+        card = card_of(self.args.recipe(), self.learner.num_timesteps, self.seconds(), rooms)
+        save(self.weights, self.learner.policy, card | {"held_out_return": held_out_return})
+
+    def add_results(self) -> None:
+        """Complete the card: the training's length and time, and results in held-out episodes; print those."""
+        card, rooms = read_card(self.weights), self.args.unseen_rooms
+        card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
+        print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
+        card["results"], summary = results(self.weights, rooms, self.args)
+        write_json(self.weights.with_suffix(".json"), card)
+        print(f"\n{text(summary)}\n")
+
+    def _on_training_start(self) -> None:
+        from tqdm import tqdm
+
+        rollout = getattr(self.model, "n_steps", 1) * self.training_env.num_envs
+        left = -(-(self.args.total_steps - self.num_timesteps) // rollout) * rollout
+        total = self.num_timesteps + left
+        self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
+
+    def _on_rollout_start(self) -> None:
+        self.bar.set_description_str("flying")
+
+    def _on_step(self) -> bool:
+        if self.num_timesteps % self.args.period < self.training_env.num_envs:
+            save_learner(self.learner, self.args.out / CHECKPOINT)
+            self._visit()
+        self.bar.update(self.training_env.num_envs)
+        return True
+
+    def _on_rollout_end(self) -> None:
+        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
+        if returns:
+            self.bar.set_postfix_str(f"median return while exploring {np.median(returns):.0f}", refresh=False)
+        self.bar.set_description_str("learning")
+
+    def _on_training_end(self) -> None:
+        if self.visited < self.num_timesteps:
+            self._visit()
+
+    def _visit(self) -> None:
+        """Play the held-out rooms, and keep the weights if they are the best so far."""
+        lost: list[bool] = []
+
+        def note(locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
+            lost.extend([locals_["info"]["lost"]] if locals_["done"] else [])
+
+        self.visited, rooms = self.num_timesteps, self.rooms.num_envs
+        self.bar.set_description_str(f"{rooms} held-out rooms")
+        self.rooms.seed(held_out_seed(self.args))
+        returns, _ = evaluate_policy(self.model, self.rooms, rooms, callback=note, return_episode_rewards=True)
+        self.logger.record("eval/mean_reward", float(np.mean(returns)))
+        self.logger.dump(self.num_timesteps)
+        found = float(np.maximum(returns, FLOOR).mean())
+        if better := found > self.best:
+            self.best = found
+            self.keep(found)
+        told = f"mean return {found:.0f}, median {np.median(returns):.0f}, lost in {100 * np.mean(lost):.0f} %"
+        self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
+        self.bar.set_description_str("flying")

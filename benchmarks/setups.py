@@ -110,13 +110,9 @@ def whole_frames(runs: Run, command: np.ndarray, frames: int) -> None:
 def filter_frames(runs: Run, frames: int) -> None:
     """So many times the filter's frame alone, of the first of ``runs``, by its candidates, whose ids are certain."""
     run = run_at(runs, 0, runs.estimate.covariance[0])
-    models, candidates = run.models, run.candidate[: run.episode.detections]
-    u, boxes = np.zeros(6), known_boxes(run)
+    detections, u, boxes = run.candidate[: run.episode.detections], np.zeros(6), known_boxes(run)
     for _ in range(frames):
-        filter_frame(
-            models.camera, models.motion, models.filter, run.ekf, run.world.fiducials, boxes, u, models.motion.dt,
-            candidates, True, run.episode.events,
-        )  # fmt: skip
+        filter_frame(run.models, run.ekf, run.world.fiducials, boxes, u, detections, True, run.episode.events)
 
 
 def demand_matches(runs: Run, landmarks: int) -> None:

@@ -37,7 +37,7 @@ STAGES = (
 @compiled
 def step_until(runs: Run, command: np.ndarray, last: int) -> None:
     """A step of one frame of the first of ``runs``, as `play` makes it, until stage ``last`` of `STAGES`."""
-    run = run_at(runs, 0, np.empty(runs.estimate.covariance.shape[1:]))
+    run = run_at(runs, 0, runs.estimate.covariance[0])
     models, belief, fiducials, boxes = run.models, run.ekf, run.world.fiducials, known_boxes(run)
     if last == 0:
         return

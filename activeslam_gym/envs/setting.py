@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import activeslam_gym.slam.filter  # noqa: F401  (registers the estimator "ekf")
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
     BOXES,

@@ -1,7 +1,8 @@
-"""`python -m baselines`: choose the best constant and the best sequence of every named scenario anew.
+"""`python -m baselines`: choose the best constant, the best sequence and the greedy horizons for each named scenario.
 
-In the scenarios' default times. With names of scenarios it does so for them alone, and keeps what the tables hold of
-the others. What an interrupted call has played is kept in `results/baselines`.
+The horizons stand in the scenarios' fields, where a changed choice has to be entered. Episodes have the scenarios'
+default times. With names of scenarios it chooses for them alone, and keeps the other entries of the tables. The
+episodes of an interrupted call are kept in `results/baselines`.
 """
 
 import json
@@ -16,7 +17,7 @@ from activeslam_gym import SCENARIOS
 from activeslam_gym.evaluation import Store
 from activeslam_gym.files import written_whole
 
-from . import constants, sequences
+from . import constants, readings, sequences
 from .constants import Choose, key_of
 
 STORE = Store(Path("results/baselines"))
@@ -27,7 +28,11 @@ def main(names: Sequence[str]) -> int:
     if unknown := [name for name in names if name not in SCENARIOS]:
         print(f"scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}", file=sys.stderr)
         return 2
-    choices = ((constants.TABLE, constants.choose), (sequences.TABLE, sequences.choose_sequence))
+    choices: tuple[tuple[Path, Choose], ...] = (
+        (constants.TABLE, constants.choose),
+        (sequences.TABLE, sequences.choose_sequence),
+        (readings.TABLE, readings.choose_readings),
+    )
     for path, choose in choices:
         _renew(path, choose, names)
     return 0

@@ -25,34 +25,35 @@ READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
     "plan_horizon": (HeldInformation, (4.0, 8.0, 12.0, 16.0)),
 }
 """Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s]."""
-EPISODES = 48
-"""Training episodes of each candidate, after those that choose the open loops."""
+EPISODES, BATCH = 32, 16
+"""Training episodes of each candidate, beside those that choose the open loops; episodes at a time."""
 FIRST_SEED = TRAINING_SEED + 100_000
+GAZE_PERIOD = 0.25
+"""Time of a step [s]."""
 
 
-def choose_readings(scenario: Scenario, gaze_period: float) -> dict[str, Any]:
+def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
     """The best value of each field of `READINGS`, and the median log score of each candidate [bit].
 
-    A loss counts as it is scored. Candidates longer than the episode are left out.
+    A lost episode counts as it is scored. Candidates longer than the episode are left out.
     """
-    entry: dict[str, Any] = {"scenario": scenario.name, "gaze_period": gaze_period, "episodes": EPISODES}
+    entry: dict[str, Any] = {"scenario": scenario.name, "episodes": EPISODES, "medians": {}}
     for field, (make, candidates) in READINGS.items():
         values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
         readings: list[Scenario] = [dataclasses.replace(scenario, **dict[str, Any]({field: one})) for one in values]
-        medians = [float(np.median(_log_scores(make, reading, gaze_period))) for reading in readings]
+        medians = [float(np.median(_log_scores(make, reading))) for reading in readings]
         scenario = readings[int(np.argmax(medians))]
         entry[field] = getattr(scenario, field)
-        entry[f"{field} medians"] = {f"{value:g}": round(median, 1) for value, median in zip(values, medians)}
+        entry["medians"][field] = {f"{value:g}": round(median, 1) for value, median in zip(values, medians)}
     return entry
 
 
-def _log_scores(make: Callable[[Any], Policy], scenario: Scenario, gaze_period: float) -> NDArray[np.float64]:
+def _log_scores(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
     """(EPISODES,) log score [bit] at the end of training episodes."""
-    count = 16
-    env = ActiveSLAMVectorEnv(count, scenario, gaze_period=gaze_period, end_when_lost=False, autoreset_mode="DISABLED")
+    env = ActiveSLAMVectorEnv(BATCH, scenario, gaze_period=GAZE_PERIOD, end_when_lost=False, autoreset_mode="DISABLED")
     scores: list[float] = []
-    for first in range(FIRST_SEED, FIRST_SEED + EPISODES, count):
-        episodes = play(env, make(env), range(first, first + count), period=env.duration)
+    for first in range(FIRST_SEED, FIRST_SEED + EPISODES, BATCH):
+        episodes = play(env, make(env), range(first, first + BATCH), period=env.duration)
         scores += [episode.log_score[-1] for episode in episodes]
     env.close()
     return np.array(scores)

@@ -1,5 +1,6 @@
 """Policies: known best actions in a toy environment whose scores are given, then every policy on the real one."""
 
+import json
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,8 +10,9 @@ import pytest
 
 import activeslam_gym  # noqa: F401  (registers the environments)
 import baselines
-from activeslam_gym import Gaze, Motion
-from baselines import constants, sequences
+from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym.information.candidates import held_plans
+from baselines import constants, readings, sequences
 from baselines.policy import best
 
 OBSERVATION = np.zeros(4, dtype=np.float32)
@@ -87,6 +89,33 @@ def test_takes_the_best_action(name: str, leading: tuple[int, ...]) -> None:
     env.joint[..., Motion.DOWN, Gaze.RIGHT] = 1.0
     action = act(baselines.make(name, env), np.zeros((*leading, 4)))
     np.testing.assert_array_equal(action, np.broadcast_to(BEST[name], (*leading, 2)))
+
+
+def test_the_horizons_of_scenarios_are_those_chosen_on_training_episodes() -> None:
+    table = json.loads(readings.TABLE.read_text(encoding="utf-8"))
+    assert len(table) >= 10
+    for entry in table.values():
+        for field, medians in entry["medians"].items():
+            assert f"{getattr(SCENARIOS[entry['scenario']], field):g}" == max(medians, key=medians.__getitem__)
+
+
+@pytest.mark.parametrize("num_envs", [None, 2])
+def test_held_information_plays_the_best_held_action(num_envs: int | None) -> None:
+    """Of 21 actions, held to the horizon or the end; the gaze is held for the motion period, as it was planned."""
+    kwargs = {"gaze_period": 0.25, "duration": 6.0}
+    env: Any = (
+        gym.make("ActiveSLAM-v0", **kwargs) if num_envs is None else gym.make_vec("ActiveSLAM-v0", num_envs, **kwargs)
+    )
+    core = env.unwrapped
+    policy, observation = baselines.make("greedy-plus", env), env.reset(seed=4)[0]
+    for _ in range(9):
+        scores = np.atleast_2d(core.scores(held_plans(20, 16), "net_information"))
+        begins = np.atleast_1d(core.motion_phase)[0] == 0
+        action = policy.predict(observation)[0]
+        if begins:
+            chosen = np.stack((scores.argmax(axis=-1) % 7, scores.argmax(axis=-1) // 7), axis=-1)
+        np.testing.assert_array_equal(np.atleast_2d(action), chosen)
+        observation = env.step(action)[0]
 
 
 def test_motion_is_chosen_once_a_period_and_held_in_each_environment_of_a_batch() -> None:
@@ -172,7 +201,7 @@ def test_shapes_of_observations_and_actions() -> None:
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
     named = "random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher net-net fisher-fisher"
-    named += " variance-reduction joint-mi lookahead-2 rollout"
+    named += " variance-reduction joint-mi lookahead-2 held-information greedy-plus rollout"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())

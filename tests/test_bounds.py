@@ -19,7 +19,7 @@ from agents.summary import markdown, summarise
 from agents.task import make_environment, run_policy
 from agents.tools.statistics import shares
 from baselines import __main__ as table
-from baselines import constants, sequences
+from baselines import constants, readings, sequences
 from baselines.constants import CONSTANTS, TABLE, best_constant, choose, key_of, log_scores
 
 ORBITS = {(Motion.RIGHT, Gaze.LEFT), (Motion.LEFT, Gaze.RIGHT)}
@@ -75,8 +75,9 @@ def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     made = {"scenario": "paper", "medians": {"UP LEFT": 1.0}}
-    paths = tmp_path / "constants.json", tmp_path / "sequences.json"
-    for path, home, choice in zip(paths, (constants, sequences), ("choose", "choose_sequence")):
+    paths = tmp_path / "constants.json", tmp_path / "sequences.json", tmp_path / "readings.json"
+    choices = "choose", "choose_sequence", "choose_readings"
+    for path, home, choice in zip(paths, (constants, sequences, readings), choices):
         path.write_text(json.dumps({"old": {"scenario": "paper"}, "kept": {"scenario": "hall"}}), encoding="utf-8")
         monkeypatch.setattr(home, "TABLE", path)
         monkeypatch.setattr(home, choice, lambda scenario, *times: made)

@@ -28,6 +28,9 @@ from activeslam_gym.linalg import (
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, open_loop, turn_of
 from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
 
+IGNORED, ABSENT = -2, -1
+"""In place of a point's first row in Y: it is never measured; it is not in the state yet."""
+
 
 class Noise(NamedTuple):
     """Open-loop motions that plans share: k of them, of different turn rate or length."""
@@ -61,12 +64,8 @@ def net_of_plans(
     _invert(U, Y_begin)
     shape = (most, CAMERA_DIM, CAMERA_DIM)
     noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape))
-    Y, start, things = (
-        np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)),
-        _new_points(camera, prospect),
-        np.empty(1, THING),
-    )
-    pose = np.empty(CAMERA_SIZE)
+    Y, start = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), _first_rows(camera, prospect)
+    pose, things = np.empty(CAMERA_SIZE), np.empty(1, THING)
     for a in range(plans.shape[0]):
         copy_block(Y_begin, Y)
         for k in range(M - prospect.waiting, M):
@@ -91,12 +90,8 @@ def net_of_plans(
         out[a] = 0.5 * (log2_det_of_factor(U, 0, n) - begin - prior) if cholesky_in_place(U) else np.nan
 
 
-IGNORED, ABSENT = -2, -1
-"""In place of a point's first row in Y: it is never measured; it is not in the state yet."""
-
-
 @compiled
-def _new_points(camera: Record, prospect: Prospect) -> np.ndarray:
+def _first_rows(camera: Record, prospect: Prospect) -> np.ndarray:
     """(M,) the first row of each feature in Y, ABSENT for expected landmarks, or IGNORED in the present image.
 
     An expected landmark in the present image has not been found: it is not there.

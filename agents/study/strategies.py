@@ -28,7 +28,7 @@ class Reading:
     propagated: bool = True
     """The covariance of a candidate motion is propagated over the motion (otherwise: the present one)."""
     gaze_ahead: float | None = None
-    """Seconds that a candidate gaze is held before it is scored; one gaze period if not given."""
+    """Seconds that a candidate gaze is held before it is scored; None: the scenario's `gaze_horizon`."""
     capped: bool = False
     """An expected landmark is no less certain than that it lies in the image, where its pixel varies by W²/12."""
 
@@ -40,7 +40,8 @@ class Reread(Greedy):
         self, env: Environment, reading: Reading, gaze_criterion: str | None = None, motion_criterion: str | None = None
     ) -> None:
         super().__init__(env, motion_criterion, gaze_criterion)
-        frame, ahead = self.env.scenario.frame_time, reading.gaze_ahead or self.env.gaze_period
+        frame = self.env.scenario.frame_time
+        ahead = reading.gaze_ahead or self.env.scenario.gaze_horizon or self.env.gaze_period
         self._motions = motion_plans(round(self.env.motion_period / frame) if reading.propagated else 0)
         self._gazes = gaze_plans(round(ahead / frame))
         self._scores = self._capped_scores if reading.capped else self.env.scores

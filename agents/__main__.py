@@ -39,7 +39,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         hint = "make demo installs all into .venv, or: pip install --editable '.[compare]'"
         return _mistake(name, f"{sys.executable} lacks {error.name}; {hint}" if name == PROGRAM else str(error))
-    except (ValueError, OSError, ImportError, MemoryError, gymnasium.error.Error) as error:
+    except ImportError as error:
+        return _mistake(name, str(error))
+    except (ValueError, OSError, MemoryError, gymnasium.error.Error) as error:
         return _mistake(name, str(error) or type(error).__name__)
 
 

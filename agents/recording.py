@@ -105,6 +105,9 @@ class Recording(ExitStack):
         self._paths: dict[str, list[np.ndarray]] = {"truth": [], "belief": []}
         self._command = ""
 
+    def __exit__(self, *_: Any) -> None:
+        super().__exit__(None, None, None)  # an interrupted recording is kept
+
     def log(self, env: Any, info: dict[str, Any]) -> None:
         """Add the present moment of a single environment; ``info`` is that of its last `reset` or `step`."""
         core = env.unwrapped

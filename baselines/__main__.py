@@ -2,7 +2,7 @@
 
 The horizons stand in the scenarios' fields, where a changed choice has to be entered. Episodes have the scenarios'
 default times. With names of scenarios it chooses for them alone, and keeps the other entries of the tables. The
-episodes of an interrupted call are kept in `results/baselines`.
+open-loop episodes of an interrupted call are kept in `results/baselines`.
 """
 
 import json
@@ -40,11 +40,12 @@ def main(names: Sequence[str]) -> int:
 
 def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
     """Choose anew for the ``names``, or for all, in the table ``path``."""
-    kept = json.loads(path.read_text(encoding="utf-8")) if names and path.exists() else {}
-    table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] not in names}
+    kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] in SCENARIOS}
     for name in names or SCENARIOS:
         env: Any = gym.make("ActiveSLAM-v0", scenario=name).unwrapped
-        table[key_of(env)] = entry = choose(SCENARIOS[name], env.motion_period, env.motion_period, env.duration, STORE)
+        entry = choose(SCENARIOS[name], env.motion_period, env.motion_period, env.duration, STORE)
+        table = {key: one for key, one in table.items() if one["scenario"] != name} | {key_of(env): entry}
         print(f"{name}: {entry['medians']}", flush=True)
         with written_whole(path) as unfinished:
             unfinished.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")

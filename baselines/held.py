@@ -18,7 +18,7 @@ class HeldInformation(Policy):
     def __init__(self, env: Environment, horizon: float | None = None) -> None:
         super().__init__(env)
         frames = round(self.env.motion_period / self.env.scenario.frame_time)
-        seconds = self.env.scenario.plan_horizon if horizon is None else horizon
+        seconds = min(self.env.scenario.plan_horizon if horizon is None else horizon, self.env.duration)
         self._plans = held_plans(frames, max(1, round(seconds / self.env.motion_period)))
         self._gaze = self.always(Gaze.STAY)
 

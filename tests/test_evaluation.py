@@ -168,3 +168,8 @@ def test_episodes_are_kept_as_they_finish_in_batches_of_one_group(
     assert sizes == [2, 1] and len(list(tmp_path.iterdir())) == 3
     rest = dict(Store(tmp_path).gather(jobs, lambda group: [{"seed": np.array(9)} for _ in group], batch=2))
     assert [int(rest[job]["seed"]) for job in jobs] == [0, 1, 2, 9]
+
+
+def test_the_digest_of_this_package_is_of_every_module() -> None:
+    home = Path(code.__file__).parents[1]
+    assert code.package_sources("activeslam_gym") == code.digest(*sorted([*home.rglob("*.py"), *home.rglob("*.json")]))

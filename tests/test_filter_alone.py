@@ -181,3 +181,11 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
     np.testing.assert_array_equal(points, env.belief.landmarks)
     np.testing.assert_array_equal(P, env.belief.covariance)
     np.linalg.cholesky(P)
+
+
+def test_a_full_map_initialises_no_feature_and_known_boxes_hide_fiducials() -> None:
+    filter = Filter(replace(PAPER, landmark_count=1))
+    assert [filter.birth([10.0 * k, 100.0]) for k in range(20)] == [*range(1, 15), *[0] * 6]
+    behind, beside = [0.0, 0.0, 2.0], [0.8, 0.0, 2.0]
+    filter = Filter(fiducials=[behind, beside], boxes=[[[-0.1, -0.5, 1.0], [0.1, 0.5, 1.2]]])
+    assert filter.sight().thing["id"].tolist() == [fiducial_id(1)]

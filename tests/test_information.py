@@ -12,6 +12,7 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
+from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
 from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.information.registered import score_plans_with
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
@@ -147,14 +148,17 @@ def test_a_plan_is_worth_the_information_of_its_measurements_and_net_information
         np.testing.assert_allclose(scores_of(prospect, plans_of(both[:count])), sum(expected[:count]), rtol=1e-7)
 
 
+@pytest.mark.parametrize("limits", [UNLIMITED, SensorLimits(1.0, 8)])
 @pytest.mark.parametrize("frames", [10**6, 50, 7])
-def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updates(frames: int) -> None:
+def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updates(
+    frames: int, limits: SensorLimits
+) -> None:
     """In information form, with expected landmarks that enter when seen, as by predictions and updates of P."""
     prospect, waiting = case(3, 4)[0], 30
     expected = np.random.default_rng(3).uniform(-1.0, 1.0, (waiting, 3)) * (3.0, 1.0, 3.0)
     points = np.concatenate((prospect.points, expected))
     P = block_diag(prospect.covariance, *[np.diag(VARIANCE)] * waiting)
-    prospect = prospect._replace(points=points, covariance=P, waiting=waiting)
+    prospect = prospect._replace(points=points, covariance=P, waiting=waiting, limits=limits)
     rest, plans = c.without_present(CAMERA, prospect), c.held_plans(20, 5)
     assert 0 < rest.waiting < waiting
     by_updates = score_plans_with(

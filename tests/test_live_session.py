@@ -93,15 +93,16 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
     session, _ = walk
     prospect, settings, left_out = session.expected.prospect(), session.front_end.settings, np.zeros(2, int)
     known = len(prospect.points) - prospect.waiting
+    limits = prospect.limits._replace(wanted=settings.visible // 2)  # so that the room does not suffice
     for way in ((0, 0, -0.3), (0, 0, 0), (0, 0, 0.3), (0.4, 0, 0), (0.8, 0, 0)):
         pose = prospect.camera.copy()
         pose[:3] += way
         there = np.array([in_view(point, pose) for point in prospect.points])
         places = prospect.boxes, pose, prospect.fiducials, prospect.points, prospect.first_seen
-        seen = there & foresee(session.front_end.camera, prospect.limits, *places)
+        seen = there & foresee(session.front_end.camera, limits, *places)
         change = np.array([change_of_view(*both) for both in zip(prospect.first_seen, [pose] * known, prospect.points)])
         np.testing.assert_array_equal(seen[:known], there[:known] & (change <= settings.most_change))
-        room = max(settings.visible - seen[:known].sum() - len(prospect.fiducials), 0)
+        room = max(limits.wanted - seen[:known].sum() - len(prospect.fiducials), 0)
         assert seen[known:].sum() == min(there[known:].sum(), room)
         left_out += [(there & ~seen)[:known].sum(), (there & ~seen)[known:].sum()]
     assert (left_out > 0).all()

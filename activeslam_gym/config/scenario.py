@@ -58,8 +58,8 @@ class Scenario(FilterSettings, PriorSettings, MotionSettings, LensSettings, Room
         super()._check()
         longest = MOST_HELD_FRAMES * self.frame_time
         allowed = f"at most {longest:g} s, {MOST_HELD_FRAMES} times frame_time"
-        self._demand("gaze_horizon", self.gaze_horizon is None or self.gaze_horizon <= longest, allowed)
-        self._demand("plan_horizon", self.plan_horizon <= longest, allowed)
+        default = type(self).gaze_horizon
+        self._demand("gaze_horizon", self.gaze_horizon in (None, default) or self.gaze_horizon <= longest, allowed)
         for name, least, greatest in self.varied:  # where both ends are legal, all values between them are
             for end in (least, greatest):
                 replace(self, varied=(), **{name: end})

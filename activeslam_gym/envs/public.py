@@ -7,6 +7,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.episode import play, settle_registered
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
@@ -169,7 +170,7 @@ class Reads:
         self._perceptions: list[Any] = [None] * len(runs.episode)
         self._motion_frames = int(task.frames_per_step) * self.steps_per_motion
         self._motion_plans = candidates.motion_plans(self._motion_frames)
-        held = round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time)
+        held = min(round((self.scenario.gaze_horizon or 0.0) / self.scenario.frame_time), MOST_HELD_FRAMES)
         self._gaze_plans = candidates.gaze_plans(max(int(task.frames_per_step), held))
         self._joint_plans = candidates.joint_plans(self._motion_frames)
 

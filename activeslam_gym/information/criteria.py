@@ -36,10 +36,10 @@ def mutual_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
 @CRITERIA.register("net_information")
 @compiled
 def net_information(P: np.ndarray, sight: Sight, pixel_var: float) -> float:
-    """`mutual_information`, of which the scores of plans are net [bit]: see `candidates.score_plans`.
+    """`mutual_information` of one set of measurements [bit]; scores of plans by this name are `net.net_of_plans`.
 
-    They take off the entropy that the motion itself adds, and leave out the expected landmarks that the present image
-    would show: what stands there has been found.
+    Those are net of the entropy that process noise adds, and leave out the expected landmarks that the present image
+    would show: nothing was found there.
     """
     return mutual_information(P, sight, pixel_var)
 

@@ -28,8 +28,8 @@ from activeslam_gym.linalg import (
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, open_loop, turn_of
 from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
 
-IGNORED, ABSENT = -2, -1
-"""In place of a point's first row in Y: it is never measured; it is not in the state yet."""
+ABSENT = -1
+"""In place of a point's first row in Y: it is not in the state yet."""
 
 
 class Noise(NamedTuple):
@@ -64,12 +64,12 @@ def net_of_plans(
     _invert(U, Y_begin)
     shape = (most, CAMERA_DIM, CAMERA_DIM)
     noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape))
-    Y, start = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), _first_rows(camera, prospect)
+    Y, points = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), _unfound(camera, prospect)
+    start = CAMERA_DIM + 3 * np.arange(M)
     pose, things = np.empty(CAMERA_SIZE), np.empty(1, THING)
     for a in range(plans.shape[0]):
         copy_block(Y_begin, Y)
-        for k in range(M - prospect.waiting, M):
-            start[k] = min(start[k], ABSENT)
+        start[M - prospect.waiting :] = ABSENT
         copy_into(pose, prospect.camera)
         n, elapsed, prior = size, 0, 0.0
         for step in range(plans.shape[1]):
@@ -84,26 +84,21 @@ def net_of_plans(
             if motion.bodies:
                 stop_short(motion, prospect, pose, after)
             copy_into(pose, after)
-            n, added = _measure(camera, prospect, pose, start, n, Y, things[0])
+            n, added = _measure(camera, prospect, points, pose, start, n, Y, things[0])
             prior, elapsed = prior + added, elapsed + taken
         U = Y[:n, :n]
         out[a] = 0.5 * (log2_det_of_factor(U, 0, n) - begin - prior) if cholesky_in_place(U) else np.nan
 
 
 @compiled
-def _first_rows(camera: Record, prospect: Prospect) -> np.ndarray:
-    """(M,) the first row of each feature in Y, ABSENT for expected landmarks, or IGNORED in the present image.
-
-    An expected landmark in the present image has not been found: it is not there.
-    """
+def _unfound(camera: Record, prospect: Prospect) -> np.ndarray:
+    """(M, 3) the points; NaN for expected landmarks that the present image would show: nothing was found there."""
     M, z, present = prospect.points.shape[0], np.empty(2), view_of(camera, prospect.camera, prospect.boxes)
-    start = np.empty(M, np.int64)
-    for k in range(M):
-        if k < M - prospect.waiting:
-            start[k] = CAMERA_DIM + 3 * k
-        else:
-            start[k] = IGNORED if visible(present, prospect.points[k], 0.0, z) else ABSENT
-    return start
+    points = prospect.points.copy()
+    for k in range(M - prospect.waiting, M):
+        if visible(present, points[k], 0.0, z):
+            points[k] = np.nan
+    return points
 
 
 @compiled
@@ -180,14 +175,23 @@ def _propagate(Y: np.ndarray, back: np.ndarray, G: np.ndarray) -> None:
 
 @compiled
 def _measure(
-    camera: Record, prospect: Prospect, pose: np.ndarray, start: np.ndarray, n: int, Y: np.ndarray, thing: Record
+    camera: Record,
+    prospect: Prospect,
+    points: np.ndarray,
+    pose: np.ndarray,
+    start: np.ndarray,
+    n: int,
+    Y: np.ndarray,
+    thing: Record,
 ) -> tuple[int, float]:
-    """Y += H^T R^-1 H of each fiducial and point that is measured from ``pose`` (13,); points are at ``start`` (M,).
+    """Y += H^T R^-1 H of each fiducial and of ``points`` (M, 3) that are measured from ``pose`` (13,).
+
+    ``start`` (M,) are their first rows in Y. Expected landmarks take room among what the sensor initialises all along.
 
     An expected landmark enters the state when it is first measured. Returns the new size of the state, and log2 |Y| of
     the priors of those that entered.
     """
-    fiducials, points, P = prospect.fiducials, prospect.points, prospect.covariance
+    fiducials, P = prospect.fiducials, prospect.covariance
     seen = foresee(camera, prospect.limits, prospect.boxes, pose, fiducials, points, prospect.first_seen)
     view, weight, prior = view_of(camera, pose, prospect.boxes), 1.0 / camera.pixel_std**2, 0.0
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
@@ -195,7 +199,7 @@ def _measure(
         if visible(view, fiducial, 0.0, z) and point_measurement(view, fiducial, z, H_x, H_y):
             _add_gram(weight, H_x, POSE_DIM, H_x, POSE_DIM, Y)
     for k in range(points.shape[0]):
-        if start[k] == IGNORED or not seen[k] or not visible(view, points[k], 0.0, z):
+        if not seen[k] or not visible(view, points[k], 0.0, z):
             continue
         if not point_measurement(view, points[k], z, H_x, H_y):
             continue

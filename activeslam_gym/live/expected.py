@@ -41,9 +41,10 @@ class ExpectedMap:
 
     def prospect(self) -> Prospect:
         """The input of a planner."""
-        filter, free = self._filter, np.ones(MOTION_COUNT)
+        filter, clearance = self._filter, np.full(MOTION_COUNT, np.inf)
         first_seen, places = self._front_end.first_seen(filter.ids), (filter.fiducials, filter.boxes)
-        return prospect_of(filter.arrays(), self._expected, self.landmark_var, *places, free, self._limits, first_seen)
+        own = filter.arrays(), self._expected, self.landmark_var
+        return prospect_of(*own, *places, clearance, self._limits, first_seen)
 
     def factored(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Position k (N,) of each landmark's feature, or -1; and a factor U of the covariance of those and the camera.

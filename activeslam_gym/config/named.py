@@ -49,6 +49,10 @@ _add("paper", "the paper's simulation: improve the map and keep the camera local
 _add("paper-literal", "the paper's simulation with its vague first pose and depth particles",
      orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES,
      negative_information=False, gaze_horizon=None)
+_add("paper-2006", "the paper's simulation with settings fitted to its six numbers (benchmarks.studies.replication)",
+     focal_px=123.0, distortion=0.0, linearity_threshold=0.068, birth_detections=23, landmark_prior_scale=3.58,
+     acceleration_std=0.025, angular_acceleration_std=0.61, filter_acceleration_std=0.074,
+     filter_angular_acceleration_std=1.81, gaze_horizon=3.0)
 _add("clutter", "false detections and missed detections",
      missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93)
 _add("hall", "many landmarks in a large hall", room_size=(14.0, 4.0, 14.0), landmark_count=120, gaze_horizon=2.0)

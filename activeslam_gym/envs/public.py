@@ -239,9 +239,8 @@ class Reads:
             look = partial(sight_after, camera, given)
         else:
             look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
-        return score_plans_with(
-            look, run.models.motion, given, time, plans, criterion, var, int(uncompiled(_frames_left)(run))
-        )
+        frames = int(uncompiled(_frames_left)(run))
+        return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, frames)
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:
         """(7,) what each motion would teach at its clipped goal, gaze STAY; see `information`.

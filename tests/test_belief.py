@@ -229,3 +229,14 @@ def test_a_turn_of_camera_and_map_stays_as_uncertain_as_it_was(kinds: list[int])
     subtract_and_recentre(belief, np.zeros((0, len(delta))), delta)
     N = turn_of_everything(belief)
     np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
+
+
+def test_conversion_does_not_change_the_public_belief() -> None:
+    belief = belief_of(MIXES[3])
+    points, P = public(belief)
+    for k, kind in enumerate(MIXES[3]):
+        if kind != POINT:
+            convert_to_point(belief, k)
+    points_after, P_after = public(belief)
+    np.testing.assert_allclose(points_after, points, rtol=1e-14)
+    np.testing.assert_allclose(P_after, P, rtol=1e-10, atol=1e-14)

@@ -171,10 +171,10 @@ def report(scenario: Scenario, episodes: int) -> None:
     for name, (of_time, of_det) in ranks_of(numbers).items():
         times, dets = np.array(numbers[name]).T
         quarters = [np.quantile(values, (0.25, 0.5, 0.75), method="lower") for values in (times, dets[dets == dets])]
-        told = [", ".join(f"{value:.1f}" for value in values) for values in quarters]
+        texts = [", ".join(f"{value:.1f}" for value in values) for values in quarters]
         print(
-            f"{name}: 14th landmark in {np.isfinite(times).mean():.0%}, quartiles {told[0]} s, the paper's "
-            f"{STATED[name][0]:g} at rank {of_time:.2f}; log2|P| {told[1]}, {STATED[name][1]:g} at rank {of_det:.2f}"
+            f"{name}: 14th landmark in {np.isfinite(times).mean():.0%}, quartiles {texts[0]} s, the paper's "
+            f"{STATED[name][0]:g} at rank {of_time:.2f}; log2|P| {texts[1]}, {STATED[name][1]:g} at rank {of_det:.2f}"
         )
 
 

@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     one.set_defaults(run=_play)
     one.add_argument("--seed", type=int, default=0, help=f"the first room {_DEFAULT}")
     one.add_argument("--scenario", default="paper", help=f"the scenario's name {_DEFAULT}")
-    one.add_argument("--gaze-period", type=float, default=0.25, help=f"time of a step [s] {_DEFAULT}")
+    one.add_argument("--gaze-period", type=float, help="time of a step [s]; the scenario's if not given")
     one.add_argument("--speed", type=float, default=1.0, help=f"1 is true time {_DEFAULT}")
     one = commands.add_parser(
         "live",

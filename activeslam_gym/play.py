@@ -140,7 +140,7 @@ def fly(env: gymnasium.Env, cockpit: Cockpit, seed: int = 0, speed: float = 1.0)
         changed = flight.advance() or bool(keys)
 
 
-def play(seed: int = 0, scenario: str = "paper", gaze_period: float = 0.25, speed: float = 1.0) -> list[str]:
+def play(seed: int = 0, scenario: str = "paper", gaze_period: float | None = None, speed: float = 1.0) -> list[str]:
     """Open a window and fly; see `fly`.
 
     Raises:

@@ -36,7 +36,9 @@ BATCH = 64
 """Episodes at a time."""
 Choose = Callable[..., dict[str, Any]]
 """(scenario, gaze period, motion period, duration, store) -> an entry of a table."""
-OF_PLANNERS = ("motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "amortised_decision")
+OF_PLANNERS = (
+    "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "amortised_decision",
+)  # fmt: skip
 """Fields of a scenario that change no open loop."""
 Times = tuple[float, float, float]
 """Gaze period, motion period and duration [s]."""

@@ -28,8 +28,6 @@ READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
 EPISODES, BATCH = 32, 16
 """Training episodes of each candidate, beside those that choose the open loops; episodes at a time."""
 FIRST_SEED = TRAINING_SEED + 100_000
-GAZE_PERIOD = 0.25
-"""Longest time of a step, of which a second is a whole number [s]."""
 
 
 def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
@@ -50,10 +48,7 @@ def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
 
 def _log_scores(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
     """(EPISODES,) log score [bit] at the end of training episodes."""
-    frames = round(1.0 / scenario.frame_time)
-    steps = [n for n in range(1, frames + 1) if frames % n == 0 and n * scenario.frame_time <= GAZE_PERIOD + 1e-9]
-    gaze_period = max(steps) * scenario.frame_time
-    env = ActiveSLAMVectorEnv(BATCH, scenario, gaze_period=gaze_period, end_when_lost=False, autoreset_mode="DISABLED")
+    env = ActiveSLAMVectorEnv(BATCH, scenario, end_when_lost=False, autoreset_mode="DISABLED")
     scores: list[float] = []
     for first in range(FIRST_SEED, FIRST_SEED + EPISODES, BATCH):
         episodes = play(env, make(env), range(first, first + BATCH), period=env.duration)

@@ -18,7 +18,7 @@ from activeslam_gym.world.room import draw_room
 from benchmarks.memory import fly, resident
 
 NUM_ENVS, FRAMES_PER_STEP = 4, 5
-LEFT_ALONE = ("name", "motion_criterion", "boxes", "frame_time", "estimator", "sensor")
+LEFT_ALONE = ("name", "gaze_period", "motion_criterion", "boxes", "frame_time", "estimator", "sensor")
 MOST_CHANGED = 6
 """Fields of a random scenario that are not as in `paper`."""
 SPREAD = 5.0

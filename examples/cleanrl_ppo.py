@@ -45,7 +45,7 @@ class Gym023(gym.Env):
         return observation, float(reward), terminated or truncated, {**info, "TimeLimit.truncated": truncated}
 
 
-gym.register("ActiveSLAMDiscrete-v0", entry_point=Gym023, kwargs={"gaze_period": 0.25})
+gym.register("ActiveSLAMDiscrete-v0", entry_point=Gym023)
 
 
 def main(steps: int = 44_800) -> tuple[float, float]:

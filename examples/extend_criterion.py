@@ -23,7 +23,7 @@ def position_variance(P: np.ndarray, sight: Any, pixel_var: float) -> float:
 
 if __name__ == "__main__":
     # --8<-- [start:use]
-    env: Any = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env: Any = gym.make("ActiveSLAM-v0")
     observation, _ = env.reset(seed=0)
     policy = Greedy(env, motion_criterion="position_variance", gaze_criterion="fisher_trace")
     for _ in range(20):

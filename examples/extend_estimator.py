@@ -125,8 +125,6 @@ def shifted(x: np.ndarray, y: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray
 
 
 if __name__ == "__main__":
-    env: Any = gym.make(
-        "ActiveSLAM-v0", scenario={"estimator": "numpy-ekf", "association": "known"}, gaze_period=0.25, duration=5.0
-    )
+    env: Any = gym.make("ActiveSLAM-v0", scenario={"estimator": "numpy-ekf", "association": "known"}, duration=5.0)
     run = run_episode(env, baselines.make("mi-mi", env), seed=0)
     print(f"log score {run.log_score[-1]:.0f} bits, position error {100 * run.position_error[-1]:.1f} cm")

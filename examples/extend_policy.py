@@ -37,5 +37,5 @@ if __name__ == "__main__":
 
     from activeslam_gym.evaluation import run_episode
 
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=10.0)
+    env = gym.make("ActiveSLAM-v0", duration=10.0)
     print(f"{run_episode(env, make(env), seed=0).landmarks_mapped[-1]} landmarks mapped in 10 s")

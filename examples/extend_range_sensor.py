@@ -67,6 +67,6 @@ class RangeModel:
 
 if __name__ == "__main__":
     scenario = {"sensor": "range-and-bearing", "estimator": "numpy-ekf", "association": "known"}
-    env: Any = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=5.0)
+    env: Any = gym.make("ActiveSLAM-v0", scenario=scenario, duration=5.0)
     run = run_episode(env, baselines.make("mi-mi", env), seed=0)
     print(f"log score {run.log_score[-1]:.0f} bits, position error {100 * run.position_error[-1]:.1f} cm")

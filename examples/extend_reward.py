@@ -44,7 +44,7 @@ class PricedMotion(gym.Wrapper[np.ndarray, Any, np.ndarray, Any]):
 
 if __name__ == "__main__":
     # --8<-- [start:use]
-    env = PricedMotion(gym.make("ActiveSLAM-v0", gaze_period=0.25, reward="accuracy"), price=2.0)
+    env = PricedMotion(gym.make("ActiveSLAM-v0", reward="accuracy"), price=2.0)
     # --8<-- [end:use]
     env.reset(seed=0)
     total = sum(float(env.step((Motion.RIGHT, 1))[1]) for _ in range(40))

@@ -19,8 +19,8 @@ tunnel = Scenario(
 # --8<-- [end:fields]
 
 # --8<-- [start:use]
-env = gym.make("ActiveSLAM-v0", scenario=tunnel, gaze_period=0.25)
-same = gym.make("ActiveSLAM-v0", scenario=dataclasses.asdict(tunnel), gaze_period=0.25)  # what an env spec holds
+env = gym.make("ActiveSLAM-v0", scenario=tunnel)
+same = gym.make("ActiveSLAM-v0", scenario=dataclasses.asdict(tunnel))  # what an env spec holds
 SCENARIOS[tunnel.name] = tunnel  # from here on, scenario="tunnel" in this process
 # --8<-- [end:use]
 

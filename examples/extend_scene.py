@@ -50,7 +50,7 @@ class SphereScene:
 
 def main(steps: int = 28) -> Any:
     """Fly at the sphere; the environment."""
-    env: Any = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"}, gaze_period=0.25)
+    env: Any = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"})
     env.reset(seed=0)
     for _ in range(steps):
         *_, info = env.step((Motion.FORWARD, Gaze.STAY))

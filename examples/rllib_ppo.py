@@ -27,7 +27,7 @@ def main(iterations: int = 10, address: str | None = None, workers: int = 2) -> 
     register_env("active-slam", make_env)
     config = (
         PPOConfig()
-        .environment("active-slam", env_config={"gaze_period": 0.25})
+        .environment("active-slam")
         .env_runners(num_env_runners=workers, num_envs_per_env_runner=16, rollout_fragment_length=140)
         .training(
             train_batch_size_per_learner=2240 * workers,

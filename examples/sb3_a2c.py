@@ -13,17 +13,14 @@ import activeslam_gym  # noqa: F401  (registers the environments)
 
 def main(steps: int = 32_000) -> tuple[float, float]:
     """Train for `steps` decisions; the mean return [bit] over 16 rooms before and after."""
-    decide = {"gaze_period": 0.25}
-    rooms = make_vec_env("ActiveSLAM-v0", n_envs=16, env_kwargs=decide)
+    rooms = make_vec_env("ActiveSLAM-v0", n_envs=16)
 
     def mean_return() -> float:
         rooms.seed(1_000_000)  # the same rooms each time
         return float(evaluate_policy(model, rooms, n_eval_episodes=16, deterministic=False)[0])
 
     scaled = {"func": lambda reward: 0.05 * reward}
-    env = make_vec_env(
-        "ActiveSLAM-v0", 16, seed=0, env_kwargs=decide, wrapper_class=TransformReward, wrapper_kwargs=scaled
-    )
+    env = make_vec_env("ActiveSLAM-v0", 16, seed=0, wrapper_class=TransformReward, wrapper_kwargs=scaled)
     model = A2C("MlpPolicy", env, n_steps=20, gamma=0.995, ent_coef=0.01, seed=0, device="cpu")
     before, began = mean_return(), time.monotonic()
     model.learn(steps)

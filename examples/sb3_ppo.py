@@ -12,13 +12,13 @@ from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
 
 def main(steps: int = 89_600) -> tuple[float, float]:
     """Train for `steps` decisions; the mean return [bit] over 32 rooms before and after."""
-    rooms = VecMonitor(ActiveSLAMVecEnv(32, gaze_period=0.25))
+    rooms = VecMonitor(ActiveSLAMVecEnv(32))
 
     def mean_return() -> float:
         rooms.seed(1_000_000)  # the same rooms each time
         return float(evaluate_policy(model, rooms, n_eval_episodes=32, deterministic=False)[0])
 
-    env = ScaledReward(VecMonitor(ActiveSLAMVecEnv(64, gaze_period=0.25)), 0.05)
+    env = ScaledReward(VecMonitor(ActiveSLAMVecEnv(64)), 0.05)
     model = PPO(
         "MlpPolicy",
         env,

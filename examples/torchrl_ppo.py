@@ -23,7 +23,7 @@ def main(steps: int = 44_800, num_envs: int = 16) -> tuple[float, float]:
     rollout = 140 * num_envs  # an episode of 35 s each
 
     def make() -> GymEnv:
-        return GymEnv("ActiveSLAMDiscrete-v0", gaze_period=0.25, categorical_action_encoding=True)
+        return GymEnv("ActiveSLAMDiscrete-v0", categorical_action_encoding=True)
 
     env = (
         TransformedEnv(SerialEnv(num_envs, make))

@@ -72,7 +72,9 @@ def test_the_witness_knows_a_duplicate_and_wants_steps_of_a_frame() -> None:
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
 def test_witness_sees_every_conversion(initialisation: str) -> None:
-    env, witness = gym.make("ActiveSLAM-v0", scenario={"initialisation": initialisation}, duration=DURATION), Witness()
+    scenario = {"initialisation": initialisation}
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.05, duration=DURATION)
+    witness = Witness()
     episode = run_episode(env, baselines.make("mi-mi", env), seed=3, looks=[witness.look])
     said = witness.result(episode)
     assert not episode.lost

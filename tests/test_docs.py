@@ -74,7 +74,7 @@ def test_the_specification_tells_actions_arguments_and_versions() -> None:
 
 
 def test_information_tables_are_what_is_returned() -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     infos = [env.reset(seed=0)[1], env.step((Motion.UP, Gaze.LEFT))[4]]
     for info in infos:
         assert sorted(first_names("Information")) == sorted([*info, *info["events"]])

@@ -52,7 +52,7 @@ def run_example(name: str, registry: Registry[Any], monkeypatch: pytest.MonkeyPa
 
 
 def test_the_price_is_paid_once_a_translation_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain, priced = (gym.make("ActiveSLAM-v0", gaze_period=0.25) for _ in range(2))
+    plain, priced = (gym.make("ActiveSLAM-v0") for _ in range(2))
     priced = run_example("extend_reward", REWARDS, monkeypatch)["PricedMotion"](priced, price=2.0)
     for env in (plain, priced):
         env.reset(seed=0)
@@ -67,7 +67,7 @@ def test_the_price_is_paid_once_a_translation_and_told(monkeypatch: pytest.Monke
 def test_the_criterion_is_the_drop_that_the_update_predicts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Against the EKF's update in full: tr(P_pp) before and after, by the features in view of each goal."""
     run_example("extend_criterion", CRITERIA, monkeypatch)
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     env.reset(seed=3)
     for _ in range(12):
         env.step((Motion.RIGHT, Gaze.LEFT))
@@ -106,8 +106,8 @@ def test_a_screen_hides_and_a_planner_reckons_with_one_it_knows() -> None:
 
 
 def test_the_policy_is_bound_to_one_or_many_and_joins_the_comparison() -> None:
-    one = gym.make("ActiveSLAM-v0", gaze_period=0.25)
-    many = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
+    one = gym.make("ActiveSLAM-v0")
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=3)
     for env, shape in ((one, (2,)), (many, (3, 2))):
         observation, _ = env.reset(seed=0)
         action = np.asarray(extend_policy.make(env).predict(observation)[0])

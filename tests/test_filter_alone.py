@@ -157,7 +157,7 @@ def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
 def test_fed_an_environments_detections_it_holds_the_environments_belief(initialisation: str) -> None:
     """Predict, sight, update, and the births that `follow_tracks` decides: bit for bit, over three seconds."""
     scenario = replace(PAPER, initialisation=initialisation, clutter_rate=1.0, missed_detection_probability=0.05)
-    env = gym.make("ActiveSLAM-v0", scenario=scenario).unwrapped
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.05).unwrapped
     assert isinstance(env, ActiveSLAMEnv)
     env.reset(seed=5)
     run, filter = simulation_of(env), Filter(scenario, fiducials=env.truth.fiducials)

@@ -228,7 +228,7 @@ def test_plans_are_all_actions_in_order_and_what_is_none_is_named() -> None:
 
 
 def test_an_environments_scores_are_scores_of_plans() -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25).unwrapped
+    env = gym.make("ActiveSLAM-v0").unwrapped
     env.reset(seed=4)
     for _ in range(8):
         env.step((Motion.LEFT, 1))
@@ -298,7 +298,7 @@ def test_a_feature_that_counts_retires_the_nearest_and_brings_it_back() -> None:
 
 
 def test_entropy_is_the_formula_at_constant_dimension() -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     env.reset(seed=1)
     for _ in range(20):
         _, _, _, _, info = env.step((2, 1))

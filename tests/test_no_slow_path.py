@@ -32,6 +32,7 @@ warnings.simplefilter("error", NumbaWarning)
 from numba.core.runtime import rtsys
 counts = rtsys.get_allocation_stats
 from activeslam_gym.envs.episode import play
+from activeslam_gym import SCENARIOS
 from activeslam_gym.envs.public import score_runs
 
 KERNELS = play.kernel, score_runs.kernel
@@ -55,7 +56,9 @@ for scenario in ("paper", "paper-literal", "clutter", "hall", "hand-held", box):
 
 allocated, left = {}, {}
 for count, scenario in ((1, "paper"), (4, "paper"), (2, "paper-literal"), (2, "hand-held")):
-    env = begun(gymnasium.make_vec("ActiveSLAM-v0", num_envs=count, scenario=scenario, num_threads=1), 5)
+    frame = SCENARIOS[scenario].frame_time
+    made = gymnasium.make_vec("ActiveSLAM-v0", num_envs=count, scenario=scenario, gaze_period=frame, num_threads=1)
+    env = begun(made, 5)
     before = counts()
     for _ in range(100):
         env.step(env.action_space.sample())

@@ -90,7 +90,7 @@ class Scripted:
 
 
 def make(**kwargs: Any) -> gym.Env:
-    return gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array", **kwargs)
+    return gym.make("ActiveSLAM-v0", render_mode="rgb_array", **kwargs)
 
 
 def room(seed: int) -> Any:

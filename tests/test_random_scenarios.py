@@ -86,7 +86,7 @@ def test_an_episode_without_fiducials_is_finite() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"motion_period": 1e6}, "motion_period must be at most 10000 times gaze_period"),
+        ({"motion_period": 1e6}, "motion_period must be at most 10000 times the frame"),
         ({"gaze_period": 1e6}, "gaze_period must be at most 10000 times the frame"),
         ({"gaze_period": 10.0, "motion_period": 510.0}, "motion_period must be at most 50 times gaze_period"),
         ({"scenario": {"gaze_horizon": 1e6}}, "scenario.gaze_horizon must be at most 500 s, 10000 times frame_time"),

@@ -69,7 +69,7 @@ def test_a_criterion_registered_from_outside_scored_nan_and_best_answered_forwar
 
 def test_scores_by_a_registered_criterion_are_the_same_of_one_and_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CRITERIA, "mine", information)
-    one, many = (gym.make("ActiveSLAM-v0", gaze_period=0.25), gym.make_vec("ActiveSLAM-v0", 3, gaze_period=0.25))
+    one, many = (gym.make("ActiveSLAM-v0"), gym.make_vec("ActiveSLAM-v0", 3, gaze_period=0.25))
     many.reset(seed=5)
     for i in range(3):
         one.reset(seed=5 + i)
@@ -113,7 +113,7 @@ def test_a_registered_criterion_or_reward_that_gives_no_number_is_an_error_with_
 def test_a_lost_filter_scores_nan_asks_no_registered_criterion_and_best_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     """The best of scores that are all NaN was FORWARD; NaN counts as worse than any number."""
     monkeypatch.setitem(CRITERIA, "mine", fails)
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     env.reset(seed=0)
     env.unwrapped._run.estimate.covariance[:6, :6] = -np.eye(6)
     for criterion in ("mine", INFORMATION):
@@ -127,12 +127,12 @@ def test_a_lost_filter_scores_nan_asks_no_registered_criterion_and_best_stays(mo
 def test_a_reward_registered_from_outside_paid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its gain is the reward; it telescopes, and has its own name in `info`."""
     monkeypatch.setitem(REWARDS, "mine", pose_accuracy)
-    told = play(gym.make("ActiveSLAM-v0", gaze_period=0.25, reward="mine"))
+    told = play(gym.make("ActiveSLAM-v0", reward="mine"))
     accuracies = [-math.log2(1e-3 + info["position_error"]) for _, info in told]
     np.testing.assert_allclose([reward for reward, _ in told[1:]], np.diff(accuracies), atol=1e-12)
     assert all(reward == info["reward_terms"]["mine"] for reward, info in told)
     assert list(told[0][1]["reward_terms"]) == [*REWARDS.own, "forfeit", "mine"]
-    plain = play(gym.make("ActiveSLAM-v0", gaze_period=0.25))
+    plain = play(gym.make("ActiveSLAM-v0"))
     for (_, info), (_, other) in zip(told, plain, strict=True):
         del info["reward_terms"]["mine"]
         assert info == other or math.isinf(other["landmark_rmse"])

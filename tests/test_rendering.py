@@ -20,7 +20,7 @@ from tests.support import random_spd
 
 @lru_cache
 def kept_snapshot(seed, steps, mode):
-    env = gymnasium.make("ActiveSLAM-v0", gaze_period=0.25, render_mode=mode, lost_position_error=9.0).unwrapped
+    env = gymnasium.make("ActiveSLAM-v0", render_mode=mode, lost_position_error=9.0).unwrapped
     env.reset(seed=seed)
     for step in range(steps):
         env.step((Motion.LEFT if step // 8 % 2 else Motion.FORWARD, Gaze.LEFT))

@@ -47,7 +47,7 @@ def test_is_the_dummy_vec_env_of_single_environments(bootstrap: bool) -> None:
 
 
 def test_attributes_methods_and_seeds_are_those_of_single_environments() -> None:
-    env = ActiveSLAMVecEnv(3, gaze_period=0.25)
+    env = ActiveSLAMVecEnv(3)
     env.reset()
     env.step(np.zeros((3, 2), int))
     assert env.get_attr("time") == [0.25] * 3
@@ -85,7 +85,7 @@ def test_monitor_counts_episodes_and_a_baseline_is_scored_by_evaluate_policy(nam
     assert dones.all() and [info["episode"]["l"] for info in infos] == [4] * 3
     np.testing.assert_allclose([info["episode"]["r"] for info in infos], total, rtol=1e-5)
     assert [info["episode"]["log_score"] for info in infos] == [info["log_score"] for info in infos]
-    single = Monitor(gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=2.0))
+    single = Monitor(gym.make("ActiveSLAM-v0", duration=2.0))
     assert evaluate_policy(baselines.make(name, single), single, 2)[0] > 0.0
     returns, lengths = evaluate_policy(baselines.make(name, env), env, 3, return_episode_rewards=True)
     assert lengths == [4, 4, 4] and np.isfinite(returns).all()

@@ -81,7 +81,7 @@ def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: 
 def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None:
     seen = {}
     for scene in ("sphere", "glass"):
-        env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"})  # the first frame, so that no estimate differs
+        env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"}, gaze_period=0.05)  # so that no estimate differs
         env.reset(seed=2)
         if scene == "glass":
             env.unwrapped.truth.scene._scene.blocks = lambda a, b: False
@@ -108,7 +108,7 @@ def test_a_camera_that_flies_at_the_sphere_stops_short_of_it() -> None:
 @pytest.mark.parametrize("estimator", ["ekf", "numpy-ekf"])
 def test_a_camera_thrown_at_the_sphere_is_stopped_and_counted_and_the_estimator_told(estimator: str) -> None:
     scenario = {"scene": "sphere", "estimator": estimator, "association": "known"}
-    env = gym.make("ActiveSLAM-v0", scenario=scenario, end_when_lost=False)
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.05, end_when_lost=False)
     env.reset(seed=0)
     inner, contacts, spread = env.unwrapped, 0, []
     inner._run.world.state.camera[7:10] = 0.2, 0.1, 7.0

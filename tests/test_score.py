@@ -34,7 +34,7 @@ K = 2
 
 def made(**arguments: Any) -> gym.Env:
     """An environment in which half of the runs are lost within seconds."""
-    return gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=5.0, lost_position_error=0.06, **arguments)
+    return gym.make("ActiveSLAM-v0", duration=5.0, lost_position_error=0.06, **arguments)
 
 
 def lost_run(env: gym.Env, seed: int = 0) -> tuple[list[float], list[dict[str, Any]], list[bool]]:

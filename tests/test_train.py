@@ -68,7 +68,7 @@ def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsy
 def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) -> None:
     assert main(["export", "--policy", "ppo", "--out", str(tmp_path / "deep" / "ppo.zip")]) == 0
     assert "gaze_period=1" in capsys.readouterr().out
-    learner, env = PPO.load(tmp_path / "deep" / "ppo.zip"), gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    learner, env = PPO.load(tmp_path / "deep" / "ppo.zip"), gym.make("ActiveSLAM-v0")
     policy, observation = agents.load("ppo", env), env.reset(seed=5)[0]
     for _ in range(20):
         action, _ = policy.predict(observation)
@@ -126,19 +126,19 @@ def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:
 
 
 def test_a_learned_policy_acts_in_single_batch_discrete_and_larger_environments(trained: Path) -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     action = acts(env, agents.load("policy", env, trained))
     np.testing.assert_array_equal(acts(env, policies.resolve(str(trained / "policy.npz"), env)), action)
-    envs = gym.make_vec("ActiveSLAM-v0", num_envs=3, gaze_period=0.25)
+    envs = gym.make_vec("ActiveSLAM-v0", num_envs=3)
     np.testing.assert_array_equal(acts(envs, agents.load("policy", envs, trained))[0], action)
-    one = gym.make("ActiveSLAMDiscrete-v0", gaze_period=0.25)
+    one = gym.make("ActiveSLAMDiscrete-v0")
     assert acts(one, agents.load("policy", one, trained)) == 3 * action[0] + action[1]
     larger = gym.make("ActiveSLAM-v0", scenario={"landmark_count": 60}, gaze_period=0.25)
     acts(larger, agents.load("policy", larger, trained))
 
 
 def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
-    env = gym.make("ActiveSLAM-v0")
+    env = gym.make("ActiveSLAM-v0", gaze_period=0.05)
     policy, state, actions = agents.load("policy", env, trained), None, []
     observation, _ = env.reset(seed=0)
     for _ in range(10):
@@ -157,7 +157,7 @@ def test_what_does_not_fit_is_said(trained: Path) -> None:
 
 
 def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     layout = activeslam_gym.observation_layout(env)
     encoder = SetEncoder(env.observation_space, layout, 16)
     observation = env.reset(seed=0)[0]
@@ -187,7 +187,7 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
     trained: Path, tmp_path: Path
 ) -> None:
     furnished = gym.make("ActiveSLAM-v0", scenario="office", gaze_period=0.25)
-    plain = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    plain = gym.make("ActiveSLAM-v0")
     acts(furnished, agents.load("policy", furnished, trained))
     train(Args(out=tmp_path, total_steps=40, scenario="office", **SMALL))
     assert json.loads((tmp_path / "policy.json").read_text())["scenario"] == "office"
@@ -203,7 +203,7 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
 @pytest.mark.parametrize("algorithm", ["dqn", "a2c"])
 def test_dqn_learns_on_the_discrete_actions_and_a2c_on_the_pairs(tmp_path: Path, algorithm: Any) -> None:
     train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **SMALL))
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    env = gym.make("ActiveSLAM-v0")
     acts(env, agents.load("policy", env, tmp_path))
 
 
@@ -304,7 +304,7 @@ def test_a_training_that_was_killed_between_weights_and_card_could_not_go_on(tra
     shutil.copytree(trained, folder)
     weights, _ = read("policy", trained)
     (folder / "policy.json").unlink()
-    policies.resolve(str(folder / "policy.npz"), gym.make("ActiveSLAM-v0", gaze_period=0.25))
+    policies.resolve(str(folder / "policy.npz"), gym.make("ActiveSLAM-v0"))
     train(Args(out=folder, total_steps=40, **SMALL))  # which is already done
     assert read_card(folder / "policy.npz") == json.loads((folder / "policy.json").read_text("utf-8"))
     for name, values in read("policy", folder)[0].items():
@@ -323,7 +323,7 @@ def test_a_damaged_folder_of_a_training_is_told(trained: Path, tmp_path: Path) -
 
 
 def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tmp_path: Path) -> None:
-    env, card, diverged = gym.make("ActiveSLAM-v0", gaze_period=0.25), read_card(trained / "policy.npz"), "diverged"
+    env, card, diverged = gym.make("ActiveSLAM-v0"), read_card(trained / "policy.npz"), "diverged"
     shutil.copy(trained / "policy.npz", tmp_path / "bad.npz")
     bad = {
         "algorithm": ("sac", "'sac'; allowed"),

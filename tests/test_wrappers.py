@@ -39,7 +39,7 @@ def test_a_motion_that_is_masked_makes_no_difference() -> None:
     """The law behind the mask: between periods any motion leads to the same observation."""
     observations = []
     for other in (Motion.DOWN, Motion.UP):
-        env = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+        env = gym.make("ActiveSLAM-v0")
         env.reset(seed=3)
         env.step((Motion.UP, Gaze.LEFT))
         observations.append([env.step((other, Gaze.LEFT))[0] for _ in range(3)])
@@ -50,7 +50,7 @@ def test_stable_baselines_asks_each_environment_for_its_mask() -> None:
     pytest.importorskip("stable_baselines3")
     from agents.sb3_vec_env import ActiveSLAMVecEnv
 
-    env = ActiveSLAMVecEnv(2, gaze_period=0.25)
+    env = ActiveSLAMVecEnv(2)
     env.reset()
     env.step(np.array([[Motion.LEFT, 0], [Motion.DOWN, 0]]))
     masks = np.stack(env.env_method("action_masks"))
@@ -59,9 +59,9 @@ def test_stable_baselines_asks_each_environment_for_its_mask() -> None:
 
 
 def test_the_observation_in_parts_is_the_flat_one() -> None:
-    flat = gym.make("ActiveSLAM-v0", gaze_period=0.25)
+    flat = gym.make("ActiveSLAM-v0")
     layout, observation = observation_layout(flat), flat.reset(seed=0)[0]
-    parts = TokenObservation(gym.make("ActiveSLAM-v0", gaze_period=0.25))
+    parts = TokenObservation(gym.make("ActiveSLAM-v0"))
     given = parts.reset(seed=0)[0]
     assert parts.observation_space.contains(given)
     np.testing.assert_array_equal(np.concatenate((given["global"], given["tokens"].ravel())), observation)
@@ -73,10 +73,10 @@ def test_the_observation_in_parts_is_the_flat_one() -> None:
 
 
 def test_a_batch_in_parts_has_a_leading_axis() -> None:
-    envs = TokenVectorObservation(gym.make_vec("ActiveSLAM-v0", num_envs=2, gaze_period=0.25))
+    envs = TokenVectorObservation(gym.make_vec("ActiveSLAM-v0", num_envs=2))
     observations = envs.reset(seed=0)[0]
     assert envs.observation_space.contains(observations)
-    single = TokenObservation(gym.make("ActiveSLAM-v0", gaze_period=0.25)).reset(seed=1)[0]
+    single = TokenObservation(gym.make("ActiveSLAM-v0")).reset(seed=1)[0]
     for name, part in single.items():
         np.testing.assert_array_equal(observations[name][1], part)
     assert envs.observation_space.contains(envs.step(envs.action_space.sample())[0])
@@ -86,7 +86,7 @@ def test_the_spec_has_no_number_of_steps_and_a_wrapper_gives_it_one() -> None:
     for wrapper in (TokenObservation, StepLimit):
         with pytest.raises(ValueError, match="env must be an ActiveSLAM environment"):
             wrapper(gym.make("CartPole-v1"))
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, duration=2.0)
+    env = gym.make("ActiveSLAM-v0", duration=2.0)
     assert env.spec.max_episode_steps is None
     with pytest.raises(ValueError, match="max_episode_steps"):
         TimeAwareObservation(env)
@@ -112,7 +112,7 @@ def test_gymnasiums_own_checker_passes_without_a_screen(name: str) -> None:
 
 def test_a_picture_has_the_size_that_was_asked_for() -> None:
     pytest.importorskip("matplotlib")
-    env = gym.make("ActiveSLAM-v0", gaze_period=0.25, render_mode="rgb_array", render_size=(480, 300))
+    env = gym.make("ActiveSLAM-v0", render_mode="rgb_array", render_size=(480, 300))
     env.reset(seed=0)
     assert env.render().shape == (300, 480, 3)
     envs = gym.make_vec("ActiveSLAM-v0", num_envs=2, render_mode="rgb_array", render_size=(128, 96))

@@ -48,7 +48,7 @@ def _add(name: str, asked: str, /, *shared: Mapping[str, Any], **own: Any) -> No
 _add("paper", "the paper's simulation: improve the map and keep the camera localised")
 _add("paper-literal", "the paper's simulation with its vague first pose and depth particles",
      orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES,
-     negative_information=False, gaze_horizon=None)
+     negative_information=False, gaze_horizon=None, gaze_period=0.05)
 _add("paper-2006", "the paper's simulation with settings fitted to its six numbers (benchmarks.studies.replication)",
      focal_px=123.0, distortion=0.0, linearity_threshold=0.068, birth_detections=23, landmark_prior_scale=3.58,
      acceleration_std=0.025, angular_acceleration_std=0.61, filter_acceleration_std=0.074,

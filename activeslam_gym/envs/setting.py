@@ -74,9 +74,10 @@ def resolve(
             message names it, its value and what is allowed.
     """
     resolved = scenario_from(scenario)
-    frame = resolved.frame_time
-    frames_per_step, most = 1, MOST_HELD_FRAMES
-    if gaze_period is not None:
+    frame, most = resolved.frame_time, MOST_HELD_FRAMES
+    if gaze_period is None:
+        frames_per_step = _default_step(resolved, motion_period)
+    else:
         frames_per_step = whole_multiple("gaze_period", gaze_period, "the frame", frame, most)
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time, most // frames_per_step)
@@ -110,6 +111,13 @@ def resolve(
         models=models_of(resolved, task, steps_per_motion * step_time),
         layout=layout_of(resolved),
     )
+
+
+def _default_step(scenario: Scenario, motion_period: float) -> int:
+    """Most frames within the scenario's gaze period of which the motion period is a whole number."""
+    motion_frames = whole_multiple("motion_period", motion_period, "the frame", scenario.frame_time, MOST_HELD_FRAMES)
+    most = max(1, int(scenario.gaze_period / scenario.frame_time + 1e-6))
+    return max(frames for frames in range(1, min(most, motion_frames) + 1) if motion_frames % frames == 0)
 
 
 def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:

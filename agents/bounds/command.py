@@ -41,8 +41,8 @@ class Args(Rooms, Pages, Figures):
     learned: tuple[str, ...] = ()
     """Learned policies; those trained in the scenario, and `ppo-mixed`, if none is given."""
     episodes: int = 50
-    gaze_period: float = 0.25
-    """Seconds between gaze commands."""
+    gaze_period: float | None = None
+    """Seconds between gaze commands; the scenario's if not given."""
     duration: float | None = None
     """Seconds of an episode; the scenario's if not given."""
     out: Path = Path("results/bounds")

@@ -33,7 +33,7 @@ class Args(Rooms, Pages, Figures):
     scenario: str = "paper"
     """Name of the scenario, or its fields as JSON: '{"pixel_std": 4.0}'."""
     gaze_period: float | None = None
-    """Seconds between gaze commands; one frame of the scenario if not given."""
+    """Seconds between gaze commands; the scenario's if not given."""
     motion_period: float = 1.0
     """Seconds between motion commands."""
     duration: float | None = None

@@ -47,10 +47,11 @@ class Args(Rooms, Pages, Figures):
 
     @property
     def environments(self) -> list[dict[str, Any]]:
-        """Arguments of the environments: the scenario's fields, with each initialiser."""
+        """Arguments of the environments: the scenario's fields, with each initialiser; a step is a frame."""
         fields = asdict(scenario_from(self.scenario))
+        step = fields["frame_time"]
         scenarios = [{**fields, "initialisation": name} for name in self.initialisations]
-        return [{"scenario": scenario, "duration": self.duration} for scenario in scenarios]
+        return [{"scenario": scenario, "gaze_period": step, "duration": self.duration} for scenario in scenarios]
 
     def tasks(self) -> list[Task]:
         """Room by room, so that an interrupted report has seen the same rooms with everything."""

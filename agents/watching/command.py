@@ -34,7 +34,7 @@ class Args:
     scenario: str = "paper"
     """Name of the scenario, or its fields as JSON."""
     gaze_period: float | None = None
-    """Seconds between gaze commands; one frame of the scenario if not given."""
+    """Seconds between gaze commands; the scenario's if not given."""
     duration: float | None = None
     """Seconds of the episode; the scenario's if not given."""
     save: Path | None = None

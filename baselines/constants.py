@@ -37,7 +37,8 @@ BATCH = 64
 Choose = Callable[..., dict[str, Any]]
 """(scenario, gaze period, motion period, duration, store) -> an entry of a table."""
 OF_PLANNERS = (
-    "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "amortised_decision",
+    "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "plan_position_std",
+    "amortised_decision",
 )  # fmt: skip
 """Fields of a scenario that change no open loop."""
 Times = tuple[float, float, float]

@@ -12,7 +12,9 @@ class HeldInformation(Policy):
     """Replans once a motion period: which of the 21 actions, held for ``horizon`` seconds, has most net information?
 
     One set of measurements is predicted at the end of each motion period (`information.net`). The plans end with the
-    episode. ``horizon`` is the scenario's ``plan_horizon`` by default.
+    episode. Plans on which the camera is foreseen to lose its way, with a position less certain than the scenario's
+    ``plan_position_std``, are taken only where there is no other: then the most certain one. ``horizon`` is the
+    scenario's ``plan_horizon`` by default.
     """
 
     def __init__(self, env: Environment, horizon: float | None = None) -> None:
@@ -23,8 +25,10 @@ class HeldInformation(Policy):
         self._gaze = self.always(Gaze.STAY)
 
     def choose_motion(self) -> Actions:
-        scores = self.per_env(self.env.scores(self._plans, "net_information"))
-        plan = self._plans[best(scores), 0]
+        net, position_std = map(self.per_env, self.env.forecast(self._plans))
+        safe = position_std <= self.env.scenario.plan_position_std
+        scores = np.where(safe, net, -np.inf)
+        plan = self._plans[best(np.where(safe.any(axis=1, keepdims=True), scores, -position_std)), 0]
         self._gaze = np.where(self.motion_starts(), plan["gaze"], self._gaze)
         return plan["motion"]
 

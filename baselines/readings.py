@@ -1,5 +1,6 @@
-"""Horizons of the greedy policies: for each scenario the one with the highest median log score on training episodes.
+"""Settings of the greedy policies: for each scenario those with the highest median log score on training episodes.
 
+Of those with which at most one episode in `EPISODES` is lost; where there is none, the fewest losses count.
 `python -m baselines` chooses them; they stand in the scenarios' fields, and their medians in `best_readings.json`.
 """
 
@@ -23,35 +24,41 @@ TABLE = Path(__file__).with_name("best_readings.json")
 READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
     "gaze_horizon": (lambda env: greedy(env, gaze_criterion="mutual_information"), (1.0, 2.0, 3.0, 5.0, 8.0)),
     "plan_horizon": (HeldInformation, (4.0, 8.0, 12.0, 16.0)),
+    "plan_position_std": (HeldInformation, (0.125, 0.25, 0.5, 1.0)),
 }
-"""Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s]."""
+"""Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s, s, m]."""
 EPISODES, BATCH = 32, 16
 """Training episodes of each candidate, beside those that choose the open loops; episodes at a time."""
+MOST_LOST = 1
+"""Of the episodes of a candidate, as many lost ones as none."""
 FIRST_SEED = TRAINING_SEED + 100_000
 
 
 def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
-    """The best value of each field of `READINGS`, and the median log score of each candidate [bit].
+    """The best value of each field of `READINGS`, and each candidate's median log score [bit] and lost episodes.
 
-    A lost episode counts as it is scored. Candidates longer than the episode are left out.
+    A lost episode counts as it is scored. Horizons longer than the episode are left out.
     """
-    entry: dict[str, Any] = {"scenario": scenario.name, "episodes": EPISODES, "medians": {}}
+    entry: dict[str, Any] = {"scenario": scenario.name, "episodes": EPISODES, "medians": {}, "lost": {}}
     for field, (make, candidates) in READINGS.items():
         values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
         readings: list[Scenario] = [dataclasses.replace(scenario, **dict[str, Any]({field: one})) for one in values]
-        medians = [float(np.median(_log_scores(make, reading))) for reading in readings]
-        scenario = readings[int(np.argmax(medians))]
+        played = [_played(make, reading) for reading in readings]
+        medians = [float(np.median(scores)) for scores, _ in played]
+        lost = [int(ends.sum()) for _, ends in played]
+        scenario = readings[max(range(len(values)), key=lambda k: (-max(lost[k], MOST_LOST), medians[k]))]
         entry[field] = getattr(scenario, field)
         entry["medians"][field] = {f"{value:g}": round(median, 1) for value, median in zip(values, medians)}
+        entry["lost"][field] = {f"{value:g}": count for value, count in zip(values, lost)}
     return entry
 
 
-def _log_scores(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
-    """(EPISODES,) log score [bit] at the end of training episodes."""
+def _played(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
+    """(2, EPISODES) log score [bit] at the end of training episodes, and whether they were lost."""
     env = ActiveSLAMVectorEnv(BATCH, scenario, end_when_lost=False, autoreset_mode="DISABLED")
-    scores: list[float] = []
+    ends: list[tuple[float, bool]] = []
     for first in range(FIRST_SEED, FIRST_SEED + EPISODES, BATCH):
         episodes = play(env, make(env), range(first, first + BATCH), period=env.duration)
-        scores += [episode.log_score[-1] for episode in episodes]
+        ends += [(episode.log_score[-1], episode.lost) for episode in episodes]
     env.close()
-    return np.array(scores)
+    return np.array(ends).T

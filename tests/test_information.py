@@ -115,7 +115,7 @@ def test_the_trace_counts_what_is_known_and_information_what_is_not() -> None:
 def scores_of(prospect: c.Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
     out = np.full(len(plans), np.nan)
     if criterion == "net_information":
-        net_of_plans(CAMERA, MOTION, prospect, 0.0, 10**6, plans, out)
+        net_of_plans(CAMERA, MOTION, prospect, 0.0, 10**6, plans, out, np.empty(len(plans)))
         return out
     c.score_plans(CAMERA, MOTION, prospect, 0.0, plans, CRITERIA.number(criterion), out)
     return out
@@ -138,11 +138,14 @@ def test_a_plan_is_worth_the_information_of_its_measurements_and_net_information
         F, Q = np.eye(len(P)), np.zeros_like(P)
         F[:12, :12], Q[:12, :12] = open_loop(MOTION, turn, frames)
         P, pose = F @ P @ F.T + Q, c.pose_after(MOTION, pose, motion, turn, frames)
-        before, P = P, posterior(P, numerical_sight(CAMERA, prospect, pose))
+        H, before = numerical_sight(CAMERA, prospect, pose), P
+        if not expected:  # net information is of one measurement a frame
+            net, after = scores_of(prospect, plans_of(both[:1]), "net_information")[0], P
+            for _ in range(frames):
+                after = posterior(after, H)
+            assert net == pytest.approx(drop(prospect.covariance, after), rel=1e-7) and net < drop(P, after) - 1.0
+        P = posterior(P, H)
         expected.append(drop(before, P))
-        if len(expected) == 1:
-            net = scores_of(prospect, plans_of(both[:1]), "net_information")[0]
-            assert net == pytest.approx(drop(prospect.covariance, P), rel=1e-7) and net < expected[0] - 1.0
     assert min(expected) > 0.0
     for count in (1, 2):
         np.testing.assert_allclose(scores_of(prospect, plans_of(both[:count])), sum(expected[:count]), rtol=1e-7)
@@ -161,13 +164,33 @@ def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updat
     prospect = prospect._replace(points=points, covariance=P, waiting=waiting, limits=limits)
     rest, plans = c.without_present(CAMERA, prospect), c.held_plans(20, 5)
     assert 0 < rest.waiting < waiting
-    by_updates = score_plans_with(
-        partial(c.sight_after, CAMERA, rest), MOTION, rest, 0.0, plans, "net_information", R, frames
-    )
-    out = np.empty(len(plans))
-    net_of_plans(CAMERA, MOTION, prospect, 0.0, frames, plans, out)
+    by_updates, std = by_predictions_and_updates(rest, plans, frames)
+    out, position_std = np.empty((2, len(plans)))
+    net_of_plans(CAMERA, MOTION, prospect, 0.0, frames, plans, out, position_std)
     np.testing.assert_allclose(out, by_updates, rtol=1e-7, atol=1e-6)
     assert np.ptp(out) > 10.0 or frames == 7
+    assert (position_std >= 0.95 * std).all() and (position_std <= 3.0 * std).all()
+
+
+def by_predictions_and_updates(prospect: c.Prospect, plans: np.ndarray, frames: int) -> np.ndarray:
+    """Net information and the greatest standard deviation of the position of ``plans``, by the covariance."""
+    look = partial(c.sight_after, CAMERA, prospect)
+    return score_plans_with(look, MOTION, prospect, 0.0, plans, "net_information", R, frames)
+
+
+def test_the_forecast_position_is_as_certain_as_simulated_updates_by_points_that_are_known() -> None:
+    """With fiducials alone exactly; mapped points are counted as if their errors were independent of the camera's."""
+    prospect = case(3, 4)[0]
+    size = c.CAMERA_DIM
+    alone = prospect._replace(points=prospect.points[:0], covariance=prospect.covariance[:size, :size].copy())
+    for frames in (10**6, 50):
+        for given in (alone, alone._replace(fiducials=alone.fiducials[:0])):
+            plans, (out, position_std) = c.held_plans(20, 5), np.empty((2, 21))
+            net_of_plans(CAMERA, MOTION, given, 0.0, frames, plans, out, position_std)
+            by_updates, std = by_predictions_and_updates(given, plans, frames)
+            np.testing.assert_allclose(position_std, std, rtol=1e-9)
+            np.testing.assert_allclose(out, by_updates, rtol=1e-7, atol=1e-6)
+    assert std.min() > 2.0 * np.sqrt(np.trace(prospect.covariance[:3, :3]))
 
 
 def test_net_information_expects_nothing_where_the_camera_looks() -> None:
@@ -238,7 +261,8 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
     def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
         out, given = np.empty(len(plans)), (CAMERA, motion, env.prospect, time)
         if criterion == "net_information":  # of measurements until the end of the episode
-            net_of_plans(*given, round((env.duration - time) / env.scenario.frame_time), plans, out)
+            frames = round((env.duration - time) / env.scenario.frame_time)
+            net_of_plans(*given, frames, plans, out, np.empty(len(plans)))
         else:
             c.score_plans(*given, plans, CRITERIA.number(criterion), out)
         return out

@@ -33,7 +33,7 @@ from numba.core.runtime import rtsys
 counts = rtsys.get_allocation_stats
 from activeslam_gym.envs.episode import play
 from activeslam_gym import SCENARIOS
-from activeslam_gym.envs.public import score_runs
+from activeslam_gym.envs.planning import score_runs
 
 KERNELS = play.kernel, score_runs.kernel
 

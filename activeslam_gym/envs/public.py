@@ -9,19 +9,18 @@ import numpy as np
 
 from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.episode import play, settle_registered
-from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
+from activeslam_gym.envs.planning import frames_left, net_of_runs, prospect, score_runs
 from activeslam_gym.envs.referee import Labels, features_of_landmarks, landmark_errors, owners_of
-from activeslam_gym.envs.run import Run, complete, known_boxes, present, run_at
+from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import box_scene, reset_run
 from activeslam_gym.information import candidates
-from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans, sight_after
+from activeslam_gym.information.candidates import Prospect, sight_after
 from activeslam_gym.information.criteria import CRITERIA, NET
-from activeslam_gym.information.foresight import SensorLimits
-from activeslam_gym.information.net import net_of_plans
+from activeslam_gym.information.net import Forecast
 from activeslam_gym.information.registered import score_plans_with, sight_by
-from activeslam_gym.kernels import compiled, row, uncompiled
+from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import REGISTERED
@@ -108,47 +107,6 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
     }
 
 
-@compiled
-def prospect(run: Run) -> Prospect:
-    """What the run's belief lets a policy plan with."""
-    if not run.estimate.state.whole:
-        present(run)
-    fiducials, clearance = run.world.fiducials, np.full(MOTION_COUNT, np.inf)  # fiducials are known
-    if run.models.motion.bodies:
-        for index in range(MOTION_COUNT):
-            if run.episode.clearance[index] < FARTHEST_CLEARANCE:
-                clearance[index] = run.episode.clearance[index]
-    models, boxes, first_seen = run.models, known_boxes(run), run.first_seen[: run.estimate.state.count]
-    var, limits = models.landmark_var, SensorLimits(models.greatest_change, models.wanted)
-    return prospect_of(run.estimate, run.expected, var, fiducials, boxes, clearance, limits, first_seen)
-
-
-@compiled
-def score_runs(
-    runs: Run, plans: np.ndarray, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
-) -> None:
-    """Write what each of ``plans`` (A, L) would teach the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
-    for i in range(start, stop):
-        run = run_at(runs, i, runs.estimate.covariance[i])
-        models, time = run.models, run.episode.steps * step_time
-        score_plans(models.camera, models.motion, prospect(run), time, plans, criterion, out[i])
-
-
-@compiled
-def _frames_left(run: Run) -> int:
-    """Frames to the end of the episode."""
-    return (run.models.task.steps - run.episode.steps) * run.models.task.frames_per_step
-
-
-@compiled
-def net_of_runs(runs: Run, plans: np.ndarray, step_time: float, out: np.ndarray, start: int, stop: int) -> None:
-    """Write the net information of each of ``plans`` (A, L) for the runs ``start`` … ``stop - 1``, till they end."""
-    for i in range(start, stop):
-        run = run_at(runs, i, runs.estimate.covariance[i])
-        models, time = run.models, run.episode.steps * step_time
-        net_of_plans(models.camera, models.motion, prospect(run), time, _frames_left(run), plans, out[i])
-
-
 # The readers --------------------------------------------------------------------------------------------------------
 
 
@@ -215,21 +173,29 @@ class Reads:
         """
         return self._scores(candidates.checked_plans(plans), criterion)
 
+    def forecast(self, plans: np.ndarray) -> Forecast:
+        """By ``net_information``, with measurements on the way, and the uncertainty on it; raises as `scores`."""
+        return Forecast(*map(self._given, self._evaluated(candidates.checked_plans(plans), "net_information")))
+
     def _scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
-        number, out = CRITERIA.number(criterion), np.empty((len(self._runs.episode), len(plans)))
+        return self._given(self._evaluated(plans, criterion)[0])
+
+    def _evaluated(self, plans: np.ndarray, criterion: str) -> np.ndarray:
+        """(2, B, A) scores of ``plans``, and `Forecast.position_std`, which `score_runs` leaves at 0."""
+        number, out = CRITERIA.number(criterion), np.zeros((2, len(self._runs.episode), len(plans)))
         if not self._runs.episode["begun"].all():
             raise gymnasium.error.ResetNeeded("there is nothing to score before the first reset()")
         if number == NET and self.scenario.sensor in SENSORS.own:
             self._workers.call(net_of_runs, self._runs, plans, self.gaze_period, out)
         elif number != REGISTERED and self.scenario.sensor in SENSORS.own:
-            self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out)
+            self._workers.call(score_runs, self._runs, plans, self.gaze_period, number, out[0])
         else:
-            for i in range(len(out)):
-                out[i] = self._scores_in_python(i, plans, criterion)
-        return self._given(out)
+            for i in range(out.shape[1]):
+                out[:, i] = self._evaluated_in_python(i, plans, criterion)
+        return out
 
-    def _scores_in_python(self, i: int, plans: np.ndarray, criterion: str) -> np.ndarray:
-        """(A,) the scores of run ``i`` with a registered sensor or by a registered criterion."""
+    def _evaluated_in_python(self, i: int, plans: np.ndarray, criterion: str) -> np.ndarray:
+        """(2, A) the same of run ``i``, with a registered sensor or by a registered criterion."""
         run = row(self._runs, i)
         given, camera, time = prospect(run), run.models.camera, int(run.episode.steps) * self.gaze_period
         if criterion == "net_information":
@@ -239,7 +205,7 @@ class Reads:
             look = partial(sight_after, camera, given)
         else:
             look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
-        frames = int(uncompiled(_frames_left)(run))
+        frames = int(uncompiled(frames_left)(run))
         return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, frames)
 
     def motion_scores(self, criterion: str = "mutual_information") -> np.ndarray:

@@ -4,6 +4,9 @@ The joint state of camera and points is held by its information matrix Y = P^-1.
 H^T R^-1 H, which touches only the camera and one point, and a motion costs one downdate of rank 12. By the chain rule
 the information of all measurements, less the entropy that the process noise adds, is 1/2 log2(|Y_end| / |Y_begin|): the
 motion's own F has determinant 1.
+
+Beside it stands how uncertain the position becomes on the way: the camera's own covariance is propagated, and updated
+by fiducials and mapped points, whose errors count as noise of their own in each measurement.
 """
 
 import math
@@ -24,6 +27,7 @@ from activeslam_gym.linalg import (
     product,
     solve_transposed,
     subtract_from_upper,
+    subtract_gram,
 )
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, open_loop, turn_of
 from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
@@ -39,31 +43,66 @@ class Noise(NamedTuple):
     """(k,) turn rate about the vertical [rad/s]."""
     frames: np.ndarray
     """(k,) length; 0: not filled yet."""
+    forth: np.ndarray
+    """(k, 12, 12) F."""
     back: np.ndarray
     """(k, 12, 12) F^-1."""
     factor: np.ndarray
     """(k, 12, 12) G, of G G^T = F^-1 Q F^-T."""
 
 
+class Forecast(NamedTuple):
+    """Of plans (..., A): what each would teach, and how uncertain the camera becomes on the way."""
+
+    net_information: np.ndarray
+    """How much less entropy the state has at its end [bit]."""
+    position_std: np.ndarray
+    """Greatest standard deviation of the position before a set of measurements, sqrt(tr P_position) [m]."""
+
+
+class Course(NamedTuple):
+    """Where the camera is on a plan."""
+
+    points: np.ndarray
+    """(M, 3); NaN for those that will not be found."""
+    pose: np.ndarray
+    """(13,)."""
+    start: np.ndarray
+    """(M,) the first row of each point in Y, or ABSENT."""
+    J: np.ndarray
+    """(6, 6) information on the pose of the measurements that are taken here."""
+    images: int
+    """How many images measure the same."""
+
+
 @compiled
 def net_of_plans(
-    camera: Record, motion: Record, prospect: Prospect, time: float, frames: int, plans: np.ndarray, out: np.ndarray
+    camera: Record,
+    motion: Record,
+    prospect: Prospect,
+    time: float,
+    frames: int,
+    plans: np.ndarray,
+    net: np.ndarray,
+    position_std: np.ndarray,
 ) -> None:
-    """Write into ``out`` (A,) the net information [bit] of each of ``plans`` (A, L) of ACTION, from ``time`` [s] on.
+    """Write the `Forecast` of each of ``plans`` (A, L) of ACTION, from ``time`` [s] on: ``net``, ``position_std`` (A,).
 
     A plan ends after ``frames`` frames at the latest, those to the end of the episode. After each action the
-    measurements that the sensor foresees there are taken. NaN where the covariance is not positive definite.
+    measurements that the sensor foresees there are taken, once for each frame of the action: R over their number.
+    ``net`` is NaN where the covariance is not positive definite.
     """
     M, most = prospect.points.shape[0], 3 * plans.shape[1] + 3
     size = CAMERA_DIM + 3 * (M - prospect.waiting)
     U, Y_begin = prospect.covariance[:size, :size].copy(), np.zeros((size, size))
     if not cholesky_in_place(U):
-        out[:] = np.nan
+        net[:], position_std[:] = np.nan, np.nan
         return
     begin = -log2_det_of_factor(U, 0, size)
     _invert(U, Y_begin)
     shape = (most, CAMERA_DIM, CAMERA_DIM)
-    noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape))
+    noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape), np.empty(shape))
+    C, J = np.empty((CAMERA_DIM, CAMERA_DIM)), np.empty((POSE_DIM, POSE_DIM))
     Y, points = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), _unfound(camera, prospect)
     start = CAMERA_DIM + 3 * np.arange(M)
     pose, things = np.empty(CAMERA_SIZE), np.empty(1, THING)
@@ -71,7 +110,8 @@ def net_of_plans(
         copy_block(Y_begin, Y)
         start[M - prospect.waiting :] = ABSENT
         copy_into(pose, prospect.camera)
-        n, elapsed, prior = size, 0, 0.0
+        copy_block(prospect.covariance[:CAMERA_DIM, :CAMERA_DIM], C)
+        n, elapsed, prior, position_std[a] = size, 0, 0.0, 0.0
         for step in range(plans.shape[1]):
             action, taken = plans[a, step], min(plans[a, step].frames, frames - elapsed)
             if elapsed >= frames:
@@ -80,14 +120,18 @@ def net_of_plans(
             if taken > 0:
                 k = _find_noise(motion, turn, taken, noise)
                 _propagate(Y[:n, :n], noise.back[k], noise.factor[k])
+                add_product(noise.factor[k], noise.factor[k].T, C)
+                copy_block(product(noise.forth[k], product(noise.forth[k], C).T), C)
+                position_std[a] = max(position_std[a], math.sqrt(C[0, 0] + C[1, 1] + C[2, 2]))
             after = pose_after(motion, pose, action.motion, turn, taken)
             if motion.bodies:
                 stop_short(motion, prospect, pose, after)
             copy_into(pose, after)
-            n, added = _measure(camera, prospect, points, pose, start, n, Y, things[0])
+            n, added = _measure(camera, prospect, Course(points, pose, start, J, max(taken, 1)), n, Y, things[0])
+            _update(C, J)
             prior, elapsed = prior + added, elapsed + taken
         U = Y[:n, :n]
-        out[a] = 0.5 * (log2_det_of_factor(U, 0, n) - begin - prior) if cholesky_in_place(U) else np.nan
+        net[a] = 0.5 * (log2_det_of_factor(U, 0, n) - begin - prior) if cholesky_in_place(U) else np.nan
 
 
 @compiled
@@ -109,7 +153,7 @@ def _find_noise(motion: Record, turn: float, frames: int, noise: Noise) -> int:
         k += 1
     if noise.frames[k] != frames or noise.turn[k] != turn:
         noise.turn[k], noise.frames[k] = turn, frames
-        _noise_of(motion, turn, frames, noise.back[k], noise.factor[k])
+        _noise_of(motion, turn, frames, noise, k)
     return k
 
 
@@ -126,24 +170,31 @@ def _invert(U: np.ndarray, out: np.ndarray) -> None:
 
 
 @compiled
-def _noise_of(motion: Record, turn: float, frames: int, back: np.ndarray, factor: np.ndarray) -> None:
-    """Write F^-1, and G with G G^T = F^-1 Q F^-T, of ``frames`` frames of turning at ``turn`` [rad/s]."""
+def _noise_of(motion: Record, turn: float, frames: int, noise: Noise, k: int) -> None:
+    """Write F, F^-1, and G with G G^T = F^-1 Q F^-T, of ``frames`` frames of turning at ``turn`` [rad/s]."""
     F, Q = open_loop(motion, turn, frames)
-    inverse = np.linalg.inv(F)
-    copy_block(inverse, back)
+    inverse, factor = np.linalg.inv(F), noise.factor[k]
+    copy_block(F, noise.forth[k])
+    copy_block(inverse, noise.back[k])
     copy_block(product(product(inverse, Q), inverse.T), factor)
-    for i in range(CAMERA_DIM):  # Cholesky; a pivot of 0, of a state without noise, gives a column of 0
+    _root(factor)
+
+
+@compiled
+def _root(L: np.ndarray) -> None:
+    """Replace a symmetric, positive semidefinite ``L`` by its lower Cholesky factor."""
+    for i in range(L.shape[0]):  # a pivot of 0 gives a column of 0
         for j in range(i):
-            value = factor[i, j]
+            value = L[i, j]
             for k in range(j):
-                value -= factor[i, k] * factor[j, k]
-            factor[i, j] = value / factor[j, j] if factor[j, j] > 0.0 else 0.0
-        pivot = factor[i, i]
+                value -= L[i, k] * L[j, k]
+            L[i, j] = value / L[j, j] if L[j, j] > 0.0 else 0.0
+        pivot = L[i, i]
         least = 1e-12 * pivot
         for k in range(i):
-            pivot -= factor[i, k] ** 2
-        factor[i, i] = math.sqrt(pivot) if pivot > least else 0.0
-        factor[i, i + 1 :] = 0.0
+            pivot -= L[i, k] ** 2
+        L[i, i] = math.sqrt(pivot) if pivot > least else 0.0
+        L[i, i + 1 :] = 0.0
 
 
 @compiled
@@ -174,30 +225,43 @@ def _propagate(Y: np.ndarray, back: np.ndarray, G: np.ndarray) -> None:
 
 
 @compiled
-def _measure(
-    camera: Record,
-    prospect: Prospect,
-    points: np.ndarray,
-    pose: np.ndarray,
-    start: np.ndarray,
-    n: int,
-    Y: np.ndarray,
-    thing: Record,
-) -> tuple[int, float]:
-    """Y += H^T R^-1 H of each fiducial and of ``points`` (M, 3) that are measured from ``pose`` (13,).
+def _update(C: np.ndarray, J: np.ndarray) -> None:
+    """Update the camera's covariance: C = (C^-1 + J)^-1, where J (6, 6) is information on the pose.
 
-    ``start`` (M,) are their first rows in Y. Expected landmarks take room among what the sensor initialises all along.
+    With J = L L^T it is C - W^T (1 + L^T C L)^-1 W of W = L^T C.
+    """
+    L, S, W = np.zeros((POSE_DIM, POSE_DIM)), np.zeros((POSE_DIM, POSE_DIM)), np.zeros((POSE_DIM, CAMERA_DIM))
+    copy_block(J, L)
+    _root(L)
+    add_product(L.T, C[:POSE_DIM], W)
+    add_product(W[:, :POSE_DIM], L, S)
+    for i in range(POSE_DIM):
+        S[i, i] += 1.0
+    cholesky_in_place(S)
+    solve_transposed(S, W)
+    subtract_gram(C, W, CAMERA_DIM)
+
+
+@compiled
+def _measure(
+    camera: Record, prospect: Prospect, course: Course, n: int, Y: np.ndarray, thing: Record
+) -> tuple[int, float]:
+    """Y += H^T R^-1 H of each fiducial and point that is measured from the pose; what is known adds to J too.
+
+    Expected landmarks take room among what the sensor initialises all along.
 
     An expected landmark enters the state when it is first measured. Returns the new size of the state, and log2 |Y| of
     the priors of those that entered.
     """
-    fiducials, P = prospect.fiducials, prospect.covariance
+    (points, pose, start, J, images), fiducials, P = course, prospect.fiducials, prospect.covariance
     seen = foresee(camera, prospect.limits, prospect.boxes, pose, fiducials, points, prospect.first_seen)
-    view, weight, prior = view_of(camera, pose, prospect.boxes), 1.0 / camera.pixel_std**2, 0.0
+    view, weight, prior = view_of(camera, pose, prospect.boxes), images / camera.pixel_std**2, 0.0
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+    J[:] = 0.0
     for fiducial in fiducials:
         if visible(view, fiducial, 0.0, z) and point_measurement(view, fiducial, z, H_x, H_y):
             _add_gram(weight, H_x, POSE_DIM, H_x, POSE_DIM, Y)
+            _add_gram(weight, H_x, POSE_DIM, H_x, POSE_DIM, J)
     for k in range(points.shape[0]):
         if not seen[k] or not visible(view, points[k], 0.0, z):
             continue
@@ -210,6 +274,9 @@ def _measure(
                 Y[i, i] = 1.0 / P[row, row]
                 prior += math.log2(Y[i, i])
             start[k], n = n, n + 3
+        if k < points.shape[0] - prospect.waiting:
+            row = CAMERA_DIM + 3 * k
+            _add_information(H_x, H_y, P[row : row + 3, row : row + 3], 1.0 / weight, J)
         column = start[k]
         _add_gram(weight, H_x, POSE_DIM, H_x, POSE_DIM, Y)
         _add_gram(weight, H_x, POSE_DIM, H_y, 3, Y[:, column:])
@@ -223,3 +290,20 @@ def _add_gram(weight: float, A: np.ndarray, rows: int, B: np.ndarray, columns: i
     for i in range(rows):
         for j in range(columns):
             out[i, j] += weight * (A[0, i] * B[0, j] + A[1, i] * B[1, j])
+
+
+@borrowing
+def _add_information(H_x: np.ndarray, H_y: np.ndarray, P: np.ndarray, var: float, J: np.ndarray) -> None:
+    """J += H_x^T (H_y P H_y^T + var)^-1 H_x, of a point with the covariance ``P`` (3, 3) of its own."""
+    uu, uv, vv = var, 0.0, var
+    for i in range(3):
+        for j in range(3):
+            uu += H_y[0, i] * P[i, j] * H_y[0, j]
+            uv += H_y[0, i] * P[i, j] * H_y[1, j]
+            vv += H_y[1, i] * P[i, j] * H_y[1, j]
+    determinant = uu * vv - uv * uv
+    for j in range(POSE_DIM):
+        u = (vv * H_x[0, j] - uv * H_x[1, j]) / determinant
+        v = (uu * H_x[1, j] - uv * H_x[0, j]) / determinant
+        for i in range(POSE_DIM):
+            J[i, j] += H_x[0, i] * u + H_x[1, i] * v

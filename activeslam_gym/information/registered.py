@@ -13,7 +13,7 @@ from activeslam_gym.information.candidates import ACTION, Prospect, goal_pose, p
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
-from activeslam_gym.motion import CAMERA_DIM, turn_of
+from activeslam_gym.motion import CAMERA_DIM, POSITION, turn_of
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_with
 
@@ -28,16 +28,16 @@ def score_plans_with(
     pixel_var: float,
     frames: int,
 ) -> np.ndarray:
-    """(A,) scores of each of ``plans`` (A, L) of ACTION by the ``criterion``.
+    """(2, A) scores of each of ``plans`` (A, L) of ACTION by the ``criterion``, and `Forecast.position_std` [m].
 
-    ``look`` (P, pose) predicts the measurements. By ``net_information`` the entropy that motions add is
-    taken off, and plans end after ``frames`` frames. Where their covariance S is not positive definite, or P not
-    finite, the score is NaN.
+    ``look`` (P, pose) predicts the measurements. By ``net_information`` they are taken once for each frame of an
+    action, the entropy that motions add is taken off, and plans end after ``frames`` frames. Where their covariance S
+    is not positive definite, or P not finite, the score is NaN.
 
     Raises:
         ValueError: a registered criterion returns anything but a finite number; see `Registry.value`.
     """
-    out, net = np.zeros(len(plans)), criterion == "net_information"
+    (out, position_std), net = np.zeros((2, len(plans))), criterion == "net_information"
     for a, plan in enumerate(plans):
         P, pose, elapsed = prospect.covariance, prospect.camera, 0
         for action in plan:
@@ -46,18 +46,22 @@ def score_plans_with(
             turn = turn_of(motion, int(action["gaze"]), time + elapsed * float(motion.dt))
             taken = min(int(action["frames"]), frames - elapsed) if net else int(action["frames"])
             before, P = P, propagated(motion, P, turn, taken)
+            position_std[a] = max(position_std[a], float(np.sqrt(np.trace(P[POSITION, POSITION]))))
             if net:
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))
             action, elapsed = np.array((action["motion"], action["gaze"], taken), ACTION), elapsed + taken
             pose = goal_pose(motion, prospect, pose, action, turn)
-            sight = look(P, pose)
+            sight, var = look(P, pose), pixel_var
+            if net:  # as often as there are frames
+                var = pixel_var / max(taken, 1)
+                sight.S[np.diag_indices_from(sight.S)] += var - pixel_var
             before, P = P, updated(P, sight)
             if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):
                 where = f"for (motion, gaze, frames) {action} of plan {a}"
-                out[a] += CRITERIA.value(criterion, where, before, sight, pixel_var)
+                out[a] += CRITERIA.value(criterion, where, before, sight, var)
             else:
                 out[a] = np.nan
-    return out
+    return np.stack((out, position_std))
 
 
 def sight_by(

@@ -29,6 +29,8 @@ READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
 """Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s, s, m]."""
 EPISODES, BATCH = 32, 16
 """Training episodes of each candidate, beside those that choose the open loops; episodes at a time."""
+TRIED_WITH = 0.5
+"""``plan_position_std`` [m] with which the horizon is chosen."""
 MOST_LOST = 1
 """Of the episodes of a candidate, as many lost ones as none."""
 FIRST_SEED = TRAINING_SEED + 100_000
@@ -40,6 +42,7 @@ def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
     A lost episode counts as it is scored. Horizons longer than the episode are left out.
     """
     entry: dict[str, Any] = {"scenario": scenario.name, "episodes": EPISODES, "medians": {}, "lost": {}}
+    scenario = dataclasses.replace(scenario, plan_position_std=TRIED_WITH)
     for field, (make, candidates) in READINGS.items():
         values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
         readings: list[Scenario] = [dataclasses.replace(scenario, **dict[str, Any]({field: one})) for one in values]

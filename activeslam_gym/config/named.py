@@ -63,25 +63,26 @@ _add("office", "8 s along a wall of a large furnished office: turn to the side w
      gaze_horizon=3.0, plan_horizon=8.0)
 _add("corridor", "8 s along a wall of a long room: turn in the direction with more landmarks",
      _FURNISHED, _CALM, room_size=(12.0, 2.4, 5.0), start=WALL, duration=8.0, box_count=(3, 6),
-     gaze_horizon=8.0, plan_horizon=8.0)
+     gaze_horizon=8.0, plan_horizon=4.0, plan_position_std=0.125)
 _add("rooms", "90 s in two or three rooms, whose plan is known: find the doors and close the loop",
      _FURNISHED, room_size=(8.0, 2.4, 4.5), landmark_count=72, inverse_depth_mean=0.3, duration=90.0,
      inner_walls=(1, 2), box_count=(0, 2), boxes_known=True,
-     pixel_std=1.0, acceleration_std=0.1, angular_acceleration_std=0.1)
+     pixel_std=1.0, acceleration_std=0.1, angular_acceleration_std=0.1, plan_horizon=4.0)
 _add("clusters", "a few distant groups of landmarks, of which only near ones are visible",
      room_size=(10.0, 2.4, 10.0), landmark_count=40, landmark_layout=CLUSTERS, cluster_count=5, start=ANYWHERE,
      maximum_distance=4.5,
-     pixel_std=1.0, acceleration_std=0.07, angular_acceleration_std=0.07, plan_horizon=12.0)
+     pixel_std=1.0, acceleration_std=0.07, angular_acceleration_std=0.07, plan_horizon=16.0)
 _add("corner", "12 s from a corner, facing a wall: turn to the room and keep landmarks in view",
-     _FURNISHED, _CALM, start=CORNER, duration=12.0, plan_horizon=12.0)
+     _FURNISHED, _CALM, start=CORNER, duration=12.0,
+     plan_horizon=8.0, plan_position_std=1.0)
 _add("sprint", "10 s along a wall, with the room on one side: choose where to look, as time is short",
-     start=WALL, duration=10.0, gaze_horizon=3.0, plan_horizon=8.0)
+     start=WALL, duration=10.0, gaze_horizon=3.0, plan_horizon=8.0, plan_position_std=0.5)
 _add("noisy", "10 s along a wall with 4 px of measurement noise and a strong process noise",
      room_size=(8.0, 2.4, 5.0), landmark_count=40, fiducial_count=10, inverse_depth_mean=0.3,
      start=WALL, duration=10.0, pixel_std=4.0, acceleration_std=0.4, angular_acceleration_std=0.4,
-     gaze_horizon=8.0, plan_horizon=8.0)
+     gaze_horizon=8.0, plan_horizon=8.0, plan_position_std=1.0)
 _add("mixed", "generalise: each reset draws the size of the room, the boxes and the noise",
-     _FURNISHED, landmark_count=56, box_count=(0, 5), plan_horizon=12.0, varied=(
+     _FURNISHED, landmark_count=56, box_count=(0, 5), plan_horizon=8.0, plan_position_std=0.5, varied=(
          ("room_size", (5.0, 2.0, 5.0), (8.0, 2.8, 8.0)), ("pixel_std", 1.0, 1.5),
          ("acceleration_std", 0.05, 0.2), ("angular_acceleration_std", 0.05, 0.2)))
 _add("pixels", "images of a textured room instead of points", _PIXELS)

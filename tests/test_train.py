@@ -113,8 +113,8 @@ def test_training_leaves_weights_card_and_checkpoint_and_goes_on(trained: Path) 
     assert card["held_out_return"] is not None  # the end of a short training is judged too
     train(Args(out=trained, total_steps=80, **SMALL))
     assert PPO.load(trained / CHECKPOINT).num_timesteps == 80
-    with pytest.raises(ValueError, match="holds a training with reward='log_score', got 'entropy'"):
-        train(Args(out=trained, total_steps=80, reward="entropy", **SMALL))
+    with pytest.raises(ValueError, match="holds a training with reward='entropy', got 'log_score'"):
+        train(Args(out=trained, total_steps=80, reward="log_score", **SMALL))
 
 
 def test_the_same_seed_trains_the_same_weights(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ class Recipe:
 
     algorithm: Algorithm = "ppo"
     """Learner of Stable-Baselines3; DQN learns on the 21 joint actions."""
-    reward: str = "log_score"
+    reward: str = "entropy"
     """Reward of the environment."""
     scenario: str = "paper"
     """Name of the scenario whose rooms are trained in."""

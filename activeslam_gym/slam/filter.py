@@ -44,9 +44,6 @@ class Filter:
         covariance: (12, 12) of its tangent: position, rotation (world frame), velocity, angular velocity; None: the
             scenario's.
         boxes: (B, 2, 3) lowest and highest corners [m] of the boxes that are known to hide things.
-        command_known: Whether the errors of the camera's way hardly change from frame to frame (see
-            `curvature.PRODUCT_FRAMES`); None: as in the scenario. On images False was measured to be better
-            (docs/vision.md).
 
     Raises:
         ValueError: an array is not of its shape, or not finite.
@@ -60,7 +57,6 @@ class Filter:
         camera: Any = None,
         covariance: Any = None,
         boxes: Any = None,
-        command_known: bool | None = None,
     ) -> None:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
@@ -68,8 +64,6 @@ class Filter:
             _MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
         )
         self.camera = self.models.camera
-        if command_known is not None:
-            self.camera.command_known = command_known
         self.belief = row(empty_beliefs(scenario, 1), 0)
         self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))
         self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))

@@ -115,7 +115,7 @@ class FrontEnd:
                     self.filter.draw_bias(k, self.settings.fiducial_bias_std)
 
     def _is_seen_otherwise(self, k: int, pose: np.ndarray) -> bool:
-        """Whether the view of fiducial ``k`` from ``pose`` (7,) is another than that of its drawing, if there is one."""
+        """Whether fiducial ``k`` was not drawn, or for another view than that from ``pose`` (7,)."""
         last = self._drawn_from.get(k)
         if last is None:
             return True

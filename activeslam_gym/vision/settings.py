@@ -68,7 +68,7 @@ class FrontEndSettings:
 
 SIGHTED = FrontEndSettings(
     visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.6,
-    fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, most_change=0.7, least_score=0.87, most_residual=0.22,
-    least_ratio=0.22,
+    fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, residual_weight=3.0, most_change=0.7,
+    least_score=0.87, most_residual=0.22, least_ratio=0.22,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

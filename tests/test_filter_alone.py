@@ -98,6 +98,27 @@ def test_time_steps_may_differ_from_call_to_call() -> None:
     np.testing.assert_allclose(gained, 2.0 * gained_halves)
 
 
+def test_a_stare_at_biased_fiducials_tells_no_more_than_their_biases_let_it() -> None:
+    """n measurements of one bias are one of covariance R / n + b^2: P - P H^T (H P H^T + R / n + b^2 I)^-1 H P."""
+    std, n = 0.3, 9
+    filter = Filter(replace(PAPER, position_std=(1e-3,) * 3, orientation_std=1e-3), fiducials=[[0.3, 0.1, 2.0]])
+    filter.birth([100.0, 80.0])
+    P = filter.points()[1]
+    thing = filter.sight().thing[0].copy()
+    filter.draw_bias(0, std)
+    np.testing.assert_allclose(filter.points()[1], P, rtol=1e-12, atol=1e-18)
+    for _ in range(n):
+        filter.update(detections_of([thing.z_hat], R_PAPER, ids=[-1]), labelled=True)
+    H = np.hstack((thing.H_camera, np.zeros((2, P.shape[0] - 6))))
+    S = H @ P @ H.T + R_PAPER / n + std**2 * np.eye(2)
+    np.testing.assert_allclose(filter.points()[1], P - P @ H.T @ np.linalg.solve(S, H @ P), rtol=1e-3, atol=1e-12)
+    assert filter.belief.covariance[12, 12] < 0.9 * std**2
+    filter.draw_bias(0, std)
+    left = joint_covariance(filter.belief)[12:14]
+    np.testing.assert_allclose(left[:, 12:14], std**2 * np.eye(2))
+    assert np.count_nonzero(left) == 2, "a new bias is independent of all that is known"
+
+
 @pytest.mark.parametrize("turned", [0.0, 0.9])
 def test_features_wander_as_their_view_changes(turned) -> None:
     """A direction's variance, *as the camera sees it*, grows by drift^2 a radian: from near and far of where it was
@@ -139,6 +160,7 @@ def test_features_wander_as_their_view_changes(turned) -> None:
         (lambda f: f.predict("fast"), "u must be .* got 'fast'"),
         (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
         (lambda f: f.predict(drift=-0.1), "drift must be a number of radians that is not negative, got -0.1"),
+        (lambda f: Filter(fiducials=np.ones((5, 3))).draw_bias(0, 0.1), "at most 4 fiducials may have biases"),
         (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
         (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
         (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),

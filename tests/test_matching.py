@@ -380,11 +380,11 @@ def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low
     The mean NEES of the position of a camera of unknown speed across the sight of a new point, after a second.
     """
     squares, rng = [], np.random.default_rng(0)
-    scenario = Scenario(acceleration_std=1e-3, angular_acceleration_std=1e-3)
+    scenario = Scenario(acceleration_std=1e-3, angular_acceleration_std=1e-3, command_known=command_known)
     prior = np.diag([1e-8] * 6 + [0.15**2, 1e-8, 1e-8] + [1e-8] * 3)
     for _ in range(60):
         speed, rho = 0.15 * rng.standard_normal(), max(0.5 + 0.3 * rng.standard_normal(), 0.1)
-        filter = Filter(scenario, covariance=prior, command_known=command_known)
+        filter = Filter(scenario, covariance=prior)
         truth = filter.mean
         point = np.array([0.0, 0.0, 1.0 / rho])
         born = filter.birth(pixel_of(CAMERA, truth, point))

@@ -83,6 +83,13 @@ def test_the_longest_unseen_makes_room_unless_all_were_seen_of_late(gallery) -> 
     assert gallery.longest_unseen(3) is None
 
 
+def test_the_mean_residual_is_of_the_matches_and_zero_for_the_target(gallery) -> None:
+    for id in (7, -1):
+        for _ in range(60):
+            seen_at(gallery, id, (0.2, -0.1))
+    np.testing.assert_allclose(gallery.residuals([8, 7, -1]), [[0.0, 0.0], [0.2, -0.1], [0.0, 0.0]], atol=1e-3)
+
+
 def test_new_looks_keep_the_record(gallery, grey) -> None:
     """The target is drawn again as it is seen otherwise; a feature that was often matched keeps its record."""
     search(gallery, {-1}, 5)

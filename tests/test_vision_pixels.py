@@ -13,6 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym import SCENARIOS
 from activeslam_gym.motion import Gaze, Motion
+from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.world import simulator
 
 pytest.importorskip("cv2")
@@ -152,18 +153,17 @@ def test_policies_and_compare_take_it() -> None:
         assert env.unwrapped.scenario.command_known == (scenario != "hand-held-pixels")
 
 
-def test_a_stare_at_the_target_tells_less_and_less_until_it_is_seen_otherwise() -> None:
+def test_the_biases_of_the_target_are_learned_until_it_is_seen_otherwise() -> None:
     env = gym.make(NAME, gaze_period=0.05, motion_period=0.05)
-    core = env.unwrapped
     env.reset(seed=4)
-    noise = []
-    for action in [(Motion.STAY, Gaze.STAY)] * 50 + [(Motion.STAY, Gaze.LEFT)] * 14:
+    filter = env.unwrapped._perceptions[0]._filter
+    var = []
+    for action in [(Motion.STAY, Gaze.STAY)] * 30 + [(Motion.STAY, Gaze.LEFT)] * 14:
         env.step(action)
-        matched = core.match_errors()
-        noise.append(np.median(matched[matched[:, 0] < 0, 3]))
-    assert np.isfinite(noise).all()
-    assert noise[45] > 2.0 * noise[15]  # (1 + 45 / 28)^2 of (1 + 15 / 28)^2
-    assert min(noise[50:]) < 0.5 * noise[45]  # after 0.1 rad it is drawn anew
+        var.append(np.trace(filter.belief.covariance[12:20, 12:20]) / 8.0)
+    first = SIGHTED.fiducial_bias_std**2
+    assert var[0] < first and var[29] < 0.8 * first
+    assert max(np.diff(var[10:30])) < 0.0 < max(np.diff(var[30:])), "after 0.1 rad it is drawn anew"
 
 
 def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_where_it_cannot_be() -> None:

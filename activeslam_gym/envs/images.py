@@ -37,7 +37,7 @@ class Eye:
         run.world.fiducials[:] = self._camera.fiducials
         run.world.boxes[:] = self._camera.scene.boxes
         run.world.state.boxes = len(self._camera.scene.boxes)
-        self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials, command_known=False)
+        self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials)
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, self._camera.fiducials)
         self._spare = run.world.landmarks.copy()

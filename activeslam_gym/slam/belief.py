@@ -1,7 +1,8 @@
 """Layout of the belief: where the camera and each feature stand in the mean and in the covariance.
 
 The covariance is one fixed-capacity array whose leading ``dim`` rows and columns are in use: the camera's 12 tangent
-dimensions, then the features from the oldest to the youngest, each with the dimensions of its kind.
+dimensions, then, if there are any, the biases of the fiducials' pixels, two each, and then the features from the oldest
+to the youngest, each with the dimensions of its kind.
 
 | kind | dimensions | parameters |
 |---|---|---|
@@ -44,9 +45,13 @@ ANCHOR, AZIMUTH, ELEVATION, RHO = slice(0, 3), 3, 4, 5
 SPARE_FEATURES = 13
 """Features beyond the number of landmarks for which there is room: those being initialised, false and double ones."""
 TRACK_CAPACITY = 32
+MOST_BIASED = 4
+"""Fiducials whose pixels may have biases."""
 
 STATE = record(
     camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
+    bias=("f8", 2 * MOST_BIASED),  # mean: u and v of each fiducial's pixel [px]; see `map.draw_bias`
+    bias_dim="i8",  # covariance rows of the biases: two for each fiducial, or 0
     dim="i8",  # covariance rows in use
     count="i8",  # features in use
     serial="i8",  # births so far
@@ -130,7 +135,7 @@ def reset_belief(belief: Belief, camera: np.ndarray, covariance: np.ndarray) -> 
     """Give the belief its prior: a ``camera`` (13,) with that ``covariance`` (12, 12), and no feature."""
     belief.state.camera[:] = camera
     belief.state.dim, belief.state.count, belief.state.serial, belief.state.frame = CAMERA_DIM, 0, 0, 0
-    belief.state.fiducial_nis = 1.0
+    belief.state.fiducial_nis, belief.state.bias_dim = 1.0, 0
     belief.covariance[...] = 0.0
     belief.covariance[:CAMERA_DIM, :CAMERA_DIM] = covariance
     belief.track["hits"] = 0
@@ -322,7 +327,8 @@ def _copy_identity_part(belief: Belief, covariance: np.ndarray) -> None:
         if a >= 0 and belief.feature[a].kind != POINT:
             continue
         start, own, rows = (0, 0, CAMERA_DIM) if a < 0 else (belief.feature[a].start, CAMERA_DIM + 3 * a, 3)
-        at, to = 0, 0
+        copy_block(P[start : start + rows, :CAMERA_DIM], covariance[own : own + rows])
+        at, to = CAMERA_DIM + belief.state.bias_dim, CAMERA_DIM
         for k in range(n + 1):
             if k == n or belief.feature[k].kind != POINT:
                 stop = belief.feature[k].start if k < n else belief.state.dim

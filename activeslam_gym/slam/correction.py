@@ -35,6 +35,14 @@ class Step(NamedTuple):
     """delta^T P^-1 delta + (z - h)^T R^-1 (z - h) there; inf where it lowers nothing."""
 
 
+class Mean(NamedTuple):
+    """The mean of a belief: camera (13,), biases, and its features (n,)."""
+
+    camera: np.ndarray
+    bias: np.ndarray
+    feature: np.ndarray
+
+
 @compiled
 def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, pixels: np.ndarray) -> bool:
     """x ⊞ delta, P - W^T W by the ``pixels`` (2 m,) of the m things in ``sight``, which is overwritten.
@@ -45,7 +53,7 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
     changed, if S has no factor, or no step lowers the cost.
     """
     dim, things = belief.state.dim, sight.thing
-    first, features = belief.state.camera.copy(), belief.feature[: belief.state.count].copy()
+    first = _mean_of(belief)
     line = np.empty(pixels.shape[0])  # the pixels at delta = 0, by the line through the last mean
     for r in range(line.shape[0]):
         line[r] = things[r // 2].z_hat[r % 2]
@@ -64,7 +72,7 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
         again = lowers and bent > STRAIGHT_PX
         if again:
             _refer_to_prior(belief, things, line, last.delta)
-        _restore(belief, first, features)
+        _restore(belief, first)
         if not again:
             break
         nearer = sight_with(things, belief.covariance, dim)
@@ -90,7 +98,7 @@ def _descend(
 
     ``things`` are measured there, and the mean stands there.
     """
-    first, features = belief.state.camera.copy(), belief.feature[: belief.state.count].copy()
+    first = _mean_of(belief)
     share, delta, pull = 1.0, target.delta, target.pull
     while share > SHORTEST:
         delta = last.delta + share * (target.delta - last.delta)
@@ -101,17 +109,25 @@ def _descend(
             cost = np.sum(delta * pull) + _misfit(things, pixels)
             if cost <= last.cost + ROUNDING:
                 return Step(delta, pull, cost), bent if share == 1.0 else np.inf
-        _restore(belief, first, features)
+        _restore(belief, first)
         share *= 0.5
     return target, np.inf
 
 
+@compiled
+def _mean_of(belief: Belief) -> Mean:
+    """A copy of the mean."""
+    state = belief.state
+    return Mean(state.camera.copy(), state.bias.copy(), belief.feature[: state.count].copy())
+
+
 @borrowing
-def _restore(belief: Belief, camera: np.ndarray, features: np.ndarray) -> None:
+def _restore(belief: Belief, first: Mean) -> None:
     """Give the belief back its first mean."""
-    copy_into(belief.state.camera, camera)
-    for k in range(features.shape[0]):
-        copy_into(belief.feature[k].mean, features[k].mean)
+    copy_into(belief.state.camera, first.camera)
+    copy_into(belief.state.bias, first.bias)
+    for k in range(first.feature.shape[0]):
+        copy_into(belief.feature[k].mean, first.feature[k].mean)
 
 
 @borrowing

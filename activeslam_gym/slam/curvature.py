@@ -9,7 +9,7 @@ import numpy as np
 from activeslam_gym.camera import Vector, View
 from activeslam_gym.kernels import Record, borrowing
 from activeslam_gym.motion import D_ROTATION
-from activeslam_gym.slam.belief import RHO
+from activeslam_gym.slam.belief import KIND_DIM, POINT, RHO
 
 NEGLIGIBLE_PX = 0.2
 """The terms of a point are left out where they cannot come to about so much [px]."""
@@ -65,7 +65,7 @@ def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record, 
     ``work`` (>= 4, 6, 6) is room for matrices.
     """
     lens, D = view.camera, (y[0] - view.pose[0], y[1] - view.pose[1], y[2] - view.pose[2])
-    turn, way, known = 0.0, 0.0, thing.width == 0
+    turn, way, known = 0.0, 0.0, thing.width < KIND_DIM[POINT]
     for i in range(3):
         k, r = thing.column + i, D_ROTATION.start + i
         turn += P[r, r]

@@ -12,6 +12,7 @@ from activeslam_gym.kernels import filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, MOTION, motion_of
 from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
+    MOST_BIASED,
     Belief,
     empty_beliefs,
     positions_of,
@@ -24,7 +25,7 @@ from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
-from activeslam_gym.slam.map import remove_feature
+from activeslam_gym.slam.map import draw_bias, remove_feature
 from activeslam_gym.slam.sight import THING, Sight, sight_of_belief
 
 _MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
@@ -43,9 +44,6 @@ class Filter:
         covariance: (12, 12) of its tangent: position, rotation (world frame), velocity, angular velocity; None: the
             scenario's.
         boxes: (B, 2, 3) lowest and highest corners [m] of the boxes that are known to hide things.
-        command_known: Whether the errors of the camera's way hardly change from frame to frame (see
-            `curvature.PRODUCT_FRAMES`); None: as in the scenario. On images False was measured to be better
-            (docs/vision.md).
 
     Raises:
         ValueError: an array is not of its shape, or not finite.
@@ -59,7 +57,6 @@ class Filter:
         camera: Any = None,
         covariance: Any = None,
         boxes: Any = None,
-        command_known: bool | None = None,
     ) -> None:
         scenario = scenario or Scenario()
         first, prior = start_of(scenario)
@@ -67,8 +64,6 @@ class Filter:
             _MODELS, camera=camera_of(scenario), motion=motion_of(scenario, 1.0), filter=filter_of(scenario)
         )
         self.camera = self.models.camera
-        if command_known is not None:
-            self.camera.command_known = command_known
         self.belief = row(empty_beliefs(scenario, 1), 0)
         self.fiducials = _array("fiducials", fiducials, np.zeros((0, 3)), (-1, 3))
         self.boxes = _array("boxes", boxes, np.zeros((0, 2, 3)), (-1, 2, 3))
@@ -104,6 +99,18 @@ class Filter:
             sight = sight_of_belief(self.camera, self.belief, self.fiducials, self.boxes)
             self._sight = sight._replace(thing=sight.thing.view(THING))  # a kernel's records have no attributes
         return self._sight
+
+    def draw_bias(self, k: int, std: float) -> None:
+        """From now on the pixel of fiducial ``k`` is off by a new bias of deviation ``std`` [px]: see `map.draw_bias`.
+
+        Raises:
+            ValueError: there are more fiducials than `MOST_BIASED`, or there is no room in the covariance.
+        """
+        K, state = len(self.fiducials), self.belief.state
+        if K > MOST_BIASED or (state.bias_dim == 0 and state.dim + 2 * K > len(self.belief.covariance)):
+            raise ValueError(f"at most {MOST_BIASED} fiducials may have biases, and before the map is full, got {K}")
+        draw_bias(self.belief, K, k, std * std)
+        self._sight = None
 
     def feel_contact(self, u: np.ndarray, dt: float) -> None:
         """The camera has touched something, before that frame's `predict`: see `kalman.feel_contact`."""

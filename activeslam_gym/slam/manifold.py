@@ -16,6 +16,7 @@ from activeslam_gym.linalg import (
 )
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
+    CAMERA_DIM,
     D_ANGULAR,
     D_POSITION,
     D_ROTATION,
@@ -38,6 +39,7 @@ def shift_mean(belief: Belief, delta: np.ndarray) -> None:
     _add(x[VELOCITY], delta[D_VELOCITY])
     _add(x[ANGULAR_VELOCITY], delta[D_ANGULAR])
     copy_into(x[QUATERNION], rotate_left(delta[D_ROTATION], x[QUATERNION]))
+    _add(belief.state.bias, delta[CAMERA_DIM : CAMERA_DIM + belief.state.bias_dim])
     for k in range(belief.state.count):
         feature = belief.feature[k]
         _add(feature.mean, delta[feature.start : feature.start + KIND_DIM[feature.kind]])

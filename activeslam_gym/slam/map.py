@@ -51,6 +51,31 @@ def _free_slot(belief: Belief) -> int:
     return slot
 
 
+@compiled
+def draw_bias(belief: Belief, K: int, k: int, var: float) -> None:
+    """The pixel of fiducial ``k`` of ``K`` is off by a new bias, of variance ``var`` [px^2] an axis, as long as its
+    template is the same: z = h + b + noise, b independent of all that is known.
+    """
+    state, P, dim = belief.state, belief.covariance, belief.state.dim
+    if state.bias_dim == 0:
+        rows = 2 * K
+        rest, at = P[CAMERA_DIM:dim, :dim].copy(), CAMERA_DIM + rows
+        P[at : dim + rows, :CAMERA_DIM] = rest[:, :CAMERA_DIM]
+        P[:CAMERA_DIM, at : dim + rows] = rest[:, :CAMERA_DIM].T
+        P[at : dim + rows, at : dim + rows] = rest[:, CAMERA_DIM:]
+        P[CAMERA_DIM:at, : dim + rows] = 0.0
+        P[: dim + rows, CAMERA_DIM:at] = 0.0
+        state.bias[:] = 0.0
+        state.bias_dim, state.dim = rows, dim + rows
+        for j in range(state.count):
+            belief.feature[j].start += rows
+    for i in range(CAMERA_DIM + 2 * k, CAMERA_DIM + 2 * k + 2):
+        P[i, : state.dim] = 0.0
+        P[: state.dim, i] = 0.0
+        P[i, i] = var
+        state.bias[i - CAMERA_DIM] = 0.0
+
+
 @borrowing
 def remove_feature(belief: Belief, k: int) -> None:
     """Forget feature ``k``: marginalise it out, and close its gap."""

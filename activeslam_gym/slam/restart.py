@@ -87,7 +87,7 @@ def _squared(sight: Sight, a: int, detection: Record) -> float:
 def restart(model: Record, belief: Belief) -> None:
     """Delete the map and all tracks, and widen the camera's covariance to ``model.std`` about its mean."""
     state, P = belief.state, belief.covariance
-    state.count, state.dim, state.fiducial_nis = 0, CAMERA_DIM, 1.0
+    state.count, state.dim, state.bias_dim, state.fiducial_nis = 0, CAMERA_DIM, 0, 1.0
     for i in range(CAMERA_DIM):
         for j in range(CAMERA_DIM):
             P[i, j] = 0.0

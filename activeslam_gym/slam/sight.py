@@ -55,7 +55,7 @@ THING = record(
     row="i8",
     id="i8",  # of the feature or fiducial; 0 for a planner's point
     column="i8",  # first covariance row of its parameters
-    width="i8",  # how many they are: 0 for a fiducial, whose place is known
+    width="i8",  # how many they are: 0 for a fiducial, whose place is known, 2 if its pixel has a bias
     visibility="i8",  # NEAR or INSIDE
     unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
     z_hat=("f8", 2),  # predicted pixel [px]
@@ -181,7 +181,12 @@ def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) ->
     """Write pixel and Jacobians of a ``thing`` of the belief at its present mean; False where it is not in front."""
     K, z, H_x, H_y = fiducials.shape[0], thing.z_hat, thing.H_camera, thing.H_feature
     if thing.row < K:
-        return point_measurement(view, fiducials[thing.row], z, H_x, H_y)
+        seen = point_measurement(view, fiducials[thing.row], z, H_x, H_y)
+        for i in range(thing.width):
+            z[i] += belief.state.bias[2 * thing.row + i]
+            for j in range(thing.width):
+                H_y[i, j] = 1.0 if i == j else 0.0
+        return seen
     feature = belief.feature[thing.row - K]
     if feature.kind == POINT:
         return point_measurement(view, feature.mean, z, H_x, H_y)
@@ -230,7 +235,9 @@ def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
     """Write the identity of a fiducial or a feature, and its covariance rows."""
     thing.row = row
     if row < K:
-        thing.id, thing.column, thing.width, thing.unseen = fiducial_id(row), 0, 0, 0
+        biased = belief.state.bias_dim > 0
+        thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
+        thing.id, thing.unseen = fiducial_id(row), 0
     else:
         feature = belief.feature[row - K]
         thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]

@@ -76,8 +76,7 @@ class FrontEnd:
         self._views: list[np.ndarray] = []
         self._blind = 0  # images in a row without the map
         self._target: tuple[Drawn, np.ndarray] | None = None
-        self._drawn_from: np.ndarray | None = None
-        self._drawn_at = 0
+        self._drawn_from: dict[int, np.ndarray] = {}  # the camera's pose (7,) at the last drawing of each fiducial
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -94,28 +93,34 @@ class FrontEnd:
     def show(self, target: Drawn, normal: np.ndarray) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
         they are drawn again whenever their view has changed."""
-        self._target, self._drawn_from = (target, normal), None
+        self._target, self._drawn_from = (target, normal), {}
 
     def _draw_target(self, sight: Sight) -> None:
-        """Draw the fiducials as they should look now, if some are in ``sight`` and were drawn for another view; those
-        that are not wholly in the image keep their looks."""
-        pose, last = self.filter.mean[:7], self._drawn_from
-        if self._target is None or not (sight.thing["id"] < 0).any():
+        """Draw the fiducials in ``sight`` that were drawn for another view as they should look now; those that are not
+        wholly in the image keep their looks. A new drawing is found with a new bias."""
+        pose = self.filter.mean[:7]
+        due = [k for k in (-1 - sight.thing["id"]).tolist() if k >= 0 and self._is_seen_otherwise(k, pose)]
+        if self._target is None or not due:
             return
-        if last is not None:
-            change = change_of_view(last[:3], pose[:3], self.filter.fiducials.mean(axis=0)[None])[0]
-            if max(change, turn_between(last[3:], pose[3:])) <= self.settings.redrawn:
-                return
         target, normal = self._target
         try:
             picture, pixels = target(pose)
         except ValueError:
             return
-        whole = [shows_template(picture, pixel) for pixel in pixels]
-        for k in np.flatnonzero(whole).tolist():
-            self._gallery.hang(-1 - k, picture, pixels[k], pose, normal, self._frame)
-        if all(whole):
-            self._drawn_from, self._drawn_at = pose, self._frame
+        for k in due:
+            if shows_template(picture, pixels[k]):
+                self._gallery.hang(-1 - k, picture, pixels[k], pose, normal, self._frame)
+                self._drawn_from[k] = pose
+                if self.settings.fiducial_bias_std > 0.0:
+                    self.filter.draw_bias(k, self.settings.fiducial_bias_std)
+
+    def _is_seen_otherwise(self, k: int, pose: np.ndarray) -> bool:
+        """Whether fiducial ``k`` was not drawn, or for another view than that from ``pose`` (7,)."""
+        last = self._drawn_from.get(k)
+        if last is None:
+            return True
+        change = change_of_view(last[:3], pose[:3], self.filter.fiducials[k, None])[0]
+        return bool(max(change, turn_between(last[3:], pose[3:])) > self.settings.redrawn)
 
     # A frame ----------------------------------------------------------------------------------------------------------
 
@@ -192,8 +197,8 @@ class FrontEnd:
         Where ellipses are large, a few scouts go first: their matches make the others' ellipses small. So the time of a
         frame stays bounded, and outliers are fewer.
         """
+        self._draw_target(self.filter.sight())
         sight, s = self.filter.sight(), self.settings
-        self._draw_target(sight)
         known, scouts = sight.thing["id"].copy(), self._scouts(sight) if s.recover else []
         if scouts:
             self._search(sight, grey, scouts, s.search(scouting=True), s.scout_share)
@@ -244,6 +249,8 @@ class FrontEnd:
         radius = np.hypot(out["pixel"][:, 0] - self.camera.u0, out["pixel"][:, 1] - self.camera.v0)
         lens = s.lens_std * (2.0 * radius / self.camera.width) ** 2
         out["R"] += (lens**2)[:, None, None] * np.eye(2)
+        astray = s.residual_weight * self._gallery.residuals(out["id"])
+        out["R"] += astray[:, :, None] * astray[:, None, :]
         out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score) if s.appearance else 0.0
         return out
 
@@ -251,9 +258,7 @@ class FrontEnd:
         """R (n, 2, 2) of matched fiducials, from that of features."""
         s, turn = self.settings, np.trace(self.filter.camera_covariance[D_ROTATION, D_ROTATION]) / 3.0
         fit = (s.fiducial_grain / s.grain if s.grain > 0.0 else 0.0) * (R - s.floor_std**2 * np.eye(2))
-        age = 0 if self._target is None else self._frame - self._drawn_at
-        stare = (1.0 + age / s.looks) ** 2  # then 1 / R sums up to looks / R: a stare repeats the same errors
-        return stare * (fit + s.fiducial_std**2 * np.eye(2)) + _LEVER**2 * turn * np.eye(2)
+        return fit + (s.fiducial_std**2 + _LEVER**2 * turn) * np.eye(2)
 
     # The map ----------------------------------------------------------------------------------------------------------
 

@@ -83,6 +83,11 @@ class Gallery:
                 self._residual[self._place[id]] *= keep
                 self._residual[self._place[id]] += (1.0 - keep) * (pixel - at[id])
 
+    def residuals(self, ids: Iterable[int]) -> np.ndarray:
+        """(m, 2) the running mean residual of each of the features ``ids`` (m,) [px]; zero for the target."""
+        places = self.places(ids)
+        return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
+
     def failed(self) -> list[int]:
         """The features that were searched often and found seldom, or not where they should be."""
         s = self._settings

@@ -1,6 +1,6 @@
-"""`python -m baselines`: choose the best constant, the best sequence and the greedy horizons for each named scenario.
+"""`python -m baselines`: choose the best constant, the best sequence and the greedy readings for each named scenario.
 
-The horizons stand in the scenarios' fields, where a changed choice has to be entered. Episodes have the scenarios'
+The readings stand in the scenarios' fields, where a changed choice has to be entered. Episodes have the scenarios'
 default times. With names of scenarios it chooses for them alone, and keeps the other entries of the tables. The
 open-loop episodes of an interrupted call are kept in `results/baselines`.
 """

@@ -11,9 +11,9 @@ from .policy import Actions, Environment, Policy, best
 class HeldInformation(Policy):
     """Replans once a motion period: which of the 21 actions, held for ``horizon`` seconds, has most net information?
 
-    One set of measurements is predicted at the end of each motion period (`information.net`). The plans end with the
-    episode. Plans on which the camera is foreseen to lose its way, with a position less certain than the scenario's
-    ``plan_position_std``, are taken only where there is no other: then the most certain one. ``horizon`` is the
+    Measurements are predicted at the end of each motion period, one for each of its frames (`information.net`). The
+    plans end with the episode. Those on which the standard deviation of the position exceeds the scenario's
+    ``plan_position_std`` are taken only where there is no other: then the least uncertain one. ``horizon`` is the
     scenario's ``plan_horizon`` by default.
     """
 

@@ -32,7 +32,7 @@ EPISODES, BATCH = 32, 16
 TRIED_WITH = 0.5
 """``plan_position_std`` [m] with which the horizon is chosen."""
 MOST_LOST = 1
-"""Of the episodes of a candidate, as many lost ones as none."""
+"""Up to so many lost episodes of a candidate count as none."""
 FIRST_SEED = TRAINING_SEED + 100_000
 
 

@@ -18,7 +18,7 @@ import json, time
 t = [time.perf_counter()]
 def lap(): t.append(time.perf_counter())
 import gymnasium, activeslam_gym; lap()
-env = gymnasium.make("ActiveSLAM-v0"); lap()
+env = gymnasium.make("ActiveSLAM-v0", gaze_period=0.05); lap()
 env.reset(seed=0); lap()
 env.step(env.action_space.sample()); lap()
 print(json.dumps([b - a for a, b in zip(t, t[1:])]))

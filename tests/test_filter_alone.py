@@ -17,6 +17,7 @@ from activeslam_gym.slam.belief import POINT, fiducial_id, point_of
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.kalman import wander
 from activeslam_gym.slam.map import convert_to_point
+from activeslam_gym.slam.restart import restart
 from activeslam_gym.slam.sight import INSIDE
 
 from .support import CAMERA, PAPER, joint_covariance, pixel_of, random_camera, random_spd, simulation_of
@@ -116,7 +117,39 @@ def test_a_stare_at_biased_fiducials_tells_no_more_than_their_biases_let_it() ->
     filter.draw_bias(0, std)
     left = joint_covariance(filter.belief)[12:14]
     np.testing.assert_allclose(left[:, 12:14], std**2 * np.eye(2))
-    assert np.count_nonzero(left) == 2, "a new bias is independent of all that is known"
+    assert np.count_nonzero(left) == 2, "a new bias is independent of the state"
+    restart(filter.models.filter.restart, filter.belief)
+    assert filter.belief.state.dim == 14 and filter.belief.covariance[12, 12] == std**2
+    np.testing.assert_array_equal(filter.belief.covariance[:12, 12:14], 0.0)
+
+
+def test_a_bias_of_no_deviation_changes_nothing() -> None:
+    """A run with births, conversions and a deletion after the bias is that of the filter without one."""
+    runs, seen = [], list[np.ndarray]()
+    for biased in (False, True):
+        rng = np.random.default_rng(1)
+        filter = sure_filter(fiducials=[[0.3, 0.1, 2.0], [-0.4, 0.2, 2.2]])
+        for frame in range(30):
+            filter.predict()
+            if biased and frame == 5:
+                filter.draw_bias(0, 0.0)
+            if frame in (3, 8):
+                for pixel in rng.uniform((80.0, 60.0), (240.0, 180.0), (3, 2)):
+                    filter.birth(pixel)
+            things = filter.sight().thing
+            if not biased:
+                seen.append(things["z_hat"] + 0.3 * rng.standard_normal((len(things), 2)))
+            else:
+                rng.standard_normal((len(things), 2))
+            filter.update(detections_of(seen[frame], R_PAPER, ids=things["id"].tolist()), labelled=True)
+            if frame == 12:
+                convert_to_point(filter.belief, 1)
+            if frame == 20:
+                filter.delete(filter.ids[2])
+        runs.append((filter.mean, *filter.points()))
+    assert len(runs[0][1]) == 5
+    for alone, other in zip(*runs):
+        np.testing.assert_allclose(other, alone, rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.9])
@@ -161,6 +194,11 @@ def test_features_wander_as_their_view_changes(turned) -> None:
         (lambda f: f.predict(dt=0.0), "dt must be a positive number of seconds, got 0.0"),
         (lambda f: f.predict(drift=-0.1), "drift must be a number of radians that is not negative, got -0.1"),
         (lambda f: Filter(fiducials=np.ones((5, 3))).draw_bias(0, 0.1), "at most 4 fiducials may have biases"),
+        (lambda f: Filter(fiducials=np.ones((2, 3))).draw_bias(-1, 0.1), "k must be in 0 … 1, got -1"),
+        (
+            lambda f: Filter(fiducials=np.ones((2, 3))).draw_bias(1, np.nan),
+            "std must be zero or a positive number, got nan",
+        ),
         (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
         (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
         (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),

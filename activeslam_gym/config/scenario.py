@@ -33,7 +33,7 @@ class EpisodeSettings(bounds.Settings):
     """Time of an episode, unless the environment is given another [s]."""
     gaze_period: bounds.PositiveFloat = 0.25
     """Time of a step [s], unless the environment is given another: rounded down to whole frames, at least one, of which
-    the motion period is a whole number (0.2 s where a frame is 1/15 s)."""
+    motion period and duration are whole numbers (0.2 s where a frame is 1/15 s)."""
     varied: Annotated[tuple[tuple[str, Any, Any], ...], _VARIED] = ()
     """Fields that each reset draws uniformly between two values: (field, least, greatest)."""
     motion_criterion: bounds.String = "mutual_information"

@@ -1,4 +1,4 @@
-"""What policies plan with, and the scores of plans, of each run of a batch."""
+"""The prospect that policies plan with, and the scores of plans, of each run of a batch."""
 
 import numpy as np
 

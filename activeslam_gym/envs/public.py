@@ -174,7 +174,10 @@ class Reads:
         return self._scores(candidates.checked_plans(plans), criterion)
 
     def forecast(self, plans: np.ndarray) -> Forecast:
-        """By ``net_information``, with measurements on the way, and the uncertainty on it; raises as `scores`."""
+        """(A,) net information [bit] of each of ``plans`` (A, L), and its greatest position deviation [m].
+
+        With measurements on the way; raises as `scores`.
+        """
         return Forecast(*map(self._given, self._evaluated(candidates.checked_plans(plans), "net_information")))
 
     def _scores(self, plans: np.ndarray, criterion: str) -> np.ndarray:
@@ -195,7 +198,7 @@ class Reads:
         return out
 
     def _evaluated_in_python(self, i: int, plans: np.ndarray, criterion: str) -> np.ndarray:
-        """(2, A) the same of run ``i``, with a registered sensor or by a registered criterion."""
+        """(2, A) what `_evaluated` gives run ``i``, with a registered sensor or by a registered criterion."""
         run = row(self._runs, i)
         given, camera, time = prospect(run), run.models.camera, int(run.episode.steps) * self.gaze_period
         if criterion == "net_information":

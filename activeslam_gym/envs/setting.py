@@ -1,5 +1,6 @@
 """From the arguments of an environment to the constants of its runs."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -75,13 +76,13 @@ def resolve(
     """
     resolved = scenario_from(scenario)
     frame, most = resolved.frame_time, MOST_HELD_FRAMES
+    duration = resolved.duration if duration is None else duration
     if gaze_period is None:
-        frames_per_step = _default_step(resolved, motion_period)
+        frames_per_step = _default_step(resolved, motion_period, duration)
     else:
         frames_per_step = whole_multiple("gaze_period", gaze_period, "the frame", frame, most)
     step_time = frames_per_step * frame
     steps_per_motion = whole_multiple("motion_period", motion_period, "gaze_period", step_time, most // frames_per_step)
-    duration = resolved.duration if duration is None else duration
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
@@ -113,11 +114,13 @@ def resolve(
     )
 
 
-def _default_step(scenario: Scenario, motion_period: float) -> int:
-    """Most frames within the scenario's gaze period of which the motion period is a whole number."""
-    motion_frames = whole_multiple("motion_period", motion_period, "the frame", scenario.frame_time, MOST_HELD_FRAMES)
-    most = max(1, int(scenario.gaze_period / scenario.frame_time + 1e-6))
-    return max(frames for frames in range(1, min(most, motion_frames) + 1) if motion_frames % frames == 0)
+def _default_step(scenario: Scenario, motion_period: float, duration: float) -> int:
+    """Most frames within the scenario's gaze period of which motion period and duration are whole numbers."""
+    frame = scenario.frame_time
+    motion_frames = whole_multiple("motion_period", motion_period, "the frame", frame, MOST_HELD_FRAMES)
+    both = math.gcd(motion_frames, whole_multiple("duration", duration, "the frame", frame))
+    most = max(1, int(scenario.gaze_period / frame + 1e-6))
+    return max(frames for frames in range(1, min(most, both) + 1) if both % frames == 0)
 
 
 def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:

@@ -52,7 +52,7 @@ class Noise(NamedTuple):
 
 
 class Forecast(NamedTuple):
-    """Of plans (..., A): what each would teach, and how uncertain the camera becomes on the way."""
+    """Of plans (..., A): the net information of each, and how uncertain the position becomes on the way."""
 
     net_information: np.ndarray
     """How much less entropy the state has at its end [bit]."""
@@ -246,7 +246,7 @@ def _update(C: np.ndarray, J: np.ndarray) -> None:
 def _measure(
     camera: Record, prospect: Prospect, course: Course, n: int, Y: np.ndarray, thing: Record
 ) -> tuple[int, float]:
-    """Y += H^T R^-1 H of each fiducial and point that is measured from the pose; what is known adds to J too.
+    """Y += H^T R^-1 H of each fiducial and point that is measured; fiducials and mapped points add to J too.
 
     Expected landmarks take room among what the sensor initialises all along.
 

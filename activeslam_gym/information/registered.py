@@ -4,6 +4,7 @@ Each measurement of a registered sensor is whitened to the variance of the image
 for any number of values a measurement and for any noise.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -46,8 +47,8 @@ def score_plans_with(
             turn = turn_of(motion, int(action["gaze"]), time + elapsed * float(motion.dt))
             taken = min(int(action["frames"]), frames - elapsed) if net else int(action["frames"])
             before, P = P, propagated(motion, P, turn, taken)
-            position_std[a] = max(position_std[a], float(np.sqrt(np.trace(P[POSITION, POSITION]))))
             if net:
+                position_std[a] = max(position_std[a], math.sqrt(max(np.trace(P[POSITION, POSITION]), 0.0)))
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))
             action, elapsed = np.array((action["motion"], action["gaze"], taken), ACTION), elapsed + taken
             pose = goal_pose(motion, prospect, pose, action, turn)

@@ -120,7 +120,7 @@ def feature_capacity(scenario: Scenario) -> int:
 def empty_beliefs(scenario: Scenario, count: int) -> Belief:
     """``count`` beliefs of the scenario's capacity, with a leading axis; `reset_belief` gives one of them its prior."""
     features = feature_capacity(scenario)
-    rows = CAMERA_DIM + max(KIND_DIM) * features  # all may be of the longest kind
+    rows = CAMERA_DIM + 2 * MOST_BIASED + max(KIND_DIM) * features  # all may be of the longest kind
     particles = scenario.particle_count if scenario.initialisation == config.DEPTH_PARTICLES else 0
     return Belief(
         state=np.zeros(count, STATE),

@@ -104,11 +104,16 @@ class Filter:
         """From now on the pixel of fiducial ``k`` is off by a new bias of deviation ``std`` [px]: see `map.draw_bias`.
 
         Raises:
-            ValueError: there are more fiducials than `MOST_BIASED`, or there is no room in the covariance.
+            ValueError: there are more fiducials than `MOST_BIASED`, there is no fiducial ``k``, or ``std`` is no
+                deviation.
         """
-        K, state = len(self.fiducials), self.belief.state
-        if K > MOST_BIASED or (state.bias_dim == 0 and state.dim + 2 * K > len(self.belief.covariance)):
-            raise ValueError(f"at most {MOST_BIASED} fiducials may have biases, and before the map is full, got {K}")
+        K = len(self.fiducials)
+        if K > MOST_BIASED:
+            raise ValueError(f"at most {MOST_BIASED} fiducials may have biases, got {K}")
+        if not 0 <= k < K:
+            raise ValueError(f"k must be in 0 … {K - 1}, got {k!r}")
+        if not 0.0 <= std < np.inf:
+            raise ValueError(f"std must be zero or a positive number, got {std!r}")
         draw_bias(self.belief, K, k, std * std)
         self._sight = None
 

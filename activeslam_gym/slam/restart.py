@@ -85,12 +85,12 @@ def _squared(sight: Sight, a: int, detection: Record) -> float:
 
 @borrowing
 def restart(model: Record, belief: Belief) -> None:
-    """Delete the map and all tracks, and widen the camera's covariance to ``model.std`` about its mean."""
+    """Delete the map and all tracks, and widen the camera's covariance to ``model.std`` about its mean; biases stay."""
     state, P = belief.state, belief.covariance
-    state.count, state.dim, state.bias_dim, state.fiducial_nis = 0, CAMERA_DIM, 0, 1.0
+    state.count, state.dim, state.fiducial_nis = 0, CAMERA_DIM + state.bias_dim, 1.0
     for i in range(CAMERA_DIM):
-        for j in range(CAMERA_DIM):
-            P[i, j] = 0.0
+        for j in range(state.dim):
+            P[i, j], P[j, i] = 0.0, 0.0
         P[i, i] = model.std[i] * model.std[i]
     for t in range(belief.track.shape[0]):
         belief.track[t].hits = 0

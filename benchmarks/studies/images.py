@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
 from benchmarks.studies import parser, played, tasks
@@ -108,7 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made.add_argument("--seconds", type=float, default=35.0)
     args = made.parse_args(arguments)
     scenario = json.loads(args.scenario) if args.scenario.startswith("{") else args.scenario
-    settings = json.dumps({"scenario": scenario, "duration": args.seconds, "end_when_lost": True})
+    times = {"gaze_period": scenario_from(scenario).frame_time, "duration": args.seconds}
+    settings = json.dumps({"scenario": scenario, "end_when_lost": True, **times})
     groups = {policy: tasks(policy, settings, args.seed, args.rooms, PixelErrors) for policy in args.policies}
     print(summary(played(groups, args.out, batch=1)))
 

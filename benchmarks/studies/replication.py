@@ -123,7 +123,7 @@ def search(designs: int, episodes: int, path: Path) -> list[dict[str, Any]]:
 
 
 def draw(tried: list[dict[str, Any]], path: Path) -> None:
-    """Loss over each setting: a setting that the numbers pin down has a narrow valley."""
+    """Loss over each setting, `paper-2006` as a star: a setting that the numbers pin down has a narrow valley."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -123,16 +123,19 @@ def search(designs: int, episodes: int, path: Path) -> list[dict[str, Any]]:
 
 
 def draw(tried: list[dict[str, Any]], path: Path) -> None:
-    """Loss over each setting, `paper-2006` as a star: a setting that the numbers pin down has a narrow valley."""
+    """Loss over each setting, and ``paper-2006`` as a line: a setting that the numbers pin down has a narrow valley."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
+    scenario = SCENARIOS["paper-2006"]
+    factor = (scenario.filter_acceleration_std or scenario.acceleration_std) / scenario.acceleration_std
     figure, axes = plt.subplots(3, 3, figsize=(10, 8), sharey=True, layout="constrained")
     loss = [one["loss"] for one in tried]
     for ax, (name, (_, _, logarithmic)) in zip(axes.flat, RANGES.items(), strict=True):
         ax.plot([one["settings"][name] for one in tried], loss, ".", color="0.4")
+        ax.axvline(factor if name == "noise_factor" else getattr(scenario, name), color="C1", linewidth=1.0)
         ax.set_xlabel(name)
         ax.set_xscale("log" if logarithmic else "linear")
     for ax in axes[:, 0]:

@@ -137,7 +137,7 @@ def test_time_limit_truncates_and_a_reset_is_asked_for() -> None:
         ("paper-literal", {}, 0.05),
         ({"frame_time": 1 / 30}, {}, 0.2),
         ({"frame_time": 1 / 29}, {}, 1 / 29),
-        ({"frame_time": 0.5, "controller_frequency": 1.0}, {}, 0.5),
+        ({"frame_time": 0.5, "controller_frequency": 1.0, "rate_loop_time": 0.5}, {}, 0.5),
         ({"gaze_period": 0.12}, {}, 0.1),
         ("paper", {"motion_period": 0.15}, 0.05),
         ("paper", {"duration": 3.4}, 0.2),

@@ -133,11 +133,15 @@ def draw(tried: list[dict[str, Any]], path: Path) -> None:
     factor = (scenario.filter_acceleration_std or scenario.acceleration_std) / scenario.acceleration_std
     figure, axes = plt.subplots(3, 3, figsize=(10, 8), sharey=True, layout="constrained")
     loss = [one["loss"] for one in tried]
-    for ax, (name, (_, _, logarithmic)) in zip(axes.flat, RANGES.items(), strict=True):
+    for ax, (name, (low, high, logarithmic)) in zip(axes.flat, RANGES.items(), strict=True):
         ax.plot([one["settings"][name] for one in tried], loss, ".", color="0.4")
         ax.axvline(factor if name == "noise_factor" else getattr(scenario, name), color="C1", linewidth=1.0)
         ax.set_xlabel(name)
-        ax.set_xscale("log" if logarithmic else "linear")
+        if logarithmic:
+            ticks = np.geomspace(low, high, 3)
+            ax.set_xscale("log")
+            ax.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
+            ax.minorticks_off()
     for ax in axes[:, 0]:
         ax.set_ylabel("loss")
     figure.savefig(path, dpi=110)

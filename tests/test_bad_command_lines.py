@@ -97,7 +97,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("train", "--num-envs --total-steps", "x 1.5 nan", WHOLE),
     ("compare study watch", "--duration", "x", "no type matching {None}|FLOAT"),
     ("compare consistency study watch bounds", "--duration", "nan inf 0 -1", SECONDS),
-    ("compare consistency study", "--duration", "0.01", "duration must be a whole multiple of gaze_period ("),
+    ("compare consistency study", "--duration", "0.01", "duration must be a whole multiple of "),
     ("compare watch", "--gaze-period", "nan inf 0 -0.05", SECONDS),
     ("compare watch", "--gaze-period", "0.07", "must be a whole multiple of the frame (0.05 s)"),
     ("compare", "--motion-period", "nan inf 0 -1", SECONDS),

@@ -97,8 +97,10 @@ def test_the_readings_of_scenarios_are_those_chosen_on_training_episodes() -> No
     for entry in table.values():
         for field, medians in entry["medians"].items():
             lost = entry["lost"].get(field, dict.fromkeys(medians, 0))
-            chosen = max(medians, key=lambda one: (-max(lost[one], readings.MOST_LOST), medians[one]))
-            assert f"{getattr(SCENARIOS[entry['scenario']], field):g}" == chosen
+            fewest = max(min(lost.values()), readings.MOST_LOST)
+            highest = max(median for one, median in medians.items() if lost[one] <= fewest)
+            chosen = f"{getattr(SCENARIOS[entry['scenario']], field):g}"
+            assert lost[chosen] <= fewest and medians[chosen] > 0.99 * highest
 
 
 @pytest.mark.parametrize("num_envs", [None, 2])

@@ -57,7 +57,7 @@ _add("paper-2006", "the paper's simulation with settings fitted to its six numbe
 _add("clutter", "false detections and missed detections",
      missed_detection_probability=0.05, clutter_rate=2.0, detection_probability=0.93, plan_horizon=16.0)
 _add("hall", "many landmarks in a large hall", room_size=(14.0, 4.0, 14.0), landmark_count=120,
-     gaze_horizon=2.0, plan_position_std=0.5)
+     gaze_horizon=3.0, plan_position_std=0.5)
 _add("hand-held", "the paper's live system: a person moves the camera, and the gaze swings by a script",
      _HAND_HELD, landmark_count=48)  # "fewer than 50"
 _add("office", "8 s along a wall of a large furnished office: turn to the side with landmarks",

@@ -1,8 +1,9 @@
 """Settings of the greedy policies: for each scenario those with the highest median log score on training episodes.
 
 Of those with which at most one episode in `EPISODES` is lost; where there is none, the fewest losses count.
-Where medians differ by less than 1 %, more episodes may decide: in `hall` 80 others gave `mi-mi` 2322 bits with 3 s, 2243
-with 2 s. `python -m baselines` chooses them; they stand in the scenarios' fields, and their medians in `best_readings.json`.
+Where medians differ by less than 1 %, more episodes may decide: in `hall` 80 others gave `mi-mi` 2322 bits with 3 s,
+2243 with 2 s. `python -m baselines` chooses the settings; they stand in the scenarios' fields, and their medians in
+`best_readings.json`.
 """
 
 import dataclasses

@@ -140,7 +140,7 @@ def draw(tried: list[dict[str, Any]], path: Path) -> None:
         if logarithmic:
             ticks = np.geomspace(low, high, 3)
             ax.set_xscale("log")
-            ax.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
+            ax.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
             ax.minorticks_off()
     for ax in axes[:, 0]:
         ax.set_ylabel("loss")

@@ -6,6 +6,7 @@ import re
 from dataclasses import asdict, fields, replace
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -118,3 +119,27 @@ def test_a_deeply_nested_value_is_named_in_a_short_line() -> None:
             value = nest(value)
         told = refusal(name, value)
         assert told.startswith(f"scenario.{name} must be ") and len(told) < 300
+
+
+@pytest.mark.parametrize(
+    ("scenario", "times", "gaze_period"),
+    [
+        ("paper", {}, 0.25),
+        ("hand-held", {}, 0.2),
+        ("paper-literal", {}, 0.05),
+        ({"frame_time": 1 / 30}, {}, 0.2),
+        ({"frame_time": 1 / 29}, {}, 1 / 29),
+        ({"frame_time": 0.5, "controller_frequency": 1.0, "rate_loop_time": 0.5}, {}, 0.5),
+        ({"gaze_period": 0.12}, {}, 0.1),
+        ("paper", {"motion_period": 0.15}, 0.05),
+        ("paper", {"duration": 3.4}, 0.2),
+        ("paper", {"duration": 0.1}, 0.1),
+    ],
+)
+def test_a_step_is_the_longest_within_the_scenarios_that_divides_motion_and_episode(
+    scenario: Any, times: dict[str, float], gaze_period: float
+) -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=scenario, **times).unwrapped
+    assert env.gaze_period == pytest.approx(gaze_period)
+    for whole in (env.motion_period / env.gaze_period, env.duration / env.gaze_period):
+        assert whole == pytest.approx(round(whole), abs=1e-6)

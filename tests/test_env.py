@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import warnings
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -127,30 +126,6 @@ def test_time_limit_truncates_and_a_reset_is_asked_for() -> None:
         for scores in (env.motion_scores, env.gaze_scores, env.joint_scores, env.lookahead_scores):
             with pytest.raises(gym.error.ResetNeeded, match="reset"):
                 scores()
-
-
-@pytest.mark.parametrize(
-    ("scenario", "times", "gaze_period"),
-    [
-        ("paper", {}, 0.25),
-        ("hand-held", {}, 0.2),
-        ("paper-literal", {}, 0.05),
-        ({"frame_time": 1 / 30}, {}, 0.2),
-        ({"frame_time": 1 / 29}, {}, 1 / 29),
-        ({"frame_time": 0.5, "controller_frequency": 1.0, "rate_loop_time": 0.5}, {}, 0.5),
-        ({"gaze_period": 0.12}, {}, 0.1),
-        ("paper", {"motion_period": 0.15}, 0.05),
-        ("paper", {"duration": 3.4}, 0.2),
-        ("paper", {"duration": 0.1}, 0.1),
-    ],
-)
-def test_a_step_is_the_longest_within_the_scenarios_that_divides_motion_and_episode(
-    scenario: Any, times: dict[str, float], gaze_period: float
-) -> None:
-    env = gym.make("ActiveSLAM-v0", scenario=scenario, **times).unwrapped
-    assert env.gaze_period == pytest.approx(gaze_period)
-    for whole in (env.motion_period / env.gaze_period, env.duration / env.gaze_period):
-        assert whole == pytest.approx(round(whole), abs=1e-6)
 
 
 def test_motion_is_read_once_a_period_and_gaze_at_once() -> None:

@@ -99,7 +99,7 @@ def test_time_steps_may_differ_from_call_to_call() -> None:
     np.testing.assert_allclose(gained, 2.0 * gained_halves)
 
 
-def test_a_stare_at_biased_fiducials_tells_no_more_than_their_biases_let_it() -> None:
+def test_images_of_biased_fiducials_at_rest_are_worth_one_measurement_with_the_bias_in_its_noise() -> None:
     """n measurements of one bias are one of covariance R / n + b^2: P - P H^T (H P H^T + R / n + b^2 I)^-1 H P."""
     std, n = 0.3, 9
     filter = Filter(replace(PAPER, position_std=(1e-3,) * 3, orientation_std=1e-3), fiducials=[[0.3, 0.1, 2.0]])

@@ -163,7 +163,7 @@ def test_the_biases_of_the_target_are_learned_until_it_is_seen_otherwise() -> No
         var.append(np.trace(filter.belief.covariance[12:20, 12:20]) / 8.0)
     first = SIGHTED.fiducial_bias_std**2
     assert var[0] < first and var[29] < 0.8 * first
-    assert max(np.diff(var[10:30])) < 0.0 < max(np.diff(var[30:])), "after 0.1 rad it is drawn anew"
+    assert max(np.diff(var[10:30])) < 0.0 < max(np.diff(var[30:])), "after 0.1 rad it is redrawn"
 
 
 def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_where_it_cannot_be() -> None:

@@ -126,7 +126,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | Argument | Default | What it is |
     |---|---|---|
     | `scenario` | `"paper"` | a name in `SCENARIOS`, a dict of the fields of `Scenario`, or a `Scenario` |
-    | `gaze_period` | `None` | time of a step [s], whole frames; `None`: the longest within the scenario's 0.25 s |
+    | `gaze_period` | `None` | time of a step [s], whole frames; `None`: at most the scenario's (0.25 s) |
     | `motion_period` | `1.0` | time of a translation [s], a whole number of gaze periods |
     | `duration` | `None` | time of an episode [s], a whole number of gaze periods; `None`: the scenario's (35 s) |
     | `reward` | `"entropy"` | the potential: a name in `envs.reward.REWARDS` |

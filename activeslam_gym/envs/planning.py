@@ -30,7 +30,7 @@ def prospect(run: Run) -> Prospect:
 def score_runs(
     runs: Run, plans: np.ndarray, step_time: float, criterion: int, out: np.ndarray, start: int, stop: int
 ) -> None:
-    """Write the scores of ``plans`` (A, L) by a criterion for the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
+    """Write the scores of ``plans`` (A, L) for the runs ``start`` … ``stop - 1`` into their rows of ``out``."""
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * step_time

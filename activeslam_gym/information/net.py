@@ -23,6 +23,7 @@ from activeslam_gym.linalg import (
     cholesky_in_place,
     copy_block,
     copy_into,
+    log2_det,
     log2_det_of_factor,
     product,
     solve_transposed,
@@ -119,7 +120,7 @@ def net_of_plans(
             turn = turn_of(motion, action.gaze, time + elapsed * motion.dt)
             if taken > 0:
                 k = _find_noise(motion, turn, taken, noise)
-                _propagate(Y[:n, :n], noise.back[k], noise.factor[k])
+                _propagate(Y, n, noise.back[k], noise.factor[k])
                 add_product(noise.factor[k], noise.factor[k].T, C)
                 copy_block(product(noise.forth[k], product(noise.forth[k], C).T), C)
                 position_std[a] = max(position_std[a], math.sqrt(C[0, 0] + C[1, 1] + C[2, 2]))
@@ -130,8 +131,7 @@ def net_of_plans(
             n, added = _measure(camera, prospect, Course(points, pose, start, J, max(taken, 1)), n, Y, things[0])
             _update(C, J)
             prior, elapsed = prior + added, elapsed + taken
-        U = Y[:n, :n]
-        net[a] = 0.5 * (log2_det_of_factor(U, 0, n) - begin - prior) if cholesky_in_place(U) else np.nan
+        net[a] = 0.5 * (log2_det(Y[:n, :n]) - begin - prior)
 
 
 @compiled
@@ -198,13 +198,12 @@ def _root(L: np.ndarray) -> None:
 
 
 @compiled
-def _propagate(Y: np.ndarray, back: np.ndarray, G: np.ndarray) -> None:
+def _propagate(Y: np.ndarray, n: int, back: np.ndarray, G: np.ndarray) -> None:
     """Y = F^-T (Y - Y G (1 + G^T Y G)^-1 G^T Y) F^-1 in the camera's rows: process noise, then motion.
 
-    The upper triangle of ``Y`` is kept, and the camera's block whole.
+    The upper triangle of the leading ``n`` rows of ``Y`` is kept, and the camera's block whole.
     """
-    n = Y.shape[0]
-    W, T = np.zeros((CAMERA_DIM, n)), np.zeros((CAMERA_DIM, CAMERA_DIM))
+    W, T, camera = np.zeros((CAMERA_DIM, n)), np.zeros((CAMERA_DIM, CAMERA_DIM)), np.zeros((CAMERA_DIM, n))
     add_product(G.T, Y[:CAMERA_DIM], W)
     add_product(W[:, :CAMERA_DIM], G, T)
     for i in range(CAMERA_DIM):
@@ -212,16 +211,12 @@ def _propagate(Y: np.ndarray, back: np.ndarray, G: np.ndarray) -> None:
     cholesky_in_place(T)
     solve_transposed(T, W)
     subtract_from_upper(Y, W, W, n)
-    camera = Y[:CAMERA_DIM]
     for i in range(CAMERA_DIM):
         for j in range(i):
-            camera[i, j] = camera[j, i]
-    before = camera.copy()
-    camera[:] = 0.0
-    add_product(back.T, before, camera)
-    block = camera[:, :CAMERA_DIM].copy()
-    camera[:, :CAMERA_DIM] = 0.0
-    add_product(block, back, camera[:, :CAMERA_DIM])
+            Y[i, j] = Y[j, i]
+    add_product(back.T, Y[:CAMERA_DIM], camera)
+    copy_block(camera, Y)
+    copy_block(product(camera[:, :CAMERA_DIM], back), Y)
 
 
 @compiled

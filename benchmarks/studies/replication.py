@@ -2,8 +2,10 @@
 
     python -m benchmarks.studies.replication --designs 0
     python -m benchmarks.studies.replication --designs 128 --episodes 16 --out results/replication
+    python -m benchmarks.studies.replication --live 64
 
-The first command plays the scenario ``paper-2006``, whose settings an earlier search found; the second searches.
+The first command plays the scenario ``paper-2006``, whose settings an earlier search found; the second searches; the
+third plays the live system of figure 5 under several readings.
 Six numbers are compared: for each of the three strategies the time of the 14th landmark, and log2 |P| then. Settings of
 a Sobol design, and then of Gaussian steps around the best of them, play training episodes. The loss of a number is the
 distance of its rank among the episodes from the central half; that of a setting is the sum. The best settings play
@@ -21,7 +23,7 @@ import numpy as np
 from scipy.stats import qmc
 
 import baselines
-from activeslam_gym import ActiveSLAMVectorEnv, Scenario
+from activeslam_gym import ActiveSLAMVectorEnv, Motion, Scenario
 from activeslam_gym.config import SCENARIOS, TRAINING_SEED
 from activeslam_gym.evaluation import play
 from activeslam_gym.files import written_whole
@@ -148,6 +150,52 @@ def draw(tried: list[dict[str, Any]], path: Path) -> None:
     plt.close(figure)
 
 
+LIVE_SEED, LIVE_SECONDS, FIRST_MINUTE = TRAINING_SEED + 400_000, 167.0, 60.0
+"""Figure 5: 2500 frames at 15 a second; its commands are those of the first minute."""
+_LIVE, _FITTED = SCENARIOS["hand-held"], SCENARIOS["paper-2006"]
+LIVE_READINGS: dict[str, Scenario] = {
+    "hand-held": _LIVE,
+    "a map of 30": replace(_LIVE, landmark_count=30),
+    "a map of 24": replace(_LIVE, landmark_count=24),
+    "motion by the camera's information": replace(_LIVE, motion_criterion="mutual_information_camera"),
+    "motion by the whole information": replace(_LIVE, motion_criterion="mutual_information"),
+    "no negative information": replace(_LIVE, negative_information=False),
+    "steps of 0.15 m": replace(_LIVE, step_length=0.15),
+    "lens, births and priors of paper-2006": replace(
+        _LIVE,
+        focal_px=_FITTED.focal_px,
+        distortion=_FITTED.distortion,
+        linearity_threshold=_FITTED.linearity_threshold,
+        birth_detections=_FITTED.birth_detections,
+        landmark_prior_scale=_FITTED.landmark_prior_scale,
+    ),
+}
+"""Readings of the live system: where the motion's criterion or the size of the map is not stated, for example."""
+
+
+def report_live(episodes: int) -> None:
+    """Print a row for each reading of the live system: log2 |P| after 2500 frames, landmarks, lateral commands."""
+    print("| reading | lost | mapped | log2 P after 2500 frames | lateral, of all commands | of all that move |")
+    for name, scenario in LIVE_READINGS.items():
+        env = ActiveSLAMVectorEnv(
+            episodes, scenario, duration=LIVE_SECONDS, end_when_lost=False, autoreset_mode="DISABLED"
+        )
+        played = play(env, baselines.make("mi-mi", env), [LIVE_SEED + j for j in range(episodes)])
+        env.close()
+        alive = [one for one in played if not one.lost]
+        shares = []
+        for one in played:
+            read = np.flatnonzero(one.motion_read & (one.times < FIRST_MINUTE))
+            motions = one.actions[read, 0]
+            lateral = np.isin(motions, (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)).mean()
+            shares.append((lateral, lateral / max((motions != Motion.STAY).mean(), 1e-9)))
+        log2_det = estimate([one.log2_det_total[-1] for one in alive], "median")
+        mapped = np.median([len(one.landmark_times) for one in alive])
+        of_all, of_moves = (estimate(share, "mean").text(100.0) for share in np.array(shares).T)
+        lost = 1.0 - len(alive) / episodes
+        print(f"| {name} | {lost:.0%} | {mapped:g} | {log2_det.text()} | {of_all} % | {of_moves} % |", flush=True)
+
+
 def main(argv: list[str] | None = None) -> None:
     """Search, draw, and validate the best settings."""
     parser = ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -155,7 +203,11 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--episodes", type=int, default=16, help="training episodes of each strategy and setting")
     parser.add_argument("--fresh", type=int, default=96, help="fresh training episodes of the three best settings")
     parser.add_argument("--out", type=Path, default=Path("results/replication"), help="folder")
+    parser.add_argument("--live", type=int, default=0, help="training episodes of each reading of figure 5, instead")
     args = parser.parse_args(argv)
+    if args.live:
+        report_live(args.live)
+        return
     report(SCENARIOS["paper-2006"], args.fresh)
     if args.designs == 0:
         return

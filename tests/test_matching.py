@@ -1,4 +1,4 @@
-"""Joint matching, the way back out of starvation, and the iterated correction: by what they must obey."""
+"""Joint matching, and the way back out of starvation: by what they must obey."""
 
 import itertools
 
@@ -8,30 +8,21 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from activeslam_gym.camera import View
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_strangers
-from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO, Belief
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief
 from activeslam_gym.slam.constellation import Margins, match_jointly, worth_of_pair
-from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, measure_distances
-from activeslam_gym.slam.kalman import update
-from activeslam_gym.slam.sight import INSIDE, Sight, measure, sight_with, visibility_of
+from activeslam_gym.slam.sight import INSIDE, Sight, visibility_of
 
 from .support import (
     CAMERA,
-    NO_BOXES,
-    NO_FIDUCIALS,
     PAPER,
-    copied,
-    joint_covariance,
-    mean_difference,
     moved,
     pixel_of,
     random_belief,
-    random_camera,
     random_spd,
     replaced,
     sight_of,
@@ -43,7 +34,6 @@ MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
 STRANGERS = 1.5
 EVEN = Margins(np.full(3, MODEL.margin), np.full(3, MODEL.margin))
-SEEDS = pytest.mark.parametrize("seed", range(12))
 
 # Joint matching -----------------------------------------------------------------------------------------------------
 
@@ -265,154 +255,3 @@ def test_starvation_is_counted() -> None:
 
 
 # The correction -----------------------------------------------------------------------------------------------------
-
-
-def test_where_the_measurement_is_straight_the_correction_is_the_update() -> None:
-    rng = np.random.default_rng(3)
-    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
-    belief.covariance[:] *= 1e-4
-    once, sight = copied(belief), sight_of(belief)
-    nu = 0.1 * rng.standard_normal(len(sight.S))
-    assert update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
-    z = sight.thing["z_hat"].ravel() + nu
-    assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
-    np.testing.assert_allclose(mean_difference(belief, once), 0.0, atol=1e-14)
-    np.testing.assert_allclose(joint_covariance(belief), joint_covariance(once), rtol=1e-12, atol=1e-18)
-
-
-@SEEDS
-def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
-    """Points known to be somewhere near, seen without noise: the iterated mean explains them, one update does not."""
-    rng = np.random.default_rng(seed)
-    camera = random_camera(rng)
-    fiducials = world_points(rng, camera, 8, (1.0, 2.5))
-    belief = random_belief(PAPER, [], rng, camera)
-    belief.covariance[:12, :12] = np.diag([0.3**2] * 3 + [0.2**2] * 3 + [1e-6] * 6)
-    true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
-    z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
-    things, once = sight_of(belief, fiducials).thing, copied(belief)
-    things["curvature"] = 0.0  # what is left out of each alone would let the pixels be explained less well
-    sight = sight_with(things, belief.covariance, belief.state.dim)
-    assert len(things) == 8
-    update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
-    assert correct(CAMERA, belief, fiducials, sight, z)
-    errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]
-    assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1]
-    P = joint_covariance(belief)
-    assert np.linalg.eigvalsh(P).min() > 0.0
-    np.testing.assert_array_equal(P, P.T)
-
-
-def test_a_correction_without_a_factor_changes_nothing() -> None:
-    belief = random_belief(PAPER, [POINT], np.random.default_rng(0))
-    before, sight = copied(belief), sight_of(belief)
-    sight.S[:] = -np.eye(2)
-    assert not correct(CAMERA, belief, NO_FIDUCIALS, sight, np.ones(2))
-    np.testing.assert_array_equal(belief.covariance, before.covariance)
-    assert belief.state == before.state and (belief.feature == before.feature).all()
-
-
-def test_what_the_line_leaves_out_is_in_the_noise() -> None:
-    """A vague inverse depth and a vague position across the sight: the residual's variance over 20 000 draws."""
-    rng = np.random.default_rng(0)
-    belief = random_belief(PAPER, [INVERSE_DEPTH], rng)
-    belief.state.camera[:7] = (0, 0, 0, 1, 0, 0, 0)
-    feature = belief.feature[0]
-    feature.mean[:] = (0.0, 0, 0, 0, 0, 0.5)
-    stds, rho = np.array([0.05, 0.15]), feature.start + RHO
-    correlated = np.outer(stds, stds) * [[1.0, 0.5], [0.5, 1.0]]
-    belief.covariance[:] = 1e-12 * np.eye(len(belief.covariance))
-    belief.covariance[np.ix_([0, rho], [0, rho])] = correlated
-    thing = sight_of(belief).thing[:1].copy()
-    H, said, left = thing["H_camera"][0, 0, 0], thing["z_hat"][0, 0], []
-    for x, d_rho in rng.multivariate_normal([0.0, 0.0], correlated, 20_000):
-        belief.state.camera[0], feature.mean[RHO] = x, max(0.5 + d_rho, 0.01)
-        assert measure(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, thing[0])
-        left.append(thing["z_hat"][0, 0] - said - H * x)
-    assert np.var(left) == pytest.approx(thing["curvature"][0, 0, 0], rel=0.1)
-    assert thing["curvature"][0, 0, 0] > 2.0
-
-
-@pytest.mark.parametrize("known", [False, True])
-def test_what_the_line_leaves_out_of_a_near_point_is_in_the_noise(known: bool) -> None:
-    """A point at 60 cm, of a camera that hardly knows its pose: the residual's covariance over 20 000 draws.
-
-    They are drawn as they are known once the pixel is.
-    """
-    rng = np.random.default_rng(0)
-    y = np.array([0.1, -0.08, 0.6])
-    belief = random_belief(PAPER, [] if known else [POINT], rng)
-    belief.state.camera[:7] = (0, 0, 0, 1, 0, 0, 0)
-    n = 6 if known else 9
-    rows = np.array([0, 1, 2, 3, 4, 5, 12, 13, 14])[:n]
-    stds = np.array([0.05] * 3 + [0.15] * 3 + [0.03] * 3)[:n]
-    belief.covariance[:] = 1e-12 * np.eye(len(belief.covariance))
-    belief.covariance[np.ix_(rows, rows)] = random_spd(rng, stds)
-    if not known:
-        belief.feature["mean"][0, :3] = y
-    thing = sight_of(belief, y[None] if known else NO_FIDUCIALS).thing[0]
-    H = np.hstack((thing["H_camera"], thing["H_feature"][:, : n - 6]))
-    P = belief.covariance[np.ix_(rows, rows)]
-    P = P - P @ H.T @ np.linalg.solve(H @ P @ H.T + VAR * np.eye(2), H @ P)
-    left = []
-    for x in rng.multivariate_normal(np.zeros(n), P, 20_000):
-        camera = moved(belief.state.camera, np.concatenate((x[:6], np.zeros(6))))
-        left.append(pixel_of(CAMERA, camera, y + np.append(x, np.zeros(3))[6:9]) - thing["z_hat"] - H @ x)
-    variances = np.diag(thing["curvature"])
-    np.testing.assert_allclose(np.cov(np.transpose(left)), thing["curvature"], atol=0.2 * variances.max())
-    assert variances.min() > 1.0
-
-
-def test_of_what_is_far_or_well_known_nothing_is_left_out() -> None:
-    for y, scale, curved in (
-        ((0.1, 0.0, 0.6), 1.0, True),
-        ((0.1, 0.0, 60.0), 0.1, False),
-        ((0.1, 0.0, 0.6), 0.05, False),
-    ):
-        filter = Filter(fiducials=np.array([y]), covariance=scale**2 * np.diag([0.05**2] * 3 + [0.1**2] * 9))
-        assert (filter.sight().thing["curvature"][0] > 0.0).any() == curved
-
-
-@pytest.mark.parametrize(("command_known", "low", "high"), [(True, 0.0, 2.0), (False, 3.0, np.inf)])
-def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low: float, high: float) -> None:
-    """Counted in each frame anew, it makes the filter overconfident of a way and a depth: it saw their product alone.
-
-    The mean NEES of the position of a camera of unknown speed across the sight of a new point, after a second.
-    """
-    squares, rng = [], np.random.default_rng(0)
-    scenario = Scenario(acceleration_std=1e-3, angular_acceleration_std=1e-3, command_known=command_known)
-    prior = np.diag([1e-8] * 6 + [0.15**2, 1e-8, 1e-8] + [1e-8] * 3)
-    for _ in range(60):
-        speed, rho = 0.15 * rng.standard_normal(), max(0.5 + 0.3 * rng.standard_normal(), 0.1)
-        filter = Filter(scenario, covariance=prior)
-        truth = filter.mean
-        point = np.array([0.0, 0.0, 1.0 / rho])
-        born = filter.birth(pixel_of(CAMERA, truth, point))
-        for _ in range(20):
-            truth[0] += 0.05 * speed
-            filter.predict()
-            seen = pixel_of(CAMERA, truth, point) + 2.0 * rng.standard_normal(2)
-            filter.update(detections_of(seen[None], ids=np.array([born])), labelled=True)
-        squares.append((truth[0] - filter.mean[0]) ** 2 / filter.belief.covariance[0, 0])
-    assert low < np.mean(squares) < high
-
-
-@SEEDS
-def test_a_correction_never_ends_higher_than_it_began(seed: int) -> None:
-    """Errors of a radian and a metre: the cost |delta|^2_P + (z - h)^2_R of the new mean, by its formula."""
-    rng = np.random.default_rng(seed)
-    camera = random_camera(rng)
-    fiducials = world_points(rng, camera, 6, (1.0, 2.5))
-    belief = random_belief(PAPER, [], rng, camera)
-    P = np.diag([1.0**2] * 3 + [0.6**2] * 3 + [1e-6] * 6)
-    belief.covariance[:12, :12] = P
-    before, sight = copied(belief), sight_of(belief, fiducials)
-    z = sight.thing["z_hat"].ravel() + rng.uniform(-150.0, 150.0, 2 * len(sight.thing))
-    first = np.sum((z - sight.thing["z_hat"].ravel()) ** 2) / VAR
-    rows = sight.thing["row"].copy()
-    if correct(CAMERA, belief, fiducials, sight, z):
-        delta = mean_difference(belief, before)
-        pixels = np.array([pixel_of(CAMERA, belief.state.camera, y) for y in fiducials[rows]]).ravel()
-        assert delta @ np.linalg.solve(P, delta) + np.sum((z - pixels) ** 2) / VAR <= first
-    else:
-        np.testing.assert_array_equal(belief.covariance, before.covariance)

@@ -185,8 +185,8 @@ def report_live(episodes: int) -> None:
         alive = [one for one in played if not one.lost]
         shares = []
         for one in played:
-            read = np.flatnonzero(one.motion_read & (one.times < FIRST_MINUTE))
-            motions = one.actions[read, 0]
+            read = np.flatnonzero(one.motion_read)
+            motions = one.actions[read[one.times[read] < FIRST_MINUTE], 0]
             lateral = np.isin(motions, (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)).mean()
             shares.append((lateral, lateral / max((motions != Motion.STAY).mean(), 1e-9)))
         log2_det = estimate([one.log2_det_total[-1] for one in alive], "median")

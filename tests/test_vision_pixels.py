@@ -95,6 +95,17 @@ def test_slots_of_the_score_are_the_scene_points_of_their_features(played) -> No
     assert np.isin(labels.owners[owned], right - 4).any(), "detections bear their slots"
 
 
+def test_the_lasting_error_of_a_template_is_uncertainty_of_its_landmark_alone(played) -> None:
+    core = played[0].unwrapped
+    front_end, run = core._perceptions[0]._front_end, core._run
+    own, n = front_end.filter.estimate(), int(run.estimate.state.count)
+    added = run.estimate.covariance[: 12 + 3 * n, : 12 + 3 * n] - own.covariance
+    distance = np.linalg.norm(own.points - front_end.first_seen(own.ids), axis=1)
+    assert n >= 8 and (distance > 0.3).all()
+    expected = np.repeat((SIGHTED.feature_bias_std * distance / core.scenario.focal_px) ** 2, 3)
+    np.testing.assert_allclose(added, np.diag(np.concatenate((np.zeros(12), expected))), rtol=1e-9, atol=1e-15)
+
+
 def test_a_copy_goes_on_alike_and_alone(played) -> None:
     env = copy.deepcopy(played[0])
     other = copy.deepcopy(env)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.camera import camera_point, distance_between, pixel_from_camera_point
 from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
 from activeslam_gym.envs.run import Run, present
 from activeslam_gym.envs.setting import Setting
@@ -11,7 +11,7 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import QUATERNION
+from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
@@ -59,6 +59,7 @@ class Eye:
         present(run)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
+        add_feature_bias(run, self._front_end.settings.feature_bias_std)
         account_scene(run, self.scene_points(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:
@@ -81,6 +82,20 @@ class Eye:
     def scene_points(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) of the features ``ids`` (n,): the scene point of the pixel that initialised each [m]."""
         return np.array([self._scene_points[id] for id in ids.tolist()]).reshape(-1, 3)
+
+
+@compiled
+def add_feature_bias(run: Run, bias_std: float) -> None:
+    """Add to each landmark's covariance the error of its pixel that lasts, of ``bias_std`` [px] on each axis.
+
+    A template follows a point beside the one that it was taken for, always the same. No measurement tells the way from
+    the one to the other, and none depends on it. It is as long as ``bias_std`` at the distance of the first sight.
+    """
+    estimate, size = run.estimate, bias_std / run.models.camera.focal
+    for k in range(estimate.state.count):
+        distance = distance_between(estimate.landmark[k].point, run.first_seen[k])
+        for row in range(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3):
+            estimate.covariance[row, row] += (size * distance) ** 2 if distance < np.inf else 0.0  # NaN: unknown
 
 
 @compiled

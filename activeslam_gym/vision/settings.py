@@ -32,6 +32,7 @@ class FrontEndSettings:
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_grain: float = 10.0  # `grain` of a fiducial
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
+    feature_bias_std: float = 0.0  # error of a feature's pixel that stays [px]
     lens_std: float = 1.0  # error of the lens model at half the image's width, growing with the radius squared [px]
     drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
     residual_weight: float = 0.0  # deviation of a feature's pixel for each pixel of its mean residual
@@ -68,7 +69,7 @@ class FrontEndSettings:
 
 SIGHTED = FrontEndSettings(
     visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.6,
-    fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, residual_weight=3.0, most_change=0.7,
-    least_score=0.87, most_residual=0.22, least_ratio=0.22,
+    fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2, residual_weight=3.0,
+    most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

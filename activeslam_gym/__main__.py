@@ -157,9 +157,12 @@ def _calibrate(args: argparse.Namespace) -> None:
     print(
         f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
         f"focal_px {lens.focal_px:.2f} +- {stds[0]:.2f}, principal point ({lens.principal_x_px:.2f} +- {stds[1]:.2f}, "
-        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
-        f"written to {args.out}"
+        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}"
     )
+    if fit.unbounded < 0.0:
+        print(f"the corners ask for a distortion of {fit.unbounded:.1e} (pincushion), which equation 1 does not have: it is "
+              "held at 0, and residual and deviations are of that lens")  # fmt: skip
+    print(f"written to {args.out}")
 
 
 if __name__ == "__main__":

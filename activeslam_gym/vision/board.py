@@ -7,7 +7,9 @@ lens. Axes are those of image files here, x right and y down, in which equation 
 import json
 import math
 import reprlib
+from collections import Counter
 from collections.abc import Sequence
+from itertools import islice, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,6 +26,7 @@ from activeslam_gym.vision.target import CHARUCO, Board
 
 KINDS = ("chessboard", CHARUCO)
 LEAST_PICTURES = 3
+_LOOKED_AT = 20  # pictures that are searched for a board of another size
 _SIDES = (3, 100)  # fewest and most columns and rows of a board
 _MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
 _MARKERS = 50  # markers of its dictionary, 4x4_50: a board has at most as many
@@ -98,10 +101,8 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     """The lens of images of ``width`` x ``height`` pixels that explains the ``views`` best.
 
     Raises:
-        ValueError: there are too few views, or they do not tell the lens.
+        ValueError: they do not tell the lens.
     """
-    if len(views) < LEAST_PICTURES:
-        raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed")
     fits = [_solve(views, _guess(views, share * width, width, height), math.inf) for share in _FOCALS]
     fits = [fit for fit in fits if np.isfinite(fit.cost) and fit.x[0] > 0.0]
     if not fits:
@@ -208,7 +209,37 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         shape = image.shape
         if (view := find_board(image, kind, columns, rows)) is not None:
             views.append(view)
+    if len(views) < LEAST_PICTURES:
+        hint = _hint(images, kind, columns, rows)
+        raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed{hint}")
     fit = fit_lens(views, shape[1], shape[0])
     with written_whole(Path(out)) as unfinished:
         unfinished.write_text(json.dumps(fit.calibration._asdict(), indent=1) + "\n")
     return fit
+
+
+def _hint(images: str | Path, kind: str, columns: int, rows: int) -> str:
+    """The size of the board that the first pictures show, if it is another than that given."""
+    sizes = Counter(_size_seen(image, kind, columns, rows) for _, image in islice(open_images(images, 1.0), _LOOKED_AT))
+    sizes[None] = 0
+    size, count = sizes.most_common(1)[0]
+    if size is None or size == (columns, rows) or count < LEAST_PICTURES:
+        return ""
+    wide, high = size
+    counted = "squares" if kind == CHARUCO else f"inner corners, which are {wide + 1} x {high + 1} squares"
+    return f". {count} show a board of {wide} x {high} {counted}: try --columns {wide} --rows {high}"
+
+
+def _size_seen(image: np.ndarray, kind: str, columns: int, rows: int) -> tuple[int, int] | None:
+    """Columns and rows of the board that the image (h, w) shows, of a ChArUco board only those near the given."""
+    if kind == CHARUCO:
+        near = [(columns + i, rows + j) for i, j in product((-1, 0, 1), repeat=2)] + [(rows, columns)]
+        views = {size: find_board(image, kind, *size) for size in near if min(size) >= _SIDES[0]}
+        seen = {size: len(view[0]) for size, view in views.items() if view is not None}
+        return max(seen, key=seen.__getitem__, default=None)
+    cv2 = opencv()
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(_reduced(image)[0], (3, 3), cv2.CALIB_CB_LARGER)
+    if not found:
+        return None
+    low, high = sorted(marks.shape[:2])
+    return (high, low) if columns >= rows else (low, high)

@@ -160,8 +160,8 @@ def _calibrate(args: argparse.Namespace) -> None:
         f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}"
     )
     if fit.unbounded < 0.0:
-        print(f"the corners ask for a distortion of {fit.unbounded:.1e} (pincushion), which equation 1 does not have: it is "
-              "held at 0, and residual and deviations are of that lens")  # fmt: skip
+        asked = f"the corners ask for a distortion of {fit.unbounded:.1e} (pincushion), which equation 1 does not have"
+        print(f"{asked}: it is held at 0, and residual and deviations are of that lens")
     print(f"written to {args.out}")
 
 

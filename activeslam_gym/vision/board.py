@@ -31,10 +31,11 @@ _SIDES = (3, 100)  # fewest and most columns and rows of a board
 _MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
 _MARKERS = 50  # markers of its dictionary, 4x4_50: a board has at most as many
 _SEARCHED = 1000  # a board is searched in images no longer than this [px]
-_WINDOWS = {"chessboard": 0.3, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
+_WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
 _ROUNDS = 60  # most steps of a fit
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
-_WORST = 1e12  # condition of the scaled J^T J from which the lens is not told
+_WORST = 1e12  # condition of the scaled J^T J from which it is singular
+_VAGUE = 0.1  # deviation of a focal length that is not told, as a share of it
 _FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
 
 View = tuple[np.ndarray, np.ndarray]
@@ -113,6 +114,9 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
         best = _solve(views, np.delete(best.x, 3), _BOUND)
     lens = np.zeros((2, 4))
     lens[:, : 4 if unbounded >= 0.0 else 3] = best.x[: -6 * len(views)], _deviations(best)[: -6 * len(views)]
+    if not lens[1, 0] < _VAGUE * lens[0, 0]:
+        told = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
+        raise ValueError(f"the pictures do not tell the lens ({told}): tilt the board otherwise in each")
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
     return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), unbounded)
@@ -142,13 +146,11 @@ def _solution(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
 
 
 def _deviations(fit: Solution) -> np.ndarray:
-    """(n,) standard deviations of the parameters of a robust ``fit`` (Huber 1981, 7.6).
+    """(n,) standard deviations of the parameters of a robust ``fit`` (Huber 1981, 7.6); infinite where others explain
+    the corners as well.
 
     cov = s^2 (J^T W J)^-1, s^2 = (psi^T psi) / (degrees of freedom) / mean(W), where psi is the bounded residual and W
     its slope. The columns of J, pixels for a radian and for a K of 1e-6, are scaled alike before the inversion.
-
-    Raises:
-        ValueError: another lens explains the corners just as well.
     """
     softened = 1.0 + (fit.residuals / _BOUND) ** 2
     J = fit.J.multiply(softened[:, None] ** -0.75)
@@ -156,7 +158,7 @@ def _deviations(fit: Solution) -> np.ndarray:
     scale = np.sqrt(np.maximum(np.diag(square), np.finfo(float).tiny))
     correlation = square / np.outer(scale, scale)
     if not np.linalg.cond(correlation) < _WORST:
-        raise ValueError("the pictures do not tell the lens: tilt the board otherwise in each")
+        return np.full(len(scale), np.inf)
     degrees = max(len(fit.residuals) - len(fit.x), 1)
     variance = (fit.residuals**2 / softened).sum() / degrees / (softened**-1.5).mean()
     return np.sqrt(variance * np.diag(np.linalg.inv(correlation))) / scale

@@ -4,6 +4,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import gymnasium
 
@@ -12,11 +13,16 @@ from activeslam_gym.play import HELP, play
 _DEFAULT = "(default: %(default)s)"
 
 
+class _Parser(argparse.ArgumentParser):
+    """Tells a mistake in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (see --help)\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options; ``run`` is the function of the chosen one."""
-    top = argparse.ArgumentParser(
-        prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment."
-    )
+    top = _Parser(prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment.")
     commands = top.add_subparsers(dest="command", required=True, metavar="play | live | track | ablate | calibrate")
     one = commands.add_parser(
         "play",

@@ -17,15 +17,16 @@ import numpy as np
 from scipy.sparse import block_diag, hstack
 from scipy.spatial import cKDTree
 
-from activeslam_gym.files import written_whole
+from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import open_images
+from activeslam_gym.vision.sources import SourceError, open_images
 from activeslam_gym.vision.target import CHARUCO, Board
 
 KINDS = ("chessboard", CHARUCO)
 LEAST_PICTURES = 3
+_MISCOUNT = 2  # columns or rows by which the given size may be wrong for a hint: texture may look like squares
 _LOOKED_AT = 20  # pictures that are searched for a board of another size
 _SIDES = (3, 100)  # fewest and most columns and rows of a board
 _MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
@@ -207,10 +208,15 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     if kind == CHARUCO and columns * rows // 2 > _MARKERS:
         raise ValueError(f"a charuco board must have at most {_MARKERS} markers, got {columns} x {rows} squares")
     views, shape = [], (0, 0)
-    for _, image in open_images(images, 1.0):
-        shape = image.shape
-        if (view := find_board(image, kind, columns, rows)) is not None:
-            views.append(view)
+    with argument("out"):
+        demand_writable(Path(out).parent)
+        if Path(out).is_dir():
+            raise ValueError(f"{out} is a folder; allowed: a file")
+    with argument("images", SourceError):
+        for _, image in open_images(images, 1.0):
+            shape = image.shape
+            if (view := find_board(image, kind, columns, rows)) is not None:
+                views.append(view)
     if len(views) < LEAST_PICTURES:
         hint = _hint(images, kind, columns, rows)
         raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed{hint}")
@@ -233,7 +239,7 @@ def _hint(images: str | Path, kind: str, columns: int, rows: int) -> str:
 
 
 def _size_seen(image: np.ndarray, kind: str, columns: int, rows: int) -> tuple[int, int] | None:
-    """Columns and rows of the board that the image (h, w) shows, of a ChArUco board only those near the given."""
+    """Columns and rows of the board that the image (h, w) shows, if they are near those given."""
     if kind == CHARUCO:
         near = [(columns + i, rows + j) for i, j in product((-1, 0, 1), repeat=2)] + [(rows, columns)]
         views = {size: find_board(image, kind, *size) for size in near if min(size) >= _SIDES[0]}
@@ -244,4 +250,5 @@ def _size_seen(image: np.ndarray, kind: str, columns: int, rows: int) -> tuple[i
     if not found:
         return None
     low, high = sorted(marks.shape[:2])
-    return (high, low) if columns >= rows else (low, high)
+    size = (high, low) if columns >= rows else (low, high)
+    return size if np.abs(np.subtract(size, (columns, rows))).max() <= _MISCOUNT else None

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import camera_of
-from activeslam_gym.files import Lines, written_whole
+from activeslam_gym.files import Lines, argument, demand_writable, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
@@ -29,7 +29,7 @@ from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import Frame, image_count, open_images
+from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
 from activeslam_gym.vision.target import FACING, Target, read_target
 
 HAND_HELD: dict[str, Any] = {
@@ -46,8 +46,8 @@ HAND_HELD: dict[str, Any] = {
 FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
 """The words for a track without a target."""
 COVARIANCE = (
-    "# t [s], then row by row the 6 x 6 covariance of the errors of position x y z [m] and of rotation about the world's "
-    "axes X Y Z [rad]: R = Exp(rotation) R_file\n"
+    "# t [s], then row by row the 6 x 6 covariance of position x y z [m] and of rotation about the world's axes X Y Z "
+    "[rad]: R = Exp(rotation) R_file\n"
 )
 """The first line of a file of covariances."""
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
@@ -166,9 +166,18 @@ def track(
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
-    lens, known = read_calibration(calibration), None if target is None else read_target(target)
-    frames, folder, diagnosis = open_images(images, rate), Path(out), Diagnosis()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder, diagnosis = Path(out), Diagnosis()
+    with argument("calibration"):
+        lens = read_calibration(calibration)
+    with argument("target"):
+        known = None if target is None else read_target(target)
+    with argument("images", SourceError):
+        frames = open_images(images, rate)
+    with argument("out"):
+        demand_writable(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+    with argument("covariance"):
+        covariances = None if covariance is None else Lines(Path(covariance))
     bar = _with_progress(frames, image_count(images))
     with ExitStack() as at_close:
         files, picture = None, None
@@ -177,7 +186,7 @@ def track(
             nonlocal files, picture
             if files is None:  # the first image shows the target
                 picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
-                files = at_close.enter_context(closing(TrackFiles(folder, known is not None, covariance, keep_lost)))
+                files = at_close.enter_context(closing(TrackFiles(folder, known is not None, covariances, keep_lost)))
             filter = front_end.filter
             files.add(frame[0], filter.mean, log, filter.camera_covariance[:6, :6])
             if log is not None and log.lost:
@@ -218,19 +227,17 @@ class TrackFiles:
     """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
 
     The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
-    images have a line in frames.csv only, unless ``keep_lost``. The file ``covariance`` gets a line for each pose.
+    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances`` gets a line for each pose.
 
     Raises:
         OSError: they cannot be written.
     """
 
-    def __init__(
-        self, folder: Path, metric: bool, covariance: str | Path | None = None, keep_lost: bool = False
-    ) -> None:
+    def __init__(self, folder: Path, metric: bool, covariances: Lines | None = None, keep_lost: bool = False) -> None:
         self._map, self._keep_lost = folder / "map.csv", keep_lost
         self._map.unlink(missing_ok=True)  # of a track before
         self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
-        self._covariances = None if covariance is None else Lines(Path(covariance))
+        self._covariances = covariances
         self._rows = csv.writer(self._frames)
         self._rows.writerow(FrameLog._fields)
         if not metric:
@@ -239,8 +246,8 @@ class TrackFiles:
             self._covariances.write(COVARIANCE)
 
     def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
-        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, if it
-        is not the first.
+        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
+        of the first.
 
         Raises:
             OSError: the disk is full, or gone.

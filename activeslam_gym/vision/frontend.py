@@ -37,7 +37,7 @@ class FrameLog(NamedTuple):
     births: int
     deletions: int
     clear: bool  # so much of the searched was matched that features could be judged and born
-    lost: bool  # too little of the map was matched, here or for long, and it was not found again since
+    lost: bool  # too little of the map was matched to tell the pose
     relocalised: bool  # the map was lost, and found again in this image
     metric: bool  # the scale is known: there are fiducials
     milliseconds: float  # of computation
@@ -76,7 +76,6 @@ class FrontEnd:
         self._searched: list[Searched] = []
         self._views: list[np.ndarray] = []
         self._blind = 0  # images in a row without the map
-        self._adrift = False  # whether there were more of them than `patience`, and the map was not found again since
         self._target: tuple[Drawn, np.ndarray] | None = None
         self._drawn_from: dict[int, np.ndarray] = {}  # the camera's pose (7,) at the last drawing of each fiducial
 
@@ -159,8 +158,7 @@ class FrontEnd:
         clear = self._notice(searched, matched)
         births, deletions = self._learn(clear, image, grey)
         again, metric = placed and self._blind == 0, len(self.filter.fiducials) > 0
-        self._adrift = (self._adrift or self._blind > self.settings.patience) and not again
-        missed = self._adrift or not self._suffices(matched, searched)
+        missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
         return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.process_time() - began))
 

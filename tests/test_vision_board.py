@@ -177,6 +177,13 @@ def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
     assert find_board(FLAT, "charuco", 7, 5) is None
 
 
+def test_of_a_long_video_some_pictures_are_enough(tmp_path, monkeypatch) -> None:
+    for k in range(12):
+        cv2.imwrite(str(tmp_path / f"{k:02}.png"), photographed(POSES[k // 3 % 5], chessboard, 2))
+    monkeypatch.setattr(board, "_ENOUGH", 6)
+    assert board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json").pictures == 4
+
+
 class Stopping:
     """A camera that gives two colour images and stops."""
 

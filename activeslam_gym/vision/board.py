@@ -21,11 +21,12 @@ from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import SourceError, open_images
+from activeslam_gym.vision.sources import SourceError, image_count, open_images
 from activeslam_gym.vision.target import CHARUCO, Board
 
 KINDS = ("chessboard", CHARUCO)
 LEAST_PICTURES = 3
+_ENOUGH = 200  # from so many pictures on, as of a video, some are left out, evenly
 _MISCOUNT = 2  # columns or rows by which the given size may be wrong for a hint: texture may look like squares
 _LOOKED_AT = 20  # pictures that are searched for a board of another size
 _SIDES = (3, 100)  # fewest and most columns and rows of a board
@@ -213,7 +214,8 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         if Path(out).is_dir():
             raise ValueError(f"{out} is a folder; allowed: a file")
     with argument("images", SourceError):
-        for _, image in open_images(images, 1.0):
+        every = 1 + (image_count(images) or 0) // _ENOUGH
+        for _, image in islice(open_images(images, 1.0), 0, None, every):
             shape = image.shape
             if (view := find_board(image, kind, columns, rows)) is not None:
                 views.append(view)
@@ -235,7 +237,7 @@ def _hint(images: str | Path, kind: str, columns: int, rows: int) -> str:
         return ""
     wide, high = size
     counted = "squares" if kind == CHARUCO else f"inner corners, which are {wide + 1} x {high + 1} squares"
-    return f". {count} show a board of {wide} x {high} {counted}: try --columns {wide} --rows {high}"
+    return f". {count} pictures show a board of {wide} x {high} {counted}: try --columns {wide} --rows {high}"
 
 
 def _size_seen(image: np.ndarray, kind: str, columns: int, rows: int) -> tuple[int, int] | None:

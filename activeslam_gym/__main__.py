@@ -4,6 +4,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 import gymnasium
 
@@ -12,11 +13,16 @@ from activeslam_gym.play import HELP, play
 _DEFAULT = "(default: %(default)s)"
 
 
+class _Parser(argparse.ArgumentParser):
+    """Tells a mistake in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (see --help)\n")
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options; ``run`` is the function of the chosen one."""
-    top = argparse.ArgumentParser(
-        prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment."
-    )
+    top = _Parser(prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment.")
     commands = top.add_subparsers(dest="command", required=True, metavar="play | live | track | ablate | calibrate")
     one = commands.add_parser(
         "play",
@@ -61,6 +67,8 @@ def parser() -> argparse.ArgumentParser:
     _add_sequence(one, "; without one the scale is free", required=False)
     one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
+    one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
+    one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")
     one = commands.add_parser(
         "ablate",
         help="track with parts of the front end left out, side by side",
@@ -97,27 +105,28 @@ def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command: the exit status.
 
-    1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 130: Ctrl-C
-    or SIGTERM.
+    1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 3: most
+    images were lost; 130: Ctrl-C or SIGTERM.
     """
-    args, status = parser().parse_args(arguments), 1
+    args = parser().parse_args(arguments)
     try:
-        trouble: object = args.run(args)
+        status, trouble = args.run(args) or (0, None)
     except gymnasium.error.Error as error:
-        trouble = f"{error}\n\nOn a screen these are the keys:\n{HELP}"
+        status, trouble = 1, f"{error}\n\nOn a screen these are the keys:\n{HELP}"
     except ModuleNotFoundError as error:
-        trouble = error
+        status, trouble = 1, error
     except (ValueError, OSError) as error:
-        trouble, status = error, 2
+        status, trouble = 2, error
     except KeyboardInterrupt:
         return 130
-    if trouble is None:
-        return 0
-    print(f"python -m activeslam_gym {args.command}: {trouble}", file=sys.stderr)
+    if status:
+        print(f"python -m activeslam_gym {args.command}: {trouble}", file=sys.stderr)
     return status
 
 
-# Each runs its command and returns the reason of an early end, or None. -----------------------------------------------
+# Each runs its command and returns exit status and reason of a bad end, or None. -------------------------------------
+
+Ending = tuple[int, str] | None
 
 
 def _play(args: argparse.Namespace) -> None:
@@ -125,21 +134,26 @@ def _play(args: argparse.Namespace) -> None:
     print("\n".join(rooms) or "No room was flown to its end.")
 
 
-def _live(args: argparse.Namespace) -> str | None:
+def _live(args: argparse.Namespace) -> Ending:
     from activeslam_gym.live.run import live
 
     trouble = live(args)
     if args.record is not None:
         print(f"Recorded in {args.record}")
-    return trouble and f"ended early: {trouble}"
+    return (1, f"ended early: {trouble}") if trouble else None
 
 
-def _track(args: argparse.Namespace) -> str | None:
+def _track(args: argparse.Namespace) -> Ending:
     from activeslam_gym.vision.track import summary, track
 
-    done = track(args.images, args.calibration, args.target, args.rate, args.out, args.film)
+    files = args.images, args.calibration, args.target, args.rate, args.out
+    done, advice = track(*files, args.film, args.covariance, args.keep_lost)
     print(f"{summary(done)}; results in {args.out}")
-    return done.trouble and f"ended early: {done.trouble}"
+    tracked, early = len(done.lost) - int(done.lost.sum()), done.trouble and f"ended early: {done.trouble}"
+    if 2 * tracked < len(done.lost):
+        counted = f"lost: {tracked} of {len(done.lost)} images were tracked; {advice}"
+        return 3, f"{early}; {counted}" if early else counted
+    return (1, early) if early else None
 
 
 def _ablate(args: argparse.Namespace) -> None:
@@ -157,9 +171,12 @@ def _calibrate(args: argparse.Namespace) -> None:
     print(
         f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
         f"focal_px {lens.focal_px:.2f} +- {stds[0]:.2f}, principal point ({lens.principal_x_px:.2f} +- {stds[1]:.2f}, "
-        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
-        f"written to {args.out}"
+        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}"
     )
+    if fit.unbounded < 0.0:
+        asked = f"the corners ask for a distortion of {fit.unbounded:.1e} (pincushion), which equation 1 does not have"
+        print(f"{asked}: it is held at 0, and residual and deviations are of that lens")
+    print(f"written to {args.out}")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,21 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
         unfinished.unlink(missing_ok=True)
 
 
+@contextmanager
+def argument(name: str, wrong: type[ValueError] = ValueError) -> Iterator[None]:
+    """What is ``wrong``, or a file that cannot be used, in this block is told as being of the argument ``name``.
+
+    Raises:
+        ValueError, OSError: as the block does; the message begins with the argument.
+    """
+    try:
+        yield
+    except wrong as error:
+        raise type(error)(f"--{name}: {error}") from None
+    except OSError as error:
+        raise OSError(f"--{name}: {f'{error.filename}: {error.strerror}' if error.errno else error}") from None
+
+
 class Lines:
     """A text file that grows: what is written is on the disk at once, whole or not at all.
 

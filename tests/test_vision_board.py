@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.geometry import quaternion_exp, rotation_matrix  # noqa: E402
+from activeslam_gym.vision import board  # noqa: E402
 from activeslam_gym.vision.ablation import aligned_rmse  # noqa: E402
-from activeslam_gym.vision.board import find_board, fit_lens  # noqa: E402
+from activeslam_gym.vision.board import View, _model, find_board, fit_lens  # noqa: E402
 from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
 from activeslam_gym.vision.sources import SourceError, open_images  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
@@ -57,15 +59,111 @@ def test_the_lens_is_recovered_from_pictures_of_a_board(pattern, std, tmp_path, 
     assert float(said.split("residual ")[1].split()[0]) < 0.3
 
 
+POINTS = np.stack((*np.meshgrid(np.arange(7.0) - 3.0, np.arange(5.0) - 2.0), np.zeros((5, 7))), axis=-1).reshape(-1, 3)
+EXACT = [
+    (POINTS * (1.0, -1.0, 1.0), projected(CAMERA, np.concatenate((20.0 * pose[:3], pose[3:])), POINTS))
+    for pose in POSES
+]
+"""Views through LENS, without noise."""
+
+
+def pinhole(seed: int, noise_px: float, bend: float = 0.0, tilt: float = 0.6) -> list[View]:
+    """Ten views through a lens with f = 520, u0 = 325, v0 = 236 and K = ``bend``, with drawn noise."""
+    rng, views = np.random.default_rng(seed), []
+    for _ in range(10):
+        turn = Rotation.from_rotvec(rng.uniform(-tilt, tilt, 3))
+        p = turn.apply(POINTS) + (rng.uniform(-1.5, 1.5), rng.uniform(-1, 1), rng.uniform(9, 13))
+        u_c = 520.0 * p[:, :2] / p[:, 2:]
+        pixels = u_c / np.sqrt(1.0 + bend * (u_c**2).sum(axis=1))[:, None] + (325.0, 236.0)
+        views.append((POINTS, pixels + noise_px * rng.standard_normal(pixels.shape)))
+    return views
+
+
+def fitted_by_opencv(views: list[View], bent: bool) -> tuple[float, np.ndarray, np.ndarray]:
+    """RMS residual of an axis, then (f, u0, v0) and their deviations; its first radial term is free where ``bent``."""
+    held = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | (0 if bent else cv2.CALIB_FIX_K1)
+    flags = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_ZERO_TANGENT_DIST | held
+    points, pixels = ([np.array(view[k], np.float32)[:, None] for view in views] for k in range(2))
+    rms, K, _, _, _, stds = cv2.calibrateCameraExtended(points, pixels, (640, 480), np.eye(3), None, flags=flags)[:6]
+    return rms / np.sqrt(2.0), K[(1, 0, 1), (1, 2, 2)], stds.ravel()[1:4]
+
+
 def test_the_fit_is_exact_on_exact_corners() -> None:
-    points = np.stack((*np.meshgrid(np.arange(7.0) - 3.0, np.arange(5.0) - 2.0), np.zeros((5, 7))), axis=-1).reshape(
-        -1, 3
-    )
-    poses = [np.concatenate((20.0 * pose[:3], pose[3:])) for pose in POSES]
-    fit = fit_lens([(points * (1.0, -1.0, 1.0), projected(CAMERA, pose, points)) for pose in poses], 320, 240)
+    fit = fit_lens(EXACT, 320, 240)
     np.testing.assert_allclose(fit.calibration[2:5], LENS[2:5], atol=1e-3)
     assert fit.calibration.distortion == pytest.approx(LENS.distortion, rel=1e-3)
     assert fit.residual_px < 1e-4
+
+
+@pytest.mark.parametrize("noise_px", [0.1, 0.5])
+def test_repeated_fits_spread_as_they_claim(noise_px) -> None:
+    rng, lenses, stds = np.random.default_rng(7), [], []
+    for _ in range(40):
+        fit = fit_lens([(p, z + noise_px * rng.standard_normal(z.shape)) for p, z in EXACT], 320, 240)
+        lenses.append(fit.calibration[2:])
+        stds.append(fit.stds)
+    ratio = np.std(lenses, axis=0, ddof=1) / np.mean(stds, axis=0)
+    assert (1.0 / 1.5 < ratio).all() and (ratio < 1.5).all(), ratio
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lens_and_deviations_are_those_of_opencv(seed) -> None:
+    views = pinhole(seed, 0.3)
+    fit = fit_lens(views, 640, 480)
+    residual, lens, stds = fitted_by_opencv(views, bent=fit.unbounded > 0.0)
+    assert fit.calibration.focal_px == pytest.approx(lens[0], rel=0.001)
+    np.testing.assert_allclose(fit.stds[:3], stds, rtol=0.1)
+    assert fit.residual_px == pytest.approx(residual, rel=0.02)
+
+
+def test_a_pincushion_is_told_and_the_residual_is_of_the_written_lens() -> None:
+    views = pinhole(1, 0.1, -4e-7)
+    fit = fit_lens(views, 640, 480)
+    assert fit.unbounded == pytest.approx(-4e-7, rel=0.2)
+    assert fit.calibration.distortion == 0.0 and fit.stds[3] == 0.0
+    residual, lens, _ = fitted_by_opencv(views, bent=False)
+    assert fit.residual_px == pytest.approx(residual, rel=0.02) and residual > 0.12
+    assert fit.calibration.focal_px == pytest.approx(lens[0], rel=0.001)
+
+
+def test_boards_that_all_face_the_camera_do_not_tell_the_lens() -> None:
+    with pytest.raises(ValueError, match="tilt the board"):
+        fit_lens(pinhole(1, 0.1, 4e-7, tilt=0.0), 640, 480)
+
+
+def test_the_derivatives_of_the_residuals_are_the_numerical_ones() -> None:
+    rng = np.random.default_rng(2)
+    for lens in ((190.0, 160.0, 120.0), (190.0, 160.0, 120.0, 1.5e-5)):
+        x = np.concatenate((lens, (rng.uniform(-0.3, 0.3, (5, 6)) + (0, 0, 0, 0, 0, 12.0)).ravel()))
+        steps = np.diag(1e-5 * np.maximum(np.abs(x), 1e-6))
+        numerical = [(_model(x + h, EXACT)[0] - _model(x - h, EXACT)[0]) / (2.0 * h.sum()) for h in steps]
+        J = _model(x, EXACT)[1].toarray()
+        np.testing.assert_allclose(
+            np.transpose(numerical) / np.abs(J).max(axis=0), J / np.abs(J).max(axis=0), atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("pattern", [chessboard, charuco])
+def test_a_board_in_a_large_picture_is_found_at_reduced_size(pattern, monkeypatch) -> None:
+    image = photographed(POSES[1], pattern)
+    whole = {tuple(point): pixel for point, pixel in zip(*find_board(image, pattern.__name__, COLUMNS, ROWS))}
+    monkeypatch.setattr(board, "_SEARCHED", 280)
+    found = {tuple(point): pixel for point, pixel in zip(*find_board(image, pattern.__name__, COLUMNS, ROWS))}
+    both = whole.keys() & found.keys()
+    assert len(both) >= 10
+    assert np.sqrt(np.mean([(whole[point] - found[point]) ** 2 for point in both])) < 0.15
+
+
+@pytest.mark.parametrize(
+    ("pattern", "columns", "rows"), [(chessboard, 8, 6), (chessboard, 6, 4), (charuco, 6, 4), (charuco, 8, 6)]
+)
+def test_squares_counted_for_corners_get_a_hint(pattern, columns, rows, tmp_path, capsys) -> None:
+    for k, pose in enumerate(POSES):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), photographed(pose, pattern, 2))
+    size = [f"--columns={columns}", f"--rows={rows}", f"--kind={pattern.__name__}"]
+    assert main(["calibrate", f"--images={tmp_path}", *size, f"--out={tmp_path / 'lens.json'}"]) == 2
+    said = capsys.readouterr().err
+    assert "found in 0 pictures" in said and said.endswith("try --columns 7 --rows 5\n")
 
 
 def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
@@ -77,6 +175,13 @@ def test_too_few_pictures_of_the_board_are_refused(tmp_path, capsys) -> None:
     assert main([*arguments, "--kind", "dots", "--out", str(tmp_path / "lens.json")]) == 2
     assert "kind must be one of chessboard, charuco" in capsys.readouterr().err
     assert find_board(FLAT, "charuco", 7, 5) is None
+
+
+def test_of_a_long_video_some_pictures_are_enough(tmp_path, monkeypatch) -> None:
+    for k in range(12):
+        cv2.imwrite(str(tmp_path / f"{k:02}.png"), photographed(POSES[k // 3 % 5], chessboard, 2))
+    monkeypatch.setattr(board, "_ENOUGH", 6)
+    assert board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json").pictures == 4
 
 
 class Stopping:

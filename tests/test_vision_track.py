@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import chain, islice, repeat
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.geometry import rotation_error  # noqa: E402
+from activeslam_gym.vision import track as track_module  # noqa: E402
 from activeslam_gym.vision.calibration import calibration_from, read_calibration  # noqa: E402
 from activeslam_gym.vision.drawing import drawn  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners, start_pose  # noqa: E402
@@ -164,7 +166,9 @@ def command(sequence: Path, out: Path, images: Path | None = None, *more: str) -
 
 
 def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
-    done = track(sequence / "images", sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path / "out")
+    done, _ = track(
+        sequence / "images", sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path / "out"
+    )
     assert done.trouble is None and len(done.times) == 25
     error = np.linalg.norm(done.cameras[5:, :3] - np.array(path(25))[5:, :3], axis=1)
     assert error.max() < 0.015
@@ -174,6 +178,60 @@ def test_a_rendered_plane_is_tracked_to_millimetres(sequence, tmp_path) -> None:
     assert np.abs(written[0, 4]) > 0.99  # x right, y down, z forward before the target: half a turn about X
     assert len((tmp_path / "out" / "frames.csv").read_text().splitlines()) == 25
     assert len((tmp_path / "out" / "map.csv").read_text().splitlines()) > 12
+
+
+@pytest.fixture(scope="module")
+def darkening(sequence, tmp_path_factory) -> Path:
+    """A folder with six images of the sequence and eight dark ones."""
+    folder, rng = tmp_path_factory.mktemp("darkening"), np.random.default_rng(1)
+    for k in range(6):
+        (folder / f"{k:02}.png").symlink_to(sequence / "images" / f"{k:03}.png")
+    for k in range(6, 14):
+        write(folder / f"{k:02}.png", rng.integers(0, 12, (240, 320), np.uint8))
+    return folder
+
+
+def test_a_track_that_is_mostly_lost_says_so_and_withholds_poses(sequence, darkening, tmp_path, capsys) -> None:
+    covariances = tmp_path / "covariances.txt"
+    assert main(command(sequence, tmp_path, darkening, f"--covariance={covariances}")) == 3
+    said = capsys.readouterr()
+    assert "lost in 8 images, first at 0.20 s" in said.out
+    assert "track: lost: 6 of 14 images were tracked; a lost image is dark" in said.err.splitlines()[-1]
+    header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
+    assert [row[header.index("lost")] for row in rows] == ["0"] * 5 + ["1"] * 8
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == len(np.loadtxt(covariances)) == 6
+    assert main(command(sequence, tmp_path, darkening, f"--covariance={covariances}", "--keep-lost")) == 3
+    assert len(np.loadtxt(tmp_path / "trajectory.tum")) == len(np.loadtxt(covariances)) == 14
+
+
+def test_a_wall_without_corners_is_told(sequence, tmp_path, capsys) -> None:
+    for k in range(3):
+        write(tmp_path / f"{k}.png", np.full((240, 320), 180, np.uint8))
+    line = command(sequence, tmp_path, tmp_path)
+    assert main([word for word in line if "target" not in word]) == 3
+    assert "0 of 3 images were tracked; a lost image has no corners (a blank wall, or blur)" in capsys.readouterr().err
+
+
+def test_covariances_are_those_of_the_track_and_grow_where_it_is_lost(sequence, darkening, tmp_path) -> None:
+    files = darkening, sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path
+    done, _ = track(*files, covariance=tmp_path / "covariances.txt", keep_lost=True)
+    written = np.loadtxt(tmp_path / "covariances.txt")
+    np.testing.assert_allclose(written[:, 0], done.times, atol=1e-6)
+    np.testing.assert_allclose(written[:, 1:].reshape(-1, 6, 6), done.covariances, rtol=1e-5, atol=1e-12)
+    assert np.trace(done.covariances[13, :3, :3]) > 10.0 * np.trace(done.covariances[5, :3, :3])
+    assert done.lost.tolist() == [False] * 6 + [True] * 8
+
+
+def test_the_progress_bar_shows_lost(sequence, darkening, tmp_path, monkeypatch) -> None:
+    class Bar(list):
+        said: ClassVar[list[str]] = []
+
+        def set_postfix_str(self, words: str, refresh: bool) -> None:
+            self.said.append(words)
+
+    monkeypatch.setattr(track_module, "_with_progress", lambda frames, total: Bar(frames))
+    track(darkening, sequence / "calibration.json", sequence / "target.json", 30.0, tmp_path)
+    assert Bar.said == [""] * 6 + ["lost"] * 8
 
 
 @contextmanager

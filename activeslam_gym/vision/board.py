@@ -7,26 +7,37 @@ lens. Axes are those of image files here, x right and y down, in which equation 
 import json
 import math
 import reprlib
+from collections import Counter
 from collections.abc import Sequence
+from itertools import islice, product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
+from scipy.sparse import block_diag, hstack
+from scipy.spatial import cKDTree
 
-from activeslam_gym.files import written_whole
-from activeslam_gym.vision.calibration import Calibration
+from activeslam_gym.files import argument, demand_writable, written_whole
+from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import open_images
+from activeslam_gym.vision.sources import SourceError, image_count, open_images
 from activeslam_gym.vision.target import CHARUCO, Board
 
 KINDS = ("chessboard", CHARUCO)
 LEAST_PICTURES = 3
+_ENOUGH = 200  # from so many pictures on, as of a video, some are left out, evenly
+_MISCOUNT = 2  # columns or rows by which the given size may be wrong for a hint: texture may look like squares
+_LOOKED_AT = 20  # pictures that are searched for a board of another size
 _SIDES = (3, 100)  # fewest and most columns and rows of a board
 _MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
 _MARKERS = 50  # markers of its dictionary, 4x4_50: a board has at most as many
+_SEARCHED = 1000  # a board is searched in images no longer than this [px]
+_WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
+_ROUNDS = 60  # most steps of a fit
+_BOUND = 1.0  # residual beyond which a corner counts little [px]
+_WORST = 1e12  # condition of the scaled J^T J from which it is singular
+_VAGUE = 0.1  # deviation of a focal length that is not told, as a share of it
 _FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
 
 View = tuple[np.ndarray, np.ndarray]
@@ -37,55 +48,142 @@ class Fit(NamedTuple):
     """A lens and how well it explains the corners."""
 
     calibration: Calibration
-    residual_px: float  # root mean square of a corner's residual, each axis
-    stds: np.ndarray  # (4,) of focal length, principal point and distortion, from the residual
+    residual_px: float  # root mean square of a corner's residual from this lens, each axis
+    stds: np.ndarray  # (4,) of focal length, principal point and distortion; 0 of a distortion that is held
     pictures: int  # that showed the board
+    unbounded: float  # distortion of the best fit of either sign; equation 1 holds a negative one at 0
+
+
+class Solution(NamedTuple):
+    """Parameters of a lens and of n boards before it."""
+
+    x: np.ndarray  # (4 + 6 n,), or (3 + 6 n,) without distortion: see `_model`
+    residuals: np.ndarray  # (m,) predicted - measured [px]
+    J: Any  # (m, len(x)) their derivatives, sparse
+    cost: float
 
 
 def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | None:
-    """The corners of the board in a grey ``image`` (h, w) uint8, or None if it does not show enough of it."""
+    """The corners of the board in a grey ``image`` (h, w) uint8, or None if it does not show enough of it.
+
+    A large image is searched at reduced size, and the corners refined at full size.
+    """
+    small, scale = _reduced(image)
     if kind == CHARUCO:
-        board = Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50")
-        points, pixels = corners_in(image, board)
-        return (points * (1.0, -1.0, 1.0), pixels) if len(points) >= LEAST_CORNERS else None
-    cv2 = opencv()
-    found, pixels = cv2.findChessboardCornersSB(image, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
-    y, x = (axis.ravel() for axis in np.mgrid[:rows, :columns])
-    return (np.stack((x, y, 0.0 * x), axis=1), pixels.reshape(-1, 2).astype(float)) if found else None
+        points, pixels = corners_in(small, Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50"))
+        found, points = len(points) >= LEAST_CORNERS, points * (1.0, -1.0, 1.0)
+    else:
+        cv2 = opencv()
+        found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
+        y, x = (axis.ravel() for axis in np.mgrid[:rows, :columns])
+        points = np.stack((x, y, 0.0 * x), axis=1)
+    if not found:
+        return None
+    pixels = pixels.reshape(-1, 2).astype(float)
+    return points, pixels if scale == 1.0 else _refined(image, kind, scale * (pixels + 0.5) - 0.5)
+
+
+def _reduced(image: np.ndarray) -> tuple[np.ndarray, float]:
+    """The image no longer than _SEARCHED, and the pixels of ``image`` (h, w) to one of it."""
+    cv2, scale = opencv(), max(1.0, max(image.shape) / _SEARCHED)
+    if scale == 1.0:
+        return image, scale
+    return cv2.resize(image, None, fx=1.0 / scale, fy=1.0 / scale, interpolation=cv2.INTER_AREA), scale
+
+
+def _refined(image: np.ndarray, kind: str, pixels: np.ndarray) -> np.ndarray:
+    """The corners (n, 2) [px], in windows that reach no other corner and no marker."""
+    cv2, (pitch, _) = opencv(), cKDTree(pixels).query(pixels, 2)
+    half = max(int(_WINDOWS[kind] * pitch[:, 1].min()), 3)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.001)
+    rough = pixels.astype(np.float32).reshape(-1, 1, 2)
+    return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
 
 
 def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     """The lens of images of ``width`` x ``height`` pixels that explains the ``views`` best.
 
     Raises:
-        ValueError: there are too few views, or no lens explains them.
+        ValueError: they do not tell the lens.
     """
-    if len(views) < LEAST_PICTURES:
-        raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed")
-    fits = [least_squares(_residuals, _guess(views, share * width, width, height), args=(views,), x_scale="jac",
-                          max_nfev=60) for share in _FOCALS]  # fmt: skip
+    fits = [_solve(views, _guess(views, share * width, width, height), math.inf) for share in _FOCALS]
     fits = [fit for fit in fits if np.isfinite(fit.cost) and fit.x[0] > 0.0]
     if not fits:
         raise ValueError("no lens explains the corners of the board")
-    best = min(fits, key=lambda fit: fit.cost)
-    best = least_squares(_residuals, best.x, args=(views,), x_scale="jac", loss="soft_l1", f_scale=1.0)
-    f, u0, v0, bend = best.x[:4]
-    degrees = max(len(best.fun) - len(best.x), 1)
-    spread = np.sqrt(np.diag(np.linalg.pinv(best.jac.T @ best.jac))[:4] * (best.fun @ best.fun) / degrees)
-    lens = Calibration(width, height, float(f), float(u0), float(v0), max(float(bend), 0.0))
-    return Fit(lens, math.sqrt(float(np.mean(best.fun**2))), spread, len(views))
+    best = _solve(views, min(fits, key=lambda fit: fit.cost).x, _BOUND)
+    unbounded = float(best.x[3])
+    if unbounded < 0.0:
+        best = _solve(views, np.delete(best.x, 3), _BOUND)
+    lens = np.zeros((2, 4))
+    lens[:, : 4 if unbounded >= 0.0 else 3] = best.x[: -6 * len(views)], _deviations(best)[: -6 * len(views)]
+    if not lens[1, 0] < _VAGUE * lens[0, 0]:
+        told = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
+        raise ValueError(f"the pictures do not tell the lens ({told}): tilt the board otherwise in each")
+    fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
+    calibration = calibration_from(fields, "the fitted lens is none that can be used")
+    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), unbounded)
 
 
-def _residuals(x: np.ndarray, views: Sequence[View]) -> np.ndarray:
-    """Predicted - measured pixels. ``x``: f, u0, v0, K, then each board's rotation vector and place in the camera."""
-    f, u0, v0, bend = x[:4]
-    out = []
-    for (points, pixels), pose in zip(views, x[4:].reshape(-1, 6)):
-        p = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
-        u_c = f * p[:, :2] / np.maximum(p[:, 2:], 1e-3)
-        d = np.maximum(1.0 + bend * (u_c**2).sum(1), 1e-3)
-        out.append(u_c / np.sqrt(d)[:, None] + (u0, v0) - pixels)
-    return np.concatenate(out).ravel()
+def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
+    """The least squares of the residuals, from the parameters ``x`` of `_model`, by Levenberg and Marquardt.
+
+    A residual r beyond the ``bound`` b [px] counts little: cost b^2 (sqrt(1 + (r / b)^2) - 1), as `soft_l1`.
+    """
+    now, damping = _solution(views, x, bound), 1e-3
+    for _ in range(_ROUNDS):
+        weighted = now.J.multiply(((1.0 + (now.residuals / bound) ** 2) ** -0.5)[:, None]).tocsr()
+        square = (now.J.T @ weighted).toarray()
+        step = np.linalg.solve(square + damping * np.diag(np.diag(square)), weighted.T @ now.residuals)
+        then = _solution(views, now.x - step, bound)
+        near = abs(now.cost - then.cost) <= 1e-9 * now.cost
+        now, damping = (then, 0.1 * damping) if then.cost < now.cost else (now, 10.0 * damping)
+        if near:
+            break
+    return now
+
+
+def _solution(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
+    residuals, J = _model(x, views)
+    return Solution(x, residuals, J, float((residuals**2 / (1.0 + np.hypot(1.0, residuals / bound))).sum()))
+
+
+def _deviations(fit: Solution) -> np.ndarray:
+    """(n,) standard deviations of the parameters of a robust ``fit`` (Huber 1981, 7.6); infinite where others explain
+    the corners as well.
+
+    cov = s^2 (J^T W J)^-1, s^2 = (psi^T psi) / (degrees of freedom) / mean(W), where psi is the bounded residual and W
+    its slope. The columns of J, pixels for a radian and for a K of 1e-6, are scaled alike before the inversion.
+    """
+    softened = 1.0 + (fit.residuals / _BOUND) ** 2
+    J = fit.J.multiply(softened[:, None] ** -0.75)
+    square = (J.T @ J).toarray()
+    scale = np.sqrt(np.maximum(np.diag(square), np.finfo(float).tiny))
+    correlation = square / np.outer(scale, scale)
+    if not np.linalg.cond(correlation) < _WORST:
+        return np.full(len(scale), np.inf)
+    degrees = max(len(fit.residuals) - len(fit.x), 1)
+    variance = (fit.residuals**2 / softened).sum() / degrees / (softened**-1.5).mean()
+    return np.sqrt(variance * np.diag(np.linalg.inv(correlation))) / scale
+
+
+def _model(x: np.ndarray, views: Sequence[View]) -> tuple[np.ndarray, Any]:
+    """Predicted - measured pixels (m,), and their derivatives by ``x``, sparse (m, n): f, u0, v0, and K unless it is
+    held at 0; then each board's rotation vector and place in the camera."""
+    cv2, lens = opencv(), len(x) - 6 * len(views)
+    f, centre, bend = x[0], x[1:3], x[3] if lens == 4 else 0.0
+    residuals, by_lens, by_pose = [], [], []
+    for (points, pixels), pose in zip(views, x[lens:].reshape(-1, 6)):
+        ray, ray_pose = cv2.projectPoints(points, pose[:3], pose[3:], np.eye(3), None)[:2]
+        ray, ray_pose = ray.reshape(-1, 2), ray_pose[:, :6].reshape(-1, 2, 6)
+        u_c, r2 = f * ray, f**2 * (ray**2).sum(axis=1)[:, None]
+        root = np.sqrt(np.maximum(1.0 + bend * r2, 1e-3))
+        residuals.append(u_c / root + centre - pixels)
+        z_uc = np.eye(2) / root[:, :, None] - bend * u_c[:, :, None] * u_c[:, None] / root[:, :, None] ** 3
+        z_f, z_bend = z_uc @ ray[:, :, None], (-0.5 * r2 * u_c / root**3)[:, :, None]
+        z_centre = np.broadcast_to(np.eye(2), z_uc.shape)
+        by_lens.append(np.concatenate((z_f, z_centre, z_bend), axis=2)[:, :, :lens].reshape(-1, lens))
+        by_pose.append((f * z_uc @ ray_pose).reshape(-1, 6))
+    return np.concatenate(residuals).ravel(), hstack((np.concatenate(by_lens), block_diag(by_pose)), format="csr")
 
 
 def _guess(views: Sequence[View], focal: float, width: int, height: int) -> np.ndarray:
@@ -111,11 +209,48 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     if kind == CHARUCO and columns * rows // 2 > _MARKERS:
         raise ValueError(f"a charuco board must have at most {_MARKERS} markers, got {columns} x {rows} squares")
     views, shape = [], (0, 0)
-    for _, image in open_images(images, 1.0):
-        shape = image.shape
-        if (view := find_board(image, kind, columns, rows)) is not None:
-            views.append(view)
+    with argument("out"):
+        demand_writable(Path(out).parent)
+        if Path(out).is_dir():
+            raise ValueError(f"{out} is a folder; allowed: a file")
+    with argument("images", SourceError):
+        every = 1 + (image_count(images) or 0) // _ENOUGH
+        for _, image in islice(open_images(images, 1.0), 0, None, every):
+            shape = image.shape
+            if (view := find_board(image, kind, columns, rows)) is not None:
+                views.append(view)
+    if len(views) < LEAST_PICTURES:
+        hint = _hint(images, kind, columns, rows)
+        raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed{hint}")
     fit = fit_lens(views, shape[1], shape[0])
     with written_whole(Path(out)) as unfinished:
         unfinished.write_text(json.dumps(fit.calibration._asdict(), indent=1) + "\n")
     return fit
+
+
+def _hint(images: str | Path, kind: str, columns: int, rows: int) -> str:
+    """The size of the board that the first pictures show, if it is another than that given."""
+    sizes = Counter(_size_seen(image, kind, columns, rows) for _, image in islice(open_images(images, 1.0), _LOOKED_AT))
+    sizes[None] = 0
+    size, count = sizes.most_common(1)[0]
+    if size is None or size == (columns, rows) or count < LEAST_PICTURES:
+        return ""
+    wide, high = size
+    counted = "squares" if kind == CHARUCO else f"inner corners, which are {wide + 1} x {high + 1} squares"
+    return f". {count} pictures show a board of {wide} x {high} {counted}: try --columns {wide} --rows {high}"
+
+
+def _size_seen(image: np.ndarray, kind: str, columns: int, rows: int) -> tuple[int, int] | None:
+    """Columns and rows of the board that the image (h, w) shows, if they are near those given."""
+    if kind == CHARUCO:
+        near = [(columns + i, rows + j) for i, j in product((-1, 0, 1), repeat=2)] + [(rows, columns)]
+        views = {size: find_board(image, kind, *size) for size in near if min(size) >= _SIDES[0]}
+        seen = {size: len(view[0]) for size, view in views.items() if view is not None}
+        return max(seen, key=seen.__getitem__, default=None)
+    cv2 = opencv()
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(_reduced(image)[0], (3, 3), cv2.CALIB_CB_LARGER)
+    if not found:
+        return None
+    low, high = sorted(marks.shape[:2])
+    size = (high, low) if columns >= rows else (low, high)
+    return size if np.abs(np.subtract(size, (columns, rows))).max() <= _MISCOUNT else None

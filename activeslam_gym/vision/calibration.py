@@ -69,7 +69,8 @@ def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> 
         max(found.principal_y_px, found.image_height - 1 - found.principal_y_px),
     )
     if found.distortion * radius**2 >= 1.0:
-        raise ValueError(f"{where}: distortion {found.distortion:g} bends the image's corners beyond infinity")
+        bent = f"distortion {found.distortion:g} bends the image's corners beyond infinity"
+        raise ValueError(f"{where}: {bent}; with this principal point, less than {radius**-2:.3g} is allowed")
     return found
 
 

@@ -37,6 +37,7 @@ class FrameLog(NamedTuple):
     births: int
     deletions: int
     clear: bool  # so much of the searched was matched that features could be judged and born
+    lost: bool  # too little of the map was matched to tell the pose
     relocalised: bool  # the map was lost, and found again in this image
     metric: bool  # the scale is known: there are fiducials
     milliseconds: float  # of computation
@@ -157,20 +158,25 @@ class FrontEnd:
         clear = self._notice(searched, matched)
         births, deletions = self._learn(clear, image, grey)
         again, metric = placed and self._blind == 0, len(self.filter.fiducials) > 0
+        missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
-        return FrameLog(time_s, *counts, clear, again, metric, 1e3 * (time.process_time() - began))
+        return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.process_time() - began))
 
     def _notice(self, searched: int, matched: int) -> bool:
         """Whether so much of the map is in sight that features may be judged and born. Remembers the view, or counts
         one more image without the map."""
         s = self.settings
-        if matched >= max(s.least_share * searched, 3):
+        if self._suffices(matched, searched):
             self._blind = 0
             remember(self._views, self.filter.mean[:7])
         elif self._blind > 0 or searched >= s.constellation:
             self._blind += 1
         enough = matched >= max(s.clear * searched, s.least_clear)
         return bool(enough and (self._blind == 0 or self._blind > s.patience))
+
+    def _suffices(self, matched: int, searched: int) -> bool:
+        """Whether so many matches tell the pose."""
+        return matched >= max(self.settings.least_share * searched, 3)
 
     def _relocalise(self, grey: np.ndarray) -> bool:
         """Seek the map in all of the image, as it looked from one of the remembered views, the newest first; True: the

@@ -1,5 +1,6 @@
 """OpenCV, which reads images and finds corners: optional, and imported when it is first needed."""
 
+import os
 from typing import Any
 
 
@@ -9,6 +10,8 @@ def opencv() -> Any:
     Raises:
         ModuleNotFoundError: it is not installed; the message names the extra.
     """
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # errors are told by the one who reads
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:
         import cv2
     except ModuleNotFoundError:

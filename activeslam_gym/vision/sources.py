@@ -48,7 +48,7 @@ def _stored(path: str | Path) -> Iterator[tuple[str, np.ndarray]]:
         return _pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})")
     if glob.has_magic(str(path)):
         return _pictures(files, f"nothing matches the pattern {path}")
-    raise SourceError(f"there is no {path}")
+    raise SourceError(f"there is no {path}; allowed: a folder, a pattern, a video, or {CAMERA}0")
 
 
 def image_count(path: str | Path) -> int | None:
@@ -56,7 +56,7 @@ def image_count(path: str | Path) -> int | None:
     if not Path(path).is_file():
         return len(_picture_files(path)) or None
     cv2 = opencv()
-    return int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT)) or None
+    return max(int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT)), 0) or None
 
 
 def _picture_files(path: str | Path) -> list[Path]:
@@ -112,7 +112,8 @@ def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
     capture, count = cv2.VideoCapture(str(path)), 0
     try:
         if not capture.isOpened():
-            raise SourceError(f"{path} cannot be read as a video")
+            why = "it is empty" if path.stat().st_size == 0 else "it is damaged, or its codec is unknown to OpenCV"
+            raise SourceError(f"{path} cannot be read as a video: {why}")
         while (frame := capture.read())[0]:
             yield f"image {count} of {path.name}", frame[1]
             count += 1

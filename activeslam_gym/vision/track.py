@@ -18,17 +18,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import camera_of
-from activeslam_gym.files import Lines, written_whole
+from activeslam_gym.files import Lines, argument, demand_writable, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration, read_calibration
+from activeslam_gym.vision.diagnosis import Diagnosis, blemish
 from activeslam_gym.vision.drawing import drawn
 from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import Frame, image_count, open_images
+from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
 from activeslam_gym.vision.target import FACING, Target, read_target
 
 HAND_HELD: dict[str, Any] = {
@@ -44,6 +45,11 @@ HAND_HELD: dict[str, Any] = {
 """Fields of the scenario of a camera in the hand before a desk."""
 FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
 """The words for a track without a target."""
+COVARIANCE = (
+    "# t [s], then row by row the 6 x 6 covariance of position x y z [m] and of rotation about the world's axes X Y Z "
+    "[rad]: R = Exp(rotation) R_file\n"
+)
+"""The first line of a file of covariances."""
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
 _ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
@@ -58,6 +64,7 @@ class Track(NamedTuple):
     cameras: np.ndarray  # (n, 13) means of the camera (filter axes)
     covariances: np.ndarray  # (n, 6, 6) of position and rotation
     logs: list[FrameLog]  # of all images but the first
+    lost: np.ndarray  # (n,) bool: images in which too little was matched to tell the pose
     filter: Filter  # as it was after the last image
     trouble: str | None  # why it ended early, or None
 
@@ -85,7 +92,10 @@ def start(
     camera, fiducials = camera_of(scenario), np.zeros((0, 3))
     pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
     if target is not None:
-        points, corners = seen_corners(image, camera, target)
+        try:
+            points, corners = seen_corners(image, camera, target)
+        except ValueError as error:
+            raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
         pose, covariance = start_pose(camera, points, corners, _CORNER_STD)
         fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
@@ -116,6 +126,7 @@ def follow(
     front_end = start(frame[1], calibration, target, rate, settings)
     filter, trouble, log = front_end.filter, None, None
     times, cameras, covariances, logs = [], [], [], []
+    blank = len(filter.ids) + len(filter.fiducials) < 3
     try:
         while True:
             times.append(frame[0])
@@ -132,7 +143,8 @@ def follow(
         trouble = str(error)
     except KeyboardInterrupt:
         trouble = "interrupted"
-    return Track(np.array(times), np.array(cameras), np.array(covariances), logs, filter, trouble)
+    lost = np.array([blank, *(log.lost for log in logs)])[: len(times)]
+    return Track(np.array(times), np.array(cameras), np.array(covariances), logs, lost, filter, trouble)
 
 
 def track(
@@ -142,9 +154,11 @@ def track(
     rate: float,
     out: str | Path,
     film: bool = False,
-) -> Track:
+    covariance: str | Path | None = None,
+    keep_lost: bool = False,
+) -> tuple[Track, str]:
     """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
-    the images with their ellipses beside the map, film.mp4.
+    the images with their ellipses beside the map, film.mp4. Returns the track and advice on what was lost.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -152,9 +166,19 @@ def track(
         ModuleNotFoundError: OpenCV is not installed.
     """
     opencv()
-    lens, known = read_calibration(calibration), None if target is None else read_target(target)
-    frames, folder = open_images(images, rate), Path(out)
-    folder.mkdir(parents=True, exist_ok=True)
+    folder, diagnosis = Path(out), Diagnosis()
+    with argument("calibration"):
+        lens = read_calibration(calibration)
+    with argument("target"):
+        known = None if target is None else read_target(target)
+    with argument("images", SourceError):
+        frames = open_images(images, rate)
+    with argument("out"):
+        demand_writable(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+    with argument("covariance"):
+        covariances = None if covariance is None else Lines(Path(covariance))
+    bar = _with_progress(frames, image_count(images))
     with ExitStack() as at_close:
         files, picture = None, None
 
@@ -162,16 +186,21 @@ def track(
             nonlocal files, picture
             if files is None:  # the first image shows the target
                 picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
-                files = at_close.enter_context(closing(TrackFiles(folder, known is not None)))
-            files.add(frame[0], front_end.filter.mean, log)
+                files = at_close.enter_context(closing(TrackFiles(folder, known is not None, covariances, keep_lost)))
+            filter = front_end.filter
+            files.add(frame[0], filter.mean, log, filter.camera_covariance[:6, :6])
+            if log is not None and log.lost:
+                diagnosis.add(frame[1], log, filter.estimate().mapped)
+            if hasattr(bar, "set_postfix_str"):
+                bar.set_postfix_str("lost" if log is not None and log.lost else "", refresh=False)
             if picture is not None and log is not None:
                 picture(front_end, frame[1])
 
-        done = follow(_with_progress(frames, image_count(images)), lens, known, rate, watch=keep)
+        done = follow(bar, lens, known, rate, watch=keep)
         if files is not None:
             points, P = done.filter.points()
             files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
-    return done
+    return done, diagnosis.advice(done.metric)
 
 
 def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame]:
@@ -187,37 +216,47 @@ def summary(done: Track) -> str:
     """A line on the track."""
     matched, searched = (sum(getattr(log, name) for log in done.logs) for name in ("matched", "searched"))
     line = f"{len(done.times)} images; {matched / max(searched, 1):.0%} of the searched features found"
+    if done.lost.any():
+        line += f"; lost in {done.lost.sum()} images, first at {done.times[done.lost.argmax()]:.2f} s"
     if again := sum(log.relocalised for log in done.logs):
-        line += f"; lost and found again {again} times"
+        line += f"; found again {again} times"
     return line if done.metric else f"{line}; {FREE}"
 
 
 class TrackFiles:
     """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
 
-    The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so.
+    The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
+    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances`` gets a line for each pose.
 
     Raises:
         OSError: they cannot be written.
     """
 
-    def __init__(self, folder: Path, metric: bool) -> None:
-        self._map = folder / "map.csv"
+    def __init__(self, folder: Path, metric: bool, covariances: Lines | None = None, keep_lost: bool = False) -> None:
+        self._map, self._keep_lost = folder / "map.csv", keep_lost
         self._map.unlink(missing_ok=True)  # of a track before
         self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
+        self._covariances = covariances
         self._rows = csv.writer(self._frames)
         self._rows.writerow(FrameLog._fields)
         if not metric:
             self._poses.write(f"# {FREE}\n")
+        if self._covariances is not None:
+            self._covariances.write(COVARIANCE)
 
-    def add(self, time: float, camera: np.ndarray, log: FrameLog | None) -> None:
-        """The pose of ``camera`` (>= 7,) at ``time`` [s], and the ``log`` of the image, which the first has not.
+    def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
+        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
+        of the first.
 
         Raises:
             OSError: the disk is full, or gone.
         """
         w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
-        self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
+        if log is None or not log.lost or self._keep_lost:
+            self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
+            if self._covariances is not None and covariance is not None:
+                self._covariances.write(f"{time:.6f} {' '.join(f'{number:.6e}' for number in covariance.ravel())}\n")
         if log is not None:
             self._rows.writerow((f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"))
 
@@ -228,8 +267,8 @@ class TrackFiles:
 
     def close(self) -> None:
         """Nothing more is written."""
-        self._poses.close()
-        self._frames.close()
+        for file in filter(None, (self._poses, self._frames, self._covariances)):
+            file.close()
 
 
 def map_table(ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> str:

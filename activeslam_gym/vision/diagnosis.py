@@ -1,0 +1,72 @@
+"""Why images were lost, and what would help: words for the end of a track."""
+
+from collections import Counter
+
+import numpy as np
+
+from activeslam_gym.vision.corners import new_corners
+from activeslam_gym.vision.frontend import FrameLog
+from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.templates import TEMPLATE_HALF
+
+_DARK = 40  # an image is dark where 99 % of its pixels are no brighter, of 255
+_FEW_CORNERS = 8  # an image with fewer is blank
+_LOOKED_AT = 60  # lost images whose reason is sought
+_LARGE = 400  # of images wider than this, smaller ones are suggested [px]
+_TURNING = 0.2  # share of the map with a known depth, under which the camera has hardly moved sideways
+
+DARK = "is dark (99 % of its pixels have {level} of 255 or less): more light, or a longer exposure, would help"
+BLANK = "has no corners (a blank wall, or blur): keep things with texture in view"
+
+
+def blemish(image: np.ndarray) -> str:
+    """What keeps features from being found in the ``image`` (h, w) uint8, as ``DARK`` or ``BLANK``; or "" ."""
+    level = int(np.percentile(image, 99))
+    if level <= _DARK:
+        return DARK.format(level=level)
+    s, edge = FrontEndSettings(), TEMPLATE_HALF + 8
+    corners = new_corners(image, np.zeros((0, 2)), _FEW_CORNERS, s.spacing, edge, s.least_corner, s.least_ratio)
+    return BLANK if len(corners) < _FEW_CORNERS else ""
+
+
+class Diagnosis:
+    """Collects the reasons of lost images."""
+
+    def __init__(self) -> None:
+        self._reasons: Counter[str] = Counter()
+        self._mapped = 1.0
+        self._width = 0
+
+    def add(self, image: np.ndarray, log: FrameLog, mapped: np.ndarray) -> None:
+        """A lost ``image`` (h, w), its ``log``, and which features of the map (n,) have a known depth."""
+        if self._reasons.total() >= _LOOKED_AT:
+            return
+        if not self._reasons:
+            self._width, self._mapped = image.shape[1], float(mapped.mean()) if len(mapped) else 1.0
+        if spot := blemish(image):
+            reason = f"a lost image {spot}"
+        elif log.found > 2 * max(log.matched, 3):
+            reason = "what was found fits no motion of the camera: check that the calibration is of this lens"
+        elif log.searched < 3:
+            reason = (
+                "the map was out of view, or the motion too quick: slower motion, or more images a second, would help"
+            )
+        else:
+            reason = (
+                "features were not found again (blur, or too quick a motion): slower motion, or more light, would help"
+            )
+        self._reasons[reason] += 1
+
+    def advice(self, target: bool) -> str:
+        """The commonest reason and what would help; ``target``: whether the track started from one."""
+        if not self._reasons:
+            return "nothing was lost"
+        reason, advice = self._reasons.most_common(1)[0][0], []
+        if not reason.startswith("a lost image"):
+            if self._mapped < _TURNING:
+                advice.append("the camera had hardly moved sideways, and turning tells no depth")
+            if self._width > _LARGE:
+                advice.append(f"half of these {self._width} pixels' width, with the calibration halved, may help")
+            if not target:
+                advice.append("a target in the first image may help")
+        return "; ".join([reason, *advice])

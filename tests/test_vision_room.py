@@ -1,5 +1,6 @@
 """The rendered room: geometry against the camera's equation, pictures against their scenes."""
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -71,21 +72,30 @@ def shown(scene: Scene, x: np.ndarray, pixel: np.ndarray) -> tuple[np.ndarray, i
     return point, surface
 
 
-def test_a_feature_of_a_slanted_wall_is_on_it_and_one_of_an_edge_in_front() -> None:
+def test_a_feature_is_on_its_wall_and_at_an_edge_where_the_contrast_is() -> None:
     camera = RoomCamera(SCENARIOS["pixels"], CAMERA, np.random.SeedSequence(3))
     rng, x, plain, edges = np.random.default_rng(0), state(turn=(0.1, 0.6, 0.0)), 0, 0
-    around = [np.array((i, j)) for i in (-2.0, 0.0, 2.0) for j in (-2.0, 0.0, 2.0)]
-    for pixel in rng.uniform((10.0, 10.0), (310.0, 230.0), (400, 2)):
+    image, rows, columns = camera.photograph(x, 0), *np.mgrid[-7:8, -7:8]
+    for pixel in rng.integers((12, 12), (308, 228), (400, 2)).astype(float):
         point, surface = shown(camera.scene, x, pixel)
-        beside = [shown(camera.scene, x, pixel + step) for step in around]
-        nearest = min(np.linalg.norm(other) for other, _ in beside)
-        if all(other == surface for _, other in beside):
-            np.testing.assert_allclose(camera.point(x, pixel), point, atol=1e-9)
+        around = [shown(camera.scene, x, pixel + (i, j)) for i, j in zip(columns.ravel(), rows.ravel())]
+        distances = np.linalg.norm([other for other, _ in around], axis=1)
+        followed = camera.point(x, pixel, image)
+        np.testing.assert_allclose(np.cross(followed, point), 0.0, atol=1e-9, err_msg="it is on the pixel's ray")
+        assert distances.min() - 1e-9 < np.linalg.norm(followed) < distances.max() + 1e-9
+        others = np.array([other for _, other in around]).reshape(15, 15)
+        if (others == surface).all():
+            np.testing.assert_allclose(followed, point, atol=1e-9)
             plain += 1
-        elif nearest < 0.7 * np.linalg.norm(point):
-            assert np.linalg.norm(camera.point(x, pixel)) == pytest.approx(nearest)
-            edges += 1
-    assert plain > 200 and edges > 2
+        elif distances.min() < 0.7 * distances.max():
+            for i, j in itertools.product(range(3, 12), repeat=2):  # in a flat picture one dot has all contrast
+                if (others[i - 3 : i + 4, j - 3 : j + 4] == others[i, j]).all():
+                    dot = np.full_like(image, 90)
+                    dot[int(pixel[1]) - 7 + i, int(pixel[0]) - 7 + j] = 160
+                    met, own = np.linalg.norm(camera.point(x, pixel, dot)), distances[(others == others[i, j]).ravel()]
+                    assert own.min() - 1e-9 < met < own.max() + 1e-9
+                    edges += 1
+    assert plain > 150 and edges > 100, (plain, edges)
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -55,7 +55,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
       looks, so that ``association``, ``restarts``, ``maximum_misses``, ``miss_spacing`` and ``inverse_depth_memory``
       must keep their defaults.
     - ``landmark_count``, N, bounds the map (N + 13 features) instead of telling how many points the room has.
-    - Truth of a landmark is the scene point of its feature's birth pixel, by ray-casting. Of the N slots of the log
+    - Truth of a landmark is the scene point that its feature follows, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.
     - A match is wrong where the feature's scene point is more than 4 pixels from it in the true image.
     - The room's boxes stop the camera, and a motion stops short of them; the belief knows nothing of them, and nothing
@@ -77,7 +77,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     def match_errors(self) -> np.ndarray:
         """(m, 6) of the last frame's matches: id, error u, v [px], and the noise R that was assumed, uu, uv, vv [px^2].
 
-        The error is measured - true, by the scene point of the birth pixel. For the evaluator, never for policies.
+        The error is measured - true, by the scene point. For the evaluator, never for policies.
         """
         run, eye = self._run, self._perceptions[0]
         pose, older = run.world.state.camera, set(self.belief.ids.tolist()) - eye.newest

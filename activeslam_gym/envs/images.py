@@ -72,7 +72,7 @@ class Eye:
         born = found[len(found) - log.births :]
         self.newest = set(born["match"].tolist())
         for id, pixel in zip(born["match"].tolist(), born["pixel"]):
-            self._scene_points[id] = self._camera.point(state, pixel)
+            self._scene_points[id] = self._camera.point(state, pixel, self.image)
         for name, count in zip(_COUNTED, (log.births, log.deletions, log.rejected, int(counts["conversions"]))):
             events[name] += count
         believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
@@ -80,7 +80,7 @@ class Eye:
         run.episode["detections"] = len(believed_first)
 
     def scene_points(self, ids: np.ndarray) -> np.ndarray:
-        """(n, 3) of the features ``ids`` (n,): the scene point of the pixel that initialised each [m]."""
+        """(n, 3) of the features ``ids`` (n,): the scene point that each follows [m]."""
         return np.array([self._scene_points[id] for id in ids.tolist()]).reshape(-1, 3)
 
 

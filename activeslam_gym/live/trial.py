@@ -34,7 +34,7 @@ class Second(NamedTuple):
     position_nees: float
     """Per degree of freedom."""
     landmark_rmse: float
-    """Of mapped features, against the scene points of the pixels that initialised them."""
+    """Of mapped features, against the scene points that they follow."""
     features: int
     mapped: int
     births: int
@@ -64,8 +64,8 @@ def trial(seed: int, habit: str, seconds: float) -> list[Second]:
 class Evaluator:
     """Compares a run with the ground truth, as the environments with images do.
 
-    The true landmarks of the N slots of the log score: the scene point of the pixel that initialised the slot's
-    feature; of a slot without one, a random point of the room, drawn from ``seed``.
+    The true landmarks of the N slots of the log score: the scene point that the slot's feature
+    follows; of a slot without one, a random point of the room, drawn from ``seed``.
     """
 
     def __init__(self, room: RenderedRoom, seed: int) -> None:
@@ -83,7 +83,7 @@ class Evaluator:
         self._expected, self._state, self._truth = session.expected, state, state.truth
         if state.births:
             for one in session.front_end.candidates[-state.births :]:
-                self._scene_points[int(one["match"])] = self._room.camera.point(self._truth, one["pixel"])
+                self._scene_points[int(one["match"])] = self._room.camera.point(self._truth, one["pixel"], state.image)
         if self._first_density is None:
             self._first_density = self._log2_density()
         matched = state.searched[state.outcomes == MATCHED].tolist()

@@ -1,7 +1,6 @@
 """A camera in a room: the source of rendered images, each a function of the seed, the pose and the frame alone."""
 
 from functools import partial
-from itertools import product
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.drawing import printed_rectangle
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.room.geometry import scene_point
+from activeslam_gym.vision.room.geometry import followed_point
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
 from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
@@ -22,8 +21,6 @@ TARGET_CORNERS = 4
 _TARGET = Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2)))
 _AHEAD = np.array((0.0, 0.0, 1.0))  # the target's normal, away from the camera
 _SOFTNESS = 0.6  # deviation by which pictures of it are blurred: the lens, and the filter of the texture [px]
-_AROUND = np.array(((0, 0), *product((-2.0, 0.0, 2.0), repeat=2)))  # a pixel and its surroundings [px]
-_STEP = 0.05  # a point before the plane of a surface by so much of its distance is in front of it, and not of it
 
 
 class RoomCamera:
@@ -46,17 +43,9 @@ class RoomCamera:
         render(self.scene, self._lens, self._sensor, state, frame, self._key, self._work, image)
         return image
 
-    def point(self, state: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-        """(3,) the scene point of ``pixel`` (2,) from ``state`` [m]; the room is closed, so there always is one.
-
-        An edge belongs to the surface in front: where something within two pixels is before the plane of the pixel's
-        own surface, the depth is the least of such.
-        """
-        met = [scene_point(self.scene, state, self._lens.camera, pixel + offset)[:2] for offset in _AROUND]
-        ways = np.array([point for point, _ in met]) - state[:3]
-        normal, depths = self.scene.surfaces[met[0][1]]["normal"], np.linalg.norm(ways, axis=1)
-        before = ways @ normal > (1.0 - _STEP) * (ways[0] @ normal)  # both are negative: the surface faces the camera
-        return state[:3] + ways[0] * (depths[before].min(initial=depths[0]) / depths[0])
+    def point(self, state: np.ndarray, pixel: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """(3,) the scene point that a feature at ``pixel`` (2,) of the ``image`` from ``state`` follows [m]."""
+        return followed_point(self.scene, state, self._lens.camera, image, pixel)
 
 
 def introduce_target(front_end: FrontEnd, fiducials: np.ndarray) -> None:

@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import ray_from_pixel
+from activeslam_gym.camera import distance_between, ray_from_pixel
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.motion import QUATERNION
+from activeslam_gym.vision.templates import TEMPLATE_HALF
 
 SURFACE = record(
     corner=("f8", 3),  # in the world [m], as the edges are
@@ -28,6 +29,11 @@ SURFACE = record(
 """A rectangle and its texture."""
 _COPLANAR = 1e-9
 """Depths that differ by less [m] are equal: a poster's and its wall's."""
+
+_STEP = 0.05
+"""What is nearer than its surroundings by such a share is in front of them."""
+_REACH = 4.0
+"""Deviation of the Gaussian by which the contrast around a feature's pixel counts [px]."""
 
 
 class Scene(NamedTuple):
@@ -54,6 +60,48 @@ def scene_point(scene: Scene, state: np.ndarray, camera: Record, pixel: np.ndarr
     if surface < 0:
         return np.zeros(3), surface, False
     return origin + nearest * ray, surface, True
+
+
+@compiled
+def followed_point(scene: Scene, state: np.ndarray, camera: Record, image: np.ndarray, pixel: np.ndarray) -> np.ndarray:
+    """The scene point (3,) [m] that a template of ``image`` around ``pixel`` (2,) follows, on the ray of the pixel.
+
+    Its depth is that of the surface which has most of the template's contrast: of the squared gradient, weighted by a
+    Gaussian of the distance from the pixel. The contrast of an edge is that of what is in front, and moves with it.
+    """
+    side, (h, w) = 2 * TEMPLATE_HALF + 1, image.shape
+    surface, depth = np.full((side, side), -1), np.full((side, side), np.inf)
+    for i in range(side):
+        for j in range(side):
+            at = pixel + np.array((j - TEMPLATE_HALF, i - TEMPLATE_HALF), np.float64)
+            point, surface[i, j], hit = scene_point(scene, state, camera, at)
+            if hit:
+                depth[i, j] = distance_between(state, point)
+    contrast = np.zeros(scene.surfaces.shape[0])
+    column, row = round(pixel[0]) - TEMPLATE_HALF, round(pixel[1]) - TEMPLATE_HALF
+    for i in range(1, side - 1):
+        for j in range(1, side - 1):
+            y, x = row + i, column + j
+            if not (0 < y < h - 1 and 0 < x < w - 1):
+                continue
+            front = (i, j)
+            for near_i in range(i - 1, i + 2):
+                for near_j in range(j - 1, j + 2):
+                    if depth[near_i, near_j] < min((1.0 - _STEP) * depth[i, j], depth[front]):
+                        front = (near_i, near_j)
+            g_x = 0.5 * (float(image[y, x + 1]) - float(image[y, x - 1]))
+            g_y = 0.5 * (float(image[y + 1, x]) - float(image[y - 1, x]))
+            square = (i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2
+            contrast[surface[front]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
+    middle, nearest, best = depth[TEMPLATE_HALF, TEMPLATE_HALF], np.inf, np.argmax(contrast)
+    followed = middle
+    for i in range(side):
+        for j in range(side):
+            square = float((i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2)
+            if surface[i, j] == best and square < nearest:
+                followed, nearest = depth[i, j], square
+    point, _, _ = scene_point(scene, state, camera, pixel)
+    return state[:3] + (followed / middle) * (point - state[:3])
 
 
 @compiled

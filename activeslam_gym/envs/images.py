@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from activeslam_gym.camera import camera_point, distance_between, pixel_from_camera_point
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
 from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
 from activeslam_gym.envs.run import Run, present
 from activeslam_gym.envs.setting import Setting
@@ -11,7 +11,7 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.kernels import compiled
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import CAMERA_DIM, QUATERNION
+from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
@@ -59,7 +59,7 @@ class Eye:
         present(run)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
         run.first_seen[: len(ids)] = self._front_end.first_seen(ids)
-        add_feature_bias(run, self._front_end.settings.feature_bias_std)
+        self._front_end.add_feature_bias(run.estimate)
         account_scene(run, self.scene_points(ids), self._spare)
 
     def _look(self, run: Run, u: np.ndarray) -> None:
@@ -85,24 +85,10 @@ class Eye:
 
 
 @compiled
-def add_feature_bias(run: Run, bias_std: float) -> None:
-    """Add to each landmark's covariance the error of its pixel that lasts, of ``bias_std`` [px] on each axis.
-
-    A template follows a point beside the one that it was taken for, always the same. No measurement tells the way from
-    the one to the other, and none depends on it. It is as long as ``bias_std`` at the distance of the first sight.
-    """
-    estimate, size = run.estimate, bias_std / run.models.camera.focal
-    for k in range(estimate.state.count):
-        distance = distance_between(estimate.landmark[k].point, run.first_seen[k])
-        for row in range(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3):
-            estimate.covariance[row, row] += (size * distance) ** 2 if distance < np.inf else 0.0  # NaN: unknown
-
-
-@compiled
 def account_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None:
     """After the front end: judge the matches, and give each of the N slots of the score its scene point.
 
-    ``scene_points`` (n, 3): of each landmark of the estimate, the scene point of the pixel that initialised it. The
+    ``scene_points`` (n, 3): of each landmark of the estimate, the scene point that it follows. The
     slot of the expected landmark that a feature has retired is the feature's; of an empty one, ``spare`` (N, 3),
     anywhere in the room, is the truth.
     """

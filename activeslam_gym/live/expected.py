@@ -37,13 +37,13 @@ class ExpectedMap:
 
     def update(self) -> None:
         """Assign landmarks to features, after a frame."""
-        update_expectation(self._expected, self.landmark_var, self._filter.arrays())
+        update_expectation(self._expected, self.landmark_var, self._front_end.estimate())
 
     def prospect(self) -> Prospect:
         """The input of a planner."""
         filter, clearance = self._filter, np.full(MOTION_COUNT, np.inf)
         first_seen, places = self._front_end.first_seen(filter.ids), (filter.fiducials, filter.boxes)
-        own = filter.arrays(), self._expected, self.landmark_var
+        own = self._front_end.estimate(), self._expected, self.landmark_var
         return prospect_of(*own, *places, clearance, self._limits, first_seen)
 
     def factored(self) -> tuple[np.ndarray, np.ndarray | None]:
@@ -53,7 +53,7 @@ class ExpectedMap:
         """
         serials = self._expected["serial"]
         of_landmark = np.where(serials == WAITING, -1, np.searchsorted(self._filter.ids, serials))
-        U = gathered(self._filter.arrays().covariance, of_landmark[of_landmark >= 0], of_landmark[:0])
+        U = gathered(self._front_end.estimate().covariance, of_landmark[of_landmark >= 0], of_landmark[:0])
         return of_landmark, U if cholesky_in_place(U) else None
 
     def log2_dets(self) -> np.ndarray:
@@ -65,6 +65,6 @@ class ExpectedMap:
         if U is None:
             return np.full(3, np.nan)
         out, counting = np.zeros(1, _LOG2_DETS)[0], of_landmark[of_landmark >= 0]
-        waiting, covariance = len(of_landmark) - len(counting), self._filter.arrays().covariance
+        waiting, covariance = len(of_landmark) - len(counting), self._front_end.estimate().covariance
         log2_dets(self.landmark_var, waiting, covariance, U, counting, len(counting), out)
         return np.array([out[f"log2_det_{part}"] for part in ("camera", "map", "total")])

@@ -10,7 +10,7 @@ from activeslam_gym.live.person import FOLLOW
 from activeslam_gym.live.source import Source
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
-from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.slam.estimate import Estimate, taken_estimate
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, Searched
 
 _FEW = 4
@@ -114,7 +114,7 @@ class Session:
 
     def _state(self, standing: Standing, began: float, why: str = "") -> State:
         log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
-        estimate = front_end.filter.estimate() if front_end else _NO_ESTIMATE
+        estimate = taken_estimate(front_end.estimate()) if front_end else _NO_ESTIMATE
         search = front_end.searched if front_end else _NO_SEARCH
         begun = standing == Standing.TRACKING and log is None
         matched, searched = (log.matched, log.searched) if log else (0, 0)

@@ -52,6 +52,7 @@ class Fit(NamedTuple):
     stds: np.ndarray  # (4,) of focal length, principal point and distortion; 0 of a distortion that is held
     pictures: int  # that showed the board
     unbounded: float  # distortion of the best fit of either sign; equation 1 holds a negative one at 0
+    unbounded_std: float  # its standard deviation
 
 
 class Solution(NamedTuple):
@@ -111,17 +112,17 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     if not fits:
         raise ValueError("no lens explains the corners of the board")
     best = _solve(views, min(fits, key=lambda fit: fit.cost).x, _BOUND)
-    unbounded = float(best.x[3])
+    unbounded, own_std = float(best.x[3]), float(_deviations(best)[3])
     if unbounded < 0.0:
         best = _solve(views, np.delete(best.x, 3), _BOUND)
     lens = np.zeros((2, 4))
     lens[:, : 4 if unbounded >= 0.0 else 3] = best.x[: -6 * len(views)], _deviations(best)[: -6 * len(views)]
     if not lens[1, 0] < _VAGUE * lens[0, 0]:
         told = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
-        raise ValueError(f"the pictures do not tell the lens ({told}): tilt the board otherwise in each")
+        raise ValueError(f"the pictures do not tell the lens ({told}): tilt the board differently in each picture")
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
-    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), unbounded)
+    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), unbounded, own_std)
 
 
 def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
@@ -214,7 +215,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         if Path(out).is_dir():
             raise ValueError(f"{out} is a folder; allowed: a file")
     with argument("images", SourceError):
-        every = 1 + (image_count(images) or 0) // _ENOUGH
+        every = 1 + max((image_count(images) or 0) - 1, 0) // _ENOUGH
         for _, image in islice(open_images(images, 1.0), 0, None, every):
             shape = image.shape
             if (view := find_board(image, kind, columns, rows)) is not None:

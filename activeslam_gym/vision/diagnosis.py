@@ -34,6 +34,7 @@ class Diagnosis:
 
     def __init__(self) -> None:
         self._reasons: Counter[str] = Counter()
+        self._first: dict[str, str] = {}  # the words on the first dark image, and on the first blank one
         self._mapped = 1.0
         self._width = 0
 
@@ -44,9 +45,9 @@ class Diagnosis:
         if not self._reasons:
             self._width, self._mapped = image.shape[1], float(mapped.mean()) if len(mapped) else 1.0
         if spot := blemish(image):
-            reason = f"a lost image {spot}"
+            reason = f"a lost image {self._first.setdefault(spot.split(' (')[0], spot)}"
         elif log.found > 2 * max(log.matched, 3):
-            reason = "what was found fits no motion of the camera: check that the calibration is of this lens"
+            reason = "the matches fit no motion of the camera: check that the calibration is of this lens"
         elif log.searched < 3:
             reason = (
                 "the map was out of view, or the motion too quick: slower motion, or more images a second, would help"
@@ -66,7 +67,7 @@ class Diagnosis:
             if self._mapped < _TURNING:
                 advice.append("the camera had hardly moved sideways, and turning tells no depth")
             if self._width > _LARGE:
-                advice.append(f"half of these {self._width} pixels' width, with the calibration halved, may help")
+                advice.append(f"images of {self._width // 2} px width, with a calibration of their own, may help")
             if not target:
                 advice.append("a target in the first image may help")
         return "; ".join([reason, *advice])

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import Record
-from activeslam_gym.motion import D_ROTATION
+from activeslam_gym.motion import CAMERA_DIM, D_ROTATION
+from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.association import DETECTION, REJECTED
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
@@ -140,6 +141,26 @@ class FrontEnd:
         """(n, 3) where the camera was when each of the features ``ids`` (n,) was initialised [m]; NaN if unknown."""
         places = self._gallery.places(ids)
         return np.where((places < 0)[:, None], np.nan, self._gallery.templates.camera[places, :3])
+
+    def add_feature_bias(self, estimate: EstimateArrays) -> None:
+        """Add to the covariance of each landmark of the filter's ``estimate`` how far its template may follow another
+        point: a constant offset, isotropic, of ``feature_bias_std`` [px] at the distance of its first sight.
+
+        No measurement of the filter tells it. A planner that reads the estimate expects measurements to do so, of a
+        fraction of a bit each.
+        """
+        n = int(estimate.state.count)
+        own = estimate.landmark[:n]
+        distance = np.linalg.norm(own["point"] - self.first_seen(own["id"]), axis=1)
+        rows = CAMERA_DIM + np.arange(3 * n)
+        var = (self.settings.feature_bias_std / self.camera.focal * np.nan_to_num(distance)) ** 2
+        estimate.covariance[rows, rows] += np.repeat(var, 3)
+
+    def estimate(self) -> EstimateArrays:
+        """The estimate of the filter with `add_feature_bias`, in arrays that the next call overwrites."""
+        arrays = self.filter.arrays()
+        self.add_feature_bias(arrays)
+        return arrays
 
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""

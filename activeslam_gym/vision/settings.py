@@ -32,7 +32,7 @@ class FrontEndSettings:
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_grain: float = 10.0  # `grain` of a fiducial
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
-    feature_bias_std: float = 0.0  # error of a feature's pixel that stays [px]
+    feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
     lens_std: float = 1.0  # error of the lens model at half the image's width, growing with the radius squared [px]
     drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
     residual_weight: float = 0.0  # deviation of a feature's pixel for each pixel of its mean residual

@@ -177,7 +177,7 @@ def track(
         demand_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)
     with argument("covariance"):
-        covariances = None if covariance is None else Lines(Path(covariance))
+        demand_writable(Path(covariance or out).parent)
     bar = _with_progress(frames, image_count(images))
     with ExitStack() as at_close:
         files, picture = None, None
@@ -186,6 +186,8 @@ def track(
             nonlocal files, picture
             if files is None:  # the first image shows the target
                 picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
+                with argument("covariance"):
+                    covariances = None if covariance is None else Lines(Path(covariance))
                 files = at_close.enter_context(closing(TrackFiles(folder, known is not None, covariances, keep_lost)))
             filter = front_end.filter
             files.add(frame[0], filter.mean, log, filter.camera_covariance[:6, :6])

@@ -11,7 +11,7 @@ import numpy as np
 
 from activeslam_gym.camera import distance_between, ray_from_pixel
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import Record, compiled, record
+from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.vision.templates import TEMPLATE_HALF
 
@@ -66,8 +66,8 @@ def scene_point(scene: Scene, state: np.ndarray, camera: Record, pixel: np.ndarr
 def followed_point(scene: Scene, state: np.ndarray, camera: Record, image: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     """The scene point (3,) [m] that a template of ``image`` around ``pixel`` (2,) follows, on the ray of the pixel.
 
-    Its depth is that of the surface which has most of the template's contrast: of the squared gradient, weighted by a
-    Gaussian of the distance from the pixel. The contrast of an edge is that of what is in front, and moves with it.
+    It lies in the plane that has most of the template's contrast: of the squared gradient, weighted by a Gaussian of
+    the distance from the pixel. The contrast of an edge is that of what is in front, and moves with it.
     """
     side, (h, w) = 2 * TEMPLATE_HALF + 1, image.shape
     surface, depth = np.full((side, side), -1), np.full((side, side), np.inf)
@@ -81,36 +81,65 @@ def followed_point(scene: Scene, state: np.ndarray, camera: Record, image: np.nd
     column, row = round(pixel[0]) - TEMPLATE_HALF, round(pixel[1]) - TEMPLATE_HALF
     for i in range(1, side - 1):
         for j in range(1, side - 1):
-            y, x = row + i, column + j
+            y, x, front = row + i, column + j, (i, j)
             if not (0 < y < h - 1 and 0 < x < w - 1):
                 continue
-            front = (i, j)
             for near_i in range(i - 1, i + 2):
                 for near_j in range(j - 1, j + 2):
                     if depth[near_i, near_j] < min((1.0 - _STEP) * depth[i, j], depth[front]):
                         front = (near_i, near_j)
-            g_x = 0.5 * (float(image[y, x + 1]) - float(image[y, x - 1]))
-            g_y = 0.5 * (float(image[y + 1, x]) - float(image[y - 1, x]))
-            square = (i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2
-            contrast[surface[front]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
-    middle, nearest, best = depth[TEMPLATE_HALF, TEMPLATE_HALF], np.inf, np.argmax(contrast)
-    followed = middle
+            if surface[front] >= 0:
+                g_x = 0.5 * (float(image[y, x + 1]) - float(image[y, x - 1]))
+                g_y = 0.5 * (float(image[y + 1, x]) - float(image[y - 1, x]))
+                square = (i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2
+                contrast[surface[front]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
+    own = scene_point(scene, state, camera, pixel)[0]
+    best, most = -1, 0.0
+    for a in range(contrast.shape[0]):
+        if contrast[a] > 0.0:
+            total = 0.0
+            for b in range(contrast.shape[0]):
+                if contrast[b] > 0.0 and _coplanar(scene.surfaces[a], scene.surfaces[b]):
+                    total += contrast[b]
+            if total > most:
+                best, most = a, total
+    if best < 0:
+        return own
+    least, largest = np.inf, 0.0  # of the plane in the window
     for i in range(side):
         for j in range(side):
-            square = float((i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2)
-            if surface[i, j] == best and square < nearest:
-                followed, nearest = depth[i, j], square
-    point, _, _ = scene_point(scene, state, camera, pixel)
-    return state[:3] + (followed / middle) * (point - state[:3])
+            if surface[i, j] >= 0 and _coplanar(scene.surfaces[best], scene.surfaces[surface[i, j]]):
+                least, largest = min(least, depth[i, j]), max(largest, depth[i, j])
+    height, approach = _height_and_approach(scene.surfaces[best], state, own - state[:3])
+    share = height / approach if approach > 0.0 else np.inf
+    middle = distance_between(state, own)
+    return state[:3] + min(max(share * middle, least), largest) / middle * (own - state[:3])
+
+
+@borrowing
+def _coplanar(a: Record, b: Record) -> bool:
+    """Whether two surfaces lie in one plane: a poster and its wall."""
+    apart = 0.0
+    for i in range(3):
+        apart = max(apart, abs(a.normal[i] - b.normal[i]))
+    height, _ = _height_and_approach(a, b.corner, b.normal)
+    return apart < _COPLANAR and abs(height) < _COPLANAR
+
+
+@borrowing
+def _height_and_approach(surface: Record, origin: np.ndarray, ray: np.ndarray) -> tuple[float, float]:
+    """How far ``origin`` (>= 3,) is before the surface's plane, and by how much ``ray`` (3,) brings it nearer."""
+    height, approach = 0.0, 0.0
+    for i in range(3):
+        height += surface.normal[i] * (origin[i] - surface.corner[i])
+        approach -= surface.normal[i] * ray[i]
+    return height, approach
 
 
 @compiled
 def _depth_along(surface: Record, origin: np.ndarray, ray: np.ndarray) -> float:
     """The multiple of ``ray`` (3,) at which it meets the rectangle's front, infinite if it does not."""
-    height, approach = 0.0, 0.0
-    for i in range(3):
-        height += surface.normal[i] * (origin[i] - surface.corner[i])
-        approach -= surface.normal[i] * ray[i]
+    height, approach = _height_and_approach(surface, origin, ray)
     if height <= 0.0 or approach <= 0.0:
         return math.inf
     depth = height / approach

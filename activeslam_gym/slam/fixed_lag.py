@@ -1,10 +1,12 @@
 """`fixed-lag`: incremental smoothing by GTSAM (Kaess et al., iSAM2, IJRR 2012). The lag is the whole episode.
 
-The variables are the camera's poses, one a frame, and the landmarks: azimuth, elevation and inverse depth from a fixed
-world point, the camera's estimated position at their first detection. Two successive poses hold the velocities, since
-p_k = p_{k-1} + dt v_k and R_k = Exp(dt w_k) R_{k-1}. So the process noise of `motion` is a factor on three poses.
+The variables are the camera's rotations and positions, one of each a frame, and the landmarks: azimuth, elevation and
+inverse depth from a fixed world point, the camera's estimated position at their first detection. Two successive poses
+hold the velocities, since p_k = p_{k-1} + dt v_k and R_k = Exp(dt w_k) R_{k-1}. So the process noise of `motion` is a
+factor on three positions, which is linear, and one on three rotations.
 
-GTSAM perturbs a pose (4, 4) on the right: R Exp(omega) and p + R t, in the order omega, t.
+Rotation and position are variables of their own: with GTSAM's poses a correction of one bends the other, by more than
+the process noise of a frame. GTSAM perturbs a rotation on the right, R Exp(omega).
 """
 
 import copy
@@ -29,6 +31,8 @@ RELINEARISATION_THRESHOLD = 0.01
 """A variable that has moved by more [m, rad, 1/m] is then relinearised."""
 LEAST_INVERSE_DEPTH = 0.02
 """An estimate's landmarks are at most at the inverse of this [1/m]."""
+I=[0]
+MOST_ITERATIONS = 5
 FREE_ANGLE_STD = 10.0
 """Prior of a landmark's azimuth and elevation [rad]: none to speak of."""
 
@@ -45,7 +49,7 @@ class FixedLag:
         try:
             import gtsam
         except ImportError as error:
-            told = f"the estimator {FIXED_LAG!r} needs GTSAM: pip install 'activeslam-gym[gtsam]' (Python >= 3.11)"
+            told = f"the estimator {FIXED_LAG!r} needs GTSAM: pip install gtsam, or in a clone: pip install -e '.[gtsam]'"
             raise ImportError(told) from error
         if scenario.association != KNOWN or np.shape(sensor.noise) != (2, 2):
             raise ValueError(
@@ -63,13 +67,15 @@ class FixedLag:
         self._isam, self._graph, self._values = gtsam.ISAM2(settings), gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._anchors = np.zeros((0, 3))
         self._mean, self._dt, self._frame, self._time = mean.copy(), dt, 1, 0.0
-        x, keys = self._mean, [self._pose(0), self._pose(1)]
-        self._add_pose(keys[0], transition(np.concatenate((x[:7], -x[7:])), np.zeros(6), dt))
-        self._add_pose(keys[1], x)
+        x, keys = self._mean, [*self._pose(0), *self._pose(1)]
+        self._add_pose(0, transition(np.concatenate((x[:7], -x[7:])), np.zeros(6), dt))
+        self._add_pose(1, x)
 
         def error(this: Any, values: Any, jacobians: Any) -> np.ndarray:
-            found, J = camera_state(values.atPose3(keys[0]), values.atPose3(keys[1]), dt)
-            _write(jacobians, J, 6, 6)
+            R_A, R_B = (values.atRot3(key) for key in keys[::2])
+            p_A, p_B = (values.atPoint3(key) for key in keys[1::2])
+            found, J = camera_state(R_A, p_A, R_B, p_B, dt)
+            _write(jacobians, J, 3, 3, 3, 3)
             return np.concatenate((found[:3] - x[:3], rotation_error(found[3:7], x[3:7]), found[7:] - x[7:]))
 
         self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Gaussian.Covariance(covariance), keys, error))
@@ -83,16 +89,21 @@ class FixedLag:
         stds = dt * np.repeat((motion.filter_acceleration_std, motion.filter_angular_acceleration_std), 3)
         if contact:
             stds[:3] = np.hypot(stds[:3], self._mean[VELOCITY])
-        keys = [self._pose(self._frame - i) for i in (2, 1, 0)]
+        rotations, positions = zip(*(self._pose(self._frame - i) for i in (2, 1, 0)))
+        blocks = (np.eye(3) * scale for scale in (1.0 / before, -1.0 / before - 1.0 / dt, 1.0 / dt))
+        terms = [one for pair in zip(positions, blocks) for one in pair]
+        moved, origin = gtsam.JacobianFactor(*terms, change[:3], gtsam.noiseModel.Diagonal.Sigmas(stds[:3])), gtsam.Values()
+        for key in positions:
+            origin.insertPoint3(key, np.zeros(3))
 
         def error(this: Any, values: Any, jacobians: Any) -> np.ndarray:
-            A, B, C = (values.atPose3(key).matrix() for key in keys)
-            changed, J = velocity_change(A, B, C, before, dt)
-            _write(jacobians, J, 6, 6, 6)
-            return changed - change
+            changed, J = turn_rate_change(*(values.atRot3(key).matrix() for key in rotations), before, dt)
+            _write(jacobians, J, 3, 3, 3)
+            return changed - change[3:]
 
-        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(stds), keys, error))
-        self._add_pose(keys[-1], self._mean)
+        self._graph.add(gtsam.LinearContainerFactor(moved, origin))
+        self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(stds[3:]), rotations, error))
+        self._add_pose(self._frame, self._mean)
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Update, and initialise the landmarks that are detected for the first time."""
@@ -112,7 +123,7 @@ class FixedLag:
         keys, n = self._last(), len(self._anchors)
         camera, J = self._camera()
         P = self._isam.jointMarginalCovariance(keys).fullMatrix()
-        lines = np.array([self._isam.calculateEstimatePoint3(key) for key in keys[2:]]).reshape(n, 3)
+        lines = np.array([self._isam.calculateEstimatePoint3(key) for key in keys[4:]]).reshape(n, 3)
         lines[:, 2] = np.maximum(lines[:, 2], LEAST_INVERSE_DEPTH)
         G, points = np.zeros((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n)), np.empty((n, 3))
         G[:CAMERA_DIM, :CAMERA_DIM] = J
@@ -137,7 +148,7 @@ class FixedLag:
         ray = rotation_matrix(self._mean[QUATERNION]) @ ray_from_pixel(self._lens, z)
         line = np.array((*angles_of(ray, np.empty((2, 3))), scenario.inverse_depth_mean))
         stds = np.array((FREE_ANGLE_STD, FREE_ANGLE_STD, scenario.inverse_depth_std))
-        self._values.insert(self._landmark(id), line)
+        self._values.insertPoint3(self._landmark(id), line)
         self._graph.addPriorPoint3(self._landmark(id), line, noise.Sigmas(stds))
         return id
 
@@ -145,14 +156,15 @@ class FixedLag:
         """Add the factor of a frame's measurements (M,), those of fiducials first."""
         lens, M, landmarks = self._lens, len(ids), ids[ids > 0]
         known, anchors = self._fiducials[-1 - ids[ids < 0]], self._anchors[landmarks - 1]
-        keys = [self._pose(self._frame), *(self._landmark(id) for id in landmarks.tolist())]
+        keys = [*self._pose(self._frame), *(self._landmark(id) for id in landmarks.tolist())]
         R = np.zeros((M, 2, M, 2))
         R[np.arange(M), :, np.arange(M)] = noise
 
         def error(this: Any, values: Any, jacobians: Any) -> np.ndarray:
-            lines = np.array([values.atPoint3(key) for key in keys[1:]]).reshape(-1, 3)
-            z_hat, J = measured(lens, values.atPose3(keys[0]).matrix(), known, anchors, lines)
-            _write(jacobians, J, 6, *[3] * len(lines))
+            lines = np.array([values.atPoint3(key) for key in keys[2:]]).reshape(-1, 3)
+            R_WC, p = values.atRot3(keys[0]).matrix(), values.atPoint3(keys[1])
+            z_hat, J = measured(lens, R_WC, p, known, anchors, lines)
+            _write(jacobians, J, 3, 3, *[3] * len(lines))
             return np.nan_to_num(z_hat - pixels).ravel()
 
         model = self._gtsam.noiseModel.Gaussian.Covariance(R.reshape(2 * M, 2 * M))
@@ -160,28 +172,40 @@ class FixedLag:
 
     def _settle(self) -> None:
         """Take in the factors that are new; the present state and the map are eliminated last."""
-        if self._graph.size():
-            groups = self._gtsam.KeyGroupMap()
-            for key in self._last():
-                groups.insert2(key, 1)
-            self._isam.update(self._graph, self._values, constrainedKeys=groups)
-            self._graph, self._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
+        if self._graph.size() == 0:
+            return
+        groups, before = self._gtsam.KeyGroupMap(), self._mean
+        for key in self._last():
+            groups.insert2(key, 1)
+        self._isam.update(self._graph, self._values, constrainedKeys=groups)
+        self._graph, self._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
+        for _ in range(MOST_ITERATIONS):
+            now = self._camera()[0]
+            moved = np.concatenate((now[:3] - before[:3], rotation_error(now[3:7], before[3:7])))
+            if np.abs(moved).max() < RELINEARISATION_THRESHOLD:
+                break
+            before = now
+            I[0]+=1
+            self._isam.update(self._graph, self._values, constrainedKeys=groups, force_relinearize=True)
 
     def _camera(self) -> tuple[np.ndarray, np.ndarray]:
-        A, B = (self._isam.calculateEstimatePose3(self._pose(self._frame - i)) for i in (1, 0))
-        return camera_state(A, B, self._dt)
+        (r_A, p_A), (r_B, p_B) = self._pose(self._frame - 1), self._pose(self._frame)
+        rotation, point = self._isam.calculateEstimateRot3, self._isam.calculateEstimatePoint3
+        return camera_state(rotation(r_A), point(p_A), rotation(r_B), point(p_B), self._dt)
 
     def _last(self) -> list[int]:
         """The keys of the last two poses and of the landmarks."""
-        poses = [self._pose(self._frame - 1), self._pose(self._frame)]
+        poses = [*self._pose(self._frame - 1), *self._pose(self._frame)]
         return poses + [self._landmark(id) for id in range(1, len(self._anchors) + 1)]
 
-    def _add_pose(self, key: int, x: np.ndarray) -> None:
-        gtsam = self._gtsam
-        self._values.insert(key, gtsam.Pose3(gtsam.Rot3.Quaternion(*x[QUATERNION]), x[POSITION]))
+    def _add_pose(self, frame: int, x: np.ndarray) -> None:
+        rotation, position = self._pose(frame)
+        self._values.insert(rotation, self._gtsam.Rot3.Quaternion(*x[QUATERNION]))
+        self._values.insertPoint3(position, x[POSITION])
 
-    def _pose(self, frame: int) -> int:
-        return int(self._gtsam.symbol("x", frame))
+    def _pose(self, frame: int) -> tuple[int, int]:
+        """The keys of rotation and position."""
+        return self._gtsam.symbol("r", frame), self._gtsam.symbol("p", frame)
 
     def _landmark(self, id: int) -> int:
         return int(self._gtsam.symbol("l", id))
@@ -196,14 +220,15 @@ def _write(jacobians: Any, J: np.ndarray, *widths: int) -> None:
             at += width
 
 
-def camera_state(A: Any, B: Any, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """The camera (13,) at the pose ``B``, ``dt`` seconds after ``A``, and the Jacobian (12, 12) of its tangent."""
-    M_b, q = B.matrix(), B.rotation().toQuaternion()
-    v, J_v = velocity(A.matrix(), M_b, dt)
-    J = np.zeros((CAMERA_DIM, CAMERA_DIM))
-    J[:3, 9:] = J[3:6, 6:9] = M_b[:3, :3]
-    J[6:] = J_v
-    return np.concatenate((M_b[:3, 3], (q.w(), q.x(), q.y(), q.z()), v)), J
+def camera_state(R_A: Any, p_A: np.ndarray, R_B: Any, p_B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """The camera (13,) at the pose B, ``dt`` seconds after A, and the Jacobian (12, 12) of its tangent."""
+    w, J_w = turn_rate(R_A.matrix(), R_B.matrix(), dt)
+    q, J = R_B.toQuaternion(), np.zeros((CAMERA_DIM, CAMERA_DIM))
+    J[:3, 9:] = np.eye(3)
+    J[3:6, 6:9] = R_B.matrix()
+    J[6:9, 3:6], J[6:9, 9:] = -np.eye(3) / dt, np.eye(3) / dt
+    J[9:, :3], J[9:, 6:9] = -J_w, J_w
+    return np.concatenate((p_B, (q.w(), q.x(), q.y(), q.z()), (p_B - p_A) / dt, w)), J
 
 
 def point_of(anchor: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -213,50 +238,44 @@ def point_of(anchor: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 @compiled
-def velocity(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """v and w (6,) of the motion from the pose ``A`` (4, 4) to ``B`` in ``dt`` seconds, and its Jacobian (6, 12).
+def turn_rate(R_A: np.ndarray, R_B: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """w (3,) of the turn from the rotation ``R_A`` (3, 3) to ``R_B`` in ``dt`` seconds, and J (3, 3): dw = J (dB - dA).
 
-    w dt = Log(R_B R_A^T), whose derivative is J_r^{-1} R_A (omega_B - omega_A) with J_r(phi) = J_l(-phi).
+    w dt = Log(R_B R_A^T), whose derivative is J_r^{-1} R_A (omega_B - omega_A), with J_r(phi) = J_l(-phi).
     """
-    out, J = np.empty(6), np.zeros((6, 12))
-    R_A, R_B = A[:3, :3].copy(), B[:3, :3].copy()
     R = R_B @ R_A.T
     axis = 0.5 * np.array((R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]))
     sine = np.sqrt(np.sum(axis * axis))
     angle = np.arctan2(sine, 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0))
     phi = axis * (angle / sine if sine > 1e-9 else 1.0)
-    out[:3], out[3:] = (B[:3, 3] - A[:3, 3]) / dt, phi / dt
-    J[:3, 3:6], J[:3, 9:] = -R_A / dt, R_B / dt
-    J[3:, 6:9] = np.linalg.solve(so3_left_jacobian(-phi), R_A) / dt
-    J[3:, :3] = -J[3:, 6:9]
-    return out, J
+    return phi / dt, np.linalg.solve(so3_left_jacobian(-phi), np.ascontiguousarray(R_A)) / dt
 
 
 @compiled
-def velocity_change(
-    A: np.ndarray, B: np.ndarray, C: np.ndarray, dt_B: float, dt_C: float
+def turn_rate_change(
+    R_A: np.ndarray, R_B: np.ndarray, R_C: np.ndarray, dt_B: float, dt_C: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The change (6,) of v and w at the pose ``B`` (4, 4) between ``A`` and ``C``, and its Jacobian (6, 18)."""
-    v_B, J_B = velocity(A, B, dt_B)
-    v_C, J_C = velocity(B, C, dt_C)
-    J = np.zeros((6, 18))
-    J[:, :12] -= J_B
-    J[:, 6:] += J_C
-    return v_C - v_B, J
+    """The change (3,) of w at the rotation ``R_B`` (3, 3), between ``R_A`` and ``R_C``, and its Jacobian (3, 9)."""
+    w_B, J_B = turn_rate(R_A, R_B, dt_B)
+    w_C, J_C = turn_rate(R_B, R_C, dt_C)
+    J = np.empty((3, 9))
+    J[:, :3], J[:, 3:6], J[:, 6:] = J_B, -J_B - J_C, J_C
+    return w_C - w_B, J
 
 
 @compiled
 def measured(
-    lens: Record, X: np.ndarray, known: np.ndarray, anchors: np.ndarray, lines: np.ndarray
+    lens: Record, R_WC: np.ndarray, p: np.ndarray, known: np.ndarray, anchors: np.ndarray, lines: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (K + n, 2) from the pose ``X`` (4, 4), and their Jacobian (2 (K + n), 6 + 3 n).
+    """Pixels (K + n, 2) from the position ``p`` (3,) with the rotation ``R_WC`` (3, 3).
 
-    They are of ``known`` points (K, 3), and of landmarks with those ``anchors`` and ``lines``, (n, 3) each. NaN, with
-    no derivative, where a point is not in front of the camera.
+    They are of ``known`` points (K, 3), and of landmarks with those ``anchors`` and ``lines``, (n, 3) each. Also their
+    Jacobian (2 (K + n), 6 + 3 n) by rotation, position and lines. NaN, with no derivative, where a point is not in
+    front of the camera.
     """
     K, n = known.shape[0], lines.shape[0]
-    R_WC, pixels, J = X[:3, :3].copy(), np.full((K + n, 2), np.nan), np.zeros((2 * (K + n), 6 + 3 * n))
-    view = View(lens, X[:3, 3].copy(), R_WC, np.zeros((0, 2, 3)))
+    pixels, J = np.full((K + n, 2), np.nan), np.zeros((2 * (K + n), 6 + 3 * n))
+    view = View(lens, p.copy(), np.ascontiguousarray(R_WC), np.zeros((0, 2, 3)))
     z, H_x, H_y, feature = np.empty(2), np.zeros((2, 6)), np.zeros((2, 6)), np.empty(6)
     for k in range(K + n):
         if k < K:
@@ -266,7 +285,7 @@ def measured(
             seen = inverse_depth_measurement(view, feature, z, H_x, H_y)
         if seen:
             pixels[k], rows = z, J[2 * k : 2 * k + 2]
-            rows[:, :3], rows[:, 3:6] = H_x[:, 3:].copy() @ R_WC, H_x[:, :3].copy() @ R_WC
+            rows[:, :3], rows[:, 3:6] = H_x[:, 3:].copy() @ view.R_WC, H_x[:, :3]
             if k >= K:
                 rows[:, 6 + 3 * (k - K) : 9 + 3 * (k - K)] = H_y[:, 3:]
     return pixels, J

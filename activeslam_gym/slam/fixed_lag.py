@@ -10,6 +10,7 @@ the process noise of a frame. GTSAM perturbs a rotation on the right, R Exp(omeg
 """
 
 import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,24 +22,26 @@ from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import CAMERA_DIM, POSITION, QUATERNION, VELOCITY, motion_of, transition
 from activeslam_gym.slam.belief import angles_of, bearing
 from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.estimator import Measurements
+from activeslam_gym.slam.estimator import NO_MATCH, Measurements
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
 FIXED_LAG = "fixed-lag"
 RELINEARISED_EVERY = 10
 """Frames between relinearisations."""
-RELINEARISATION_THRESHOLD = 0.01
+RELINEARISATION_THRESHOLD = 0.02
 """A variable that has moved by more [m, rad, 1/m] is then relinearised."""
 LEAST_INVERSE_DEPTH = 0.02
 """An estimate's landmarks are at most at the inverse of this [1/m]."""
-I=[0]
 MOST_ITERATIONS = 5
+"""A frame that moves the camera's estimate by more than the threshold is iterated, at most so often."""
 FREE_ANGLE_STD = 10.0
 """Prior of a landmark's azimuth and elevation [rad]: none to speak of."""
 
 
 class FixedLag:
     """An `Estimator` for known data association and measurements that are pixels.
+
+    Where the system of equations cannot be solved, the estimate stays as it is for the rest of the episode.
 
     Raises:
         ImportError: GTSAM is not installed.
@@ -49,8 +52,8 @@ class FixedLag:
         try:
             import gtsam
         except ImportError as error:
-            told = f"the estimator {FIXED_LAG!r} needs GTSAM: pip install gtsam, or in a clone: pip install -e '.[gtsam]'"
-            raise ImportError(told) from error
+            hint = "pip install gtsam, or in a clone: pip install -e '.[gtsam]'"
+            raise ImportError(f"the estimator {FIXED_LAG!r} needs GTSAM: {hint}") from error
         if scenario.association != KNOWN or np.shape(sensor.noise) != (2, 2):
             raise ValueError(
                 f"the estimator {FIXED_LAG!r} needs scenario.association {KNOWN!r}, and measurements that are pixels"
@@ -62,11 +65,14 @@ class FixedLag:
         """Begin an episode."""
         gtsam, dt = self._gtsam, self._scenario.frame_time
         settings = gtsam.ISAM2Params()
+        settings.setFactorization(
+            "QR"
+        )  # Cholesky refuses the velocity that differences of poses hold after a blind turn
         settings.relinearizeSkip = RELINEARISED_EVERY
         settings.setRelinearizeThreshold(RELINEARISATION_THRESHOLD)
         self._isam, self._graph, self._values = gtsam.ISAM2(settings), gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._anchors = np.zeros((0, 3))
-        self._mean, self._dt, self._frame, self._time = mean.copy(), dt, 1, 0.0
+        self._mean, self._dt, self._frame, self._time, self._failed = mean.copy(), dt, 1, 0.0, False
         x, keys = self._mean, [*self._pose(0), *self._pose(1)]
         self._add_pose(0, transition(np.concatenate((x[:7], -x[7:])), np.zeros(6), dt))
         self._add_pose(1, x)
@@ -79,20 +85,24 @@ class FixedLag:
             return np.concatenate((found[:3] - x[:3], rotation_error(found[3:7], x[3:7]), found[7:] - x[7:]))
 
         self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Gaussian.Covariance(covariance), keys, error))
+        self._kept = self.estimate()
 
     def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
         """Go on by ``dt`` seconds."""
-        self._settle()
+        self._time += dt
+        if not self._settled():
+            return
         gtsam, motion, before, change = self._gtsam, self._motion, self._dt, dt * u
         self._mean = transition(self._camera()[0], u, dt)
-        self._dt, self._time, self._frame = dt, self._time + dt, self._frame + 1
+        self._dt, self._frame = dt, self._frame + 1
         stds = dt * np.repeat((motion.filter_acceleration_std, motion.filter_angular_acceleration_std), 3)
         if contact:
             stds[:3] = np.hypot(stds[:3], self._mean[VELOCITY])
         rotations, positions = zip(*(self._pose(self._frame - i) for i in (2, 1, 0)))
         blocks = (np.eye(3) * scale for scale in (1.0 / before, -1.0 / before - 1.0 / dt, 1.0 / dt))
         terms = [one for pair in zip(positions, blocks) for one in pair]
-        moved, origin = gtsam.JacobianFactor(*terms, change[:3], gtsam.noiseModel.Diagonal.Sigmas(stds[:3])), gtsam.Values()
+        accelerated = gtsam.JacobianFactor(*terms, change[:3], gtsam.noiseModel.Diagonal.Sigmas(stds[:3]))
+        origin = gtsam.Values()
         for key in positions:
             origin.insertPoint3(key, np.zeros(3))
 
@@ -101,25 +111,25 @@ class FixedLag:
             _write(jacobians, J, 3, 3, 3)
             return changed - change[3:]
 
-        self._graph.add(gtsam.LinearContainerFactor(moved, origin))
+        self._graph.add(gtsam.LinearContainerFactor(accelerated, origin))
         self._graph.add(gtsam.CustomFactor(gtsam.noiseModel.Diagonal.Sigmas(stds[3:]), rotations, error))
         self._add_pose(self._frame, self._mean)
 
     def update(self, measurements: Measurements) -> np.ndarray:
         """Update, and initialise the landmarks that are detected for the first time."""
-        used = np.where(measurements.ids >= -len(self._fiducials), measurements.ids, 0)
+        used = np.where(measurements.ids >= -len(self._fiducials), measurements.ids, NO_MATCH)
         for m in np.flatnonzero(measurements.ids == 0).tolist():
             if len(self._anchors) < self._scenario.landmark_count:
                 used[m] = self._initialise(measurements.values[m])
         order = np.concatenate((np.flatnonzero(used < 0), np.flatnonzero(used > 0)))
         if len(order):
             self._measure(used[order], measurements.values[order], measurements.noise[order])
-        self._settle()
-        return used
+        return used if self._settled() else np.zeros_like(used)
 
     def estimate(self) -> Estimate:
         """The present state estimate."""
-        self._settle()
+        if not self._settled():
+            return replace(self._kept, time=self._time)
         keys, n = self._last(), len(self._anchors)
         camera, J = self._camera()
         P = self._isam.jointMarginalCovariance(keys).fullMatrix()
@@ -131,11 +141,12 @@ class FixedLag:
             points[k], G[at : at + 3, at : at + 3] = point_of(self._anchors[k], lines[k])
         mapped = np.sqrt(P.diagonal()[CAMERA_DIM + 2 :: 3]) < self._scenario.mapped_depth_ratio * lines[:, 2]
         ids = np.arange(1, n + 1)
-        return Estimate(camera, ids, points, G @ P @ G.T, mapped, np.zeros(n, bool), self._time)
+        self._kept = Estimate(camera, ids, points, G @ P @ G.T, mapped, np.zeros(n, bool), self._time)
+        return self._kept
 
     def copy(self) -> "FixedLag":
         """An independent copy."""
-        self._settle()
+        self._settled()
         other = copy.copy(self)
         other._isam = self._gtsam.ISAM2(self._isam)
         other._graph, other._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
@@ -170,23 +181,29 @@ class FixedLag:
         model = self._gtsam.noiseModel.Gaussian.Covariance(R.reshape(2 * M, 2 * M))
         self._graph.add(self._gtsam.CustomFactor(model, keys, error))
 
-    def _settle(self) -> None:
-        """Take in the factors that are new; the present state and the map are eliminated last."""
-        if self._graph.size() == 0:
-            return
-        groups, before = self._gtsam.KeyGroupMap(), self._mean
+    def _settled(self) -> bool:
+        """Take in the factors that are new. False where that has failed."""
+        if self._graph.size() and not self._failed:
+            try:
+                self._solve()
+            except RuntimeError:  # GTSAM's, of a system that is singular to working precision
+                self._failed = True
+            self._graph, self._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
+        return not self._failed
+
+    def _solve(self) -> None:
+        """Steps of Gauss and Newton, as many as the frame wants; the present state and the map are eliminated last."""
+        last, before = self._gtsam.KeyGroupMap(), self._mean
         for key in self._last():
-            groups.insert2(key, 1)
-        self._isam.update(self._graph, self._values, constrainedKeys=groups)
-        self._graph, self._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
+            last.insert2(key, 1)
+        self._isam.update(self._graph, self._values, constrainedKeys=last)
         for _ in range(MOST_ITERATIONS):
             now = self._camera()[0]
             moved = np.concatenate((now[:3] - before[:3], rotation_error(now[3:7], before[3:7])))
             if np.abs(moved).max() < RELINEARISATION_THRESHOLD:
                 break
             before = now
-            I[0]+=1
-            self._isam.update(self._graph, self._values, constrainedKeys=groups, force_relinearize=True)
+            self._isam.update(constrainedKeys=last, force_relinearize=True)
 
     def _camera(self) -> tuple[np.ndarray, np.ndarray]:
         (r_A, p_A), (r_B, p_B) = self._pose(self._frame - 1), self._pose(self._frame)

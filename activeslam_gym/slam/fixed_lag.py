@@ -33,7 +33,11 @@ RELINEARISATION_THRESHOLD = 0.02
 LEAST_INVERSE_DEPTH = 0.02
 """An estimate's landmarks are at most at the inverse of this [1/m]."""
 MOST_ITERATIONS = 5
-"""A frame that moves the camera's estimate by more than the threshold is iterated, at most so often."""
+"""A frame that moves the camera by more than the threshold, or does not fit, is iterated at most so often."""
+LARGEST_MISFIT = 6.0
+"""Half the squared residuals of a frame's M numbers are M / 2 on average; over M and this, the frame does not fit."""
+CAUCHY = 2.0
+"""Deviations of a landmark's prior beyond which it has the tails of Cauchy: a landmark may be very near the camera."""
 FREE_ANGLE_STD = 10.0
 """Prior of a landmark's azimuth and elevation [rad]: none to speak of."""
 
@@ -73,6 +77,7 @@ class FixedLag:
         self._isam, self._graph, self._values = gtsam.ISAM2(settings), gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._anchors = np.zeros((0, 3))
         self._mean, self._dt, self._frame, self._time, self._failed = mean.copy(), dt, 1, 0.0, False
+        self._newest: Any = None
         x, keys = self._mean, [*self._pose(0), *self._pose(1)]
         self._add_pose(0, transition(np.concatenate((x[:7], -x[7:])), np.zeros(6), dt))
         self._add_pose(1, x)
@@ -94,7 +99,7 @@ class FixedLag:
             return
         gtsam, motion, before, change = self._gtsam, self._motion, self._dt, dt * u
         self._mean = transition(self._camera()[0], u, dt)
-        self._dt, self._frame = dt, self._frame + 1
+        self._dt, self._frame, self._newest = dt, self._frame + 1, None
         stds = dt * np.repeat((motion.filter_acceleration_std, motion.filter_angular_acceleration_std), 3)
         if contact:
             stds[:3] = np.hypot(stds[:3], self._mean[VELOCITY])
@@ -155,12 +160,13 @@ class FixedLag:
     def _initialise(self, z: np.ndarray) -> int:
         """A landmark at the pixel ``z`` (2,); its id."""
         self._anchors = np.vstack((self._anchors, self._mean[POSITION]))
-        id, scenario, noise = len(self._anchors), self._scenario, self._gtsam.noiseModel.Diagonal
+        id, scenario, noise = len(self._anchors), self._scenario, self._gtsam.noiseModel
         ray = rotation_matrix(self._mean[QUATERNION]) @ ray_from_pixel(self._lens, z)
         line = np.array((*angles_of(ray, np.empty((2, 3))), scenario.inverse_depth_mean))
         stds = np.array((FREE_ANGLE_STD, FREE_ANGLE_STD, scenario.inverse_depth_std))
         self._values.insertPoint3(self._landmark(id), line)
-        self._graph.addPriorPoint3(self._landmark(id), line, noise.Sigmas(stds))
+        tails = noise.mEstimator.Cauchy.Create(CAUCHY)
+        self._graph.addPriorPoint3(self._landmark(id), line, noise.Robust.Create(tails, noise.Diagonal.Sigmas(stds)))
         return id
 
     def _measure(self, ids: np.ndarray, pixels: np.ndarray, noise: np.ndarray) -> None:
@@ -176,10 +182,11 @@ class FixedLag:
             R_WC, p = values.atRot3(keys[0]).matrix(), values.atPoint3(keys[1])
             z_hat, J = measured(lens, R_WC, p, known, anchors, lines)
             _write(jacobians, J, 3, 3, *[3] * len(lines))
-            return np.nan_to_num(z_hat - pixels).ravel()
+            return np.nan_to_num(z_hat - pixels, nan=2.0 * lens.focal).ravel()
 
         model = self._gtsam.noiseModel.Gaussian.Covariance(R.reshape(2 * M, 2 * M))
-        self._graph.add(self._gtsam.CustomFactor(model, keys, error))
+        self._newest = self._gtsam.CustomFactor(model, keys, error)
+        self._graph.add(self._newest)
 
     def _settled(self) -> bool:
         """Take in the factors that are new. False where that has failed."""
@@ -200,10 +207,20 @@ class FixedLag:
         for _ in range(MOST_ITERATIONS):
             now = self._camera()[0]
             moved = np.concatenate((now[:3] - before[:3], rotation_error(now[3:7], before[3:7])))
-            if np.abs(moved).max() < RELINEARISATION_THRESHOLD:
+            if np.abs(moved).max() < RELINEARISATION_THRESHOLD and self._fits():
                 break
             before = now
             self._isam.update(constrainedKeys=last, force_relinearize=True)
+
+    def _fits(self) -> bool:
+        """Whether the estimate fits the newest measurements; else it is too far from the linearisation."""
+        if self._newest is None:
+            return True
+        values, (rotation, *points) = self._gtsam.Values(), self._newest.keys()
+        values.insert(rotation, self._isam.calculateEstimateRot3(rotation))
+        for key in points:
+            values.insertPoint3(key, self._isam.calculateEstimatePoint3(key))
+        return bool(self._newest.error(values) <= self._newest.dim() + LARGEST_MISFIT)
 
     def _camera(self) -> tuple[np.ndarray, np.ndarray]:
         (r_A, p_A), (r_B, p_B) = self._pose(self._frame - 1), self._pose(self._frame)

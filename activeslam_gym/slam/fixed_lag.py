@@ -7,6 +7,8 @@ factor on three positions, which is linear, and one on three rotations.
 
 Rotation and position are variables of their own: with GTSAM's poses a correction of one bends the other, by more than
 the process noise of a frame. GTSAM perturbs a rotation on the right, R Exp(omega).
+
+Nothing is marginalised, so that every frame can be relinearised; see the constants for when.
 """
 
 import copy

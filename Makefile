@@ -8,7 +8,7 @@ RUN     := $(VENV)/bin/python
 PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
 POLICIES := ppo ppo-entropy random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2
-CLIENTS := sb3 torchrl rllib cleanrl rerun live
+CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -123,6 +123,7 @@ PACKAGES_rllib   := --editable . $(TORCH) 'ray[rllib]==2.60.0'
 PACKAGES_cleanrl := --editable . $(TORCH) 'gym==0.23.1' 'numpy<2' 'setuptools<81' tensorboard
 PACKAGES_rerun   := --editable '.[rerun]'
 PACKAGES_live    := --editable '.[live]' playwright # drives the system's own chromium; it downloads none
+PACKAGES_gtsam   := --editable '.[compare,dev,gtsam]'
 PACKAGES_oldest  := --editable '.[compare,dev,vision]' --constraint .venvs/lowest.txt
 PACKAGES_newest  := --editable '.[compare,dev,vision]' --upgrade --upgrade-strategy eager
 
@@ -132,6 +133,7 @@ TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_recording.py
 TESTS_live    := tests/test_live_page.py tests/test_live_access.py tests/test_live_browser.py
+TESTS_gtsam   := tests/test_fixed_lag.py
 
 .venvs/lowest.txt: pyproject.toml # each lower bound as the one version
 	@mkdir -p .venvs

@@ -22,6 +22,7 @@ from activeslam_gym.slam.belief import (
 )
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
 from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
+from activeslam_gym.slam.fixed_lag import FIXED_LAG, FixedLag
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
@@ -300,4 +301,5 @@ def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, 
     return array
 
 
+ESTIMATORS.register(FIXED_LAG)(FixedLag)
 ESTIMATORS.seal()

@@ -13,8 +13,8 @@ import numpy as np
 
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION
-from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.association import DETECTION, REJECTED
+from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners

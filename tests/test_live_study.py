@@ -18,6 +18,7 @@ from activeslam_gym.live.session import Session  # noqa: E402
 from activeslam_gym.live.source import ROOM, RenderedRoom  # noqa: E402
 from activeslam_gym.live.trial import Evaluator, trial  # noqa: E402
 from activeslam_gym.metrics import camera_error  # noqa: E402
+from activeslam_gym.slam.estimate import taken_estimate
 from agents import advising  # noqa: E402
 from agents.__main__ import main  # noqa: E402
 from agents.compare.command import Args  # noqa: E402
@@ -108,7 +109,7 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
         if k % 15 == 0:
             seconds.append(evaluator.second())
     assert seconds[0].log_score == 0.0 and seconds[2].log_score > seconds[1].log_score > 50.0
-    estimate, truth = session.front_end.filter.estimate(), room.person.state
+    estimate, truth = taken_estimate(session.front_end.estimate()), room.person.state
     slots, _ = session.expected.factored()
     landmarks, variance = evaluator._spare.copy(), np.array(ROOM.landmark_prior_variance)
     counting = slots[slots >= 0]

@@ -181,7 +181,7 @@ def test_of_a_long_video_some_pictures_are_enough(tmp_path, monkeypatch) -> None
     for k in range(12):
         cv2.imwrite(str(tmp_path / f"{k:02}.png"), photographed(POSES[k // 3 % 5], chessboard, 2))
     monkeypatch.setattr(board, "_ENOUGH", 6)
-    assert board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json").pictures == 4
+    assert board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json").pictures == 6
 
 
 class Stopping:

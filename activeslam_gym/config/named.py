@@ -29,6 +29,7 @@ _PIXELS = {
     "fiducial_count": 4,
     "pixel_std": 0.7,
     "gaze_horizon": 3.0,
+    "plan_horizon": 35.0,  # the episode: a whole turn is worth what no part of it is
     "inverse_depth_mean": 0.38,  # of the features' true depths
 }  # with 13 spare features, a map of 49
 """Images of a textured room; the fiducials are the corners of the target."""

@@ -9,10 +9,12 @@ free: lengths are in a unit that only the prior of depth has chosen, and that ma
 """
 
 import csv
-from collections.abc import Callable, Iterable
+import signal
+from collections.abc import Callable, Generator, Iterable
 from contextlib import ExitStack, closing
 from io import StringIO
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,11 +200,36 @@ def track(
             if picture is not None and log is not None:
                 picture(front_end, frame[1])
 
-        done = follow(bar, lens, known, rate, watch=keep)
+        whole = at_close.enter_context(closing(_between_images(bar)))
+        done = follow(whole, lens, known, rate, watch=keep)
         if files is not None:
             points, P = done.filter.points()
             files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))
     return done, diagnosis.advice(done.metric)
+
+
+def _between_images(frames: Iterable[Frame]) -> Generator[Frame, None, None]:
+    """The same; SIGINT and SIGTERM of the main thread are raised as KeyboardInterrupt, but before the next image.
+
+    Within a kernel, or in OpenCV, such an exception can end the process. A second signal does not wait.
+    """
+    noted: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if noted:
+            raise KeyboardInterrupt
+        noted.append(number)
+
+    main = current_thread() is main_thread()
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM) if main}
+    try:
+        for frame in frames:
+            yield frame
+            if noted:
+                raise KeyboardInterrupt
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
 
 
 def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame]:

@@ -26,7 +26,7 @@ def written_whole(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def argument(name: str, wrong: type[ValueError] = ValueError) -> Iterator[None]:
-    """What is ``wrong``, or a file that cannot be used, in this block is told as being of the argument ``name``.
+    """What is ``wrong``, or a file that cannot be used, in this block is reported as the argument ``name``'s.
 
     Raises:
         ValueError, OSError: as the block does; the message begins with the argument.

@@ -140,7 +140,7 @@ def test_of_what_is_far_or_well_known_nothing_is_left_out() -> None:
 
 @pytest.mark.parametrize(("command_known", "low", "high"), [(True, 0.0, 2.0), (False, 3.0, np.inf)])
 def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low: float, high: float) -> None:
-    """Counted in each frame anew, it makes the filter overconfident of a way and a depth: it saw their product alone.
+    """Counted again in each frame, it makes the filter overconfident of a way and a depth: it saw their product alone.
 
     The mean NEES of the position of a camera of unknown speed across the sight of a new point, after a second.
     """

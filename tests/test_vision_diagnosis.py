@@ -45,7 +45,7 @@ def test_a_remedy_is_suggested_where_it_may_help() -> None:
     counts = {"searched": 20, "found": 1, "matched": 0}
     assert "a target in the first image may help" in advice(IMAGE, target=False, **counts)
     assert "images of 320 px width" in advice(np.tile(IMAGE, (2, 2)), **counts)
-    assert "turning tells no depth" in advice(IMAGE, mapped=VAGUE, **counts)
+    assert "turning gives no depth" in advice(IMAGE, mapped=VAGUE, **counts)
     assert blemish(IMAGE) == ""
 
 

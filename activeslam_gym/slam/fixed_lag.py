@@ -71,9 +71,7 @@ class FixedLag:
         """Begin an episode."""
         gtsam, dt = self._gtsam, self._scenario.frame_time
         settings = gtsam.ISAM2Params()
-        settings.setFactorization(
-            "QR"
-        )  # Cholesky refuses the velocity that differences of poses hold after a blind turn
+        settings.setFactorization("QR")  # Cholesky fails after some seconds without measurements
         settings.relinearizeSkip = RELINEARISED_EVERY
         settings.setRelinearizeThreshold(RELINEARISATION_THRESHOLD)
         self._isam, self._graph, self._values = gtsam.ISAM2(settings), gtsam.NonlinearFactorGraph(), gtsam.Values()

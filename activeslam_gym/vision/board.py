@@ -37,7 +37,7 @@ _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in whi
 _ROUNDS = 60  # most steps of a fit
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _WORST = 1e12  # condition of the scaled J^T J from which it is singular
-_VAGUE = 0.1  # deviation of a focal length that is not told, as a share of it
+_VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
 _FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
 
 View = tuple[np.ndarray, np.ndarray]
@@ -105,7 +105,7 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     """The lens of images of ``width`` x ``height`` pixels that explains the ``views`` best.
 
     Raises:
-        ValueError: they do not tell the lens.
+        ValueError: they do not determine the lens.
     """
     fits = [_solve(views, _guess(views, share * width, width, height), math.inf) for share in _FOCALS]
     fits = [fit for fit in fits if np.isfinite(fit.cost) and fit.x[0] > 0.0]
@@ -118,8 +118,10 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     lens = np.zeros((2, 4))
     lens[:, : 4 if unbounded >= 0.0 else 3] = best.x[: -6 * len(views)], _deviations(best)[: -6 * len(views)]
     if not lens[1, 0] < _VAGUE * lens[0, 0]:
-        told = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
-        raise ValueError(f"the pictures do not tell the lens ({told}): tilt the board differently in each picture")
+        fitted = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
+        raise ValueError(
+            f"the pictures do not determine the lens ({fitted}): tilt the board differently in each picture"
+        )
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
     return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), unbounded, own_std)

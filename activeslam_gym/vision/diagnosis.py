@@ -13,7 +13,7 @@ _DARK = 40  # an image is dark where 99 % of its pixels are no brighter, of 255
 _FEW_CORNERS = 8  # an image with fewer is blank
 _LOOKED_AT = 60  # lost images whose reason is sought
 _LARGE = 400  # of images wider than this, smaller ones are suggested [px]
-_TURNING = 0.2  # share of the map with a known depth, under which the camera has hardly moved sideways
+_TURNING = 0.2  # share of the map with a known depth, under which the camera has moved sideways too little
 
 DARK = "is dark (99 % of its pixels have {level} of 255 or less): more light, or a longer exposure, would help"
 BLANK = "has no corners (a blank wall, or blur): keep things with texture in view"
@@ -65,7 +65,7 @@ class Diagnosis:
         reason, advice = self._reasons.most_common(1)[0][0], []
         if not reason.startswith("a lost image"):
             if self._mapped < _TURNING:
-                advice.append("the camera had hardly moved sideways, and turning tells no depth")
+                advice.append("the camera had moved sideways by next to nothing, and turning gives no depth")
             if self._width > _LARGE:
                 advice.append(f"images of {self._width // 2} px width, with a calibration of their own, may help")
             if not target:

@@ -146,8 +146,7 @@ class FrontEnd:
         """Add to the covariance of each landmark of the filter's ``estimate`` how far its template may follow another
         point: a constant offset, isotropic, of ``feature_bias_std`` [px] at the distance of its first sight.
 
-        No measurement of the filter tells it. A planner that reads the estimate expects measurements to do so, of a
-        fraction of a bit each.
+        No measurement of the filter depends on it. A planner that reads the estimate expects measurements to lower it.
         """
         n = int(estimate.state.count)
         own = estimate.landmark[:n]

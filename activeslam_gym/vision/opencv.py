@@ -10,7 +10,7 @@ def opencv() -> Any:
     Raises:
         ModuleNotFoundError: it is not installed; the message names the extra.
     """
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # errors are told by the one who reads
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # the one who reads reports errors
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:
         import cv2

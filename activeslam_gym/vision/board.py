@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.sparse import block_diag, hstack
 from scipy.spatial import cKDTree
 
@@ -34,7 +35,7 @@ _MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
 _MARKERS = 50  # markers of its dictionary, 4x4_50: a board has at most as many
 _SEARCHED = 1000  # a board is searched in images no longer than this [px]
 _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
-_ROUNDS = 60  # most steps of a fit
+_ROUNDS = 60  # most evaluations of a fit
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _WORST = 1e12  # condition of the scaled J^T J from which it is singular
 _VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
@@ -128,26 +129,11 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
 
 
 def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
-    """The least squares of the residuals, from the parameters ``x`` of `_model`, by Levenberg and Marquardt.
-
-    A residual r beyond the ``bound`` b [px] counts little: cost b^2 (sqrt(1 + (r / b)^2) - 1), as `soft_l1`.
-    """
-    now, damping = _solution(views, x, bound), 1e-3
-    for _ in range(_ROUNDS):
-        weighted = now.J.multiply(((1.0 + (now.residuals / bound) ** 2) ** -0.5)[:, None]).tocsr()
-        square = (now.J.T @ weighted).toarray()
-        step = np.linalg.solve(square + damping * np.diag(np.diag(square)), weighted.T @ now.residuals)
-        then = _solution(views, now.x - step, bound)
-        near = abs(now.cost - then.cost) <= 1e-9 * now.cost
-        now, damping = (then, 0.1 * damping) if then.cost < now.cost else (now, 10.0 * damping)
-        if near:
-            break
-    return now
-
-
-def _solution(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
-    residuals, J = _model(x, views)
-    return Solution(x, residuals, J, float((residuals**2 / (1.0 + np.hypot(1.0, residuals / bound))).sum()))
+    """The least squares of residuals from the parameters ``x`` of `_model`; those over ``bound`` [px] count little."""
+    loss: dict[str, Any] = {"loss": "soft_l1", "f_scale": bound} if bound < math.inf else {}
+    residuals, jacobian = (lambda x: _model(x, views)[0]), (lambda x: _model(x, views)[1])
+    fit = least_squares(residuals, x, jac=jacobian, x_scale="jac", max_nfev=_ROUNDS, **loss)
+    return Solution(fit.x, *_model(fit.x, views), fit.cost)
 
 
 def _deviations(fit: Solution) -> np.ndarray:

@@ -6,6 +6,7 @@ A client whose package is not installed is skipped; `make clients` installs each
 import math
 import re
 import runpy
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,27 +16,27 @@ import pytest
 import activeslam_gym  # noqa: F401  (registers the environments)
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-CLIENTS: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "sb3-ppo": ("sb3_ppo.py", "stable_baselines3", {"steps": 8960}),
-    "sb3-a2c": ("sb3_a2c.py", "stable_baselines3", {"steps": 640}),
-    "sb3-dqn": ("sb3_dqn.py", "stable_baselines3", {"steps": 1200}),
-    "sb3-recurrent-ppo": ("sb3_recurrent_ppo.py", "sb3_contrib", {"steps": 2240}),
-    "sb3-maskable-ppo": ("sb3_maskable_ppo.py", "sb3_contrib", {"steps": 8960}),
-    "sb3-zoo": ("rl_zoo3/train.py", "rl_zoo3", {"steps": 560, "num_envs": 4}),
-    "torchrl-ppo": ("torchrl_ppo.py", "torchrl", {"steps": 560, "num_envs": 2}),
-    "rllib-ppo": ("rllib_ppo.py", "ray.rllib", {"iterations": 1}),
-    "cleanrl-ppo": ("cleanrl_ppo.py", "cleanrl", {"steps": 4480}),
+CLIENTS: dict[str, tuple[str, str, tuple[Any, ...], dict[str, Any]]] = {
+    "sb3-ppo": ("sb3.py", "stable_baselines3", ("PPO",), {"steps": 8960}),
+    "sb3-a2c": ("sb3.py", "stable_baselines3", ("A2C",), {"steps": 640}),
+    "sb3-dqn": ("sb3.py", "stable_baselines3", ("DQN",), {"steps": 1200}),
+    "sb3-recurrent-ppo": ("sb3.py", "sb3_contrib", ("RecurrentPPO",), {"steps": 2240}),
+    "sb3-maskable-ppo": ("sb3.py", "sb3_contrib", ("MaskablePPO",), {"steps": 8960}),
+    "sb3-zoo": ("rl_zoo3/train.py", "rl_zoo3", (), {"steps": 560, "num_envs": 4}),
+    "torchrl-ppo": ("torchrl_ppo.py", "torchrl", (), {"steps": 560, "num_envs": 2}),
+    "rllib-ppo": ("rllib_ppo.py", "ray.rllib", (), {"iterations": 1}),
+    "cleanrl-ppo": ("cleanrl_ppo.py", "cleanrl", (), {"steps": 4480}),
 }
-"""A script, the package that it needs, and arguments of its `main` for the smallest run."""
+"""A script, the package that it needs, arguments of its `main`, and more of them for the smallest run."""
 
 
 @pytest.fixture(params=CLIENTS)
 def client(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, dict]:
     """The `main` of a client's script, in a folder of its own, and arguments for its smallest run."""
-    script, package, smallest = CLIENTS[request.param]
+    script, package, arguments, smallest = CLIENTS[request.param]
     pytest.importorskip(package, reason=f"{package} is not installed: see make clients")
     monkeypatch.chdir(tmp_path)
-    return runpy.run_path(str(EXAMPLES / script))["main"], smallest
+    return partial(runpy.run_path(str(EXAMPLES / script))["main"], *arguments), smallest
 
 
 def test_client_runs(client: tuple[Any, dict], capfd: pytest.CaptureFixture[str]) -> None:

@@ -17,16 +17,15 @@ class ActiveSLAMVecEnv(VecEnv):
     """`ActiveSLAMVectorEnv` in mode SAME_STEP behind SB3's interface.
 
     An environment's dict of `infos` has its last `info` when its episode ends, with ``terminal_observation`` and
-    ``TimeLimit.truncated``, and is empty before: a dict for each environment and step would cost time.
+    ``TimeLimit.truncated``, and is empty before: a dict for each environment and step would cost time. The latter is
+    False at the time limit too: the return is that of a finite horizon and the observation tells the time, so that SB3
+    must not add the value of the last observation.
 
     `baselines.make(name, env)` and `observation_layout(env)` take it, also under SB3's wrappers: it is read as the
     batch environment within (`unwrapped`).
 
     Args:
         num_envs: Environments in the batch.
-        bootstrap_at_time_limit: The value of ``TimeLimit.truncated`` where an episode ends at its duration and the run
-            is not lost. The return is that of a finite horizon and the observation tells the time, so False is right:
-            nothing follows. True makes SB3 add the value of the last observation.
         discrete: Take one integer for an action, index = 3 motion + gaze.
         kwargs: Arguments of `ActiveSLAMVectorEnv`.
 
@@ -34,12 +33,9 @@ class ActiveSLAMVecEnv(VecEnv):
         ValueError: a bad argument; the message names it, its value and what is allowed.
     """
 
-    def __init__(
-        self, num_envs: int, bootstrap_at_time_limit: bool = False, discrete: bool = False, **kwargs: Any
-    ) -> None:
+    def __init__(self, num_envs: int, discrete: bool = False, **kwargs: Any) -> None:
         batch = ActiveSLAMDiscreteVectorEnv if discrete else ActiveSLAMVectorEnv
         self.env = batch(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
-        self.bootstrap_at_time_limit = bootstrap_at_time_limit
         self._actions: np.ndarray | None = None
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
 
@@ -67,11 +63,9 @@ class ActiveSLAMVecEnv(VecEnv):
         told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if dones.any():
             last_observations, last_infos = infos.pop("final_obs"), infos.pop("final_info")
-            at_time_limit = truncated & ~terminated & self.bootstrap_at_time_limit
             for i in np.flatnonzero(dones).tolist():
-                told[i] = info_at(last_infos, i)
-                told[i]["terminal_observation"] = last_observations[i]
-                told[i]["TimeLimit.truncated"] = bool(at_time_limit[i])
+                ended = {"terminal_observation": last_observations[i], "TimeLimit.truncated": False}
+                told[i] = info_at(last_infos, i) | ended
                 self.reset_infos[i] = info_at(infos, i)
         return observations, rewards.astype(np.float32), dones, told
 

@@ -22,7 +22,8 @@ from activeslam_gym.evaluation import play
 from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
-from .policy import Actions, Environment, Policy
+from .fixed import Planned
+from .policy import Actions, Environment
 
 TABLE = Path(__file__).with_name("best_constants.json")
 ROOMS = 8
@@ -45,27 +46,6 @@ Times = tuple[float, float, float]
 """Gaze period, motion period and duration [s]."""
 CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])
 """(21, 2) the constant actions."""
-
-
-class Planned(Policy):
-    """Plays a plan (T, 2), motion and gaze of each motion period, or one for each environment of a batch (B, T, 2).
-
-    The last action is held.
-    """
-
-    def __init__(self, env: Environment, plan: Any) -> None:
-        super().__init__(env)
-        self._plans: Actions = np.broadcast_to(plan, (self.num_envs, *np.shape(plan)[-2:]))
-
-    def _now(self) -> Actions:
-        period = np.floor(self.per_env(self.env.time) / self.env.motion_period + 1e-9).astype(np.int64)
-        return self._plans[np.arange(self.num_envs), np.minimum(period, self._plans.shape[1] - 1)]
-
-    def choose_motion(self) -> Actions:
-        return self._now()[:, 0]
-
-    def choose_gaze(self) -> Actions:
-        return self._now()[:, 1]
 
 
 class BestConstant(Planned):
@@ -144,7 +124,7 @@ def log_scores(
     What ``store`` has is not played again.
     """
     key = {"plans": plans.tolist(), "scenario": asdict(scenario), "seeds": list(seeds), "times": times}
-    key["code"] = digest(*(Path(__file__).with_name(f"{module}.py") for module in ("constants", "policy")))
+    key["code"] = digest(*(Path(__file__).with_name(f"{module}.py") for module in ("constants", "fixed", "policy")))
 
     def scores() -> dict[str, NDArray[Any]]:
         each, rooms = np.repeat(plans, len(seeds), axis=0), np.tile(seeds, len(plans))

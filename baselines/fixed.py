@@ -1,6 +1,8 @@
-"""Policies that do not look at the belief: `random`, `stay`, `sweep`, `orbit`."""
+"""Policies that do not look at the belief: `random`, `stay`, `sweep`, `orbit`, and plans."""
 
 from collections.abc import Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -31,14 +33,25 @@ class Random(Policy):
         return self._draw(len(Gaze))
 
 
-class Stay(Policy):
-    """Stands still and looks ahead: what the others have to beat."""
+class Planned(Policy):
+    """Plays a plan (T, 2), motion and gaze of each motion period, or one for each environment of a batch (B, T, 2).
+
+    The last action is held.
+    """
+
+    def __init__(self, env: Environment, plan: Any) -> None:
+        super().__init__(env)
+        self._plans: Actions = np.broadcast_to(plan, (self.num_envs, *np.shape(plan)[-2:]))
+
+    def _now(self) -> Actions:
+        period = np.floor(self.per_env(self.env.time) / self.env.motion_period + 1e-9).astype(np.int64)
+        return self._plans[np.arange(self.num_envs), np.minimum(period, self._plans.shape[1] - 1)]
 
     def choose_motion(self) -> Actions:
-        return self.always(Motion.STAY)
+        return self._now()[:, 0]
 
     def choose_gaze(self) -> Actions:
-        return self.always(Gaze.STAY)
+        return self._now()[:, 1]
 
 
 class Sweep(Policy):
@@ -57,14 +70,7 @@ class Sweep(Policy):
         return self.always(Gaze.LEFT)
 
 
-class Orbit(Policy):
-    """One constant action, RIGHT with LEFT: a circle around what stood ahead, seen from all sides.
-
-    At 0.3 m/s and 0.2 rad/s its radius is 1.5 m. What decides has to beat it.
-    """
-
-    def choose_motion(self) -> Actions:
-        return self.always(Motion.RIGHT)
-
-    def choose_gaze(self) -> Actions:
-        return self.always(Gaze.LEFT)
+Stay = partial(Planned, plan=[(Motion.STAY, Gaze.STAY)])
+"""Stands still and looks ahead: what the others have to beat."""
+Orbit = partial(Planned, plan=[(Motion.RIGHT, Gaze.LEFT)])
+"""A circle around what stood ahead, seen from all sides: of a radius of 1.5 m, at 0.3 m/s and 0.2 rad/s."""

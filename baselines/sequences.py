@@ -19,7 +19,8 @@ from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
 from . import constants
-from .constants import CONSTANTS, Planned, Times, found_or_chosen
+from .constants import CONSTANTS, Times, found_or_chosen
+from .fixed import Planned
 from .policy import Environment
 
 TABLE = Path(__file__).with_name("best_sequences.json")

@@ -1,7 +1,7 @@
 """From episodes to tables: figures of each policy over rooms, and of policy against policy in the same rooms."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,12 +9,10 @@ import numpy as np
 import baselines
 from activeslam_gym.evaluation import Episode, honesty, outcome
 from agents.tools.sections import Table
-from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse, shares
+from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
 MOST_LOST = 0.25
 """A policy that is lost in a greater share of the rooms has no headline."""
-PLANNER, BASE = "rollout", "best-constant"
-"""Policies whose difference is the lead of which others have a share."""
 DEGREES = 180.0 / np.pi
 
 LEARNED = (
@@ -78,8 +76,6 @@ class Summary:
     """The baseline with the most bits, if one was run."""
     notes: list[str]
     """The headline and its limits."""
-    shares: Figures = field(default_factory=dict)
-    """Policy → its share of the planner's lead over the best constant in the log score, where both were run."""
 
 
 def summarise(
@@ -97,7 +93,6 @@ def summarise(
     known = [name for name in policies if name in baselines.names()]
     best = max(known, key=lambda name: policies[name]["bits"].value, default=None)
     references = dict.fromkeys((reference, best, by_log_score(policies)[0]))
-    gains = {name: {seed: row["log_score_gain"] for seed, row in seen.items()} for name, seen in rows.items()}
     return Summary(
         settings=settings or {},
         policies=policies,
@@ -112,7 +107,6 @@ def summarise(
         },
         best_baseline=best,
         notes=_notes(rows, policies, reference),
-        shares=shares(gains, PLANNER, BASE) if {PLANNER, BASE} <= set(rows) else {},
     )
 
 
@@ -146,10 +140,6 @@ def tables(summary: Summary) -> list[Table]:
         title = f"ANEES per degree of freedom over the runs alive at {time} s (1 is consistent){star}"
         at_time = {name: times[time] for name, times in summary.honesty.items()}
         result.append(_table(title, at_time, NEES, [column.title for column in NEES]))
-    if summary.shares:
-        rows = [[name, share.text(100.0, 0), str(share.rooms)] for name, share in summary.shares.items()]
-        title = f"Share of the planner's lead over the best constant in the log score{star}"
-        result.append(Table(title, ["policy", "share, % (of IQMs)", "rooms"], rows))
     for against, differences in summary.paired.items():
         best = ", the baseline with the most bits," if against == summary.best_baseline else ""
         result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))

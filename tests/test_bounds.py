@@ -1,6 +1,5 @@
 """`best-constant`, shares of a lead, the loose bound, and the command that sets policies between their bounds."""
 
-import dataclasses
 import json
 import math
 from pathlib import Path
@@ -12,10 +11,8 @@ import pytest
 
 import baselines
 from activeslam_gym import SCENARIOS, Gaze, Motion, Scenario
-from activeslam_gym.evaluation import Episode
 from agents.__main__ import main
 from agents.bounds.ceiling import ceiling
-from agents.summary import markdown, summarise
 from agents.task import make_environment, run_policy
 from agents.tools.statistics import shares
 from baselines import __main__ as table
@@ -98,21 +95,6 @@ def test_shares_of_the_planners_lead() -> None:
     assert [found[name].value for name in ("base", "planner", "half")] == [0.0, 1.0, 0.5]
     assert found["half"].rooms == 2
     assert math.isnan(shares({"a": base, "b": base}, "a", "b")["a"].value)  # a planner without a lead
-
-
-def test_compare_tells_the_shares_where_planner_and_best_constant_were_run() -> None:
-    (run,) = run_policy("stay", make_environment({"gaze_period": 0.5, "duration": 1.0}), [1])
-
-    def scored(policy: str, gain: float) -> Episode:
-        return dataclasses.replace(run, policy=policy, log_score=np.linspace(0.0, gain, len(run.times)))
-
-    episodes = [scored(*one) for one in (("best-constant", 10.0), ("rollout", 50.0), ("stay", 0.0))]
-    summary = summarise(episodes)
-    told = {name: share.value for name, share in summary.shares.items()}
-    assert told == {"best-constant": 0.0, "rollout": 1.0, "stay": -0.25}
-    assert "Share of the planner's lead" in markdown(summary)
-    without = summarise(episodes[1:])
-    assert not without.shares and "Share of the planner" not in markdown(without)
 
 
 def test_the_loose_bound_is_above_a_real_run_and_below_it_with_a_worse_camera() -> None:

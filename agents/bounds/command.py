@@ -13,14 +13,13 @@ from agents.bounds.ceiling import ceiling
 from agents.bounds.planners import BUDGETS
 from agents.compare import command as compare
 from agents.figures import grid_of_panels, save_figure
-from agents.summary import BASE
 from agents.task import check
 from agents.tools.arguments import Figures, Pages, Rooms, first_room, given
 from agents.tools.files import write_json, write_text
 from agents.tools.sections import Table
 from agents.tools.statistics import estimate, shares
 
-SEQUENCE, GENERAL = "best-sequence", "ppo-mixed"
+BASE, SEQUENCE, GENERAL = "best-constant", "best-sequence", "ppo-mixed"
 CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
 PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import Gaze, Motion
-from activeslam_gym.evaluation import Episode, gaze_counts, matched_ids, motion_counts, outcome
+from activeslam_gym import Motion
+from activeslam_gym.evaluation import Episode, matched_ids, motion_counts, outcome
 from activeslam_gym.metrics import LoopClosures
 from activeslam_gym.motion import CAMERA_DIM
 
@@ -98,25 +98,20 @@ def _errors(episode: Episode) -> dict[str, float]:
     position, rotation = np.abs(episode.position_offset), np.abs(episode.rotation_offset)
     return {
         "orientation_rms": float(np.sqrt(np.mean(episode.orientation_error**2))),
-        "position_rms": float(np.sqrt(np.mean(episode.position_error**2))),
         "position_in_axis": _mean(position <= POSITION_AXIS),
         "quaternion_in_axis": _mean(rotation / 2.0 <= QUATERNION_AXIS),
         "position_in_bounds": _mean(position <= 2.0 * episode.position_std),
         "orientation_in_bounds": _mean(rotation <= 2.0 * episode.rotation_std),
-        "orientation_std": float(np.sqrt(np.mean(episode.rotation_std**2))),
     }
 
 
 def _sights(episode: Episode, notes: Notes) -> dict[str, float]:
-    """Fiducials in a frame, distances of the camera to detected points and to fiducials [m], and its way [m]."""
-    path = episode.true_position
+    """Fiducials in a frame, and distances of the camera to detected points and to fiducials [m]."""
+    away = np.linalg.norm(episode.true_position[:, None] - episode.fiducials[None], axis=-1)
     return {
         "fiducials_a_frame": _mean(notes.fiducials),
-        "fiducial_frames": _mean(notes.fiducials > 0),
         "nearest_mean": _mean(notes.nearest[~np.isnan(notes.nearest)]),
-        "fiducial_distance": _mean(np.linalg.norm(path[:, None] - episode.fiducials[None], axis=-1)),
-        "travelled": float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
-        "from_start": float(np.linalg.norm(path[-1] - path[0])),
+        "fiducial_distance": _mean(away),
     }
 
 
@@ -141,7 +136,7 @@ def _closures(episode: Episode, notes: Notes) -> dict[str, float]:
 
 def _commands(episode: Episode, notes: Notes) -> dict[str, float]:
     """Shares of the commands; of the lateral ones apart for those within a period after a birth, and for others."""
-    motions, gazes = np.array(motion_counts(episode)), np.array(gaze_counts(episode))
+    motions = np.array(motion_counts(episode))
     read = np.flatnonzero(episode.motion_read)
     lateral = np.isin(episode.actions[read, 0], LATERAL)
     after_birth = np.array([notes.births[a:b].any() for a, b in zip(read[:-1], read[1:])], dtype=bool)
@@ -149,7 +144,6 @@ def _commands(episode: Episode, notes: Notes) -> dict[str, float]:
     after_mapping = mapped[read[1:]] > mapped[read[:-1]]
     return {
         "stay_share": float(motions[Motion.STAY] / motions.sum()),
-        "gaze_stay_share": float(gazes[Gaze.STAY] / gazes.sum()),
         "forward_share": float(motions[Motion.FORWARD] / motions.sum()),
         "lateral_first_minute": _mean(lateral[episode.times[read] < FIRST_MINUTE]),
         "lateral_after_birth": _mean(lateral[1:][after_birth]),

@@ -1,8 +1,7 @@
-"""Repeated timings of a call, without the garbage collector."""
+"""Repeated timings of a call; `timeit` runs them without the garbage collector."""
 
-import gc
-import time
 from collections.abc import Callable, Sequence
+from timeit import repeat, timeit
 from typing import Any
 
 import numpy as np
@@ -13,25 +12,14 @@ TURN = 50
 
 def timed(call: Call) -> float:
     """Time of one ``call`` [s]."""
-    gc.disable()
-    try:
-        start = time.perf_counter()
-        call()
-        return time.perf_counter() - start
-    finally:
-        gc.enable()
+    return timeit(call, number=1)
 
 
 def repeated(call: Call, repeats: int, at_least: float) -> np.ndarray:
     """Times (repeats,) of one ``call`` [s], each the mean of a loop of about ``at_least`` [s], after one call."""
     call()
     number = max(1, int(at_least / max(timed(call), 1e-9)))
-
-    def loop() -> None:
-        for _ in range(number):
-            call()
-
-    return np.array([timed(loop) for _ in range(repeats)]) / number
+    return np.array(repeat(call, number=number, repeat=repeats)) / number
 
 
 def restored(calls: Sequence[Call], restore: Call, count: int) -> np.ndarray:
@@ -45,7 +33,5 @@ def restored(calls: Sequence[Call], restore: Call, count: int) -> np.ndarray:
         for call, times in zip(calls, turn):
             restore()
             call()
-            for i in range(TURN):
-                restore()
-                times[i] = timed(call)
+            times[:] = repeat(call, restore, number=1, repeat=TURN)
     return np.median(seconds, axis=2)

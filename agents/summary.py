@@ -77,6 +77,11 @@ class Summary:
     notes: list[str]
     """The headline and its limits."""
 
+    @property
+    def medians(self) -> dict[str, float]:
+        """Policy → median log score gain [bit]."""
+        return {name: figures["log_score_gain_median"].value for name, figures in self.policies.items()}
+
 
 def summarise(
     episodes: Sequence[Episode],

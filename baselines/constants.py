@@ -16,14 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario, core_of
+from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
-from activeslam_gym.evaluation import play
 from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
 from .fixed import Planned
-from .policy import Actions, Environment
+from .policy import Actions, Environment, played
 
 TABLE = Path(__file__).with_name("best_constants.json")
 ROOMS = 8
@@ -137,8 +136,6 @@ def log_scores(
 
 def _final_scores(plans: Actions, scenario: Scenario, seeds: list[int], times: Times) -> NDArray[np.float64]:
     """(r,) log score [bit] at the end of the episodes of ``plans`` (r, T, 2)."""
-    how: dict[str, Any] = dict(zip(("gaze_period", "motion_period", "duration"), times))
-    env = ActiveSLAMVectorEnv(len(seeds), scenario, end_when_lost=False, autoreset_mode="DISABLED", **how)
-    episodes = play(env, Planned(env, plans), seeds, period=env.duration)
-    env.close()
+    named = dict(zip(("gaze_period", "motion_period", "duration"), times))
+    episodes = played(lambda env: Planned(env, plans), scenario, seeds, ends=True, **named)
     return np.array([episode.log_score[-1] for episode in episodes])

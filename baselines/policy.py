@@ -1,13 +1,16 @@
 """What every computing policy shares: `predict`, the held motion, and how scores become an action."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from activeslam_gym import Gaze, Motion, core_of
+from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion, Scenario, core_of
+from activeslam_gym.evaluation import Episode, play
 from activeslam_gym.evaluation import Predictor as Predictor
 from activeslam_gym.motion import COMMANDS
 
@@ -99,3 +102,15 @@ class Policy(ABC):
     def always(self, choice: int) -> Actions:
         """(B,) the same choice for every environment."""
         return np.full(self.num_envs, choice, dtype=np.int64)
+
+
+def played(
+    make: Callable[[Any], Policy], scenario: Scenario, seeds: Sequence[int], ends: bool = False, **times: float
+) -> list[Episode]:
+    """The episodes of ``seeds`` in a scenario, as one batch, lost ones to their end; of the ``ends`` alone the samples.
+
+    ``make``: environment → policy; ``times``: of `ActiveSLAMVectorEnv`, the scenario's if not given.
+    """
+    given: dict[str, Any] = {"end_when_lost": False, "autoreset_mode": "DISABLED", **times}
+    with closing(ActiveSLAMVectorEnv(len(seeds), scenario, **given)) as env:
+        return play(env, make(env), list(seeds), period=env.duration if ends else 0.0)

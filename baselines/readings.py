@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym import ActiveSLAMVectorEnv, Scenario
+from activeslam_gym import Scenario
 from activeslam_gym.config import TRAINING_SEED
-from activeslam_gym.evaluation import play
 
 from .greedy import greedy
 from .held import HeldInformation
-from .policy import Policy
+from .policy import Policy, played
 
 TABLE = Path(__file__).with_name("best_readings.json")
 READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
@@ -48,7 +47,7 @@ def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
     for field, (make, candidates) in READINGS.items():
         values = [value for value in candidates if value <= scenario.duration] or [scenario.duration]
         readings: list[Scenario] = [dataclasses.replace(scenario, **dict[str, Any]({field: one})) for one in values]
-        played = [_played(make, reading) for reading in readings]
+        played = [_ends(make, reading) for reading in readings]
         medians = [float(np.median(scores)) for scores, _ in played]
         lost = [int(ends.sum()) for _, ends in played]
         scenario = readings[max(range(len(values)), key=lambda k: (-max(lost[k], MOST_LOST), medians[k]))]
@@ -58,12 +57,8 @@ def choose_readings(scenario: Scenario, *_: Any) -> dict[str, Any]:
     return entry
 
 
-def _played(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
+def _ends(make: Callable[[Any], Policy], scenario: Scenario) -> NDArray[np.float64]:
     """(2, EPISODES) log score [bit] at the end of training episodes, and whether they were lost."""
-    env = ActiveSLAMVectorEnv(BATCH, scenario, end_when_lost=False, autoreset_mode="DISABLED")
-    ends: list[tuple[float, bool]] = []
-    for first in range(FIRST_SEED, FIRST_SEED + EPISODES, BATCH):
-        episodes = play(env, make(env), range(first, first + BATCH), period=env.duration)
-        ends += [(episode.log_score[-1], episode.lost) for episode in episodes]
-    env.close()
-    return np.array(ends).T
+    starts = range(FIRST_SEED, FIRST_SEED + EPISODES, BATCH)
+    episodes = [one for start in starts for one in played(make, scenario, range(start, start + BATCH), ends=True)]
+    return np.array([(episode.log_score[-1], episode.lost) for episode in episodes]).T

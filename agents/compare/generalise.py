@@ -1,6 +1,7 @@
 """`python -m agents generalise`: the same policies, without retraining, where they were not trained."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def main(args: Args) -> int:
     args.prepare()
     if (summaries := command.compare_each(comparisons)) is None:
         return 130
-    found = shares(summaries)
+    found = shares_of_best({name: one.medians for name, one in summaries.items()})
     text = f"{table(summaries).markdown()}\n\n{LEGEND}\n\n{found.title}:\n\n{found.markdown()}"
     write_text(args.out / "generalise.md", text + "\n")
     write_json(args.out / "generalise.json", {name: asdict(summary) for name, summary in summaries.items()})
@@ -79,12 +80,11 @@ def table(summaries: dict[str, Summary]) -> Table:
     return Table("", ["condition", "policy", *(column.heading for column in columns)], rows)
 
 
-def shares(summaries: dict[str, Summary]) -> Table:
-    """Policies × conditions: the median log score gain over that of the best; a dash where the best has none."""
+def shares_of_best(medians: Mapping[str, Mapping[str, float]]) -> Table:
+    """Policies × conditions, from condition → policy → median log score: its share of the best one; a dash under 0."""
     rows: dict[str, list[str]] = {}
-    for summary in summaries.values():
-        medians = {policy: figures["log_score_gain_median"].value for policy, figures in summary.policies.items()}
-        best = max(medians.values())
-        for policy, median in medians.items():
+    for of_policy in medians.values():
+        best = max(of_policy.values())
+        for policy, median in of_policy.items():
             rows.setdefault(policy, [policy]).append(f"{median / best:.2f}" if best > 0 else MISSING)
-    return Table("Share of the best policy's median log score gain", ["policy", *summaries], list(rows.values()))
+    return Table("Share of the best policy's median log score gain", ["policy", *medians], list(rows.values()))

@@ -16,6 +16,7 @@ numbers: (ii) initialises landmarks faster than (iii), and (iii) has the lower e
 import json
 from argparse import ArgumentParser
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,16 +24,17 @@ import numpy as np
 from scipy.stats import qmc
 
 import baselines
-from activeslam_gym import ActiveSLAMVectorEnv, Motion, Scenario
+from activeslam_gym import Motion, Scenario
 from activeslam_gym.config import SCENARIOS, TRAINING_SEED
-from activeslam_gym.evaluation import play
 from activeslam_gym.files import written_whole
+from agents.figures import grid_of_panels, save_figure
+from agents.study.claims import STATED
+from agents.study.conditions import HAND_HELD_SECONDS
+from agents.study.measures import FIRST_MINUTE, LATERAL, TARGET
 from agents.tools.statistics import estimate
+from baselines.policy import played
 
-STATED = {"mi-constant": (19.0, -530.0), "mi-mi": (18.0, -550.0), "mi-fisher": (30.0, -610.0)}
-"""Strategy: time of the 14th landmark [s] and log2 |P| then, as the paper reads them off figure 2 d-f."""
 II, III = "mi-mi", "mi-fisher"
-TARGET = 14
 RANGES: dict[str, tuple[float, float, bool]] = {
     "linearity_threshold": (0.03, 0.2, True),
     "birth_detections": (3, 40, True),
@@ -76,11 +78,9 @@ def numbers_of(scenario: Scenario, seeds: range) -> dict[str, np.ndarray]:
     """By strategy (2, E): the time of the 14th landmark [s], or inf, and log2 |P| then, or NaN, in each episode."""
     out = {}
     for name in STATED:
-        env = ActiveSLAMVectorEnv(len(seeds), scenario, end_when_lost=False, autoreset_mode="DISABLED")
-        played = play(env, baselines.make(name, env), list(seeds))
-        env.close()
-        times = [(*one.landmark_times[TARGET - 1 : TARGET], np.inf)[0] for one in played]
-        dets = [(*one.landmark_log2_det[TARGET - 1 : TARGET], np.nan)[0] for one in played]
+        episodes = played(partial(baselines.make, name), scenario, seeds)
+        times = [(*one.landmark_times[TARGET - 1 : TARGET], np.inf)[0] for one in episodes]
+        dets = [(*one.landmark_log2_det[TARGET - 1 : TARGET], np.nan)[0] for one in episodes]
         out[name] = np.array((times, dets))
     return out
 
@@ -126,14 +126,9 @@ def search(designs: int, episodes: int, path: Path) -> list[dict[str, Any]]:
 
 def draw(tried: list[dict[str, Any]], path: Path) -> None:
     """Loss over each setting, and ``paper-2006`` as a line: a setting that the numbers pin down has a narrow valley."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
     scenario = SCENARIOS["paper-2006"]
     factor = (scenario.filter_acceleration_std or scenario.acceleration_std) / scenario.acceleration_std
-    figure, axes = plt.subplots(3, 3, figsize=(10, 8), sharey=True, layout="constrained")
+    figure, axes = grid_of_panels(3, 3, (3.3, 2.4), sharey=True)
     loss = [one["loss"] for one in tried]
     for ax, (name, (low, high, logarithmic)) in zip(axes.flat, RANGES.items(), strict=True):
         ax.plot([one["settings"][name] for one in tried], loss, ".", color="0.4")
@@ -146,12 +141,10 @@ def draw(tried: list[dict[str, Any]], path: Path) -> None:
             ax.minorticks_off()
     for ax in axes[:, 0]:
         ax.set_ylabel("loss")
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save_figure(figure, path, dpi=110)
 
 
-LIVE_SEED, LIVE_SECONDS, FIRST_MINUTE = TRAINING_SEED + 400_000, 167.0, 60.0
-"""Figure 5: 2500 frames at 15 a second; its commands are those of the first minute."""
+LIVE_SEED = TRAINING_SEED + 400_000
 _LIVE, _FITTED = SCENARIOS["hand-held"], SCENARIOS["paper-2006"]
 LIVE_READINGS: dict[str, Scenario] = {
     "hand-held": _LIVE,
@@ -177,17 +170,14 @@ def report_live(episodes: int) -> None:
     """Print a row for each reading of the live system: log2 |P| after 2500 frames, landmarks, lateral commands."""
     print("| reading | lost | mapped | log2 P after 2500 frames | lateral, of all commands | of all that move |")
     for name, scenario in LIVE_READINGS.items():
-        env = ActiveSLAMVectorEnv(
-            episodes, scenario, duration=LIVE_SECONDS, end_when_lost=False, autoreset_mode="DISABLED"
-        )
-        played = play(env, baselines.make("mi-mi", env), [LIVE_SEED + j for j in range(episodes)])
-        env.close()
-        alive = [one for one in played if not one.lost]
+        seeds = range(LIVE_SEED, LIVE_SEED + episodes)
+        runs = played(partial(baselines.make, "mi-mi"), scenario, seeds, duration=HAND_HELD_SECONDS)
+        alive = [one for one in runs if not one.lost]
         shares = []
-        for one in played:
+        for one in runs:
             read = np.flatnonzero(one.motion_read)
             motions = one.actions[read[one.times[read] < FIRST_MINUTE], 0]
-            lateral = np.isin(motions, (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)).mean()
+            lateral = np.isin(motions, LATERAL).mean()
             shares.append((lateral, lateral / max((motions != Motion.STAY).mean(), 1e-9)))
         log2_det = estimate([one.log2_det_total[-1] for one in alive], "median")
         mapped = np.median([len(one.landmark_times) for one in alive])

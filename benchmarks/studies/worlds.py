@@ -14,6 +14,7 @@ import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode
+from agents.compare.generalise import shares_of_best
 from agents.task import Task
 from agents.tools.sections import table as markdown
 from agents.tools.statistics import estimate
@@ -76,16 +77,6 @@ def text_of(scenario: str, table: Runs) -> str:
     return f"\n### {head}\n\n{markdown(HEADER, rows)}"
 
 
-def summary(tables: dict[str, Runs]) -> str:
-    """A table of policies and scenarios: share of the best policy's median log score."""
-    rows: dict[str, list[str]] = {}
-    for k, table in enumerate(tables.values()):
-        medians = {name: np.median(log_scores(runs)) for name, runs in table.items() if not name.endswith(KNOWN)}
-        for name, median in medians.items():
-            rows.setdefault(name, [name, *["–"] * len(tables)])[1 + k] = f"{median / max(medians.values()):.2f}"
-    return "\n" + markdown(["policy", *tables], list(rows.values()))
-
-
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print the tables."""
     made = parser("worlds", __doc__, DECIDING, 100)
@@ -100,7 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     tables = {scenario: {name: runs[scenario, name] for name in names} for scenario in args.scenarios}
     for scenario, table in tables.items():
         print(text_of(scenario, table))
-    print(summary(tables))
+    medians = {
+        scenario: {name: float(np.median(log_scores(of_name))) for name, of_name in table.items() if KNOWN not in name}
+        for scenario, table in tables.items()
+    }
+    print(f"\n{shares_of_best(medians).markdown()}")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import itertools
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -12,7 +13,6 @@ import pytest
 import agents
 import baselines
 from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
-from activeslam_gym.config import Scenario
 
 HUGE = 10**400
 NOTHING_GOOD = (-1, 0, -HUGE, float("nan"), "bogus", "", [], True, b"x", object(), np.array([1, 2]), 1j, [("a", 1)])
@@ -50,17 +50,20 @@ def batch() -> ActiveSLAMVectorEnv:
     return out
 
 
-def refuses(named: str, call: Callable[[], Any], *kinds: type[Exception]) -> None:
+def refuses(named: str, call: Callable[[], Any], *kinds: type[Exception]) -> str:
+    """What is said of a call that fails, and names this."""
     with pytest.raises(kinds or ValueError) as error:
         call()
     assert named in str(error.value), f"{error.value!r} does not name {named}"
+    return str(error.value)
 
 
 @pytest.mark.parametrize("argument", BAD_VALUES)
-def test_a_constructor_names_the_argument(argument: str) -> None:
+def test_a_constructor_names_the_argument_and_what_is_allowed(argument: str) -> None:
     for value in BAD_VALUES[argument]:
-        refuses(argument, lambda value=value: ActiveSLAMEnv(**{argument: value}))
-        refuses(argument, lambda value=value: ActiveSLAMVectorEnv(2, **{argument: value}))
+        for make in (ActiveSLAMEnv, partial(ActiveSLAMVectorEnv, 2)):
+            told = refuses(argument, partial(make, **{argument: value}))
+            assert " must be " in told or " has no field " in told
 
 
 @pytest.mark.parametrize("argument", BAD_VECTOR_VALUES)
@@ -119,27 +122,6 @@ def test_nothing_is_read_before_a_reset() -> None:
     new = ActiveSLAMEnv(render_mode="rgb_array")
     for call in (new.motion_scores, new.snapshot, new.render, lambda: new.step([0, 0])):
         refuses("reset()", call, gymnasium.error.ResetNeeded)
-
-
-@pytest.mark.parametrize(
-    ("fields", "message"),
-    [
-        ({"rate_loop_time": 0.001}, "rate_loop_time must be over 0.025 s, half of frame_time, to be stable, got 0.001"),
-        ({"controller_frequency": 50}, "controller_frequency must be under 16.6 rad/s, 0.83 / frame_time"),
-        ({"frame_time": 0.2}, "controller_frequency must be under 4.14 rad/s"),
-        ({"particle_prune": 5}, "particle_prune must be in [0, 1), got 5"),
-        ({"room_size": (1e300, 2.0, 6.0)}, "room_size must be of a size from 1e-12 to 1e12"),
-        ({"pixel_std": 1e-300}, "pixel_std must be of a size from 1e-12 to 1e12"),
-        ({"clutter_rate": 800}, "clutter_rate must be at most 200, got 800"),
-        ({"landmark_count": 10**9}, "landmark_count must be at most 1000"),
-        ({"particle_count": 10**9}, "particle_count must be at most 10000"),
-        ({"birth_detections": 10**30}, "birth_detections must be at most 1000000"),
-        ({"principal_x_px": 1e300}, "principal_x_px must be of a size from 1e-12 to 1e12"),
-        ({"principal_y_px": "a"}, "principal_y_px must be a finite number, got 'a'"),
-    ],
-)
-def test_scenarios_that_would_diverge_are_refused(fields: dict[str, Any], message: str) -> None:
-    refuses(f"scenario.{message}", lambda: Scenario(**fields))
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,14 @@ OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("goal_margin", "less than half of the smallest side", (1.0, 5.0)),
     ("wall_margin", "at most goal_margin", (0.5,)),
     ("point_spacing", "at most 1.03: its points must fit", (1.1, 5)),
+    ("rate_loop_time", "over 0.025 s, half of frame_time, to be stable", (0.001,)),
+    ("controller_frequency", "under 16.6 rad/s, 0.83 / frame_time: a faster controller is unstable", (50,)),
+    *((name, "of a size from 1e-12 to 1e12", (1e300, 1e-300)) for name in ("pixel_std", "principal_x_px")),
+    ("room_size", "of a size from 1e-12 to 1e12", ((1e300, 2.0, 6.0),)),
+    ("clutter_rate", "at most 200", (800,)),
+    ("landmark_count", "at most 1000", (10**9,)),
+    ("particle_count", "at most 10000", (10**9,)),
+    ("birth_detections", "at most 1000000", (10**30,)),
 )
 
 

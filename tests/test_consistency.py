@@ -4,7 +4,6 @@ import csv
 import json
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,10 +14,8 @@ from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH
 from activeslam_gym.evaluation import run_episode
 from activeslam_gym.slam.belief import POINT, RAY
 from activeslam_gym.slam.map import convert_to_point
-from agents import task as tasks
 from agents.__main__ import main
 from agents.consistency.calibration import Bar, chi2_bounds, judged, lost_bar, nees_bar
-from agents.consistency.command import Args, report
 from agents.consistency.witness import Witness, depth_error
 from agents.tools.statistics import estimate
 from tests.support import joint_covariance, random_belief, scenario_for
@@ -103,19 +100,3 @@ def test_report_on_two_rooms(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert figures["wrong associations"]["value"] == wrong.sum() / matches.sum()
     assert figures["depth error, mean"]["value"] == pytest.approx(count @ mean / count.sum())
     assert "| mi-mi, inverse_depth |" in (out / "report.md").read_text()
-
-
-def test_interrupted_report_is_of_what_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    play = tasks.play_tasks
-
-    def interrupted(group: tuple[tasks.Task, ...]) -> list[Any]:
-        if group[0].seed > 0:
-            raise KeyboardInterrupt
-        return play(group)
-
-    monkeypatch.setattr(tasks, "play_tasks", interrupted)
-    few: dict[str, Any] = {"policies": ("random",), "initialisations": (INVERSE_DEPTH,), "episodes": 3, "seed": 0}
-    args = Args(**few, out=tmp_path, duration=1.0, jobs=1, figures=False)
-    calibrations, complete = report(args)
-    assert (calibrations[0].runs, complete) == (1, False)
-    assert "Interrupted" in (tmp_path / "report.md").read_text()

@@ -326,28 +326,6 @@ def test_expected_landmarks_go_where_a_study_puts_them() -> None:
         env.expect(points[:2])
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        ({"scenario": "attic"}, "scenario must be one of paper.*'attic'"),
-        ({"scenario": {"walls": 3}}, "no field walls"),
-        ({"scenario": {"pixel_std": -1.0}}, r"scenario.pixel_std must be a positive number, got -1.0"),
-        ({"scenario": {"labelled_first_match": 1}}, "scenario.labelled_first_match must be True or False, got 1"),
-        ({"scenario": 3}, "scenario must be a name.*got 3"),
-        ({"gaze_period": 0.07}, r"gaze_period must be a whole multiple of the frame \(0.05 s\), got 0.07"),
-        ({"gaze_period": float("nan")}, "gaze_period must be a positive number of seconds, got nan"),
-        ({"motion_period": 0.33, "gaze_period": 0.1}, "motion_period must be a whole multiple of gaze_period"),
-        ({"duration": -1.0}, "duration must be a positive number of seconds, got -1.0"),
-        ({"reward": "fame"}, "reward must be one of entropy.*'fame'"),
-        ({"lost_position_error": 0.0}, "lost_position_error must be a positive number of metres, got 0.0"),
-        ({"render_mode": "ascii"}, "render_mode must be None, 'human' or 'rgb_array', got 'ascii'"),
-    ],
-)
-def test_bad_arguments_are_named(arguments: dict, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        activeslam_gym.ActiveSLAMEnv(**arguments)
-
-
 ACTIONS: dict[str, tuple[Encoding, list, list]] = {
     "two whole numbers, a motion in 0 … 6 .*": (
         PAIRS,

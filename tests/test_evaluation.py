@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 import baselines
+import examples.extend_range_sensor  # noqa: F401  (registers a sensor, and an estimator)
+import examples.extend_scene  # noqa: F401  (registers a scene)
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.evaluation import Episode, Store, code, play, run_episode
 from activeslam_gym.information import CRITERIA
@@ -45,16 +47,38 @@ def assert_same(one: dict[str, Any], other: dict[str, Any]) -> None:
         np.testing.assert_array_equal(one[field], other[field], err_msg=field)
 
 
-@pytest.mark.parametrize("name", ["mi-mi", "random", "ppo"])
-def test_a_batch_plays_the_episodes_of_single_environments(name: str) -> None:
-    if name == "ppo":
+NUMPY = {"estimator": "numpy-ekf", "association": "known"}
+BATCHES: dict[str, tuple[str, Any]] = {
+    **{name: (name, "paper") for name in ("mi-mi", "random", "ppo")},
+    "a foreign estimator": ("mi-mi", NUMPY),
+    "a foreign sensor": ("mi-mi", {**NUMPY, "sensor": "range-and-bearing"}),
+    "a foreign scene": ("mi-mi", {"scene": "sphere"}),
+    "a foreign scene and estimator": ("mi-mi", {**NUMPY, "scene": "sphere"}),
+}
+"""Policy and scenario."""
+
+
+@pytest.mark.parametrize("case", BATCHES)
+def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
+    policy, scenario = BATCHES[case]
+    if policy == "ppo":
         pytest.importorskip("torch")
-    group = tuple(Task(name, seed, SHORT, measures=(Counted,)) for seed in (3, 8))
+    settings = json.dumps(json.loads(SHORT) | {"scenario": scenario})
+    group = tuple(Task(policy, seed, settings, measures=(Counted,)) for seed in (3, 8))
     together, alone = play_tasks(group), [play_tasks([one])[0] for one in group]
     for one, other in zip(together, alone, strict=True):
         assert_same(one, other)
     assert together[0]["notes.looks"] == 7 == together[0]["notes.samples"]
     assert len(together[0]["times"]) == 4  # kept: one a second
+
+
+def test_a_batch_resets_the_filter_where_its_single_environments_do() -> None:
+    settings = json.dumps({"gaze_period": 0.5, "duration": 10.0})
+    group = tuple(Task("stay", seed, settings) for seed in (6_000_243, 5))
+    together = play_tasks(group)
+    for one, other in zip(together, group, strict=True):
+        assert_same(one, play_tasks([other])[0])
+    assert together[0]["events.restarts"].sum() > 0
 
 
 def test_sampling_while_it_is_played_is_thinning_afterwards() -> None:

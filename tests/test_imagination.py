@@ -10,6 +10,7 @@ from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, Gaze, Motion
 from activeslam_gym.camera import View, visible
 from activeslam_gym.envs.imagination import Hindsight, Imagination, slowed
 from activeslam_gym.envs.referee import NOBODY
+from activeslam_gym.evaluation import play, run_episode
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
@@ -197,24 +198,12 @@ def test_halving_keeps_two_and_spends_the_budget(plans: int, budget: int) -> Non
 
 def test_a_batch_decides_as_its_single_environments_do() -> None:
     kwargs: dict[str, Any] = {"duration": 3.0, **SHORT}
-    batch = ActiveSLAMVectorEnv(2, num_threads=1, **kwargs)
-    observations, _ = batch.reset(seed=5)
-    together = Rollout(batch, budget=8, base=ORBIT, threads=1)
-    for step in range(4):
-        actions, _ = together.predict(observations)
-        observations, *_ = batch.step(actions)
-        if step == 0:
-            first = actions
-    for i in range(2):
-        env = ActiveSLAMEnv(**kwargs)
-        alone = Rollout(env, budget=8, base=ORBIT, threads=1)
-        observation, _ = env.reset(seed=5 + i)
-        for step in range(4):
-            action, _ = alone.predict(observation)
-            observation, *_ = env.step(action)
-            if step == 0:
-                assert action.tolist() == first[i].tolist()
-        assert action.tolist() == actions[i].tolist()
+    batch, env = ActiveSLAMVectorEnv(2, num_threads=1, autoreset_mode="DISABLED", **kwargs), ActiveSLAMEnv(**kwargs)
+    together = play(batch, Rollout(batch, budget=8, base=ORBIT, threads=1), [5, 6])
+    for run in together:
+        alone = run_episode(env, Rollout(env, budget=8, base=ORBIT, threads=1), run.seed)
+        np.testing.assert_array_equal(run.actions, alone.actions)
+        np.testing.assert_array_equal(run.entropy, alone.entropy)
 
 
 def test_the_same_seed_plans_the_same_and_a_small_budget_is_refused() -> None:

@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from activeslam_gym import Gaze, Motion
 from activeslam_gym.config import Scenario
+from activeslam_gym.evaluation import run_episode
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.slam.filter import Filter, detections_of
 from baselines import Stay
@@ -19,12 +19,8 @@ def played(seed: int, restarts: bool, association: str) -> dict[str, float]:
     """Ten seconds of `stay`: the log score [bit], and how often the belief was begun anew."""
     scenario = {"association": association, "restarts": restarts}
     env: Any = gymnasium.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=10.0, end_when_lost=False)
-    policy, (observation, _), count = Stay(env), env.reset(seed=seed), 0
-    done = False
-    while not done:
-        observation, _, _, done, info = env.step(policy.predict(observation)[0])
-        count += info["events"]["restarts"]
-    return {"restarts": count, "score": info["log_score"]}
+    run = run_episode(env, Stay(env), seed)
+    return {"restarts": run.events["restarts"].sum(), "score": run.log_score[-1]}
 
 
 @pytest.mark.parametrize("association", ["known", "unknown"])
@@ -100,21 +96,3 @@ def test_detections_that_are_missed_by_chance_do_not_contradict() -> None:
         filter.predict(dt=1e-3)
         filter.update(detections_of(pixels, ids=truth["id"][seen]), labelled=True)
     assert filter.counts.restarts == 0
-
-
-def test_a_batch_is_reset_as_its_single_environments_are() -> None:
-    settings: dict[str, Any] = {"gaze_period": 0.5, "end_when_lost": False}
-    seeds, stay, count = [6_000_243, 5], [Motion.STAY, Gaze.STAY], 0
-    batch: Any = gymnasium.make_vec("ActiveSLAM-v0", num_envs=2, **settings)
-    single: list[Any] = [gymnasium.make("ActiveSLAM-v0", **settings) for _ in seeds]
-    batch.reset(seed=seeds)
-    for env, seed in zip(single, seeds, strict=True):
-        env.reset(seed=seed)
-    for _ in range(20):
-        observations, rewards, _, _, infos = batch.step(np.array([stay, stay]))
-        for k, env in enumerate(single):
-            observation, reward, _, _, info = env.step(stay)
-            np.testing.assert_array_equal(observation, observations[k])
-            assert reward == rewards[k] and info["events"]["restarts"] == infos["events"]["restarts"][k]
-            count += info["events"]["restarts"]
-    assert count >= 1

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 import baselines
-from activeslam_gym import ActiveSLAMVectorEnv
+from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.sensors.sensor import SENSORS, Detections
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.estimator import ESTIMATORS
-from examples import extend_scene  # noqa: F401  (registers a scene)
 from examples.extend_estimator import NumpyEkf
 from examples.extend_range_sensor import RangeSensor
 
@@ -19,42 +18,21 @@ NUMPY = {"estimator": "numpy-ekf", "association": "known"}
 RANGE = {**NUMPY, "sensor": "range-and-bearing"}
 
 
-def flown(scenario: Any, seed: int, seconds: float) -> tuple[list[np.ndarray], dict[str, Any]]:
-    """Observations and the last info of an episode of `mi-mi`."""
+def flown(scenario: Any, seed: int, seconds: float) -> Episode:
+    """An episode of `mi-mi`."""
     env: Any = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=seconds)
-    observation, info = env.reset(seed=seed)
-    policy, state, over, seen = baselines.make("mi-mi", env), None, False, [observation]
-    while not over:
-        action, state = policy.predict(observation, state)
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-        seen.append(observation)
-    return seen, info
+    return run_episode(env, baselines.make("mi-mi", env), seed)
 
 
 def test_an_estimator_from_outside_flies_a_whole_episode() -> None:
-    _, info = flown(NUMPY, 3, 35.0)
-    assert not info["lost"] and info["landmarks_mapped"] >= 5
-    assert info["log_score"] > 100.0 and info["position_error"] < 0.1
-    assert info["events"]["wrong_matches"] == 0
-
-
-@pytest.mark.parametrize("scenario", [NUMPY, RANGE, {"scene": "sphere"}, {"scene": "sphere", **NUMPY}], ids=str)
-def test_a_batch_is_its_single_environments_with_parts_from_outside(scenario: Any) -> None:
-    singles = [flown(scenario, seed, 3.0) for seed in (5, 6)]
-    env = ActiveSLAMVectorEnv(2, scenario, gaze_period=0.25, duration=3.0, autoreset_mode="DISABLED")
-    observations, _ = env.reset(seed=[5, 6])
-    policy, state = baselines.make("mi-mi", env), None
-    for step in range(12):
-        for i, (seen, _) in enumerate(singles):
-            np.testing.assert_array_equal(observations[i], seen[step])
-        actions, state = policy.predict(observations, state)
-        observations, *_, infos = env.step(actions)
-    np.testing.assert_array_equal(infos["log_score"], [info["log_score"] for _, info in singles])
+    run = flown(NUMPY, 3, 35.0)
+    assert not run.lost and run.landmarks_mapped[-1] >= 5
+    assert run.log_score[-1] > 100.0 and run.position_error[-1] < 0.1
+    assert run.events["wrong_matches"].sum() == 0
 
 
 def test_a_range_tells_more_than_a_pixel_alone() -> None:
-    pixel, ranged = (np.median([flown(one, seed, 5.0)[1]["log_score"] for seed in range(4)]) for one in (NUMPY, RANGE))
+    pixel, ranged = (np.median([flown(one, seed, 5.0).log_score[-1] for seed in range(4)]) for one in (NUMPY, RANGE))
     assert ranged > pixel
 
 
@@ -70,8 +48,8 @@ def test_the_compiled_estimator_takes_the_pixels_of_a_sensor_from_outside() -> N
             return self._model._points
 
     with entered(SENSORS, "pixels-alone", Pixels):
-        _, info = flown({"sensor": "pixels-alone"}, 0, 5.0)
-        assert info["log_score"] > 50.0 and info["events"]["wrong_matches"] == 0
+        run = flown({"sensor": "pixels-alone"}, 0, 5.0)
+    assert run.log_score[-1] > 50.0 and run.events["wrong_matches"].sum() == 0
     with pytest.raises(ValueError, match="'ekf' takes measurements of two numbers.*range-and-bearing.* have 3"):
         gym.make("ActiveSLAM-v0", scenario={"sensor": "range-and-bearing"}).reset(seed=0)
 

@@ -10,7 +10,7 @@ import pytest
 
 import baselines
 from activeslam_gym import Gaze, Motion, Scenario
-from activeslam_gym.evaluation import Store, code
+from activeslam_gym.evaluation import Store, code, run_episode
 from baselines import constants, sequences
 from baselines.constants import key_of
 from baselines.constants import log_scores as scores_of_plans
@@ -76,12 +76,8 @@ def test_a_search_goes_on_though_the_tables_that_it_writes_have_changed(
 
 def test_the_policy_plays_the_sequence() -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.5, duration=3.0, end_when_lost=False)
-    policy, over = baselines.make("best-sequence", env, sequence=BACK_THEN_ORBIT), False
-    observation, _ = env.reset(seed=1)
-    while not over:
-        action, _ = policy.predict(observation)
-        observation, *_, over, info = env.step(action)
-    assert info["log_score"] == log_scores([BACK_THEN_ORBIT], Scenario(), [1], TIMES)[0, 0]
+    run = run_episode(env, baselines.make("best-sequence", env, sequence=BACK_THEN_ORBIT), seed=1)
+    assert run.log_score[-1] == log_scores([BACK_THEN_ORBIT], Scenario(), [1], TIMES)[0, 0]
 
 
 def test_the_search_finds_what_is_better_than_every_constant(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -248,3 +248,10 @@ def turn_of_everything(belief: Belief) -> np.ndarray:
     for start, vector in vectors.items():
         N[start : start + 3] = -skew(vector)
     return N
+
+
+def assert_same_record(one: dict[str, Any], other: dict[str, Any]) -> None:
+    """The same arrays of two episodes to the bit, wall-clock times apart."""
+    assert set(one) == set(other)
+    for field in set(one) - {"decision_us", "step_us"}:
+        np.testing.assert_array_equal(one[field], other[field], err_msg=field)

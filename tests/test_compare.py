@@ -1,7 +1,6 @@
 """The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
 
 import csv
-import importlib
 import json
 import os
 import shutil
@@ -20,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 import baselines
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import Episode, Store, code, honesty, outcome, run_episode
+from activeslam_gym.evaluation import Episode, Store, honesty, outcome, run_episode
 from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
@@ -32,6 +31,7 @@ from agents.pretrained import FOLDER
 from agents.summary import markdown, summarise, tables, text
 from agents.task import Task, play_tasks
 from agents.tools.files import alone_in, write_csv, write_json
+from tests.support import assert_same_record
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
@@ -57,13 +57,6 @@ def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: 
     return Episode(**(values | changes))
 
 
-def assert_same(one: Episode, other: Episode, skip: tuple[str, ...] = ()) -> None:
-    mine, others = one.arrays(), other.arrays()
-    assert set(mine) == set(others)
-    for name in set(mine) - set(skip):
-        np.testing.assert_array_equal(mine[name], others[name], err_msg=name)
-
-
 def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     written = episode("own:mine", lost=True)
     written = replace(written, events={"births": np.arange(4)}, notes={"depth_errors": np.ones(2)})
@@ -72,7 +65,7 @@ def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     assert arrays is not None
     read = Episode.of(arrays)
     assert (read.policy, read.seed, read.lost) == ("own:mine", 0, True)
-    assert_same(read, written)
+    assert_same_record(read.arrays(), written.arrays())
     whole = episode()
     cut = replace(whole, lost=True, **{name: getattr(whole, name)[:4] for name in SAMPLED})
     assert whole.thinned().times.tolist() == [0.0, 1.0, 2.0]
@@ -184,7 +177,7 @@ def test_record_of_an_episode_is_that_of_its_seed() -> None:
     np.testing.assert_allclose(np.linalg.norm(run.rotation_offset, axis=1), run.orientation_error, atol=1e-6)
     assert len(run.landmark_times) == run.landmarks_mapped.max()
     assert np.isfinite(run.landmark_errors).sum() == run.distinct_landmarks[-1]
-    assert_same(played(), run, skip=("decision_us", "step_us"))
+    assert_same_record(played().arrays(), run.arrays())
 
 
 def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -215,51 +208,21 @@ def resumed(policies: tuple[str, ...], out: Path, **changes: Any) -> dict[str, f
     return {name: figures["bits"].value for name, figures in summary.policies.items()}
 
 
-def test_replaced_weights_are_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("torch")
-    names = [str(tmp_path / stem) for stem in ("a/b.npz", "a_b.npz")]  # which once shared a kept file
-
-    def put(favourite: int, name: str) -> None:
-        """Weights that prefer one motion."""
-        Path(name).parent.mkdir(exist_ok=True)
-        shutil.copy(FOLDER / "ppo.json", Path(name).with_suffix(".json"))
+def test_replaced_weights_are_another_key_and_every_file_has_a_label_of_its_own(tmp_path: Path) -> None:
+    names = [tmp_path / stem for stem in ("a/b.npz", "a_b.npz")]  # which once shared a kept file
+    contents = []
+    for name, favourite in ((names[0], 0.0), (names[1], 0.0), (names[0], 100.0)):
+        name.parent.mkdir(exist_ok=True)
+        shutil.copy(FOLDER / "ppo.json", name.with_suffix(".json"))
         with np.load(FOLDER / "ppo.npz") as file:
             weights = dict(file)
-        weights["action_net.bias"][favourite] += 100.0
+        weights["action_net.bias"][Motion.UP] += favourite
         np.savez(name, **weights)
-
-    put(Motion.UP, names[0])
-    put(Motion.BACKWARDS, names[1])
-    first = resumed(tuple(names), tmp_path / "out")
-    assert first[names[0]] != first[names[1]]
-    assert "earlier command" not in capsys.readouterr().out
-    put(Motion.BACKWARDS, names[0])
-    again = resumed(tuple(names), tmp_path / "out")
-    assert again[names[0]] == again[names[1]] == first[names[1]]
-    assert "2 of 4 episodes are kept from an earlier command." in capsys.readouterr().out
+        contents.append(policies.content(str(name)))
+    assert contents[0] == contents[1] != contents[2]
+    assert len({Task(str(name), 0).label for name in names}) == 2
     made_of = {policies.content(name) for name in pretrained.names()}
     assert len(made_of) == len(pretrained.names()) and "" not in made_of and policies.content("mi-mi") == ""
-
-
-def test_a_changed_module_is_run_again_and_an_unknown_policy_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    (tmp_path / "one.py").write_text("import two\ndef make(env):\n    return two.make(env)\n")
-    source = "import baselines\ndef make(env):\n    return baselines.make({!r}, env)\n"
-    bits = []
-    for name in ("stay", "stay", "sweep"):
-        (tmp_path / "two.py").write_text(source.format(name))  # the module that the named one imports
-        code.module_sources.cache_clear()
-        sys.modules.pop("one", None), sys.modules.pop("two", None)
-        importlib.invalidate_caches()
-        bits.append(resumed(("one:make",), tmp_path / "out")["one:make"])
-    assert bits[0] == bits[1] != bits[2] == resumed(("sweep",), tmp_path / "out")["sweep"]
-    assert code.module_sources("no.such") != code.module_sources("no_such")
-    for name in ("nobody", "no.such.module:make", "json:no_such_function", ":"):
-        with pytest.raises(ValueError, match=f"{name}.*allowed"):
-            policies.factory(name)
 
 
 def test_weights_that_change_while_they_are_compared_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -20,7 +20,9 @@ from activeslam_gym.information import CRITERIA
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimator import ESTIMATORS
 from activeslam_gym.world.scenes import SCENES
+from agents import policies
 from agents.task import Task, make_environment, play_tasks, run_policy
+from tests.support import assert_same_record
 
 SHORT = json.dumps({"gaze_period": 0.5, "duration": 3.0})
 
@@ -38,13 +40,6 @@ class Counted:
 
     def result(self, episode: Episode) -> dict[str, Any]:
         return {"looks": self.looks, "samples": len(episode.times)}
-
-
-def assert_same(one: dict[str, Any], other: dict[str, Any]) -> None:
-    """The same results, wall-clock times apart."""
-    assert set(one) == set(other)
-    for field in set(one) - {"decision_us", "step_us"}:
-        np.testing.assert_array_equal(one[field], other[field], err_msg=field)
 
 
 NUMPY = {"estimator": "numpy-ekf", "association": "known"}
@@ -67,7 +62,7 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
     group = tuple(Task(policy, seed, settings, measures=(Counted,)) for seed in (3, 8))
     together, alone = play_tasks(group), [play_tasks([one])[0] for one in group]
     for one, other in zip(together, alone, strict=True):
-        assert_same(one, other)
+        assert_same_record(one, other)
     assert together[0]["notes.looks"] == 7 == together[0]["notes.samples"]
     assert len(together[0]["times"]) == 4  # kept: one a second
 
@@ -77,14 +72,14 @@ def test_a_batch_resets_the_filter_where_its_single_environments_do() -> None:
     group = tuple(Task("stay", seed, settings) for seed in (6_000_243, 5))
     together = play_tasks(group)
     for one, other in zip(together, group, strict=True):
-        assert_same(one, play_tasks([other])[0])
+        assert_same_record(one, play_tasks([other])[0])
     assert together[0]["events.restarts"].sum() > 0
 
 
 def test_sampling_while_it_is_played_is_thinning_afterwards() -> None:
     settings = {"scenario": "hand-held", "gaze_period": 0.4, "duration": 4.4, "motion_period": 1.2}
     every, sparse = (run_policy("stay", make_environment(settings), [5], period=period)[0] for period in (0.0, 1.0))
-    assert_same(sparse.arrays(), every.thinned(1.0).arrays())
+    assert_same_record(sparse.arrays(), every.thinned(1.0).arrays())
 
 
 def test_a_batch_that_cannot_be_judged_is_refused() -> None:
@@ -127,8 +122,9 @@ def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypa
     for line in ("make = 1\nraise ImportError\n", "make = 2\n"):  # nothing is imported for a digest
         (tmp_path / "loose" / "other.py").write_text(line)
         code.module_sources.cache_clear()
-        found.append(code.module_sources("loose.mine"))
+        found.append(policies.content("loose.mine:make"))
     assert found[0] != found[1] and "loose.other" not in sys.modules
+    assert code.module_sources("no.such") != code.module_sources("no_such")
 
 
 def test_a_changed_module_of_a_registered_entry_is_another_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,13 +1,14 @@
 """From episodes to tables: figures of each policy over rooms, and of policy against policy in the same rooms."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 import baselines
-from activeslam_gym.evaluation import Episode, honesty, outcome
+from activeslam_gym.evaluation import TARGET, Episode, honesty, outcome
+from agents.tools.arguments import times_within
 from agents.tools.sections import Table
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
@@ -33,7 +34,7 @@ ERRORS = (
     Column("orientation_error", "orientation error, °", scale=DEGREES, digits=2),
 )
 SPEED = (
-    Column("target_reached", "reach {target}, %", "share", 100.0),
+    Column("target_reached", f"reach {TARGET}, %", "share", 100.0),
     Column("target_time", "at, s"),
     Column("target_log2_det", "log₂|P| then"),
     Column("decision_us", "µs per decision"),
@@ -55,6 +56,8 @@ NEES = (
     Column("landmark_nees_median", "median", digits=2),
 )
 """Per degree of freedom, over the runs alive."""
+NEES_TIMES = (5.0, 15.0, 35.0)
+"""At which it is told, within the duration [s]."""
 
 Figures = dict[str, Estimate]
 """Column → figure over rooms."""
@@ -86,13 +89,12 @@ class Summary:
 def summarise(
     episodes: Sequence[Episode],
     reference: str = "mi-fisher",
-    target_landmarks: int = 14,
-    honesty_times: Sequence[float] = (5.0, 15.0, 35.0),
     settings: dict[str, Any] | None = None,
 ) -> Summary:
     """Figures of `episodes`, and pairs against `reference`, the best baseline (most bits) and the highest log score."""
     runs = grouped(episodes)
-    rows = {name: {run.seed: _row(run, target_landmarks) for run in of_policy} for name, of_policy in runs.items()}
+    rows = {name: {run.seed: _row(run) for run in of_policy} for name, of_policy in runs.items()}
+    told_at = times_within(NEES_TIMES, max(float(run.times[-1]) for run in episodes))
     columns = (*LEARNED, *ERRORS, *SPEED)
     policies = {name: _figures(list(seen.values()), columns) for name, seen in rows.items()}
     known = [name for name in policies if name in baselines.names()]
@@ -102,7 +104,7 @@ def summarise(
         settings=settings or {},
         policies=policies,
         honesty={
-            name: {f"{t:g}": _figures([honesty(run, t) for run in of_policy], NEES) for t in honesty_times}
+            name: {f"{t:g}": _figures([honesty(run, t) for run in of_policy], NEES) for t in told_at}
             for name, of_policy in runs.items()
         },
         paired={
@@ -133,13 +135,12 @@ def by_log_score(policies: Mapping[str, Figures]) -> list[str]:
 
 def tables(summary: Summary) -> list[Table]:
     """All tables of the comparison."""
-    figures, target = summary.policies, summary.settings.get("target_landmarks", "N")
-    speed = [replace(column, title=column.title.format(target=target)) for column in SPEED]
+    figures = summary.policies
     star = "*" if min(f["bits"].rooms for f in figures.values()) < FEW_ROOMS else ""
     result = [
         _table(f"What was learned{star}", figures, LEARNED),
         _table(f"Errors at the end{star}", figures, ERRORS),
-        _table(f"{target} landmarks mapped, and the price of a decision{star}", figures, speed),
+        _table(f"{TARGET} landmarks mapped, and the price of a decision{star}", figures, SPEED),
     ]
     for time in next(iter(summary.honesty.values())):
         title = f"ANEES per degree of freedom over the runs alive at {time} s (1 is consistent){star}"
@@ -190,8 +191,8 @@ def _figures(rows: Sequence[Row], columns: Sequence[Column]) -> Figures:
     return {column.key: column.of(rows) for column in columns}
 
 
-def _row(run: Episode, target_landmarks: int) -> Row:
-    return outcome(run, target_landmarks) | {"landmark_errors": run.landmark_errors}
+def _row(run: Episode) -> Row:
+    return outcome(run) | {"landmark_errors": run.landmark_errors}
 
 
 def _paired(rows: Mapping[int, Row], others: Mapping[int, Row]) -> Figures:

@@ -70,20 +70,21 @@ def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     cut = replace(whole, lost=True, **{name: getattr(whole, name)[:4] for name in SAMPLED})
     assert whole.thinned().times.tolist() == [0.0, 1.0, 2.0]
     assert cut.thinned().times.tolist() == [0.0, 1.0, 1.5]
-    assert outcome(whole.thinned(), 1) == outcome(whole, 1)
+    assert outcome(whole.thinned()) == outcome(whole)
 
 
 def test_outcome_and_honesty_of_a_known_episode() -> None:
-    row = outcome(episode(bits=10.0), target_landmarks=1)
+    fourteen = {"landmark_times": 0.5 + np.arange(14.0), "landmark_log2_det": -np.arange(14.0)}
+    row = outcome(episode(bits=10.0, **fourteen))
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
     for gain, under in ((0.0, [0, 0]), (-1.0, [1, 0]), (-1000.0, [1, 0]), (-1001.0, [1, 1])):
-        row = outcome(episode(log_score=np.linspace(0.0, gain, 5)), 1)
+        row = outcome(episode(log_score=np.linspace(0.0, gain, 5), **fourteen))
         assert [row["log_score_under_0"], row["log_score_under_minus_1000"]] == under
     assert (row["landmarks_mapped"], row["landmark_rmse"], row["decision_us"]) == (1, 0.03, 7.0)
-    assert (row["target_time"], row["target_log2_det"]) == (1.0, -20.0)
+    assert (row["target_time"], row["target_log2_det"]) == (13.5, -13.0)
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
-    assert np.isnan(outcome(episode(), target_landmarks=2)["target_time"])
-    assert outcome(episode(lost=True), 1)["bits"] == 0.0
+    assert np.isnan(outcome(episode())["target_time"])
+    assert outcome(episode(lost=True))["bits"] == 0.0
     nees = [honesty(episode(lost=lost), time)["position_nees"] for lost in (0, 1) for time in (1.0, 2.0, 3.0)]
     np.testing.assert_array_equal(nees, [1.0, 1.0, np.nan] * 2)
 
@@ -101,7 +102,7 @@ def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
     runs = [episode("stay", seed, 10.0 * seed) for seed in range(8)]
     runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(8)]
     runs += [episode("ahead", seed, 10.0 * seed + 1.0 + (seed < 6)) for seed in range(8)]
-    summary = summarise(runs, target_landmarks=1, honesty_times=(1.0,))
+    summary = summarise(runs)
     difference = summary.paired["mi-fisher"]["stay"]["bits"]
     assert (difference.value, difference.low, difference.high, difference.rooms) == (-1.0, -1.0, -1.0, 8)
     assert summary.paired["mi-fisher"]["stay"]["ahead"].value == 0.0
@@ -129,7 +130,7 @@ def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
 def test_pictures_tell_the_lost_runs_and_tables_the_few_rooms() -> None:
     few, many = (summarise([episode(seed=seed) for seed in range(rooms)]) for rooms in (3, 20))
     assert "What was learned*" in text(few) and "* From 3 room(s)" in text(few) and "*" not in text(many)
-    summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)], settings={"target_landmarks": 14})
+    summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)])
     for table in tables(summary):
         assert {len(row) for row in table.rows} == {len(table.header)}
         assert len({len(line) for line in table.aligned().splitlines()[1:]}) == 1
@@ -181,7 +182,7 @@ def test_record_of_an_episode_is_that_of_its_seed() -> None:
 
 
 def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    args = Args(policies=("stay", "mi-fisher"), episodes=2, duration=DURATION, out=tmp_path, jobs=1, target_landmarks=1)
+    args = Args(policies=("stay", "mi-fisher"), episodes=2, duration=DURATION, out=tmp_path, jobs=1)
     summary = compare(args)
     assert summary is not None and summary.settings["complete"]
     assert {path.name for path in tmp_path.glob("*.png")} == FIGURES

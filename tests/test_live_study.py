@@ -21,7 +21,6 @@ from activeslam_gym.metrics import camera_error  # noqa: E402
 from activeslam_gym.slam.estimate import taken_estimate
 from agents import advising  # noqa: E402
 from agents.__main__ import main  # noqa: E402
-from agents.compare.command import Args  # noqa: E402
 from agents.tools.arguments import command_line  # noqa: E402
 
 
@@ -123,9 +122,7 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
 
 
 def test_lost_is_in_the_live_study_what_it_is_in_the_environment() -> None:
-    told = [
-        signature(made).parameters["lost_position_error"].default for made in (ActiveSLAMEnv, ActiveSLAMVectorEnv, Args)
-    ]
+    told = [signature(made).parameters["lost_position_error"].default for made in (ActiveSLAMEnv, ActiveSLAMVectorEnv)]
     room = RenderedRoom(5)
     session = Session(room, 5)
     state, evaluator = session.step(), Evaluator(room, 5)

@@ -13,7 +13,7 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.config import Scenario
-from activeslam_gym.evaluation import Episode, Store, run_episode
+from activeslam_gym.evaluation import TARGET, Episode, Store, run_episode
 from activeslam_gym.information.candidates import motion_plans, score_plans
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
@@ -26,7 +26,7 @@ from agents.study import conditions, strategies, toy, verdicts
 from agents.study.claims import CLAIMS
 from agents.study.command import median_room
 from agents.study.conditions import STRATEGIES, Condition, at_target, lead_at_common_rung
-from agents.study.measures import TARGET, Notes, Observer, measures
+from agents.study.measures import Notes, Observer, measures
 from agents.study.verdicts import FAILS, HOLDS, OPEN, OUTSIDE, WITHIN, Finding, judge, judge_draw
 from agents.tools.statistics import Estimate
 from tests.test_compare import episode as made_up

@@ -6,15 +6,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
-from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents import policies
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Figures, Pages, Rooms, given, scenario_argument, times, times_within, within
+from agents.tools.arguments import Figures, Pages, Rooms, given, scenario_argument
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.sections import put_section
 
@@ -34,26 +32,16 @@ class Args(Rooms, Pages, Figures):
     """Name of the scenario, or its fields as JSON: '{"pixel_std": 4.0}'."""
     gaze_period: float | None = None
     """Seconds between gaze commands; the scenario's if not given."""
-    motion_period: float = 1.0
-    """Seconds between motion commands."""
     duration: float | None = None
     """Seconds of an episode; the scenario's if not given."""
-    lost_position_error: float = LOST_POSITION_ERROR
-    """Metres of true position error at which a belief counts as lost."""
     reference: str = "mi-fisher"
     """Paired differences are taken against this policy, and against the best baseline."""
-    target_landmarks: int = 14
-    """The table tells when so many landmarks were mapped."""
-    honesty_times: tuple[float, ...] = (5.0, 15.0, 35.0)
-    """Seconds at which the NEES is told; those within the duration count."""
     resume: bool = False
     """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        within(self, target_landmarks=(1, 10**6))
         given(self, *(() if self.policy else ("policies",)))
-        times(self, "honesty_times")
         if self.reference not in {*self.names, Args.reference}:
             raise ValueError(f"reference: {self.reference!r} is not compared; allowed: {', '.join(self.names)}")
 
@@ -65,8 +53,8 @@ class Args(Rooms, Pages, Figures):
     @property
     def environment(self) -> dict[str, Any]:
         """Arguments of the environment."""
-        names = ("scenario", "gaze_period", "motion_period", "duration", "lost_position_error")
-        return {name: getattr(self, name) for name in names} | {"scenario": scenario_argument(self.scenario)}
+        scenario = scenario_argument(self.scenario)
+        return {"scenario": scenario, "gaze_period": self.gaze_period, "duration": self.duration}
 
     def tasks(self) -> list[Task]:
         """Room by room, so that an interrupted comparison has seen the same rooms with every policy."""
@@ -135,7 +123,7 @@ def _play(args: Args) -> list[Episode]:
 
     def write(episodes: Sequence[Episode]) -> None:
         if len(episodes) % len(args.names) == 0:
-            write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
+            write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])
 
     episodes = play_until_interrupted(args.tasks(), args.episode_store, args.jobs, not args.resume, write)
     return sorted(episodes, key=lambda one: (args.names.index(one.policy), one.seed))
@@ -146,19 +134,17 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     total = args.episodes * len(args.names)
     settings = {
         "policies": list(args.names),
-        **{name: getattr(args, name) for name in ("episodes", "seed", "target_landmarks")},
+        **{name: getattr(args, name) for name in ("episodes", "seed")},
         **args.environment,
         "complete": len(episodes) == total,
         "versions": package_versions(LIBRARIES),
     }
-    duration = args.duration or scenario_from(args.environment["scenario"]).duration
-    told_at = times_within(args.honesty_times, duration)
-    summary = summarise(episodes, args.reference, args.target_landmarks, told_at, settings)
+    summary = summarise(episodes, args.reference, settings)
     if not settings["complete"]:
         summary.notes.append(f"Interrupted: {len(episodes)} of {total} episodes.")
     if args.figures and not args.drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
-    write_csv(args.out / "episodes.csv", [outcome(one, args.target_landmarks) for one in episodes])
+    write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])
     write_json(args.out / "summary.json", asdict(summary))
     write_text(args.out / "summary.md", markdown(summary))
     args.publish("compare", compare=markdown(summary))

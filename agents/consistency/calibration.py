@@ -136,7 +136,7 @@ def calibrate(runs: Sequence[Episode], times: Sequence[float], scenario: str) ->
     bars = {} if clutter else BARS
     figures |= {name: judged(figure, bars.get(name)) for name, figure in labelled.items()}
     figures["lost"] = judged(estimate([run.lost for run in runs], "share"), lost_bar(strategy, scenario))
-    figures["log score gain"] = judged(estimate([outcome(run, 1)["log_score_gain"] for run in runs], "median"))
+    figures["log score gain"] = judged(estimate([outcome(run)["log_score_gain"] for run in runs], "median"))
     curves = {quantity: _curve(runs, quantity) for quantity in QUANTITIES}
     return Calibration(strategy, initialisation_of(runs[0]), len(runs), figures, bounds, curves, counts)
 

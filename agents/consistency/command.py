@@ -13,8 +13,13 @@ from agents.consistency import page
 from agents.consistency.calibration import Calibration, calibrate, initialisation_of
 from agents.consistency.witness import Witness
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Figures, Pages, Rooms, given, times, times_within
+from agents.tools.arguments import Figures, Pages, Rooms, given, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text
+
+INITIALISERS = tuple(reversed(INITIALISATIONS))
+"""Each policy runs with both."""
+TIMES = (5.0, 15.0, 25.0, 35.0)
+"""At which the NEES is told, within the duration [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,8 +28,6 @@ class Args(Rooms, Pages, Figures):
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep", "random")
     """Names of policies, or 'package.module:factory' of your own, called as factory(env)."""
-    initialisations: tuple[str, ...] = tuple(reversed(INITIALISATIONS))
-    """Initialisers of features that each policy runs with."""
     episodes: int = 100
     seed: int = 2_000_000
     out: Path = Path("results/consistency")
@@ -32,25 +35,22 @@ class Args(Rooms, Pages, Figures):
     """Name of the scenario; under `clutter` only the share of lost runs has a bar."""
     duration: float = 35.0
     """Seconds of an episode."""
-    times: tuple[float, ...] = (5.0, 15.0, 25.0, 35.0)
-    """Seconds at which the NEES is told; those within the duration count."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given(self, "policies", "initialisations")
-        times(self, "times")
+        given(self, "policies")
 
     @property
     def told_at(self) -> list[float]:
         """Seconds at which the NEES is told."""
-        return times_within(self.times, self.duration)
+        return times_within(TIMES, self.duration)
 
     @property
     def environments(self) -> list[dict[str, Any]]:
         """Arguments of the environments: the scenario's fields, with each initialiser; a step is a frame."""
         fields = asdict(scenario_from(self.scenario))
         step = fields["frame_time"]
-        scenarios = [{**fields, "initialisation": name} for name in self.initialisations]
+        scenarios = [{**fields, "initialisation": name} for name in INITIALISERS]
         return [{"scenario": scenario, "gaze_period": step, "duration": self.duration} for scenario in scenarios]
 
     def tasks(self) -> list[Task]:
@@ -62,7 +62,7 @@ class Args(Rooms, Pages, Figures):
 
 def main(args: Args) -> int:
     """Make the report and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    print(f"{args.episodes * len(args.policies) * len(args.initialisations)} episodes.")
+    print(f"{args.episodes * len(args.policies) * len(INITIALISERS)} episodes.")
     calibrations, complete = report(args)
     if not calibrations:
         print("Interrupted before the first episode was over: nothing to show.")
@@ -75,8 +75,8 @@ def main(args: Args) -> int:
 def report(args: Args) -> tuple[list[Calibration], bool]:
     """Run everything and write it into `args.out`; the figures by policy and initialiser, and whether all is in.
 
-    Ctrl-C ends it early, with a report of the episodes that are over. Raises ValueError for an unknown policy or
-    initialiser or a bad argument of the environment, before any episode.
+    Ctrl-C ends it early, with a report of the episodes that are over. Raises ValueError for an unknown policy or a bad
+    argument of the environment, before any episode.
     """
     check(args.policies, args.environments)
     args.check_pages("consistency")
@@ -95,7 +95,7 @@ def report(args: Args) -> tuple[list[Calibration], bool]:
 
 def grouped(runs: Sequence[Episode], args: Args) -> list[list[Episode]]:
     """The runs of each policy with each initialiser that has any, in the order of the arguments and by seed."""
-    pairs = [(policy, initialisation) for policy in args.policies for initialisation in args.initialisations]
+    pairs = [(policy, initialisation) for policy in args.policies for initialisation in INITIALISERS]
     groups: dict[tuple[str, str], list[Episode]] = {pair: [] for pair in pairs}
     for run in sorted(runs, key=lambda run: run.seed):
         groups[run.policy, initialisation_of(run)].append(run)
@@ -104,7 +104,7 @@ def grouped(runs: Sequence[Episode], args: Args) -> list[list[Episode]]:
 
 def row(run: Episode, times: Sequence[float]) -> dict[str, Any]:
     """One line of runs.csv; a NEES is empty where the run is over or nothing is mapped."""
-    whole = outcome(run, 1)
+    whole = outcome(run)
     kept = ("policy", "seed", "end_time", "lost", "log_score_gain", "landmarks_mapped", "distinct_landmarks")
     errors = run.notes["depth_errors"]
     return {

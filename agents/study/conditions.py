@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.config import DEPTH_PARTICLES, scenario_from
-from activeslam_gym.evaluation import Episode, Store
-from agents.study.measures import TARGET, Observer
+from activeslam_gym.evaluation import TARGET, Episode, Store
+from agents.study.measures import Observer
 from agents.task import Task, results
 
 Array = NDArray[np.float64]

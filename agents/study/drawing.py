@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import Episode
+from activeslam_gym.evaluation import TARGET, Episode
 from agents import figures
 from agents.study import toy
 from agents.study.claims import STATED
 from agents.study.conditions import CHOICES, DEFAULT, LIVE, LIVE_CHOICES, STRATEGIES, Row, Rows, column
-from agents.study.measures import FIRST_MINUTE, TARGET
+from agents.study.measures import FIRST_MINUTE
 from agents.study.verdicts import HOLDS, Finding
 
 if TYPE_CHECKING:

@@ -12,8 +12,6 @@ from activeslam_gym.motion import CAMERA_DIM
 
 Array = NDArray[Any]
 
-TARGET = 14
-"""The landmark whose time the paper tells."""
 LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)
 """Perpendicular to the optical axis."""
 CLOSURE_WINDOW = 1.0
@@ -78,7 +76,7 @@ class Observer:
 
 def measures(episode: Episode, notes: Notes) -> dict[str, Any]:
     """One row: plain numbers, NaN for what did not happen; and `ladder_*`, a value for each number of landmarks."""
-    whole = outcome(episode, TARGET)
+    whole = outcome(episode)
     kept = ("seed", "end_time", "lost", "log_score_gain", "landmarks_mapped", "distinct_landmarks", "landmark_rmse")
     return {
         **{name: whole[name] for name in kept},

@@ -122,13 +122,6 @@ def given(args: Any, *names: str) -> None:
             raise ValueError(f"{name}: none given; allowed: one name or more")
 
 
-def times(args: Any, name: str) -> None:
-    """Raise ValueError where a list of times has a negative or an infinite one [s]."""
-    for time in getattr(args, name):
-        if not 0 <= time < math.inf:
-            raise ValueError(f"{name}: {time!r}; allowed: finite times of 0 s or more")
-
-
 def times_within(times: Sequence[float], duration: float) -> list[float]:
     """The times before the duration, and the duration."""
     return sorted({*(time for time in times if time < duration), duration})

@@ -122,7 +122,7 @@ def watch(args: Args) -> Iterator[Path]:
             except NoScreenWarning as warning:
                 told = "no screen was found to watch on; --save clip.gif, --rerun or --tum write files instead"
                 raise gym.error.Error(told) from warning
-        row = outcome(episode, target_landmarks=14)
+        row = outcome(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits removed"
         print(
             f"{label(name)}, room {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "

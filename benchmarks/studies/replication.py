@@ -26,11 +26,12 @@ from scipy.stats import qmc
 import baselines
 from activeslam_gym import Motion, Scenario
 from activeslam_gym.config import SCENARIOS, TRAINING_SEED
+from activeslam_gym.evaluation import TARGET
 from activeslam_gym.files import written_whole
 from agents.figures import grid_of_panels, save_figure
 from agents.study.claims import STATED
 from agents.study.conditions import HAND_HELD_SECONDS
-from agents.study.measures import FIRST_MINUTE, LATERAL, TARGET
+from agents.study.measures import FIRST_MINUTE, LATERAL
 from agents.tools.statistics import estimate
 from baselines.policy import played
 

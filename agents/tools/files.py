@@ -27,13 +27,7 @@ def write_json(path: Path, value: Any) -> None:
 
 def json_text(value: Any) -> str:
     """`value` as JSON; a number that is not finite becomes null, a path its text."""
-    return json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False, default=_path_text) + "\n"
-
-
-def _path_text(value: Any) -> str:
-    if not isinstance(value, Path):
-        raise TypeError(f"{type(value).__name__} is no JSON value")
-    return str(value)
+    return json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False, default=os.fspath) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:

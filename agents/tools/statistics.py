@@ -87,18 +87,21 @@ class Column:
 
 def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     """A statistic of `values` (one a room) with its 95 % interval, if it has one; rooms with NaN are left out."""
+    from scipy.stats import binomtest, quantile_test
+
     all_rooms: Array = np.asarray(values, dtype=float)
     rooms = all_rooms[~np.isnan(all_rooms)]
     if not len(rooms):
         return Estimate(np.nan, np.nan, np.nan, 0, statistic)
-    value, (low, high) = float(np.mean(rooms)), (np.nan, np.nan)
+    value: Any = np.mean(rooms)
+    low, high = np.nan, np.nan
     if statistic == "share":
-        low, high = _exact(rooms)
+        low, high = binomtest(int(rooms.sum()), len(rooms)).proportion_ci(CONFIDENCE)
     elif statistic == "median":
-        value, (low, high) = float(np.median(rooms)), _order_statistics(rooms)
+        value, (low, high) = np.median(rooms), quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
-        value, (low, high) = float(_iqm(rooms)), _bootstrap(rooms, _iqm)
-    return Estimate(value, low, high, len(rooms), statistic)
+        value, (low, high) = _iqm(rooms), _bootstrap(rooms, _iqm)
+    return Estimate(float(value), float(low), float(high), len(rooms), statistic)
 
 
 def shares(scores: Mapping[str, Mapping[int, float]], planner: str, base: str) -> dict[str, Estimate]:
@@ -157,19 +160,3 @@ def _bootstrap(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, f
     drawn = np.random.default_rng(0).integers(len(rooms), size=(RESAMPLES, len(rooms)))
     low, high = np.quantile(figure(rooms[drawn]), TAILS)
     return float(low), float(high)
-
-
-def _order_statistics(rooms: Array) -> tuple[float, float]:
-    """Interval of the median between two of the values; NaN for fewer than `FEWEST`."""
-    from scipy.stats import quantile_test
-
-    interval = quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
-    return float(interval.low), float(interval.high)
-
-
-def _exact(rooms: Array) -> tuple[float, float]:
-    """Clopper and Pearson's interval of the share of ones."""
-    from scipy.stats import binomtest
-
-    interval = binomtest(int(rooms.sum()), len(rooms)).proportion_ci(CONFIDENCE)
-    return float(interval.low), float(interval.high)

@@ -146,7 +146,9 @@ def draw(tried: list[dict[str, Any]], path: Path) -> None:
 
 
 LIVE_SEED = TRAINING_SEED + 400_000
-_LIVE, _FITTED = SCENARIOS["hand-held"], SCENARIOS["paper-2006"]
+_LIVE = SCENARIOS["hand-held"]
+_SHARED = ("focal_px", "distortion", "linearity_threshold", "birth_detections", "landmark_prior_scale")
+_FITTED: dict[str, Any] = {name: getattr(SCENARIOS["paper-2006"], name) for name in _SHARED}
 LIVE_READINGS: dict[str, Scenario] = {
     "hand-held": _LIVE,
     "a map of 30": replace(_LIVE, landmark_count=30),
@@ -155,14 +157,7 @@ LIVE_READINGS: dict[str, Scenario] = {
     "motion by the whole information": replace(_LIVE, motion_criterion="mutual_information"),
     "no negative information": replace(_LIVE, negative_information=False),
     "steps of 0.15 m": replace(_LIVE, step_length=0.15),
-    "lens, births and priors of paper-2006": replace(
-        _LIVE,
-        focal_px=_FITTED.focal_px,
-        distortion=_FITTED.distortion,
-        linearity_threshold=_FITTED.linearity_threshold,
-        birth_detections=_FITTED.birth_detections,
-        landmark_prior_scale=_FITTED.landmark_prior_scale,
-    ),
+    "lens, births and priors of paper-2006": replace(_LIVE, **_FITTED),
 }
 """Readings of the live system: where the motion's criterion or the size of the map is not stated, for example."""
 

@@ -124,7 +124,7 @@ def test_between_two_equal_landmarks_the_best_move_is_straight_ahead() -> None:
 def test_the_default_reading_is_the_baseline(name: str, gaze_criterion: str | None) -> None:
     env = environment()
     expected = run_episode(env, baselines.make(name, env), seed=5)
-    found = run_episode(env, strategies.Reread(env, strategies.Reading(), gaze_criterion), seed=5)
+    found = run_episode(env, strategies.Reread(env, gaze_criterion=gaze_criterion), seed=5)
     np.testing.assert_array_equal(found.actions, expected.actions)
 
 
@@ -140,7 +140,7 @@ def test_a_cap_touches_expected_landmarks_alone_and_without_one_the_scores_are_t
     np.testing.assert_array_equal(capped[:CAMERA_DIM], P[:CAMERA_DIM])
     np.testing.assert_array_equal(strategies.capped(prospect.points, P, prospect.camera, 0, SCENARIO), P)
     monkeypatch.setattr(strategies, "capped", lambda points, P, *_: P)
-    policy = strategies.Reread(core, strategies.CAPPED)
+    policy = strategies.Reread(core, capped=True)
     for plans in (policy._motions, policy._gazes):
         for criterion in ("mutual_information", "fisher_trace"):
             found, expected = policy._capped_scores(plans, criterion), core.scores(plans, criterion)

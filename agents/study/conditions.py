@@ -75,8 +75,8 @@ def _choice(name: str, meaning: str, rereads: Mapping[str, str] | None = None, *
     return Choice(name, meaning, [Condition(name, *one, every_room=first, **setting) for one in sources.items()])
 
 
-def _rereads(prefix: str, strategies: Sequence[str] = tuple(STRATEGIES)) -> dict[str, str]:
-    return {name: f"{HERE}:{prefix}_{name.replace('-', '_')}" for name in strategies}
+def _rereads(prefix: str) -> dict[str, str]:
+    return {name: f"{HERE}:{prefix}_{name.replace('-', '_')}" for name in STRATEGIES}
 
 
 _PARTICLES = ("initialisation", DEPTH_PARTICLES)
@@ -90,9 +90,7 @@ CHOICES: tuple[Choice, ...] = (
     _choice("rays-35s", "depth particles; rays kept to the end, up to 27", fields=_RAYS_KEPT),
     _choice("literal", "scenario `paper-literal`: 45° at the start, depth particles", scenario="paper-literal"),
     _choice("unpropagated", "a candidate motion keeps the present covariance (horizon 0)", _rereads("unpropagated")),
-    _choice(
-        "gaze-1s", "a candidate gaze is held 1 s before it is scored", _rereads("gaze_ahead", ("mi-mi", "mi-fisher"))
-    ),
+    _choice("gaze-1s", "a candidate gaze is held 1 s before it is scored", fields=(("gaze_horizon", 1.0),)),
     _choice("redrawn", "expected landmarks drawn anew", place="another-draw"),
     _choice("lattice", "expected landmarks on a lattice", place="lattice"),
     _choice("capped", "an expected landmark's pixel varies by no more than the image", _rereads("capped")),

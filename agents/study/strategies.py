@@ -3,7 +3,6 @@
 They are factories for `package.module:factory`, so that `python -m agents compare --policy` takes them too.
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -21,30 +20,19 @@ from baselines.policy import Actions, Environment, best
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Reading:
-    """How a candidate is scored; the defaults are the environment's."""
-
-    propagated: bool = True
-    """The covariance of a candidate motion is propagated over the motion (otherwise: the present one)."""
-    gaze_ahead: float | None = None
-    """Seconds that a candidate gaze is held before it is scored; None: the scenario's `gaze_horizon`."""
-    capped: bool = False
-    """An expected landmark is no less certain than that it lies in the image, where its pixel varies by W²/12."""
-
-
 class Reread(Greedy):
-    """`Greedy` that scores its candidates itself, by another reading. Bound to a single environment."""
+    """`Greedy` that scores its candidates itself, by another reading. Bound to a single environment.
 
-    def __init__(
-        self, env: Environment, reading: Reading, gaze_criterion: str | None = None, motion_criterion: str | None = None
-    ) -> None:
-        super().__init__(env, motion_criterion, gaze_criterion)
+    ``propagated``: the covariance of a candidate motion is propagated over the motion; otherwise it is the present one.
+    ``capped``: an expected landmark is no less certain than that it lies in the image, where its pixel varies by W²/12.
+    """
+
+    def __init__(self, env: Environment, propagated: bool = True, capped: bool = False, **criteria: str | None) -> None:
+        super().__init__(env, **criteria)
         frame = self.env.scenario.frame_time
-        ahead = reading.gaze_ahead or self.env.scenario.gaze_horizon or self.env.gaze_period
-        self._motions = motion_plans(round(self.env.motion_period / frame) if reading.propagated else 0)
-        self._gazes = gaze_plans(round(ahead / frame))
-        self._scores = self._capped_scores if reading.capped else self.env.scores
+        self._motions = motion_plans(round(self.env.motion_period / frame) if propagated else 0)
+        self._gazes = gaze_plans(round((self.env.scenario.gaze_horizon or self.env.gaze_period) / frame))
+        self._scores = self._capped_scores if capped else self.env.scores
 
     def choose_motion(self) -> Actions:
         return best([self._scores(self._motions, self.motion_criterion)])
@@ -86,18 +74,15 @@ def capped(points: Array, P: Array, pose: Array, waiting: int, scenario: Scenari
     return out
 
 
-UNPROPAGATED, GAZE_AHEAD, CAPPED = Reading(propagated=False), Reading(gaze_ahead=1.0), Reading(capped=True)
 MI, FISHER, EIGENVALUE = "mutual_information", "fisher_trace", "fisher_max_eigenvalue"
 
-unpropagated_mi_constant = partial(Reread, reading=UNPROPAGATED)
-unpropagated_mi_mi = partial(Reread, reading=UNPROPAGATED, gaze_criterion=MI)
-unpropagated_mi_fisher = partial(Reread, reading=UNPROPAGATED, gaze_criterion=FISHER)
-unpropagated_fisher_fisher = partial(Reread, reading=UNPROPAGATED, gaze_criterion=FISHER, motion_criterion=FISHER)
-gaze_ahead_mi_mi = partial(Reread, reading=GAZE_AHEAD, gaze_criterion=MI)
-gaze_ahead_mi_fisher = partial(Reread, reading=GAZE_AHEAD, gaze_criterion=FISHER)
-capped_mi_constant = partial(Reread, reading=CAPPED)
-capped_mi_mi = partial(Reread, reading=CAPPED, gaze_criterion=MI)
-capped_mi_fisher = partial(Reread, reading=CAPPED, gaze_criterion=FISHER)
+unpropagated_mi_constant = partial(Reread, propagated=False)
+unpropagated_mi_mi = partial(Reread, propagated=False, gaze_criterion=MI)
+unpropagated_mi_fisher = partial(Reread, propagated=False, gaze_criterion=FISHER)
+unpropagated_fisher_fisher = partial(Reread, propagated=False, gaze_criterion=FISHER, motion_criterion=FISHER)
+capped_mi_constant = partial(Reread, capped=True)
+capped_mi_mi = partial(Reread, capped=True, gaze_criterion=MI)
+capped_mi_fisher = partial(Reread, capped=True, gaze_criterion=FISHER)
 mi_eigenvalue = partial(greedy, gaze_criterion=EIGENVALUE)
 """(iii) with the largest eigenvalue of the Fisher matrix, as the end of section III-B says, for its trace."""
 eigenvalue_eigenvalue = partial(greedy, motion_criterion=EIGENVALUE, gaze_criterion=EIGENVALUE)

@@ -9,18 +9,17 @@ from .policy import Actions, Environment, Policy, best
 
 
 class HeldInformation(Policy):
-    """Replans once a motion period: which of the 21 actions, held for ``horizon`` seconds, has most net information?
+    """Replans once a motion period: which action, held for the scenario's ``plan_horizon``, has most net information?
 
     Measurements are predicted at the end of each motion period, one for each of its frames (`information.net`). The
     plans end with the episode. Those on which the standard deviation of the position exceeds the scenario's
-    ``plan_position_std`` are taken only where there is no other: then the least uncertain one. ``horizon`` is the
-    scenario's ``plan_horizon`` by default.
+    ``plan_position_std`` are taken only where there is no other: then the least uncertain one.
     """
 
-    def __init__(self, env: Environment, horizon: float | None = None) -> None:
+    def __init__(self, env: Environment) -> None:
         super().__init__(env)
         frames = round(self.env.motion_period / self.env.scenario.frame_time)
-        seconds = min(self.env.scenario.plan_horizon if horizon is None else horizon, self.env.duration)
+        seconds = min(self.env.scenario.plan_horizon, self.env.duration)
         self._plans = held_plans(frames, max(1, round(seconds / self.env.motion_period)))
         self._gaze = self.always(Gaze.STAY)
 

@@ -110,7 +110,7 @@ def main(args: Args) -> int:
     return 0
 
 
-class Task(NamedTuple):
+class Trial(NamedTuple):
     """A run; a `Job` of the store."""
 
     seed: int
@@ -133,23 +133,23 @@ class Task(NamedTuple):
 
 def play(args: Args) -> Runs:
     """Every habit in every room; each run is kept as soon as it is over."""
-    tasks = [Task(seed, habit, lasts) for seed, lasts in args.lasting.items() for habit in HABITS]
-    with closing(Store(args.out / "runs").gather(tasks, play_tasks, args.jobs)) as finished:
-        runs = {task: rows_of(task, arrays) for task, arrays in finished}
-    return {habit: {task.seed: runs[task] for task in tasks if task.habit == habit} for habit in HABITS}
+    trials = [Trial(seed, habit, lasts) for seed, lasts in args.lasting.items() for habit in HABITS]
+    with closing(Store(args.out / "runs").gather(trials, play_trials, args.jobs)) as finished:
+        runs = {one: rows_of(one, arrays) for one, arrays in finished}
+    return {habit: {one.seed: runs[one] for one in trials if one.habit == habit} for habit in HABITS}
 
 
-def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
+def play_trials(trials: Sequence[Trial]) -> list[Arrays]:
     """Play one run after the other."""
-    told = [trial(*task) for task in tasks]
+    told = [trial(*one) for one in trials]
     return [{name: np.array([getattr(now, name) for now in one]) for name in Second._fields} for one in told]
 
 
-def rows_of(task: Task, arrays: Arrays) -> list[Row]:
+def rows_of(one: Trial, arrays: Arrays) -> list[Row]:
     """The seconds of one run."""
     columns = {name: arrays[name].tolist() for name in Second._fields if name != "log2_dets"}
     columns |= dict(zip(DETS, arrays["log2_dets"].T.tolist()))
-    named = {"person": NAMES[task.habit], "room": task.seed}
+    named = {"person": NAMES[one.habit], "room": one.seed}
     return [{**named, **dict(zip(columns, values))} for values in zip(*columns.values(), strict=True)]
 
 

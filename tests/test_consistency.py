@@ -15,7 +15,7 @@ from activeslam_gym.evaluation import run_episode
 from activeslam_gym.slam.belief import POINT, RAY
 from activeslam_gym.slam.map import convert_to_point
 from agents.__main__ import main
-from agents.consistency.calibration import Bar, chi2_bounds, judged, lost_bar, nees_bar
+from agents.consistency.calibration import Bar, Checked, chi2_bounds, lost_bar, nees_bar
 from agents.consistency.witness import Witness, depth_error
 from agents.tools.statistics import estimate
 from tests.support import joint_covariance, random_belief, scenario_for
@@ -30,8 +30,8 @@ def test_bars_are_those_of_the_issue_and_chi2_bounds_hold_as_often_as_they_say()
     assert lost_bar("mi-mi", "paper").high == 0.01
     assert (lost_bar("sweep", "paper").high, lost_bar("sweep", "clutter").high) == (0.02, 0.05)
     for figures, met in (([1.0, 1.2], True), ([0.5, 0.5], False), ([np.nan], None)):
-        assert judged(estimate(figures, "mean"), Bar(0.8, 1.5)).met is met
-    assert "NOT MET" in judged(estimate([0.5], "mean"), Bar(0.8, 1.5)).text()
+        assert Checked(estimate(figures, "mean"), Bar(0.8, 1.5)).met is met
+    assert "NOT MET" in Checked(estimate([0.5], "mean"), Bar(0.8, 1.5)).text()
     errors = np.random.default_rng(0).normal(size=(400, 40, 3))
     averages = (errors**2).sum(axis=2).mean(axis=1) / 3.0
     low, high = chi2_bounds(averages[:40])

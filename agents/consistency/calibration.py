@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,17 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Finding:
-    """A figure, its bar and whether it is met; None for both where there is no bar, or no figure."""
+class Checked:
+    """A figure beside its bar, and whether it is met: None where there is no bar, or no figure."""
 
     figure: Estimate
     bar: Bar | None = None
-    met: bool | None = None
+    met: bool | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        value = self.figure.value
+        met = None if self.bar is None or np.isnan(value) else bool(self.bar.low <= value <= self.bar.high)
+        object.__setattr__(self, "met", met)
 
     def text(self, scale: float = 1.0, digits: int = 2) -> str:
         """The figure with its interval, its bar and the verdict."""
@@ -60,7 +65,7 @@ class Calibration:
     strategy: str
     initialisation: str
     runs: int
-    figures: dict[str, Finding]
+    figures: dict[str, Checked]
     """By name: `NEES of QUANTITY at TIME s`, the average over the runs alive, per degree of freedom, and the `median `
     of that; of all runs together the mean, the standard deviation and the share beyond `FAR` of the standardised depth
     errors at conversion, and the shares of wrong associations among all and of duplicates among the features with a
@@ -98,13 +103,6 @@ def lost_bar(strategy: str, scenario: str) -> Bar:
 BARS = {"depth error, mean": Bar(-0.3, 0.3), "depth error, std": Bar(0.8, 1.3), "wrong associations": Bar(high=0.005)}
 
 
-def judged(figure: Estimate, bar: Bar | None = None) -> Finding:
-    """The figure beside its bar; without a value there is no verdict."""
-    if bar is None or np.isnan(figure.value):
-        return Finding(figure, bar)
-    return Finding(figure, bar, bool(bar.low <= figure.value <= bar.high))
-
-
 def chi2_bounds(values: NDArray[np.float64]) -> tuple[float, float]:
     """95 % bounds of the average over the runs that have a value of the NEES per degree of freedom, if consistent.
 
@@ -129,14 +127,14 @@ def calibrate(runs: Sequence[Episode], times: Sequence[float], scenario: str) ->
     for time in times:
         for quantity in QUANTITIES:
             name, values = f"NEES of {quantity} at {time:g} s", _nees(runs, quantity, time)
-            figures[name] = judged(estimate(values, "mean"), None if clutter else nees_bar(strategy, time))
-            figures[f"median {name}"] = judged(estimate(values, "median"))
+            figures[name] = Checked(estimate(values, "mean"), None if clutter else nees_bar(strategy, time))
+            figures[f"median {name}"] = Checked(estimate(values, "median"))
             bounds[name] = chi2_bounds(values)
     labelled, counts = _from_labels(runs)
     bars = {} if clutter else BARS
-    figures |= {name: judged(figure, bars.get(name)) for name, figure in labelled.items()}
-    figures["lost"] = judged(estimate([run.lost for run in runs], "share"), lost_bar(strategy, scenario))
-    figures["log score gain"] = judged(estimate([outcome(run)["log_score_gain"] for run in runs], "median"))
+    figures |= {name: Checked(figure, bars.get(name)) for name, figure in labelled.items()}
+    figures["lost"] = Checked(estimate([run.lost for run in runs], "share"), lost_bar(strategy, scenario))
+    figures["log score gain"] = Checked(estimate([outcome(run)["log_score_gain"] for run in runs], "median"))
     curves = {quantity: _curve(runs, quantity) for quantity in QUANTITIES}
     return Calibration(strategy, initialisation_of(runs[0]), len(runs), figures, bounds, curves, counts)
 

@@ -1,7 +1,11 @@
 """What several tests need: numerical derivatives, random beliefs, and matrix formulas written as in a textbook."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from copy import deepcopy as copied  # noqa: F401  (of nested named tuples of arrays and records)
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -255,3 +259,11 @@ def assert_same_record(one: dict[str, Any], other: dict[str, Any]) -> None:
     assert set(one) == set(other)
     for field in set(one) - {"decision_us", "step_us"}:
         np.testing.assert_array_equal(one[field], other[field], err_msg=field)
+
+
+def python(*arguments: str | Path, cwd: Path | None = None, **environment: str) -> str:
+    """What a fresh interpreter with these arguments prints; it must not fail."""
+    command = [sys.executable, *map(str, arguments)]
+    done = subprocess.run(command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout

@@ -31,7 +31,7 @@ from agents.pretrained import FOLDER
 from agents.summary import markdown, summarise, tables, text
 from agents.task import Task, play_tasks
 from agents.tools.files import alone_in, write_csv, write_json
-from tests.support import assert_same_record
+from tests.support import assert_same_record, python
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
@@ -307,8 +307,5 @@ def test_command_line_in_processes_without_torch(tmp_path: Path) -> None:
     (tmp_path / "torch.py").write_text("raise ImportError('torch was imported')\n")
     paths = [str(tmp_path), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     line = "-m agents compare --policies stay random --episodes 2 --jobs 2 --duration 1 --no-figures --out".split()
-    command, env = [sys.executable, *line, str(tmp_path / "out")], os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
-    done = subprocess.run(command, env=env, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
-    assert "What was learned" in done.stdout
+    assert "What was learned" in python(*line, tmp_path / "out", PYTHONPATH=os.pathsep.join(paths))
     assert len(list((tmp_path / "out" / "episodes").glob("*.npz"))) == 4

@@ -5,8 +5,6 @@ import importlib
 import inspect
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -19,6 +17,7 @@ from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from agents import pretrained
 from examples import fisher_trace
+from tests.support import python
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(
@@ -167,9 +166,7 @@ def test_the_manual_builds_without_a_warning_and_opens_as_a_file(tmp_path: Path)
     for needed in ("mkdocs", "mkdocstrings", "material", "latex2mathml"):
         pytest.importorskip(needed)
     site = tmp_path / "site"
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
+    python("-m", "mkdocs", "build", "--strict", "--site-dir", site, cwd=ROOT)
     text = {page.relative_to(site).as_posix(): page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
     names = [*REWARDS, *SCENARIOS, *first_names("Observation space")]
     assert all(f"<code>{name}</code>" in text["environment.html"] for name in names)

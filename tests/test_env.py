@@ -3,9 +3,6 @@
 import contextlib
 import copy
 import json
-import os
-import subprocess
-import sys
 import warnings
 
 import gymnasium as gym
@@ -21,7 +18,7 @@ from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import COMMANDS
 from tests.record_frozen import numbers
-from tests.support import CAMERA, pixel_of, replaced, simulation_of
+from tests.support import CAMERA, pixel_of, python, replaced, simulation_of
 
 IDS = ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0")
 INFO = set("entropy log2_det log_score landmarks_mapped distinct_landmarks position_error orientation_error".split())
@@ -363,8 +360,7 @@ def test_it_runs_without_compilation_and_means_the_same() -> None:
     )
     entropies = []
     for disabled in ("0", "1"):
-        environment = {**os.environ, "NUMBA_DISABLE_JIT": disabled}
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
-        assert done.stdout.startswith("ActiveSLAM-v0 "), done.stderr
-        entropies.append(float(done.stdout.split()[1]))
+        name, entropy = python("-c", code, NUMBA_DISABLE_JIT=disabled).split()
+        assert name == "ActiveSLAM-v0"
+        entropies.append(float(entropy))
     assert entropies[0] == pytest.approx(entropies[1], abs=1e-6)

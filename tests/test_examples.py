@@ -1,9 +1,6 @@
 """The worked examples of the manual: each runs, and does what its page says."""
 
-import os
 import runpy
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +15,7 @@ from activeslam_gym.information.candidates import pose_after, propagated
 from activeslam_gym.registry import Registry
 from agents.policies import resolve
 from examples import extend_occluder, extend_policy, extend_sensor
-from tests.support import numerical_sight
+from tests.support import numerical_sight, python
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [*sorted((ROOT / "examples").glob("extend_*.py")), ROOT / "examples" / "fisher_trace.py"]
@@ -26,10 +23,7 @@ EXAMPLES = [*sorted((ROOT / "examples").glob("extend_*.py")), ROOT / "examples" 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example_runs_and_says_something(path: Path) -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, str(path)], capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip()
+    assert python(path, PYTHONPATH=str(ROOT)).strip()
 
 
 def test_a_scenario_of_ones_own_has_three_forms() -> None:

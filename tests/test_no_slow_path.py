@@ -4,9 +4,6 @@ Numba warns of slow code where it compiles, so a warning is caught where the cac
 """
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +13,7 @@ pytest.importorskip("tyro")
 
 from activeslam_gym import Scenario  # noqa: E402
 from activeslam_gym.envs.simulation import empty_runs  # noqa: E402
+from tests.support import python  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 MOST_ALLOCATIONS = 320
@@ -78,10 +76,7 @@ print(json.dumps({
 @pytest.fixture(scope="module")
 def counted() -> dict:
     """What a fresh process has compiled and allocated after stepping environments of all sorts."""
-    command, environment = [sys.executable, "-c", ENVIRONMENTS], {**os.environ, "NUMBA_NRT_STATS": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout.splitlines()[-1])
+    return json.loads(python("-c", ENVIRONMENTS, cwd=ROOT, NUMBA_NRT_STATS="1").splitlines()[-1])
 
 
 def test_one_compiled_step_serves_every_environment_and_allocates_little(counted: dict) -> None:

@@ -4,12 +4,13 @@ import itertools
 import json
 import re
 import shutil
-import subprocess
 import sys
 import tarfile
 from pathlib import Path
 
 import pytest
+
+from tests.support import python
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -18,13 +19,6 @@ else:
 
 ROOT = Path(__file__).resolve().parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-
-
-def run_elsewhere(code: str, cwd: Path) -> str:
-    """What ``code`` prints in a fresh interpreter that does not stand in the clone."""
-    done = subprocess.run([sys.executable, "-c", code], cwd=cwd, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 LEARNERS = ["torch", "stable_baselines3"]
@@ -39,7 +33,7 @@ LEARNERS = ["torch", "stable_baselines3"]
 ])  # fmt: skip
 def test_import_is_light(module: str, too_slow: list[str], tmp_path: Path) -> None:
     code = f"import json, sys, {module}; print(json.dumps([name for name in {too_slow} if name in sys.modules]))"
-    assert json.loads(run_elsewhere(code, tmp_path)) == []
+    assert json.loads(python("-c", code, cwd=tmp_path)) == []
 
 
 def pulled(extra: str) -> set[str]:
@@ -84,7 +78,7 @@ def test_the_source_distribution_is_the_package_without_tests(tmp_path: Path) ->
     pytest.importorskip("setuptools", minversion="77")
     unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "dist", "docs", "results")
     shutil.copytree(ROOT, tmp_path / "clone", ignore=unwanted)
-    run_elsewhere("from setuptools import build_meta; build_meta.build_sdist('..')", tmp_path / "clone")
+    python("-c", "from setuptools import build_meta; build_meta.build_sdist('..')", cwd=tmp_path / "clone")
     with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as file:
         held = {Path(*Path(member.name).parts[1:]) for member in file.getmembers() if member.isfile()}
     assert {path.parts[0] for path in held if path.suffix == ".py"} == {"activeslam_gym"}
@@ -101,7 +95,7 @@ def test_what_is_installed_and_its_version(tmp_path: Path) -> None:
     assert {".".join(folder.parts) for folder in folders} == set(packages), "a package without an __init__.py"
     assert (ROOT / "activeslam_gym" / "py.typed").is_file()
     code = "import activeslam_gym, agents, baselines\nfor m in activeslam_gym, agents, baselines: print(m.__file__)"
-    assert {Path(line).parents[1] for line in run_elsewhere(code, tmp_path).split("\n") if line} == {ROOT}
+    assert {Path(line).parents[1] for line in python("-c", code, cwd=tmp_path).split("\n") if line} == {ROOT}
     import activeslam_gym
 
     version = PYPROJECT["project"]["version"]

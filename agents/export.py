@@ -26,8 +26,7 @@ def main(args: Args) -> int:
     if args.out.suffix != ".zip":
         raise ValueError(f"out must end in .zip, got {str(args.out)!r}")
     writable_file("out", args.out)
-    path = Path(args.policy) if args.policy.endswith(".npz") else pretrained.FOLDER / f"{args.policy}.npz"
-    if not path.is_file():
+    if (path := pretrained.path_of(args.policy)) is None:
         shipped = ", ".join(pretrained.names())
         raise ValueError(f"policy: {args.policy!r} has no weights; allowed: {shipped}, a file (policy.npz)")
     weights, card = read(path.stem, path.parent)

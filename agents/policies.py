@@ -30,18 +30,15 @@ def factory(name: str) -> Factory:
 
     Raises ValueError, which lists the allowed names, for an unknown one.
     """
-    path = Path(name)
     if ":" in name:
         make = _imported(name)
         return lambda env, seed: Own(name, make, env)
-    if path.suffix == ".npz":
-        if not path.is_file():
-            raise ValueError(f"policy: {name!r} is no file of weights")
-        return lambda env, seed: load(path.stem, env, path.parent)
     if name in baselines.names():
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
-    if name in pretrained.names():
-        return lambda env, seed: load(name, env)
+    if path := pretrained.path_of(name):
+        return lambda env, seed: load(path.stem, env, path.parent)
+    if name.endswith(".npz"):
+        raise ValueError(f"policy: {name!r} is no file of weights")
     known = ", ".join([*baselines.names(), *pretrained.names()])
     raise ValueError(
         f"policy: {name!r} is unknown; allowed: {known}, a file of weights (policy.npz), 'package.module:factory'"
@@ -52,7 +49,7 @@ def content(name: str) -> str:
     """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports."""
     if ":" in name:
         made_of = module_sources(name.partition(":")[0])
-    elif (path := pretrained.FOLDER / f"{name}.npz" if name in pretrained.names() else Path(name)).suffix == ".npz":
+    elif path := pretrained.path_of(name):
         network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "weights")]
         made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)
     else:

@@ -11,6 +11,12 @@ def names(folder: Path = FOLDER) -> list[str]:
     return sorted(path.stem for path in folder.glob("[!.]*.npz"))  # not the unfinished file of a killed process
 
 
+def path_of(name: str) -> Path | None:
+    """The shipped weights of that name, or the file of weights (policy.npz) that it is; None where there is none."""
+    path = Path(name) if name.endswith(".npz") else FOLDER / f"{name}.npz"
+    return path if path.is_file() else None
+
+
 def trained_in(scenario: str) -> list[str]:
     """Names of the shipped policies that were trained in the named scenario."""
     cards = {name: json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in names()}

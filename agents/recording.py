@@ -16,7 +16,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym import Scenario
-from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
 from activeslam_gym.rendering.scene import (
@@ -34,10 +33,7 @@ from activeslam_gym.rendering.scene import (
 )
 
 if TYPE_CHECKING:
-    import gymnasium
-
     from activeslam_gym.envs.snapshot import Snapshot
-    from baselines.policy import Predictor
 
 TIMELINE = "time"
 """Seconds since the reset."""
@@ -179,17 +175,6 @@ class Recording(ExitStack):
         for name, value in curves.items():
             if np.isfinite(value):
                 self._stream.log(name, self._rr.Scalars(float(value)))
-
-
-def record(env: gymnasium.Env, policy: Predictor, seed: int, path: str | os.PathLike[str]) -> Episode:
-    """Play the episode of ``seed`` with ``policy`` and write it to ``path``.
-
-    Raises:
-        ImportError: rerun-sdk is missing.
-    """
-    core: Any = env.unwrapped
-    with Recording(path, core.scenario, "policy") as recording:
-        return run_episode(env, policy, seed, looks=[recording.log])
 
 
 def _views() -> Any:

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import activeslam_gym  # noqa: F401
 import baselines
-from activeslam_gym.evaluation import Episode
-from agents.recording import Recording, ellipsoid_axes, record
+from activeslam_gym.evaluation import Episode, run_episode
+from agents.recording import Recording, ellipsoid_axes
 from agents.watching import command as watch
 
 SHORT: dict[str, Any] = {"gaze_period": 0.5, "duration": 3.0}
@@ -44,7 +44,8 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Episode]:
     pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
     path = tmp_path_factory.mktemp("recording") / "deep" / "sweep.rrd"
     env = gym.make("ActiveSLAM-v0", **SHORT)
-    return path, record(env, baselines.make("sweep", env), 3, path)
+    with Recording(path, env.unwrapped.scenario) as recording:
+        return path, run_episode(env, baselines.make("sweep", env), 3, looks=[recording.log])
 
 
 def rerun(*arguments: str | Path) -> str:
@@ -91,7 +92,8 @@ def test_lost_and_interrupted_runs_are_recorded_and_watch_records_each_policy(tm
     pytest.importorskip("rerun", reason="rerun-sdk is not installed (the extra rerun)")
     env = gym.make("ActiveSLAM-v0", **SHORT, lost_position_error=1e-3)
     lost, interrupted = tmp_path / "lost.rrd", tmp_path / "interrupted.rrd"
-    assert record(env, baselines.make("sweep", env), 0, lost).lost
+    with Recording(lost, env.unwrapped.scenario) as file:
+        assert run_episode(env, baselines.make("sweep", env), 0, looks=[file.log]).lost
     with pytest.raises(KeyboardInterrupt), Recording(interrupted, env.unwrapped.scenario) as file:
         file.log(env, env.reset(seed=0)[1])
         raise KeyboardInterrupt

@@ -37,10 +37,8 @@ class AmortisedGreedy(Greedy):
     there are motions, several share a step. Where none was evaluated (an episode's first decision) all are at once.
     """
 
-    def __init__(
-        self, env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None
-    ) -> None:
-        super().__init__(env, motion_criterion, gaze_criterion)
+    def __init__(self, env: Environment, **criteria: str | None) -> None:
+        super().__init__(env, **criteria)
         steps = self.env.steps_per_motion
         slots = min(steps - 1, len(Motion))
         self._phase_of_candidate = steps - slots + np.arange(len(Motion)) * slots // len(Motion)
@@ -91,7 +89,10 @@ class Lookahead(Greedy):
         return best(self.per_env(self.env.lookahead_scores(self.horizon)))
 
 
-def greedy(env: Environment, motion_criterion: str | None = None, gaze_criterion: str | None = None) -> Greedy:
-    """`AmortisedGreedy` in a scenario that spreads its decisions over the period, `Greedy` elsewhere."""
+def greedy(env: Environment, **criteria: str | None) -> Greedy:
+    """`AmortisedGreedy` in a scenario that spreads its decisions over the period, `Greedy` elsewhere.
+
+    ``criteria``: the arguments of both, ``motion_criterion`` and ``gaze_criterion``.
+    """
     cls = AmortisedGreedy if core_of(env).scenario.amortised_decision else Greedy
-    return cls(env, motion_criterion, gaze_criterion)
+    return cls(env, **criteria)

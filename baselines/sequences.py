@@ -66,15 +66,12 @@ class Sequence(NamedTuple):
 
 
 class BestSequence(Planned):
-    """The best sequence of the scenario, by the median log score, or a given ``sequence``.
+    """The best sequence of the scenario, by the median log score, that a search found: better ones may exist."""
 
-    What a search found: better ones may exist.
-    """
-
-    def __init__(self, env: Environment, sequence: Sequence | None = None) -> None:
+    def __init__(self, env: Environment) -> None:
         core = core_of(env)
         periods = math.ceil(core.duration / core.motion_period - 1e-9)
-        super().__init__(env, (sequence or best_sequence(core)).plan(periods))
+        super().__init__(env, best_sequence(core).plan(periods))
 
 
 def best_sequence(env: Any) -> Sequence:

@@ -8,12 +8,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.evaluation import Store, code, run_episode
 from baselines import constants, sequences
 from baselines.constants import key_of
 from baselines.constants import log_scores as scores_of_plans
+from baselines.fixed import Planned
 from baselines.sequences import (
     LONGEST,
     TABLE,
@@ -76,7 +76,7 @@ def test_a_search_goes_on_though_the_tables_that_it_writes_have_changed(
 
 def test_the_policy_plays_the_sequence() -> None:
     env = gym.make("ActiveSLAM-v0", gaze_period=0.5, duration=3.0, end_when_lost=False)
-    run = run_episode(env, baselines.make("best-sequence", env, sequence=BACK_THEN_ORBIT), seed=1)
+    run = run_episode(env, Planned(env, BACK_THEN_ORBIT.plan(3)), seed=1)
     assert run.log_score[-1] == log_scores([BACK_THEN_ORBIT], Scenario(), [1], TIMES)[0, 0]
 
 

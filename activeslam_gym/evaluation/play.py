@@ -41,10 +41,10 @@ class Predictor(Protocol):
 
 
 def run_episode(
-    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", settings: str = "{}", looks: Sequence[Look] = ()
+    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", looks: Sequence[Look] = ()
 ) -> Episode:
     """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end."""
-    return play(env, policy, [seed], name, settings, [looks])[0]
+    return play(env, policy, [seed], name, looks=[looks])[0]
 
 
 def play(

@@ -104,12 +104,9 @@ class Import(NamedTuple):
     """Runs when the importer is imported: outside functions and ``if TYPE_CHECKING``."""
 
 
-def module_name(path: Path) -> str:
-    """``activeslam_gym/slam/belief.py`` → ``activeslam_gym.slam.belief``; a package is its ``__init__``."""
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts)
-
-
-SOURCES = {module_name(path): path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}
+FILES = [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
+SOURCES = {".".join(path.relative_to(ROOT).with_suffix("").parts): path for path in FILES}
+"""``activeslam_gym.slam.belief`` → its file; a package is its ``__init__``."""
 TEXTS = {name: path.read_text(encoding="utf-8") for name, path in SOURCES.items()}
 MODULES = {name.removesuffix(".__init__") for name in SOURCES}
 

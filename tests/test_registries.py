@@ -28,11 +28,6 @@ def information(P: np.ndarray, sight: Any, pixel_var: float) -> float:
     return 0.5 * (np.linalg.slogdet(sight.S)[1] / math.log(2.0) - len(sight.S) * math.log2(pixel_var))
 
 
-def pose_accuracy(e: Any) -> float:
-    """-log2 of the position error against a millimetre [bit]."""
-    return -math.log2(1e-3 + e.position_error)
-
-
 def play(env: Any, steps: int = 12, seed: int = 3) -> list[tuple[float, dict[str, Any]]]:
     """Rewards and infos of a reset and of ``steps`` steps to the right."""
     told = [(0.0, env.reset(seed=seed)[1])]
@@ -126,7 +121,7 @@ def test_a_lost_filter_scores_nan_asks_no_registered_criterion_and_best_stays(mo
 
 def test_a_reward_registered_from_outside_paid_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its gain is the reward; it telescopes, and has its own name in `info`."""
-    monkeypatch.setitem(REWARDS, "mine", pose_accuracy)
+    monkeypatch.setitem(REWARDS, "mine", lambda e: -math.log2(1e-3 + e.position_error))
     told = play(gym.make("ActiveSLAM-v0", reward="mine"))
     accuracies = [-math.log2(1e-3 + info["position_error"]) for _, info in told]
     np.testing.assert_allclose([reward for reward, _ in told[1:]], np.diff(accuracies), atol=1e-12)

@@ -191,15 +191,15 @@ def told(method: str, answer: Any) -> type[SphereScene]:
 
 
 class WideBounds(SphereScene):
+    factor = 2.0
+
     def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
         super().__init__(scenario, rng)
-        self.bounds = 2.0 * self.bounds
+        self.bounds = self.factor * self.bounds
 
 
-class NoBounds(SphereScene):
-    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
-        super().__init__(scenario, rng)
-        self.bounds = np.zeros(3)
+class NoBounds(WideBounds):
+    factor = 0.0
 
 
 N, UP = Scenario().landmark_count, np.tile((0.0, 1.0, 0.0), (Scenario().landmark_count, 1))

@@ -31,10 +31,6 @@ BACK_THEN_ORBIT = Sequence(((int(Motion.BACKWARDS), int(Gaze.STAY)), (int(Motion
 TIMES = (0.5, 1.0, 3.0)
 
 
-def bare(**arguments: Any) -> Any:
-    return gym.make("ActiveSLAM-v0", **arguments).unwrapped
-
-
 def test_a_plan_holds_each_action_for_its_share_and_words_tell_it() -> None:
     plan = BACK_THEN_ORBIT.plan(10)
     assert plan.tolist() == [list(BACK_THEN_ORBIT.actions[0])] * 6 + [list(BACK_THEN_ORBIT.actions[1])] * 4
@@ -111,6 +107,6 @@ def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_
     shipped = json.loads(TABLE.read_text(encoding="utf-8"))
     assert "paper" in {entry["scenario"] for entry in shipped.values()}
     for key, entry in shipped.items():
-        env = bare(scenario=entry["scenario"])
+        env = gym.make("ActiveSLAM-v0", scenario=entry["scenario"]).unwrapped
         assert key == key_of(env), "make it anew: python -m baselines"
         assert max(entry["medians"], key=entry["medians"].get) == best_sequence(env).told()

@@ -9,6 +9,7 @@ import pytest
 
 import baselines
 from activeslam_gym.config import TRAINING_SEED, Scenario
+from activeslam_gym.evaluation import code
 from activeslam_gym.geometry import rotation_error, rotation_matrix, so3_exp
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.sensors.points import PointModel
@@ -68,7 +69,7 @@ def test_the_jacobian_of_a_landmarks_point() -> None:
 def test_it_says_that_gtsam_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gtsam", None)
     with pytest.raises(ImportError, match=r"estimator 'fixed-lag' needs GTSAM: pip install gtsam"):
-        gym.make("ActiveSLAM-v0", scenario=SCENARIO).reset(seed=0)
+        gym.make("ActiveSLAM-v0", scenario=SCENARIO)
 
 
 def started(estimator: Any = FixedLag, fiducials: Any = ()) -> Any:
@@ -82,7 +83,7 @@ def started(estimator: Any = FixedLag, fiducials: Any = ()) -> Any:
 def test_it_wants_known_association_and_pixels() -> None:
     started()
     with pytest.raises(ValueError, match="'fixed-lag' needs scenario.association 'known'"):
-        gym.make("ActiveSLAM-v0", scenario={"estimator": "fixed-lag"}).reset(seed=0)
+        gym.make("ActiveSLAM-v0", scenario={"estimator": "fixed-lag"})
 
 
 def test_without_measurements_it_is_the_filters_prediction() -> None:
@@ -165,3 +166,8 @@ def test_where_gtsam_fails_the_estimate_stays() -> None:
     after = one.estimate()
     np.testing.assert_array_equal(after.camera, before.camera)
     assert after.time == pytest.approx(0.1)
+
+
+def test_a_key_holds_the_version_of_gtsam_where_it_matters() -> None:
+    assert code.declared_libraries('{"estimator": "fixed-lag"}') == ("gtsam",)
+    assert code.declared_libraries('{"estimator": "ekf"}') == ()

@@ -86,7 +86,8 @@ def resolve(
     steps = whole_multiple("duration", duration, "gaze_period", step_time)
     if not isinstance(end_when_lost, bool):
         raise ValueError(f"end_when_lost must be True or False, got {end_when_lost!r}")
-    ESTIMATORS.require(resolved.estimator)
+    if check := getattr(ESTIMATORS[resolved.estimator], "check", None):
+        check(resolved)
     SENSORS.require(resolved.sensor)
     SCENES.require(resolved.scene)
     CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")

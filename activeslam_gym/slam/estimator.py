@@ -37,6 +37,9 @@ class Estimator(Protocol):
     """One run's estimator. ``Estimator(scenario, fiducials, sensor)`` makes one.
 
     ``fiducials`` (K, 3) have known positions [m]. ``sensor`` is the `SensorModel` of the scenario's sensor.
+
+    A class may have a static method ``check(scenario)``, which raises where it cannot work in a scenario and is called
+    when an environment is made, and an attribute ``libraries``, names of the packages on which its results depend.
     """
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None: ...

@@ -54,18 +54,30 @@ class FixedLag:
         ValueError: the scenario has another association, or the sensor other measurements.
     """
 
+    libraries = ("gtsam",)
+    """On whose versions its results depend."""
+
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
+        self.check(scenario)
+        if np.shape(sensor.noise) != (2, 2):
+            raise ValueError(f"the estimator {FIXED_LAG!r} needs measurements that are pixels")
+        import gtsam
+
+        self._gtsam, self._scenario, self._fiducials = gtsam, scenario, fiducials
+        self._lens, self._motion = camera_of(scenario), motion_of(scenario, 1.0)
+
+    @staticmethod
+    def check(scenario: Scenario) -> None:
+        """Raise where it cannot work in the ``scenario``; the environment asks when it is made."""
+        if scenario.association != KNOWN:
+            raise ValueError(
+                f"the estimator {FIXED_LAG!r} needs scenario.association {KNOWN!r}, got {scenario.association!r}"
+            )
         try:
-            import gtsam
+            import gtsam  # noqa: F401
         except ImportError as error:
             hint = "pip install gtsam, or in a clone: pip install -e '.[gtsam]'"
             raise ImportError(f"the estimator {FIXED_LAG!r} needs GTSAM: {hint}") from error
-        if scenario.association != KNOWN or np.shape(sensor.noise) != (2, 2):
-            raise ValueError(
-                f"the estimator {FIXED_LAG!r} needs scenario.association {KNOWN!r}, and measurements that are pixels"
-            )
-        self._gtsam, self._scenario, self._fiducials = gtsam, scenario, fiducials
-        self._lens, self._motion = camera_of(scenario), motion_of(scenario, 1.0)
 
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         """Begin an episode."""

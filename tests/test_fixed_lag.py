@@ -17,7 +17,7 @@ from activeslam_gym.slam import fixed_lag
 from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimator import ESTIMATORS, Measurements
 from activeslam_gym.slam.filter import Ekf
-from activeslam_gym.slam.fixed_lag import FixedLag
+from activeslam_gym.slam.fixed_lag import FixedLag, Smoother
 
 from .support import CAMERA, numerical_jacobian, random_camera, relative_error, world_points
 
@@ -61,9 +61,15 @@ def test_the_jacobian_of_a_frame_of_measurements() -> None:
 
 
 def test_the_jacobian_of_a_landmarks_point() -> None:
-    anchor, line = np.array((1.0, 2.0, 3.0)), np.array((0.4, -0.3, 0.6))
-    _, J = fixed_lag.point_of(anchor, line)
-    assert relative_error(J, numerical_jacobian(lambda e: fixed_lag.point_of(anchor, line + e)[0], 3, 1e-4)) < 1e-6
+    anchor, line, J = np.array([(1.0, 2.0, 3.0)]), np.array([(0.4, -0.3, 0.6)]), np.empty((3, 3))
+
+    def point(e: np.ndarray) -> np.ndarray:
+        found = np.empty((1, 3))
+        fixed_lag.write_points(anchor, line + e, found, np.empty((3, 3)))
+        return found[0]
+
+    fixed_lag.write_points(anchor, line, np.empty((1, 3)), J)
+    assert relative_error(J, numerical_jacobian(point, 3, 1e-4)) < 1e-6
 
 
 def test_it_says_that_gtsam_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,6 +121,30 @@ def test_measurements_of_one_frame_give_the_filters_update() -> None:
     assert np.abs(rotation_error(found.quaternion, expected.quaternion)).max() < 1e-5
     stds = np.sqrt(expected.covariance.diagonal())
     assert np.abs((found.covariance - expected.covariance) / np.outer(stds, stds)).max() < 0.01
+
+
+def test_what_is_marginalised_still_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all is linear, a lag loses nothing."""
+    monkeypatch.setattr(fixed_lag, "MARGINALISED_EVERY", 0.1)
+    monkeypatch.setattr(FixedLag, "lag", 0.2)
+    rng, (mean, P) = np.random.default_rng(4), start_of(SCENARIO)
+    fiducials, new = world_points(rng, mean, 4), world_points(rng, mean, 2)
+    one, other = started(fiducials=fiducials), started(Smoother, fiducials)
+    ids = np.concatenate((-1 - np.arange(4), np.zeros(2, int)))
+    for estimator in (one, other):
+        estimator.reset(mean, 1e-2 * P)
+    for _ in range(12):
+        pixels = np.array([SENSOR.predict(mean, y)[0] for y in (*fiducials, *new)])
+        measurements = Measurements(pixels, np.tile(0.01 * np.eye(2), (6, 1, 1)), ids)
+        for estimator in (one, other):
+            estimator.predict(np.zeros(6), 0.05)
+            used = estimator.update(measurements)
+        ids = used
+    assert one._oldest > 5 and other._oldest == 0
+    found, expected = one.estimate(), other.estimate()
+    np.testing.assert_allclose(found.camera, expected.camera, atol=1e-5)
+    stds = np.sqrt(expected.covariance.diagonal())
+    assert np.abs((found.covariance - expected.covariance) / np.outer(stds, stds)).max() < 0.02
 
 
 def test_a_copy_is_independent() -> None:

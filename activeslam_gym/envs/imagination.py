@@ -26,7 +26,7 @@ from activeslam_gym.kernels import Record, row
 from activeslam_gym.motion import COMMANDS, QUATERNION
 from activeslam_gym.slam.draws import count_in_longer_frames, drawn_from
 from activeslam_gym.slam.estimate import taken_estimate
-from activeslam_gym.slam.estimator import EKF
+from activeslam_gym.slam.estimator import COMPILED
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
@@ -64,12 +64,13 @@ class Imagination:
     for each core).
 
     Raises:
-        ValueError: the scenario's estimator is not `ekf`.
+        ValueError: the scenario's estimator is not compiled.
     """
 
     def __init__(self, env: Any, i: int = 0, seed: int = 0, threads: int | None = None) -> None:
-        if env.scenario.estimator != EKF:
-            raise ValueError(f"imagined runs need scenario.estimator {EKF!r}, got {env.scenario.estimator!r}")
+        if env.scenario.estimator not in COMPILED:
+            allowed = ", ".join(COMPILED)
+            raise ValueError(f"imagined runs need scenario.estimator of {allowed}, got {env.scenario.estimator!r}")
         self._env, self._i, self._seed = env, i, seed
         self._batch = empty_runs(env.scenario, ROWS)
         self._workers = Workers(ROWS, threads)

@@ -1,7 +1,7 @@
 """Registered scenes, sensors and estimators: the frame of a run, called from Python stage by stage.
 
 A frame is control and true motion, measurement, estimation, and data association by the hidden labels. `episode.play`
-runs the four in one kernel for the scene `boxes`, the sensor `points` and the estimator `ekf`. Here the middle two
+runs the four in one kernel for the scene `boxes`, the sensor `points` and the compiled estimators. Here the middle two
 belong to a `Perception`, and the others are the same kernels; a registered scene is asked between them.
 """
 
@@ -18,7 +18,7 @@ from activeslam_gym.motion import POSITION
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.sensors.sensor import IMAGES, POINTS, SENSORS
 from activeslam_gym.slam.estimate import put_estimate
-from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
+from activeslam_gym.slam.estimator import COMPILED, ESTIMATORS, Measurements
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
@@ -47,7 +47,7 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
         from activeslam_gym.envs.images import Eye
 
         return Eye(setting, run, seed)
-    if setting.scenario.sensor == POINTS and setting.scenario.estimator == EKF:
+    if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
     return PluggedPerception(setting, run, start, seed)
 
@@ -55,7 +55,7 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
 def is_compiled(setting: Setting) -> bool:
     """Whether whole steps run in one kernel."""
     scenario = setting.scenario
-    return scenario.sensor == POINTS and scenario.estimator == EKF and not scenario.has_registered_scene
+    return scenario.sensor == POINTS and scenario.estimator in COMPILED and not scenario.has_registered_scene
 
 
 def play_rows(
@@ -103,7 +103,7 @@ def _sense(scene: Scene | None, run: Run) -> bool:
 
 
 class PointPerception:
-    """The simulated points and the estimator `ekf`, in a registered ``scene``."""
+    """The simulated points and a compiled estimator, in a registered ``scene``."""
 
     def __init__(self, scene: Scene | None) -> None:
         self.scene = scene

@@ -34,6 +34,7 @@ from activeslam_gym.motion import (
     QUATERNION,
 )
 from activeslam_gym.slam.estimate import EstimateArrays
+from activeslam_gym.slam.estimator import COMPILED, INVARIANT
 
 RAY, INVERSE_DEPTH, POINT = 1, 2, 3
 """Kinds of features."""
@@ -56,12 +57,17 @@ STATE = record(
     count="i8",  # features in use
     serial="i8",  # births so far
     frame="i8",  # frames so far
+    variant="i8",  # INVARIANT, PLAIN or FIRST_ESTIMATES: the Jacobians of the estimator
     fiducial_nis="f8",  # running mean of the fiducials' normalised innovations squared; see `restart`
 )
 """What a belief holds beside its features and its covariance."""
 
 FEATURE = record(
     mean=("f8", FEATURE_SIZE),
+    first=(
+        "f8",
+        FEATURE_SIZE,
+    ),  # when it was initialised; of a POINT the same, with the inverse depth at conversion
     kind="i8",  # RAY, INVERSE_DEPTH or POINT
     start="i8",  # first covariance row
     serial="i8",  # number of the birth, counted from 1: the feature's id
@@ -122,8 +128,10 @@ def empty_beliefs(scenario: Scenario, count: int) -> Belief:
     features = feature_capacity(scenario)
     rows = CAMERA_DIM + 2 * MOST_BIASED + max(KIND_DIM) * features  # all may be of the longest kind
     particles = scenario.particle_count if scenario.initialisation == config.DEPTH_PARTICLES else 0
+    state = np.zeros(count, STATE)
+    state["variant"] = COMPILED.index(scenario.estimator) if scenario.estimator in COMPILED else INVARIANT
     return Belief(
-        state=np.zeros(count, STATE),
+        state=state,
         feature=np.zeros((count, features), FEATURE),
         covariance=np.zeros((count, rows, rows)),
         particles=np.zeros((count, features, particles, 2)),

@@ -5,13 +5,13 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of
-from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into, solve_vector
 from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import Belief
+from activeslam_gym.slam.estimator import FIRST_ESTIMATES
 from activeslam_gym.slam.kalman import gain
-from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre, turning
+from activeslam_gym.slam.manifold import rotated, shift_mean, subtract_and_recentre, turning
 from activeslam_gym.slam.sight import POSE_DIM, Sight, measure, sight_with
 
 ITERATIONS = 6
@@ -69,7 +69,7 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
         lowers = step.cost < np.inf
         if lowers:
             W, last, moved = W_next, step, True
-        again = lowers and bent > STRAIGHT_PX
+        again = lowers and bent > STRAIGHT_PX and belief.state.variant != FIRST_ESTIMATES
         if again:
             _refer_to_prior(belief, things, line, last.delta)
         _restore(belief, first)
@@ -193,7 +193,7 @@ def _refer_to_prior(belief: Belief, things: np.ndarray, line: np.ndarray, delta:
 
     Then the new line is h(x_i) - H delta.
     """
-    E, J = turning(belief, delta), so3_left_jacobian(delta[D_ROTATION])
+    E, J = turning(belief, delta), rotated(belief, delta)
     for a in range(things.shape[0]):
         thing = things[a]
         for axis in range(2):

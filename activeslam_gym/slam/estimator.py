@@ -1,6 +1,7 @@
 """Estimators: what turns measurements into a state estimate, chosen by ``scenario.estimator``.
 
-`ekf` is compiled, and the default. Another estimator is a class with the methods of `Estimator` in one file of its own:
+`ekf` is compiled, and the default; `ekf-plain` and `ekf-fej` are the same with other Jacobians. Another estimator is a
+class with the methods of `Estimator` in one file of its own:
 
     @ESTIMATORS.register("mine")
     class Mine: ...
@@ -16,8 +17,10 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.registry import Registry
 from activeslam_gym.slam.estimate import Estimate
 
-EKF = "ekf"
-"""The compiled estimator, of which the environments run whole steps in one kernel."""
+EKF, EKF_PLAIN, EKF_FEJ = COMPILED = "ekf", "ekf-plain", "ekf-fej"
+"""The compiled estimators, of which the environments run whole steps in one kernel; see `slam.manifold`."""
+INVARIANT, PLAIN, FIRST_ESTIMATES = range(len(COMPILED))
+"""What tells them apart, `variant` of a belief: the default, its plain tangent, its first-estimate Jacobians."""
 NO_MATCH = 0
 """In place of an id: a measurement of no known landmark."""
 

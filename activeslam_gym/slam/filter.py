@@ -21,8 +21,8 @@ from activeslam_gym.slam.belief import (
     write_estimate,
 )
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
-from activeslam_gym.slam.estimator import EKF, ESTIMATORS, Measurements
-from activeslam_gym.slam.fixed_lag import FIXED_LAG, FixedLag
+from activeslam_gym.slam.estimator import EKF, EKF_FEJ, EKF_PLAIN, ESTIMATORS, Measurements
+from activeslam_gym.slam.fixed_lag import FIXED_LAG, SMOOTHER, FixedLag, Smoother
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
@@ -233,6 +233,8 @@ class Filter:
         return estimate.points, estimate.covariance
 
 
+@ESTIMATORS.register(EKF_FEJ)
+@ESTIMATORS.register(EKF_PLAIN)
 @ESTIMATORS.register(EKF)
 class Ekf:
     """The compiled filter as an `Estimator`, for registered sensors whose measurements are pixels."""
@@ -302,4 +304,5 @@ def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, 
 
 
 ESTIMATORS.register(FIXED_LAG)(FixedLag)
+ESTIMATORS.register(SMOOTHER)(Smoother)
 ESTIMATORS.seal()

@@ -1,4 +1,8 @@
-"""`fixed-lag`: incremental smoothing by GTSAM (Kaess et al., iSAM2, IJRR 2012). The lag is the whole episode.
+"""`fixed-lag` and `smoother`: incremental smoothing by GTSAM (Kaess et al., iSAM2, IJRR 2012).
+
+`smoother` keeps every pose of the episode, so that each can be relinearised: the reference. `fixed-lag` marginalises
+poses that are older than a lag, and so takes the same time for each frame. What they tell of the rest stays as a linear
+factor. Landmarks always stay.
 
 The variables are the camera's rotations and positions, one of each a frame, and the landmarks: azimuth, elevation and
 inverse depth from a fixed world point, the camera's estimated position at their first detection. Two successive poses
@@ -7,8 +11,6 @@ factor on three positions, which is linear, and one on three rotations.
 
 Rotation and position are variables of their own: with GTSAM's poses a correction of one bends the other, by more than
 the process noise of a frame. GTSAM perturbs a rotation on the right, R Exp(omega).
-
-Nothing is marginalised, so that every frame can be relinearised; see the constants for when.
 """
 
 import copy
@@ -27,7 +29,11 @@ from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.estimator import NO_MATCH, Measurements
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
-FIXED_LAG = "fixed-lag"
+FIXED_LAG, SMOOTHER = "fixed-lag", "smoother"
+LAG = 8.0
+"""Poses are marginalised when they are between this [s] and this and `MARGINALISED_EVERY` old."""
+MARGINALISED_EVERY = 2.0
+"""Time between two marginalisations, after each of which all else is relinearised [s]."""
 RELINEARISED_EVERY = 10
 """Frames between relinearisations."""
 RELINEARISATION_THRESHOLD = 0.02
@@ -54,40 +60,38 @@ class FixedLag:
         ValueError: the scenario has another association, or the sensor other measurements.
     """
 
+    name, lag = FIXED_LAG, LAG
     libraries = ("gtsam",)
     """On whose versions its results depend."""
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
         self.check(scenario)
         if np.shape(sensor.noise) != (2, 2):
-            raise ValueError(f"the estimator {FIXED_LAG!r} needs measurements that are pixels")
+            raise ValueError(f"the estimator {self.name!r} needs measurements that are pixels")
         import gtsam
 
         self._gtsam, self._scenario, self._fiducials = gtsam, scenario, fiducials
         self._lens, self._motion = camera_of(scenario), motion_of(scenario, 1.0)
 
-    @staticmethod
-    def check(scenario: Scenario) -> None:
+    @classmethod
+    def check(cls, scenario: Scenario) -> None:
         """Raise where it cannot work in the ``scenario``; the environment asks when it is made."""
         if scenario.association != KNOWN:
             raise ValueError(
-                f"the estimator {FIXED_LAG!r} needs scenario.association {KNOWN!r}, got {scenario.association!r}"
+                f"the estimator {cls.name!r} needs scenario.association {KNOWN!r}, got {scenario.association!r}"
             )
         try:
             import gtsam  # noqa: F401
         except ImportError as error:
             hint = "pip install gtsam, or in a clone: pip install -e '.[gtsam]'"
-            raise ImportError(f"the estimator {FIXED_LAG!r} needs GTSAM: {hint}") from error
+            raise ImportError(f"the estimator {cls.name!r} needs GTSAM: {hint}") from error
 
     def reset(self, mean: np.ndarray, covariance: np.ndarray) -> None:
         """Begin an episode."""
         gtsam, dt = self._gtsam, self._scenario.frame_time
-        settings = gtsam.ISAM2Params()
-        settings.setFactorization("QR")  # Cholesky fails after some seconds without measurements
-        settings.relinearizeSkip = RELINEARISED_EVERY
-        settings.setRelinearizeThreshold(RELINEARISATION_THRESHOLD)
-        self._isam, self._graph, self._values = gtsam.ISAM2(settings), gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self._anchors = np.zeros((0, 3))
+        self._isam, self._graph, self._values = self._new_isam(), gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._kept_factors: list[Any] = []
+        self._anchors, self._oldest = np.zeros((0, 3)), 0
         self._mean, self._dt, self._frame, self._time, self._failed = mean.copy(), dt, 1, 0.0, False
         self._newest: Any = None
         x, keys = self._mean, [*self._pose(0), *self._pose(1)]
@@ -154,8 +158,7 @@ class FixedLag:
         lines[:, 2] = np.maximum(lines[:, 2], LEAST_INVERSE_DEPTH)
         G, points = np.zeros((CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n)), np.empty((n, 3))
         G[:CAMERA_DIM, :CAMERA_DIM] = J
-        for k, at in enumerate(range(CAMERA_DIM, len(G), 3)):
-            points[k], G[at : at + 3, at : at + 3] = point_of(self._anchors[k], lines[k])
+        write_points(self._anchors, lines, points, G[CAMERA_DIM:, CAMERA_DIM:])
         mapped = np.sqrt(P.diagonal()[CAMERA_DIM + 2 :: 3]) < self._scenario.mapped_depth_ratio * lines[:, 2]
         ids = np.arange(1, n + 1)
         self._kept = Estimate(camera, ids, points, G @ P @ G.T, mapped, np.zeros(n, bool), self._time)
@@ -167,7 +170,15 @@ class FixedLag:
         other = copy.copy(self)
         other._isam = self._gtsam.ISAM2(self._isam)
         other._graph, other._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
+        other._kept_factors = self._kept_factors.copy()
         return other
+
+    def _new_isam(self) -> Any:
+        settings = self._gtsam.ISAM2Params()
+        settings.setFactorization("QR")  # Cholesky fails after some seconds without measurements
+        settings.relinearizeSkip = RELINEARISED_EVERY
+        settings.setRelinearizeThreshold(RELINEARISATION_THRESHOLD)
+        return self._gtsam.ISAM2(settings)
 
     def _initialise(self, z: np.ndarray) -> int:
         """A landmark at the pixel ``z`` (2,); its id."""
@@ -205,6 +216,10 @@ class FixedLag:
         if self._graph.size() and not self._failed:
             try:
                 self._solve()
+                if self.lag < np.inf:
+                    self._kept_factors += [self._graph.at(i) for i in range(self._graph.size())]
+                    if (self._frame - self._oldest) * self._scenario.frame_time > self.lag + MARGINALISED_EVERY:
+                        self._marginalise(self._frame - round(self.lag / self._scenario.frame_time))
             except RuntimeError:  # GTSAM's, of a system that is singular to working precision
                 self._failed = True
             self._graph, self._values = self._gtsam.NonlinearFactorGraph(), self._gtsam.Values()
@@ -212,9 +227,7 @@ class FixedLag:
 
     def _solve(self) -> None:
         """Steps of Gauss and Newton, as many as the frame wants; the present state and the map are eliminated last."""
-        last, before = self._gtsam.KeyGroupMap(), self._mean
-        for key in self._last():
-            last.insert2(key, 1)
+        last, before = self._constrained(), self._mean
         self._isam.update(self._graph, self._values, constrainedKeys=last)
         for _ in range(MOST_ITERATIONS):
             now = self._camera()[0]
@@ -223,6 +236,38 @@ class FixedLag:
                 break
             before = now
             self._isam.update(constrainedKeys=last, force_relinearize=True)
+
+    def _marginalise(self, first: int) -> None:
+        """Forget the poses before the frame ``first``, and linearise all others anew.
+
+        The factors of those poses, linearised at the present estimate, give a linear factor on the rest.
+        """
+        gtsam, values, kept = self._gtsam, self._isam.calculateEstimate(), []
+        old = [key for frame in range(self._oldest, first) for key in self._pose(frame)]
+        past, graph, order = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph(), gtsam.Ordering()
+        for key in old:
+            order.push_back(key)
+        for factor in self._kept_factors:
+            if set(old).isdisjoint(factor.keys()):
+                kept.append(factor)
+            else:
+                past.add(factor)
+        _, rest = past.linearize(values).eliminatePartialSequential(order, gtsam.EliminateQR)
+        parts = (rest.at(i) for i in range(rest.size()))
+        kept += [gtsam.LinearContainerFactor(part, values) for part in parts if part is not None]
+        for key in old:
+            values.erase(key)
+        for factor in kept:
+            graph.add(factor)
+        self._isam, self._kept_factors, self._oldest = self._new_isam(), kept, first
+        self._isam.update(graph, values, constrainedKeys=self._constrained())
+
+    def _constrained(self) -> Any:
+        """Eliminates the last two poses and the landmarks last."""
+        last = self._gtsam.KeyGroupMap()
+        for key in self._last():
+            last.insert2(key, 1)
+        return last
 
     def _fits(self) -> bool:
         """Whether the estimate fits the newest measurements; else it is too far from the linearisation."""
@@ -257,6 +302,12 @@ class FixedLag:
         return int(self._gtsam.symbol("l", id))
 
 
+class Smoother(FixedLag):
+    """The same over the whole episode."""
+
+    name, lag = SMOOTHER, np.inf
+
+
 def _write(jacobians: Any, J: np.ndarray, *widths: int) -> None:
     """Give GTSAM the blocks of columns of ``J``, where it asks for them."""
     if jacobians is not None:
@@ -277,10 +328,18 @@ def camera_state(R_A: Any, p_A: np.ndarray, R_B: Any, p_B: np.ndarray, dt: float
     return np.concatenate((p_B, (q.w(), q.x(), q.y(), q.z()), (p_B - p_A) / dt, w)), J
 
 
-def point_of(anchor: np.ndarray, line: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The world point (3,) of azimuth, elevation and inverse depth (3,) from the ``anchor`` (3,), and its Jacobian."""
-    m, m_azimuth, m_elevation = np.array(bearing(line[0], line[1]))
-    return anchor + m / line[2], np.stack((m_azimuth, m_elevation, -m / line[2]), axis=1) / line[2]
+@compiled
+def write_points(anchors: np.ndarray, lines: np.ndarray, points: np.ndarray, J: np.ndarray) -> None:
+    """The world ``points`` (n, 3) of azimuth, elevation and inverse depth (n, 3) from the ``anchors`` (n, 3).
+
+    Their Jacobian goes into ``J`` (3 n, 3 n), block by block.
+    """
+    for k in range(lines.shape[0]):
+        (azimuth, elevation, rho), at = lines[k], 3 * k
+        m = bearing(azimuth, elevation)
+        for i in range(3):
+            points[k, i] = anchors[k, i] + m[0][i] / rho
+            J[at + i, at], J[at + i, at + 1], J[at + i, at + 2] = m[1][i] / rho, m[2][i] / rho, -m[0][i] / (rho * rho)
 
 
 @compiled

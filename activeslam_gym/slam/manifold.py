@@ -1,4 +1,10 @@
-"""The mean on its manifold: how an update shifts it, and what the covariance is about the new mean."""
+"""The mean on its manifold: how an update shifts it, and what the covariance is about the new mean.
+
+Of the estimators, `ekf` is the right-invariant filter. `ekf-plain` keeps the tangent as it is, and so gains orientation
+that it never measured. `ekf-fej` moves the camera's tangent alone and takes a feature's Jacobians where it was first
+estimated (Huang, Mourikis and Roumeliotis, *A first-estimates Jacobian EKF for improving SLAM consistency*, 2008), so
+it does not iterate. The camera's part is the same as `ekf`'s: its Jacobians are taken at its prediction.
+"""
 
 import math
 
@@ -11,6 +17,7 @@ from activeslam_gym.linalg import (
     add_symmetric_product,
     copy_block,
     copy_into,
+    diagonal,
     subtract_from_one,
     subtract_symmetric,
 )
@@ -26,6 +33,7 @@ from activeslam_gym.motion import (
     VELOCITY,
 )
 from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVERSE_DEPTH, KIND_DIM, POINT, RHO, Belief
+from activeslam_gym.slam.estimator import INVARIANT, PLAIN
 
 MINIMUM_INVERSE_DEPTH = 0.01
 """Updates keep inverse depths above this [1/m]."""
@@ -89,10 +97,12 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
 def turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
     E = np.zeros((3, belief.state.dim))
+    if belief.state.variant == PLAIN:
+        return E
     _cross(delta[D_POSITION], E[:, D_POSITION])
     _cross(delta[D_VELOCITY], E[:, D_VELOCITY])
     _cross(delta[D_ANGULAR], E[:, D_ANGULAR])
-    for k in range(belief.state.count):
+    for k in range(belief.state.count if belief.state.variant == INVARIANT else 0):
         feature = belief.feature[k]
         at = feature.start
         _cross(delta[at : at + 3], E[:, at : at + 3])
@@ -124,10 +134,16 @@ def _turn_angles(azimuth: float, elevation: float, sign: float, E: np.ndarray) -
 
 
 @compiled
+def rotated(belief: Belief, delta: np.ndarray) -> np.ndarray:
+    """J_l (3, 3), M on the rotation's own rows and columns."""
+    return diagonal(np.ones(3)) if belief.state.variant == PLAIN else so3_left_jacobian(delta[D_ROTATION])
+
+
+@compiled
 def _recentre_rotation(belief: Belief, delta: np.ndarray) -> None:
     """P_theta = J_l P_theta, rows and columns."""
     P, dim = belief.covariance, belief.state.dim
-    J, P_theta = so3_left_jacobian(delta[D_ROTATION]), np.zeros((3, dim))
+    J, P_theta = rotated(belief, delta), np.zeros((3, dim))
     add_product(J, P[D_ROTATION], P_theta)
     for i in range(3):
         for j in range(dim):

@@ -26,6 +26,7 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
+    INVERSE_DEPTH,
     KIND_DIM,
     POINT,
     RAY,
@@ -36,6 +37,7 @@ from activeslam_gym.slam.belief import (
     fiducial_id,
 )
 from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
+from activeslam_gym.slam.estimator import FIRST_ESTIMATES
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
@@ -188,9 +190,30 @@ def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) ->
                 H_y[i, j] = 1.0 if i == j else 0.0
         return seen
     feature = belief.feature[thing.row - K]
-    if feature.kind == POINT:
-        return point_measurement(view, feature.mean, z, H_x, H_y)
-    return inverse_depth_measurement(view, feature.mean, z, H_x, H_y)
+    if belief.state.variant == FIRST_ESTIMATES:
+        return _measure_from_first(view, feature, thing)
+    return _measure_feature(view, feature.kind, feature.mean, z, H_x, H_y)
+
+
+@borrowing
+def _measure_feature(view: View, kind: int, mean: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
+    if kind == POINT:
+        return point_measurement(view, mean, z, H_x, H_y)
+    return inverse_depth_measurement(view, mean, z, H_x, H_y)
+
+
+@compiled
+def _measure_from_first(view: View, feature: Record, thing: Record) -> bool:
+    """The pixel at the present mean, and the Jacobians at the first estimate of all but the inverse depth.
+
+    A turn of camera and map does not change the inverse depth, which the first estimate hardly knows.
+    """
+    first, z_first = feature.first.copy(), np.empty(2)
+    if feature.kind == INVERSE_DEPTH:
+        first[RHO] = feature.mean[RHO]
+    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+    seen = _measure_feature(view, feature.kind, feature.mean, z, H_x, H_y)
+    return _measure_feature(view, feature.kind, first, z_first, H_x, H_y) and seen
 
 
 # All of them --------------------------------------------------------------------------------------------------------

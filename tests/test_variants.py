@@ -1,0 +1,71 @@
+"""The compiled estimators: which keep what no camera can measure, and that a batch of each is the single."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.evaluation import play
+from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO, Belief
+from activeslam_gym.slam.estimator import COMPILED, FIRST_ESTIMATES, INVARIANT, PLAIN
+from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
+
+from .support import PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, turn_of_everything
+
+SHIFT = 0.03
+
+
+def belief_of(variant: int) -> Belief:
+    """Some features, whose first estimates are not the present ones."""
+    rng = np.random.default_rng(0)
+    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, INVERSE_DEPTH, POINT], rng)
+    belief.state.variant = variant
+    for feature in belief.feature[: belief.state.count]:
+        feature.first[:] = feature.mean + SHIFT * rng.standard_normal(6)
+    return belief
+
+
+def turn_of(belief: Belief) -> np.ndarray:
+    """N (dim, 3) of a turn of camera and map, of the places where the Jacobians are taken."""
+    belief = copied(belief)
+    for feature in belief.feature[: belief.state.count] if belief.state.variant == FIRST_ESTIMATES else ():
+        feature.mean[:RHO] = feature.first[:RHO]
+    return turn_of_everything(belief)
+
+
+@pytest.mark.parametrize("variant", [INVARIANT, FIRST_ESTIMATES])
+def test_a_turn_of_camera_and_map_is_not_measured_and_stays_as_uncertain_as_it_was(variant: int) -> None:
+    belief = belief_of(variant)
+    dim, N = belief.state.dim, turn_of(belief)
+    np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
+    belief.covariance[:dim, :dim] = N @ N.T
+    delta = SHIFT * np.random.default_rng(1).standard_normal(dim)
+    delta[3:6] = 0.0
+    shift_mean(belief, delta)
+    subtract_and_recentre(belief, np.zeros((0, dim)), delta)
+    N = turn_of(belief)
+    np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
+    np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
+
+
+def test_the_plain_filter_keeps_the_covariance_and_so_measures_a_turn() -> None:
+    belief = belief_of(PLAIN)
+    before, N = joint_covariance(belief), turn_of(belief)
+    delta = SHIFT * np.random.default_rng(1).standard_normal(len(before))
+    shift_mean(belief, delta)
+    subtract_and_recentre(belief, np.zeros((0, len(delta))), delta)
+    np.testing.assert_allclose(joint_covariance(belief), before, rtol=1e-14)
+    assert np.abs(dense_H(sight_of(belief)) @ N).max() > 1.0
+
+
+@pytest.mark.parametrize("name", COMPILED[1:])
+def test_a_batch_is_the_single_to_the_bit(name: str) -> None:
+    seeds = [TRAINING_SEED, TRAINING_SEED + 1]
+    given = {"scenario": {"estimator": name}, "duration": 3.0, "end_when_lost": False}
+    many = gym.make_vec("ActiveSLAM-v0", num_envs=2, num_threads=1, autoreset_mode="DISABLED", **given)
+    batch = play(many, baselines.make("sweep", many), seeds)
+    one = gym.make("ActiveSLAM-v0", **given)
+    single = play(one, baselines.make("sweep", one), seeds[1:])[0]
+    np.testing.assert_array_equal(batch[1].log_score, single.log_score)
+    assert single.landmarks_mapped[-1] > 0

@@ -1,54 +1,62 @@
-"""How much of a score is the estimator's? The same policies and episodes with each estimator, labels known.
+"""How much of a score is the estimator's? The same policies and episodes with each estimator.
 
-    python -m benchmarks.studies.estimators --scenarios paper clusters --rooms 8 --out results/store
+    python -m benchmarks.studies.estimators --scenarios paper clusters --rooms 64 --out results/store
 
 Every run is flown to the end. Noise and landmarks are the same for each estimator; the motion is not quite, since the
-controller follows the estimate. Prints a Markdown table for each scenario. `fixed-lag` is left out where GTSAM is not
-installed.
+controller follows the estimate. Prints a Markdown table for each scenario. An estimator whose library is not installed
+is left out. `smoother` keeps the whole episode, and the bound is that of `bound`, along the paths of `ekf`.
 """
 
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from importlib.util import find_spec
 
 import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode, honesty
-from activeslam_gym.slam.estimator import EKF
-from activeslam_gym.slam.fixed_lag import FIXED_LAG
+from activeslam_gym.slam.estimator import COMPILED, EKF, ESTIMATORS
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, PERIOD, parser, played, tasks
+from benchmarks.studies import NEES, SLOW, installed, parser, played, tasks
+from benchmarks.studies.bound import Bound
 
-ESTIMATORS = (EKF, FIXED_LAG)
 POLICIES = ("sweep", "mi-mi", "random")
 TIMES = (5.0, 15.0, 35.0)
 """At which NEES and errors are read [s]."""
 HEADER = (
     *("policy", "estimator", "NEES of position, orientation, landmarks at 5 · 15 · 35 s"),
-    *("position error at 5 · 15 · 35 s, median, cm", "log score, median, bit", "lost", "ms a frame"),
+    *("position error at 5 · 15 · 35 s, RMS, cm", "log score, median, bit", "lost", "ms a frame"),
 )
 
 
-def row_of(policy: str, estimator: str, frame_time: float, runs: Sequence[Episode]) -> list[str]:
-    """A row of the table; times that a run does not reach are left out."""
+def rows_of(policy: str, estimator: str, frame_time: float, runs: Sequence[Episode]) -> list[list[str]]:
+    """The row of an estimator, and the bound's, where it was measured; times that a run does not reach are left out."""
     times = [time for time in TIMES if time <= runs[0].times[-1]]
     at = [[honesty(run, time) for run in runs] for time in times]
     nees = [", ".join(_mean([one[part] for one in rooms]) for part in NEES) for rooms in at]
-    errors = [np.median([np.interp(time, run.times, run.position_error) for run in runs]) for time in times]
+    kept = [run for run in runs if not run.lost]
     frames = [round((run.times[-1] - run.times[0]) / len(run.step_us) / frame_time) for run in runs]
     spent = np.median([np.median(run.step_us) / count for run, count in zip(runs, frames)])  # not the compilation
-    return [
+    row = [
         f"`{policy}`",
         f"`{estimator}`",
         " · ".join(nees),
-        " · ".join(f"{100.0 * error:.1f}" for error in errors),
+        _root_mean_squares([(run.times, run.position_error) for run in kept], times),
         estimate([run.log_score[-1] for run in runs], "median").text(1.0, 0),
         f"{sum(run.lost for run in runs)} of {len(runs)}",
         f"{spent / 1000.0:.2f}",
     ]
+    if "bound" not in runs[0].notes:
+        return [row]
+    bound = _root_mean_squares([(run.times, run.notes["bound"][:, 0]) for run in kept], times)
+    return [[f"`{policy}`", "Cramér–Rao bound", "", bound, "", "", ""], row]
+
+
+def _root_mean_squares(curves: Sequence[tuple[np.ndarray, np.ndarray]], times: Sequence[float]) -> str:
+    """Of curves (times, values) [m] at ``times``, in centimetres."""
+    at = np.array([np.interp(times, *curve) for curve in curves]).reshape(-1, len(times))
+    return " · ".join(f"{100.0 * value:.1f}" for value in np.sqrt((at**2).mean(axis=0)))
 
 
 def _mean(values: Sequence[float]) -> str:
@@ -61,22 +69,26 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print the tables."""
     made = parser("estimators", __doc__, POLICIES, 8)
     made.add_argument("--seed", type=int, default=config.TRAINING_SEED, help="of the first room")
+    made.add_argument("--slow-rooms", type=int, default=4, help=f"for {' and '.join(SLOW)}")
     made.add_argument("--scenarios", nargs="+", default=("paper", "clusters"), choices=tuple(config.SCENARIOS))
-    made.add_argument("--estimators", nargs="+", default=ESTIMATORS)
+    made.add_argument("--estimators", nargs="+", default=tuple(ESTIMATORS.own), choices=tuple(ESTIMATORS))
+    made.add_argument("--association", choices=(config.KNOWN, config.UNKNOWN), default=config.KNOWN)
     args = made.parse_args(arguments)
-    estimators = [name for name in args.estimators if name != FIXED_LAG or find_spec("gtsam")]
-    if len(estimators) < len(args.estimators):
-        print(f"`{FIXED_LAG}` is left out: GTSAM is not installed (pip install -e '.[gtsam]').")
+    known = args.association == config.KNOWN
+    estimators = installed([name for name in args.estimators if known or name not in SLOW])
     for name in args.scenarios:
-        groups = {}
+        rows, frame_time = [], config.SCENARIOS[name].frame_time
         for policy in args.policies:
             for estimator in estimators:
-                scenario = replace(config.SCENARIOS[name], association=config.KNOWN, estimator=estimator)
-                settings = json.dumps({"scenario": asdict(scenario), "gaze_period": PERIOD})
-                groups[policy, estimator] = tasks(policy, settings, args.seed, args.rooms)
-        frame_time = config.SCENARIOS[name].frame_time
-        rows = [row_of(*key, frame_time, runs) for key, runs in played(groups, args.out).items()]
-        print(f"\n### {name}: {args.rooms} rooms from {args.seed}\n\n{table(HEADER, rows, '|---' * 5 + '|---:|---:|')}")
+                scenario = replace(config.SCENARIOS[name], association=args.association, estimator=estimator)
+                settings = json.dumps({"scenario": asdict(scenario)})
+                rooms = min(args.slow_rooms, args.rooms) if estimator in SLOW else args.rooms
+                measures = (Bound,) if known and estimator == EKF and not scenario.has_bodies else ()
+                group = {estimator: tasks(policy, settings, args.seed, rooms, *measures)}
+                runs = played(group, args.out, 100 if estimator in COMPILED else 10)[estimator]
+                rows += rows_of(policy, estimator, frame_time, runs)
+        title = f"{name}, association {args.association}: {args.rooms} rooms from {args.seed}"
+        print(f"\n### {title}\n\n{table(HEADER, rows, '|---' * 5 + '|---:|---:|')}")
 
 
 if __name__ == "__main__":

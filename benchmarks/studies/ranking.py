@@ -49,7 +49,7 @@ def tau(scores: Scores, pairs: Sequence[Pair]) -> tuple[float, float, float]:
     """Kendall's tau of ``scores`` over ``pairs`` in their right order, and its interval."""
     gaps = np.array([scores[a] - scores[b] for a, b in pairs])  # (pairs, episodes)
     drawn = np.random.default_rng(0).integers(gaps.shape[1], size=(RESAMPLES, gaps.shape[1]))
-    taus = [np.sign(trim_mean(gaps[:, rooms], 0.25, axis=1)).mean() for rooms in drawn]
+    taus = np.sign(trim_mean(gaps[:, drawn], 0.25, axis=2)).mean(axis=0)
     low, high = np.quantile(taus, TAILS)
     return float(np.sign(trim_mean(gaps, 0.25, axis=1)).mean()), float(low), float(high)
 

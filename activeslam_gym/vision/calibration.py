@@ -10,6 +10,7 @@ import numpy as np
 
 from activeslam_gym.config import Scenario, is_number
 from activeslam_gym.files import text_of
+from activeslam_gym.vision.settings import scale_of
 
 
 class Calibration(NamedTuple):
@@ -22,9 +23,20 @@ class Calibration(NamedTuple):
     principal_y_px: float
     distortion: float  # K_d [1/px^2]
 
+    @property
+    def scale(self) -> int:
+        """Pixels of an image, along a side, to one of the pyramid's level that is searched."""
+        return scale_of(self.focal_px, max(self.image_width, self.image_height))
+
+    def reduced(self, scale: int) -> "Calibration":
+        """The same lens in pixels that are ``scale`` times as wide, see `views.reduced`."""
+        width, height, focal, x, y, distortion = self
+        middle = ((x + 0.5) / scale - 0.5, (y + 0.5) / scale - 0.5)
+        return Calibration(width // scale, height // scale, focal / scale, *middle, distortion * scale**2)
+
     def scenario(self, **fields: Any) -> Scenario:
-        """A scenario with this camera; ``fields`` are other fields of `Scenario`."""
-        return Scenario(**{**self._asdict(), **fields})
+        """A scenario with this camera, at the level that is searched; ``fields`` are other fields of `Scenario`."""
+        return Scenario(**{**self.reduced(self.scale)._asdict(), **fields})
 
     def check_image(self, image: np.ndarray) -> None:
         """Demand a grey image (h, w) uint8 of the calibrated size.
@@ -61,7 +73,7 @@ def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> 
             raise ValueError(f"{where}: {name} must be a finite number, got {reprlib.repr(value)}")
     found = Calibration(**fields)
     try:
-        found.scenario()
+        Scenario(**fields)
     except ValueError as error:
         raise ValueError(f"{where}: {str(error).removeprefix('scenario.')}") from None
     radius = math.hypot(

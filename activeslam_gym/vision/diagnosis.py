@@ -12,7 +12,6 @@ from activeslam_gym.vision.templates import TEMPLATE_HALF
 _DARK = 40  # an image is dark where 99 % of its pixels are no brighter, of 255
 _FEW_CORNERS = 8  # an image with fewer is blank
 _LOOKED_AT = 60  # lost images whose reason is sought
-_LARGE = 400  # of images wider than this, smaller ones are suggested [px]
 _TURNING = 0.2  # share of the map with a known depth, under which the camera has moved sideways too little
 
 DARK = "is dark (99 % of its pixels have {level} of 255 or less): more light, or a longer exposure, would help"
@@ -36,14 +35,13 @@ class Diagnosis:
         self._reasons: Counter[str] = Counter()
         self._first: dict[str, str] = {}  # the words on the first dark image, and on the first blank one
         self._mapped = 1.0
-        self._width = 0
 
     def add(self, image: np.ndarray, log: FrameLog, mapped: np.ndarray) -> None:
         """A lost ``image`` (h, w), its ``log``, and which features of the map (n,) have a known depth."""
         if self._reasons.total() >= _LOOKED_AT:
             return
         if not self._reasons:
-            self._width, self._mapped = image.shape[1], float(mapped.mean()) if len(mapped) else 1.0
+            self._mapped = float(mapped.mean()) if len(mapped) else 1.0
         if spot := blemish(image):
             reason = f"a lost image {self._first.setdefault(spot.split(' (')[0], spot)}"
         elif log.found > 2 * max(log.matched, 3):
@@ -66,8 +64,6 @@ class Diagnosis:
         if not reason.startswith("a lost image"):
             if self._mapped < _TURNING:
                 advice.append("the camera had moved sideways by next to nothing, and turning gives no depth")
-            if self._width > _LARGE:
-                advice.append(f"images of {self._width // 2} px width, with a calibration of their own, may help")
             if not target:
                 advice.append("a target in the first image may help")
         return "; ".join([reason, *advice])

@@ -12,6 +12,7 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.association import REJECTED
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.views import reduced
 
 _SCALE = 2  # pixels of the film for one of the image
 _MATCHED, _MISSED, _PATH, _FEATURE = (80, 200, 80), (60, 60, 230), (0, 94, 213), (150, 150, 150)  # blue, green, red
@@ -36,6 +37,7 @@ def film_to(path: Path, rate: float) -> Iterator[Callable[[FrontEnd, np.ndarray]
         def add(front_end: FrontEnd, image: np.ndarray) -> None:
             nonlocal writer, unfinished, pictures
             track.append(front_end.filter.mean[:3])
+            image = reduced(image, image.shape[1] // int(front_end.camera.width))
             picture = np.hstack((_seen(cv2, front_end, image), _map(cv2, front_end, track, image.shape)))
             if writer is None:
                 unfinished = at_close.enter_context(written_whole(path))

@@ -23,7 +23,7 @@ from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
 from activeslam_gym.vision.search import FOUND, PEAKS, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
-from activeslam_gym.vision.views import change_of_view, turn_between, view_from
+from activeslam_gym.vision.views import change_of_view, reduced, turn_between, view_from
 
 
 class FrameLog(NamedTuple):
@@ -70,23 +70,24 @@ class FrontEnd:
 
     def __init__(self, filter: Filter, settings: FrontEndSettings | None = None) -> None:
         self.filter, self.camera = filter, filter.camera
-        self.settings = settings or FrontEndSettings()
+        self.settings = (settings or FrontEndSettings()).seen_through(float(self.camera.focal))
         self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
         self._found: list[np.ndarray] = []
         self._searched: list[Searched] = []
         self._views: list[np.ndarray] = []
         self._blind = 0  # images in a row without the map
+        self._scale = 1  # pixels of an image, along a side, to one of the filter's
         self._target: tuple[Drawn, np.ndarray] | None = None
         self._drawn_from: dict[int, np.ndarray] = {}  # the camera's pose (7,) at the last drawing of each fiducial
 
     # The start --------------------------------------------------------------------------------------------------------
 
     def start(self, image: np.ndarray, drawn: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> None:
-        """The first image (h, w): the fiducials' templates at ``corners`` (K, 2) [px] of ``drawn`` (h, w) float32 on
-        the plane with ``normal`` (3,) (world, away from the camera), and first births. The corners have told the pose;
-        they do not update again."""
-        image = np.ascontiguousarray(image)
+        """The first image (h, w): the fiducials' templates at ``corners`` (K, 2) [px] of ``drawn`` (h, w) float32, in
+        the filter's pixels, on the plane with ``normal`` (3,) (world, away from the camera), and first births. The
+        corners have told the pose; they do not update again."""
+        image = self._reduced(image)
         for k, corner in enumerate(corners):
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
         for _ in range(4):
@@ -128,14 +129,15 @@ class FrontEnd:
 
     @property
     def candidates(self) -> np.ndarray:
-        """(M,) DETECTION: those of the last image with the filter's answer; births at the end."""
+        """(M,) DETECTION: those of the last image with the filter's answer, in its pixels; births at the end."""
         return np.concatenate(self._found)
 
     @property
     def searched(self) -> Searched:
-        """The searches of the last image; none before the second image."""
+        """The searches of the last image, in its pixels; none before the second image."""
         none = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
-        return Searched(*map(np.concatenate, zip(none, *self._searched)))
+        own, n = Searched(*map(np.concatenate, zip(none, *self._searched))), self._scale
+        return own if n == 1 else own._replace(pixel=n * (own.pixel + 0.5) - 0.5, covariance=n**2 * own.covariance)
 
     def first_seen(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) where the camera was when each of the features ``ids`` (n,) was initialised [m]; NaN if unknown."""
@@ -164,7 +166,7 @@ class FrontEnd:
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
         began = time.process_time()
-        image = np.ascontiguousarray(image)
+        image = self._reduced(image)
         grey = image.astype(np.float32)
         self._frame += 1
         self._found, self._searched = [np.zeros(0, DETECTION)], []
@@ -181,6 +183,11 @@ class FrontEnd:
         missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
         return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.process_time() - began))
+
+    def _reduced(self, image: np.ndarray) -> np.ndarray:
+        """The level of the ``image``'s pyramid that has the size of the filter's camera."""
+        self._scale = image.shape[1] // int(self.camera.width)
+        return reduced(image, self._scale)
 
     def _notice(self, searched: int, matched: int) -> bool:
         """Whether so much of the map is in sight that features may be judged and born. Remembers the view, or counts

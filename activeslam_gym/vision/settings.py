@@ -1,25 +1,43 @@
 """Settings of the front end: which features are searched, believed, added and deleted."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.vision.search import SEARCH
 
+FOCAL_PX, RATE_HZ = 195.0, 30.0
+"""The lens and the rate for which the settings are stated."""
+LEAST_SIDE = 240
+"""Pixels along an image that leave room for features."""
+
+
+def scale_of(focal: float, side: int) -> int:
+    """The power of two by which an image is reduced before it is searched: that brings its ``focal`` length [px]
+    nearest to FOCAL_PX, so that templates have the same angle in images of every size. Of a narrow lens, the longer
+    ``side`` of the image [px] keeps LEAST_SIDE pixels."""
+    halvings = min(round(math.log2(focal / FOCAL_PX)), math.floor(math.log2(side / LEAST_SIDE)))
+    return 2 ** max(0, halvings)
+
 
 @dataclass(frozen=True)
 class FrontEndSettings:
-    """Settings of one front end; a frame is one image."""
+    """Settings of one front end; a frame is one image.
+
+    Areas of ellipses are angles: they are stated for a focal length of 195 px, and `seen_through` tells them for
+    another. Other pixels are those of the image that is searched, see `scale_of`.
+    """
 
     # Search
     gate: float = 11.8  # squared Mahalanobis distance to which ellipses are searched: 3 sigma, 99.7 %
     least_score: float = 0.8  # normalised cross-correlation of a candidate
-    largest_area: float = 4000.0  # larger ellipses are not searched [px^2]
+    largest_area: float = 8000.0  # larger ellipses are not searched [px^2]
     warp: bool = True  # whether templates are warped to the present view
     subpixel: bool = True  # whether matches are refined below the pixel
     most_change: float = 2.0  # a feature whose view has changed more is not searched, and may get a neighbour [rad]
-    vague_area: float = 1500.0  # where the median ellipse is larger, scouts are searched first [px^2]
+    vague_area: float = 3000.0  # where the median ellipse is larger, scouts are searched first [px^2]
     scouts: int = 10  # how many go first
-    scout_area: float = 20000.0  # of a larger ellipse, a scout searches the middle part of this size [px^2]
+    scout_area: float = 40000.0  # of a larger ellipse, a scout searches the middle part of this size [px^2]
 
     # Noise and association
     least_share: float = 0.2  # if fewer of the searched belong together, none is believed: outliers agree now and then
@@ -62,6 +80,16 @@ class FrontEndSettings:
     sought: int = 20  # features that are sought, those with the best record
     constellation: int = 7  # so many must agree with one pose
 
+    def seen_through(self, focal: float) -> "FrontEndSettings":
+        """The same, with areas of the same angles in a lens of ``focal`` length [px]."""
+        share = (focal / FOCAL_PX) ** 2
+        areas = {name: share * getattr(self, name) for name in ("largest_area", "vague_area", "scout_area")}
+        return replace(self, **areas)
+
+    def at_rate(self, rate: float) -> "FrontEndSettings":
+        """The same, for ``rate`` [Hz] images a second: times in frames are stated for 30 Hz."""
+        return replace(self, births_every=max(1, round(self.births_every * rate / RATE_HZ)))
+
     def search(self, scouting: bool) -> Record:
         """The SEARCH record; scouts search the middle of ellipses that are too large."""
         return filled(SEARCH, self, largest_area=self.scout_area if scouting else self.largest_area, shrink=scouting)
@@ -70,6 +98,7 @@ class FrontEndSettings:
 SIGHTED = FrontEndSettings(
     visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.6,
     fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2, residual_weight=3.0,
-    most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22,
+    most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22, largest_area=4000.0, vague_area=1500.0,
+    scout_area=20000.0,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

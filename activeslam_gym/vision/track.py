@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import camera_of
+from activeslam_gym.config import Scenario
 from activeslam_gym.files import Lines, argument, demand_writable, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
@@ -33,14 +34,16 @@ from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
 from activeslam_gym.vision.target import FACING, Target, read_target
+from activeslam_gym.vision.views import reduced
 
 HAND_HELD: dict[str, Any] = {
     "name": "track",
     "landmark_count": 36,  # with its spare places, a map of 49: "fewer than 50"
     "pixel_std": 1.0,
-    "filter_acceleration_std": 4.0,
-    "filter_angular_acceleration_std": 6.0,
+    "filter_acceleration_std": 2.0,  # 95 % of a hand's are under 1.2 m/s^2 ...
+    "filter_angular_acceleration_std": 3.0,  # ... and under 3.5 rad/s^2
     "command_known": False,
+    "linearity_threshold": 0.1,  # Civera, Davison and Montiel's; at 0.2 a map without a target drifts in scale
     "inverse_depth_mean": 1.5,  # a desk: 0.44 to 1.33 m at one deviation; without a target, the only scale
     "inverse_depth_std": 0.75,
 }
@@ -91,19 +94,22 @@ def start(
     """
     calibration.check_image(image)
     scenario = calibration.scenario(frame_time=1.0 / rate, **{**HAND_HELD, **(scenario_fields or {})})
-    camera, fiducials = camera_of(scenario), np.zeros((0, 3))
+    whole, fiducials = camera_of(Scenario(**calibration._asdict())), np.zeros((0, 3))
     pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
     if target is not None:
         try:
-            points, corners = seen_corners(image, camera, target)
+            points, corners = seen_corners(image, whole, target)
         except ValueError as error:
             raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
-        pose, covariance = start_pose(camera, points, corners, _CORNER_STD)
+        pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
         fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
     P[:6, :6] = covariance
-    front_end = FrontEnd(Filter(scenario, fiducials=fiducials, camera=mean, covariance=P), settings)
-    picture, pixels = (image, fiducials[:, :2]) if target is None else drawn(image, camera, target, pose, fiducials)
+    filter = Filter(scenario, fiducials=fiducials, camera=mean, covariance=P)
+    front_end = FrontEnd(filter, (settings or FrontEndSettings()).at_rate(rate))
+    picture, pixels = reduced(image, calibration.scale), fiducials[:, :2]
+    if target is not None:
+        picture, pixels = drawn(picture, filter.camera, target, pose, fiducials)
     front_end.start(image, picture, pixels, _BEHIND)
     return front_end
 

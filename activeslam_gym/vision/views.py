@@ -6,6 +6,15 @@ from scipy.spatial.transform import Rotation
 from activeslam_gym.camera import View, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record
+from activeslam_gym.vision.opencv import opencv
+
+
+def reduced(image: np.ndarray, scale: int) -> np.ndarray:
+    """The ``image`` (h, w) with the mean of each ``scale`` x ``scale`` pixels as one; what is left over is cut off."""
+    if scale == 1:
+        return np.ascontiguousarray(image)
+    cv2, (h, w) = opencv(), np.array(image.shape) // scale
+    return cv2.resize(image[: h * scale, : w * scale], (int(w), int(h)), interpolation=cv2.INTER_AREA)
 
 
 def view_from(camera: Record, pose: np.ndarray) -> View:

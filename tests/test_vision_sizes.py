@@ -1,0 +1,75 @@
+"""Images of other sizes, lenses and rates: settings are angles and seconds, and the search is at one level."""
+
+from itertools import count
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.camera import camera_of, ray_from_pixel  # noqa: E402
+from activeslam_gym.config import Scenario  # noqa: E402
+from activeslam_gym.vision.calibration import Calibration  # noqa: E402
+from activeslam_gym.vision.frontend import FrontEndSettings  # noqa: E402
+from activeslam_gym.vision.settings import scale_of  # noqa: E402
+from activeslam_gym.vision.track import follow  # noqa: E402
+from activeslam_gym.vision.views import reduced  # noqa: E402
+
+from .vision_scene import LENS, image_from, path  # noqa: E402
+
+IMAGES = [image_from(pose, samples=2) for pose in path(12)]
+
+
+def enlarged(lens: Calibration, n: int) -> Calibration:
+    """The lens of images with n x n pixels for each."""
+    middle = ((at + 0.5) * n - 0.5 for at in lens[3:5])
+    return Calibration(n * lens[0], n * lens[1], n * lens.focal_px, *middle, lens.distortion / n**2)
+
+
+@pytest.mark.parametrize("focal", [90.0, 138.0, 195.0, 275.0, 525.0, 800.0, 1400.0])
+def test_the_searched_level_has_one_angle_a_pixel(focal: float) -> None:
+    assert focal < 195.0 or 195.0 / 1.4143 <= focal / scale_of(focal, 5000) <= 195.0 * 1.4143
+
+
+@pytest.mark.parametrize(("focal", "side", "scale"), [(440.0, 320, 1), (880.0, 640, 2), (393.0, 480, 2), (1e9, 640, 2)])
+def test_an_image_of_a_narrow_lens_keeps_room_for_features(focal: float, side: int, scale: int) -> None:
+    assert scale_of(focal, side) == scale
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_a_reduced_lens_sees_the_same_rays(n: int) -> None:
+    whole = camera_of(Scenario(**enlarged(LENS, n)._asdict()))
+    part = camera_of(Scenario(**enlarged(LENS, n).reduced(n)._asdict()))
+    for pixel in ((0.0, 0.0), (160.0, 200.0), (319.0, 12.0)):
+        z = np.array(pixel)
+        np.testing.assert_allclose(ray_from_pixel(whole, n * (z + 0.5) - 0.5), ray_from_pixel(part, z), rtol=1e-9)
+
+
+def test_a_reduced_image_is_the_mean_of_its_pixels_and_cuts_what_is_left_over() -> None:
+    image = np.arange(5 * 7, dtype=np.uint8).reshape(5, 7) * 4
+    np.testing.assert_array_equal(reduced(image, 2), image[:4, :6].reshape(2, 2, 3, 2).mean(axis=(1, 3)))
+    assert reduced(image, 1) is image
+
+
+def test_areas_are_angles_and_times_are_seconds() -> None:
+    s = FrontEndSettings()
+    assert s.seen_through(195.0) == s and s.seen_through(390.0).largest_area == 4.0 * s.largest_area
+    assert s.at_rate(30.0) == s and [s.at_rate(rate).births_every for rate in (10.0, 60.0)] == [1, 6]
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_larger_images_of_the_same_scene_are_tracked_alike(n: int) -> None:
+    small = follow(zip(count(0.0, 1 / 30), IMAGES), LENS, None, 30.0)
+    large = [image.repeat(n, axis=0).repeat(n, axis=1) for image in IMAGES]
+    found = follow(zip(count(0.0, 1 / 30), large), enlarged(LENS, n), None, 30.0)
+    assert found.filter.camera.width == LENS.image_width and not found.lost.any()
+    np.testing.assert_allclose(found.cameras, small.cameras, atol=1e-7)
+
+
+def test_the_searches_are_told_in_the_pixels_of_the_image() -> None:
+    large, told = [image.repeat(2, axis=0).repeat(2, axis=1) for image in IMAGES[:4]], []
+    for lens, images in ((LENS, IMAGES[:4]), (enlarged(LENS, 2), large)):
+        follow(zip(count(0.0, 1 / 30), images), lens, None, 30.0, watch=lambda one, *_: told.append(one.searched))
+    small, double = told[3], told[7]
+    np.testing.assert_allclose(double.pixel, 2.0 * (small.pixel + 0.5) - 0.5, atol=1e-4)
+    np.testing.assert_allclose(double.covariance, 4.0 * small.covariance, rtol=1e-4)

@@ -29,7 +29,6 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folders: dict[str, list[np.ndarray]] = {
         "good": [image] * 3,
         "resized": [image, image[:200]],
-        "coloured": [colour],
         "deep": [image.astype(np.uint16)],
         "dark": [image // 30],
         "bare": [np.full_like(image, 180)],
@@ -81,7 +80,6 @@ TABLE = [
     ),
     ("track", {"images": "no*.png"}, "--images: nothing matches the pattern no*.png"),
     ("track", {"images": "camera:front"}, "--images: a camera is camera:0, camera:1 and so on, got camera:front"),
-    ("track", {"images": "coloured"}, "--images: 0.png is in colour; grey images are needed"),
     ("track", {"images": "deep"}, "--images: 0.png has uint16 pixels; 8-bit grey is needed"),
     ("track", {"images": "dark"}, "no edge of the target"),
     ("track", {"images": "bare"}, "the image has no corners (a blank wall, or blur)"),

@@ -132,7 +132,6 @@ def test_an_unreadable_source_is_named(name, word, tmp_path) -> None:
     "bad, word",
     [
         (np.zeros((20, 32), np.uint8), "32 x 20"),
-        (np.dstack([np.full((24, 32), c, np.uint8) for c in (1, 2, 3)]), "colour"),
         (np.zeros((24, 32), np.uint16), "uint16"),
     ],
 )
@@ -143,6 +142,15 @@ def test_images_before_a_bad_one_are_handed_out(tmp_path, bad, word) -> None:
     assert next(frames)[0] == 0.0
     with pytest.raises(SourceError, match=word):
         next(frames)
+
+
+def test_images_in_colour_are_read_as_grey(tmp_path) -> None:
+    grey = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32).astype(np.uint8)
+    write(tmp_path / "0.png", np.dstack([grey] * 3))
+    write(tmp_path / "1.png", np.dstack([np.full((24, 32), value, np.uint8) for value in (40, 80, 200)]))
+    (_, same), (_, mixed) = open_images(tmp_path, 30.0)
+    np.testing.assert_array_equal(same, grey)
+    assert (mixed == round(0.114 * 40 + 0.587 * 80 + 0.299 * 200)).all()
 
 
 @pytest.fixture(scope="module")

@@ -186,7 +186,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     """The lens from the pictures ``images`` (a folder, a pattern or a video) of a board, written to the file ``out``.
 
     Raises:
-        SourceError, ValueError: a picture is unreadable, coloured or of another size, or too few show the board.
+        SourceError, ValueError: a picture is unreadable or of another size, or too few show the board.
         ModuleNotFoundError: OpenCV is not installed.
     """
     if kind not in KINDS:

@@ -28,8 +28,8 @@ def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
     of the live camera ``camera:0``, in grey, with the times at which they came.
 
     Raises:
-        SourceError: there is nothing there (said at once), or an image is unreadable, coloured or of another size than
-            the first (said when it is reached).
+        SourceError: there is nothing there (said at once), or an image is unreadable or of another size than the
+            first (said when it is reached).
         ValueError: ``rate`` is not positive and finite.
         ModuleNotFoundError: OpenCV is not installed.
     """
@@ -79,18 +79,19 @@ def _timed(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Fr
 
 
 def _grey(image: np.ndarray, name: str) -> np.ndarray:
-    """The image (h, w) uint8; three equal channels count as grey.
+    """The image (h, w) uint8: of colours the luminance, and of three equal channels exactly their value.
 
     Raises:
-        SourceError: it has colours, or no 8 bits.
+        SourceError: it has no 8 bits.
     """
     if image.dtype != np.uint8:
         raise SourceError(f"{name} has {image.dtype} pixels; 8-bit grey is needed")
     if image.ndim == 2:
         return image
-    if (image[:, :, 1:3] != image[:, :, :1]).any():
-        raise SourceError(f"{name} is in colour; grey images are needed (convert them first)")
-    return np.ascontiguousarray(image[:, :, 0])
+    if (image[:, :, 1:3] == image[:, :, :1]).all():
+        return np.ascontiguousarray(image[:, :, 0])
+    cv2 = opencv()
+    return cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), cv2.COLOR_BGR2GRAY)
 
 
 def _pictures(files: list[Path], nothing: str) -> Iterator[tuple[str, np.ndarray]]:

@@ -171,13 +171,9 @@ def _calibrate(args: argparse.Namespace) -> None:
     print(
         f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
         f"focal_px {lens.focal_px:.2f} +- {stds[0]:.2f}, principal point ({lens.principal_x_px:.2f} +- {stds[1]:.2f}, "
-        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion "
-        + (f"{lens.distortion:.3e} +- {stds[3]:.0e}" if fit.unbounded >= 0.0 else "0 (held)")
+        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
+        f"written to {args.out}"
     )
-    if fit.unbounded < -2.0 * fit.unbounded_std:
-        fits = f"a distortion of {fit.unbounded:.1e} +- {fit.unbounded_std:.0e} (pincushion) fits better"
-        print(f"{fits}, but equation 1 has none below 0; residual and deviations are of the lens without")
-    print(f"written to {args.out}")
 
 
 if __name__ == "__main__":

@@ -73,12 +73,18 @@ def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: Vector) -> tuple[float, 
 
 @borrowing
 def pixel_from_camera_point(camera: Record, p_C: Vector, z: np.ndarray) -> bool:
-    """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera."""
+    """Project ``p_C`` (3,) [m] into ``z`` (2,) [px] (equation 1). False, with ``z`` untouched, behind the camera.
+
+    With K_d < 0, a pincushion, directions with d <= 0 have no pixel either: they are beyond every image.
+    """
     if p_C[2] <= 0.0:
         return False
     u_c = camera.focal * p_C[0] / p_C[2]
     v_c = camera.focal * p_C[1] / p_C[2]
-    root = math.sqrt(1.0 + camera.distortion * (u_c * u_c + v_c * v_c))
+    d = 1.0 + camera.distortion * (u_c * u_c + v_c * v_c)
+    if d <= 0.0:
+        return False
+    root = math.sqrt(d)
     z[0] = camera.u0 - u_c / root
     z[1] = camera.v0 - v_c / root
     return True

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym import camera
+from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 
 from .support import CAMERA, NO_BOXES, pixel_of, random_camera
@@ -38,6 +39,16 @@ def test_projection_and_back_projection_are_inverse_over_the_whole_image() -> No
     p_C = np.array([-0.7, 0.4, 1.3])
     np.testing.assert_allclose(camera.ray_from_pixel(CAMERA, project(*p_C)), p_C / p_C[2], atol=1e-13)
     assert np.isfinite(camera.ray_from_pixel(CAMERA, np.array([1000.0, -500.0]))).all()  # beyond infinity's image
+
+
+def test_a_pincushion_bends_outwards_and_has_its_inverse_and_jacobian() -> None:
+    lens, z, J = camera.camera_of(Scenario(distortion=-4e-6)), np.empty(2), np.empty((2, 3))
+    for pixel in itertools.product(np.linspace(0.0, 320.0, 9), np.linspace(0.0, 240.0, 7)):
+        ray = camera.ray_from_pixel(lens, np.array(pixel))
+        assert camera.pixel_from_camera_point(lens, 2.0 * ray, z) and np.abs(z - pixel).max() < 1e-9
+        camera.pixel_jacobian(lens, ray, J)
+        np.testing.assert_allclose(J @ camera.ray_jacobian(lens, np.array(pixel)), np.eye(2), atol=1e-9)
+    assert not camera.pixel_from_camera_point(lens, np.array([3.0, 0.0, 1.0]), z)  # K_d u_c^2 < -1
 
 
 def test_nothing_is_seen_behind_or_nearer_than_the_minimum_depth() -> None:

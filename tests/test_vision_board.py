@@ -110,20 +110,18 @@ def test_repeated_fits_spread_as_they_claim(noise_px) -> None:
 def test_lens_and_deviations_are_those_of_opencv(seed) -> None:
     views = pinhole(seed, 0.3)
     fit = fit_lens(views, 640, 480)
-    residual, lens, stds = fitted_by_opencv(views, bent=fit.unbounded > 0.0)
+    residual, lens, stds = fitted_by_opencv(views, bent=True)
     assert fit.calibration.focal_px == pytest.approx(lens[0], rel=0.001)
     np.testing.assert_allclose(fit.stds[:3], stds, rtol=0.1)
     assert fit.residual_px == pytest.approx(residual, rel=0.02)
 
 
-def test_a_pincushion_is_told_and_the_residual_is_of_the_written_lens() -> None:
+def test_a_pincushion_is_fitted() -> None:
     views = pinhole(1, 0.1, -4e-7)
     fit = fit_lens(views, 640, 480)
-    assert fit.unbounded == pytest.approx(-4e-7, rel=0.2)
-    assert fit.calibration.distortion == 0.0 and fit.stds[3] == 0.0
-    residual, lens, _ = fitted_by_opencv(views, bent=False)
-    assert fit.residual_px == pytest.approx(residual, rel=0.02) and residual > 0.12
-    assert fit.calibration.focal_px == pytest.approx(lens[0], rel=0.001)
+    assert fit.calibration.distortion == pytest.approx(-4e-7, rel=0.2) and fit.stds[3] < 1e-7
+    assert fit.residual_px == pytest.approx(0.1, rel=0.1)
+    assert fitted_by_opencv(views, bent=False)[0] > 0.12
 
 
 def test_boards_that_all_face_the_camera_do_not_tell_the_lens() -> None:
@@ -133,7 +131,7 @@ def test_boards_that_all_face_the_camera_do_not_tell_the_lens() -> None:
 
 def test_the_derivatives_of_the_residuals_are_the_numerical_ones() -> None:
     rng = np.random.default_rng(2)
-    for lens in ((190.0, 160.0, 120.0), (190.0, 160.0, 120.0, 1.5e-5)):
+    for lens in ((190.0, 160.0, 120.0, -1e-6), (190.0, 160.0, 120.0, 1.5e-5)):
         x = np.concatenate((lens, (rng.uniform(-0.3, 0.3, (5, 6)) + (0, 0, 0, 0, 0, 12.0)).ravel()))
         steps = np.diag(1e-5 * np.maximum(np.abs(x), 1e-6))
         numerical = [(_model(x + h, EXACT)[0] - _model(x - h, EXACT)[0]) / (2.0 * h.sum()) for h in steps]

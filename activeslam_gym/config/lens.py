@@ -21,8 +21,8 @@ class LensSettings(bounds.Settings):
     """u0 [px]."""
     principal_y_px: bounds.FiniteFloat = 125.0
     """v0 [px]."""
-    distortion: bounds.NonNegativeFloat = 1.8e-5
-    """K_d of equation 1 [1/px^2]."""
+    distortion: bounds.FiniteFloat = 1.8e-5
+    """K_d of equation 1 [1/px^2]; negative of a pincushion."""
     true_focal_px: bounds.PositiveFloatOrNone = None
     """Focal length of the true camera, if the calibration is wrong [px]; None: ``focal_px``."""
     true_distortion: bounds.NonNegativeFloatOrNone = None

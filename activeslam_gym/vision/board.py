@@ -50,16 +50,14 @@ class Fit(NamedTuple):
 
     calibration: Calibration
     residual_px: float  # root mean square of a corner's residual from this lens, each axis
-    stds: np.ndarray  # (4,) of focal length, principal point and distortion; 0 of a distortion that is held
+    stds: np.ndarray  # (4,) of focal length, principal point and distortion
     pictures: int  # that showed the board
-    unbounded: float  # distortion of the best fit of either sign; equation 1 holds a negative one at 0
-    unbounded_std: float  # its standard deviation
 
 
 class Solution(NamedTuple):
     """Parameters of a lens and of n boards before it."""
 
-    x: np.ndarray  # (4 + 6 n,), or (3 + 6 n,) without distortion: see `_model`
+    x: np.ndarray  # (4 + 6 n,): see `_model`
     residuals: np.ndarray  # (m,) predicted - measured [px]
     J: Any  # (m, len(x)) their derivatives, sparse
     cost: float
@@ -113,11 +111,7 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     if not fits:
         raise ValueError("no lens explains the corners of the board")
     best = _solve(views, min(fits, key=lambda fit: fit.cost).x, _BOUND)
-    unbounded, own_std = float(best.x[3]), float(_deviations(best)[3])
-    if unbounded < 0.0:
-        best = _solve(views, np.delete(best.x, 3), _BOUND)
-    lens = np.zeros((2, 4))
-    lens[:, : 4 if unbounded >= 0.0 else 3] = best.x[: -6 * len(views)], _deviations(best)[: -6 * len(views)]
+    lens = np.stack((best.x[:4], _deviations(best)[:4]))
     if not lens[1, 0] < _VAGUE * lens[0, 0]:
         fitted = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
         raise ValueError(
@@ -125,7 +119,7 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
         )
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
-    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), unbounded, own_std)
+    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views))
 
 
 def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
@@ -156,12 +150,11 @@ def _deviations(fit: Solution) -> np.ndarray:
 
 
 def _model(x: np.ndarray, views: Sequence[View]) -> tuple[np.ndarray, Any]:
-    """Predicted - measured pixels (m,), and their derivatives by ``x``, sparse (m, n): f, u0, v0, and K unless it is
-    held at 0; then each board's rotation vector and place in the camera."""
-    cv2, lens = opencv(), len(x) - 6 * len(views)
-    f, centre, bend = x[0], x[1:3], x[3] if lens == 4 else 0.0
+    """Predicted - measured pixels (m,), and their derivatives by ``x``, sparse (m, n): f, u0, v0 and K;
+    then each board's rotation vector and place in the camera."""
+    cv2, f, centre, bend = opencv(), x[0], x[1:3], x[3]
     residuals, by_lens, by_pose = [], [], []
-    for (points, pixels), pose in zip(views, x[lens:].reshape(-1, 6)):
+    for (points, pixels), pose in zip(views, x[4:].reshape(-1, 6)):
         ray, ray_pose = cv2.projectPoints(points, pose[:3], pose[3:], np.eye(3), None)[:2]
         ray, ray_pose = ray.reshape(-1, 2), ray_pose[:, :6].reshape(-1, 2, 6)
         u_c, r2 = f * ray, f**2 * (ray**2).sum(axis=1)[:, None]
@@ -170,7 +163,7 @@ def _model(x: np.ndarray, views: Sequence[View]) -> tuple[np.ndarray, Any]:
         z_uc = np.eye(2) / root[:, :, None] - bend * u_c[:, :, None] * u_c[:, None] / root[:, :, None] ** 3
         z_f, z_bend = z_uc @ ray[:, :, None], (-0.5 * r2 * u_c / root**3)[:, :, None]
         z_centre = np.broadcast_to(np.eye(2), z_uc.shape)
-        by_lens.append(np.concatenate((z_f, z_centre, z_bend), axis=2)[:, :, :lens].reshape(-1, lens))
+        by_lens.append(np.concatenate((z_f, z_centre, z_bend), axis=2).reshape(-1, 4))
         by_pose.append((f * z_uc @ ray_pose).reshape(-1, 6))
     return np.concatenate(residuals).ravel(), hstack((np.concatenate(by_lens), block_diag(by_pose)), format="csr")
 

@@ -4,6 +4,7 @@ import importlib
 import json
 import sys
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,17 @@ def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypa
         found.append(policies.content("loose.mine:make"))
     assert found[0] != found[1] and "loose.other" not in sys.modules
     assert code.module_sources("no.such") != code.module_sources("no_such")
+
+
+def test_what_python_m_runs_has_the_digest_of_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its measures had another digest in each process, and so none of its episodes was ever found again."""
+    code.module_sources.cache_clear()
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", find_spec("agents.task"))
+    assert code.module_sources("__main__") == code.module_sources("agents.task")
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    code.module_sources.cache_clear()
+    assert code.module_sources("__main__") != code.module_sources("agents.task")
+    code.module_sources.cache_clear()
 
 
 def test_a_changed_module_of_a_registered_entry_is_another_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import sys
 import sysconfig
 from collections.abc import Iterator
 from functools import cache
@@ -43,8 +44,10 @@ def module_sources(module: str) -> str:
     """Digest of a module's source and of the modules that it imports, without installed ones and those of `COUNTED`.
 
     For an installed module: of its whole package. It is taken once in a process, as the module is imported once. A
-    module without a source equals no other.
+    module without a source equals no other. What ``python -m`` runs is "__main__", and known by its own name too.
     """
+    if module == "__main__" and (spec := sys.modules[module].__spec__):
+        module = spec.name
     top = module.partition(".")[0]
     if (origin := _origin(top)) and _is_installed(origin):
         return package_sources(top) if origin.name == "__init__.py" else digest(origin)

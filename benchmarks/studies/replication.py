@@ -212,15 +212,16 @@ def report(scenario: Scenario, episodes: int) -> None:
     numbers = {name: np.concatenate([part[name] for part in found], axis=1) for name in STATED}
     for name, (of_time, of_det) in ranks_of(numbers).items():
         times, dets = numbers[name]
-        quarters = [np.quantile(values, (0.25, 0.5, 0.75), method="lower") for values in (times, dets[dets == dets])]
+        reached = dets[dets == dets] if np.any(dets == dets) else np.array([np.nan])
+        quarters = [np.quantile(values, (0.25, 0.5, 0.75), method="lower") for values in (times, reached)]
         texts = [", ".join(f"{value:.1f}" for value in values) for values in quarters]
         print(
             f"{name}: 14th landmark in {np.isfinite(times).mean():.0%}, quartiles {texts[0]} s, the paper's "
             f"{STATED[name][0]:g} at rank {of_time:.2f}; log2|P| {texts[1]}, {STATED[name][1]:g} at rank {of_det:.2f}"
         )
     (ii_times, ii_dets), (iii_times, iii_dets) = numbers[II], numbers[III]
-    reached = np.isfinite(np.minimum(ii_times, iii_times))
-    first, lower = estimate((ii_times < iii_times)[reached], "share"), estimate(iii_dets - ii_dets, "median")
+    either = np.isfinite(np.minimum(ii_times, iii_times))
+    first, lower = estimate((ii_times < iii_times)[either], "share"), estimate(iii_dets - ii_dets, "median")
     print(f"(ii) is first at the 14th landmark in {first.text(100.0)} % of the episodes in which one of them is")
     print(f"log2|P| then of (iii) less that of (ii), where both are: {lower.text()} ({lower.rooms} episodes)")
 

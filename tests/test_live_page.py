@@ -250,6 +250,25 @@ def test_the_command_is_told_in_words_with_its_gain() -> None:
     assert "&lt;" in drawing.standing(replace(a_state(), words="<b>"), False)
 
 
+def test_reasons_are_relative_to_holding_still_and_colours_tell_things_apart() -> None:
+    scores = np.array((3.0, 1.0, 2.0, 2.5, 2.0, 2.0, 2.0))
+    told = drawing.reasons(replace(a_state(), command=Motion.FORWARD, scores=scores))
+    assert ">1.0</div>" in told and ">-1.0</div>" in told and ">0.0</div>" in told and "width:50.0%" in told
+    rings = [colour for colour, _ in drawing.OUTCOMES.values()]
+    assert len({*rings, drawing.ORANGE, drawing.VERMILLION, drawing.BLUE, drawing.SKY}) == 7
+
+
+def test_the_page_tells_how_long_it_waits_for_the_first_state(page: Served) -> None:
+    served, _ = page
+    assert "compiles" in served._standing.content
+    served._opened -= 7.0
+    served.wait()
+    assert "for 7 s" in served._standing.content
+    served.show(a_state())
+    served.wait()
+    assert "Tracking." in served._standing.content
+
+
 def test_buttons_make_requests_and_a_click_marks_the_nearest(page: Served) -> None:
     served, requests = page
     state = a_state(1, 3)

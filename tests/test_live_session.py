@@ -13,6 +13,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E402
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.foresight import change_of_view, foresee  # noqa: E402
+from activeslam_gym.live import run  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, Adviser, best  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
@@ -182,6 +183,26 @@ def test_it_waits_for_the_target_and_tells_when_no_image_is_left() -> None:
     expected = [Standing.WAITING] * 5 + [Standing.TRACKING] * 11 + [Standing.OVER] * 2
     assert [state.standing for state in states] == expected
     assert "no target" in states[0].words and states[5].time == 0.0 and states[5].frame == 1
+
+
+def test_what_is_marked_while_paused_is_shown_at_once() -> None:
+    class Visitor:
+        """One who pauses after the first image, and marks."""
+
+        alive = True
+        states: list[State] = []
+        said = iter([[], [("pause", True)], [("mark", 2)]])
+
+        def requests(self) -> Any:
+            return next(self.said, [])
+
+        def show(self, state: State) -> None:
+            self.states.append(state)
+
+    visitor: Any = Visitor()
+    live = Live(RenderedRoom(3), 3, None)
+    run._run(live, visitor, 0.5)
+    assert [(state.frame, state.marked) for state in visitor.states] == [(1, 0), (1, 2)]
 
 
 def test_before_anything_is_found_the_entropy_is_the_prior_s() -> None:

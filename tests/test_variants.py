@@ -7,8 +7,8 @@ import pytest
 import baselines
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation import play
-from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO, Belief
-from activeslam_gym.slam.estimator import COMPILED, FIRST_ESTIMATES, INVARIANT, PLAIN
+from activeslam_gym.slam.belief import FIRST_ESTIMATES, INVARIANT, INVERSE_DEPTH, PLAIN, POINT, RHO, Belief
+from activeslam_gym.slam.estimator import COMPILED
 from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 
 from .support import PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, turn_of_everything

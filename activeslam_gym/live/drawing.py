@@ -12,8 +12,9 @@ from activeslam_gym.vision.opencv import opencv
 
 # Okabe and Ito's colours, safe for colour-blind readers, as in `rendering.scene`.
 BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#D55E00", "#009E73", "#9AA0A6"
-OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (VERMILLION, "missed"), DOUBTED: (ORANGE, "rejected")}
-"""Colour and word for each outcome of a search."""
+PURPLE, YELLOW = "#CC79A7", "#F0E442"
+OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}
+"""Colour and word for each outcome of a search; none is the target's or the camera's."""
 STANDINGS = dict(zip(Standing, (BLUE, GREEN, ORANGE, VERMILLION, GREY)))
 CURVES = {"camera": VERMILLION, "map": SKY, "total": BLUE}
 """Colours of the entropies over time."""
@@ -107,15 +108,30 @@ def command(state: State) -> str:
     )
 
 
+def starting(seconds: float) -> str:
+    """What stands there before the first state, ``seconds`` after the page was opened."""
+    return _strip(f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two.", BLUE)
+
+
 def standing(state: State, paused: bool) -> str:
     """The standing in words, on a coloured strip."""
-    words, colour = ("Paused.", GREY) if paused else (state.words, STANDINGS[state.standing])
+    return _strip(*("Paused.", GREY) if paused else (state.words, STANDINGS[state.standing]))
+
+
+def _strip(words: str, colour: str) -> str:
     style = f"border-left:6px solid {colour};padding:3px 8px;font-size:14px;background:{colour}22"
     return part(style, escape(words), id="standing")
 
 
+def reasons(state: State) -> str:
+    """The information of each motion, less that of holding still."""
+    best = state.command if np.isfinite(state.scores).all() else None
+    more = state.scores - state.scores[Motion.STAY]
+    return bars("Why: what each motion would teach", more, best, 1, "bits more than holding still")
+
+
 def bars(heading: str, values: np.ndarray, best: int | None, digits: int, unit: str) -> str:
-    """(7,) a bar for each motion, that of ``best`` in blue; NaN is a dash."""
+    """(7,) a bar for each motion, that of ``best`` in blue; NaN is a dash, and what is not positive has no length."""
     shares = np.nan_to_num(values / max(np.nanmax(values, initial=0.0), 1e-9)).clip(0.0)
     rows = [
         f'<div style="font-weight:{700 if motion == best else 400}">{name.removeprefix("Move ").capitalize()}</div>'
@@ -133,7 +149,6 @@ def counts(state: State) -> str:
     cells = {
         "features": len(state.ids),
         "well placed": state.mapped.sum(),
-        "found": f"{(state.outcomes == MATCHED).sum()} of {len(state.outcomes)}",
         "images a second": f"{state.rate:.1f}",
         "time of an image": f"{state.milliseconds:.0f} ms",
         "place known to": f"{100.0 * math.sqrt(max(float(np.trace(state.camera_covariance)), 0.0)):.1f} cm",

@@ -35,6 +35,8 @@ _LONGEST = 0.6
 """Greatest half-length of an ellipsoid [m]; a new feature's depth is hardly known."""
 _OFTEN, _SELDOM = 1.0 / 16.0, 0.5
 """Least time between two pictures, and between two drawings of curves and bars [s]."""
+_PATIENCE = 1.0
+"""Time without a state after which the page waits [s]."""
 _AHEAD = np.array([[(0.0, 0.0, 0.0), (0.0, 0.0, 0.3)]])
 _HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))
 """From the filter's camera, x left and y up, to the page's, x right and y down."""
@@ -56,7 +58,7 @@ class Page:
         self._about, self._request = about, request
         self._paused, self._history = False, History()
         self._state: State | None = None
-        self._shown, self._drawn = 0.0, 0.0
+        self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
         guard = Guard.of(host)
         self._server = _quiet_server(host, port, guard)
         self.address = guard.address(host, self._server.get_port())
@@ -80,7 +82,7 @@ class Page:
         gui.main_panel.set_width(400)
         gui.add_html(_ON_A_PHONE)
         self._command = gui.add_html(drawing.part("font-size:20px", f"{escape(self._about.name)} …"))
-        self._standing = gui.add_html("")
+        self._standing = gui.add_html(drawing.starting(0.0))
         width, height = self._about.image_size
         self._view = gui.add_image(np.zeros((drawing.SCALE * height, drawing.SCALE * width, 3), np.uint8))
         gui.add_html(drawing.legend())
@@ -163,6 +165,11 @@ class Page:
                 self._show_reasons(state)
         self._server.flush()
 
+    def wait(self) -> None:
+        """Nothing has come for a second: before the first state, tell for how long."""
+        if self._state is None:
+            self._standing.content = drawing.starting(time.monotonic() - self._opened)
+
     def notify(self, message: str) -> None:
         """Show a message to every visitor."""
         for client in self._server.get_clients().values():
@@ -203,11 +210,9 @@ class Page:
         self._drawn, name = self._shown, NAMES[state.command]
         self._label.text = name
         self._server.gui.set_panel_label(f"{SIGNS[state.command]}  {name}")
-        best = state.command if np.isfinite(state.scores).all() else None
-        self._command.content = drawing.command(state)
-        self._why.content = drawing.bars("Why: what each motion would teach", state.scores, best, 1, "bits")
+        self._command.content, self._why.content = drawing.command(state), drawing.reasons(state)
         self._counts.content, self._marked.content = drawing.counts(state), drawing.mark(state)
-        self._commands.content = drawing.bars("Advice so far", state.advised, best, 0, "times")
+        self._commands.content = drawing.bars("Advice so far", state.advised, state.command, 0, "times")
         self._curves.data = t, *curves, _ = self._history.curves
         if t.size:  # NaN, where there is no dot, would leave uPlot without a range
             ranges = {"x": (t[0], t[-1] + 0.1), "y": (np.min(curves) - 5.0, np.max(curves) + 5.0)}
@@ -326,6 +331,9 @@ def serve(connection: Connection, about: About, host: str, port: int) -> None:
         while True:
             state = None
             while state is None or connection.poll(0):
+                if not connection.poll(_PATIENCE):
+                    page.wait()
+                    continue
                 received = connection.recv()
                 if isinstance(received, State):
                     state = received

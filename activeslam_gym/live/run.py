@@ -6,6 +6,7 @@ from argparse import Namespace
 from collections import deque
 from contextlib import closing
 from dataclasses import replace
+from itertools import repeat, takewhile
 from pathlib import Path
 
 from activeslam_gym.live.guard import is_loopback
@@ -15,6 +16,7 @@ from activeslam_gym.live.recording import Recording, check_folder, read_about, r
 from activeslam_gym.live.session import Session
 from activeslam_gym.live.source import RenderedRoom, Sequence, Source
 from activeslam_gym.live.state import About, Standing, State
+from activeslam_gym.vision.track import interruptible
 
 _NAP = 0.02
 """Time between two looks for requests while nothing moves [s]."""
@@ -162,7 +164,8 @@ def _run(show: Live | Replay, link: Link, seconds: float) -> None:
     """Step after step, for ``seconds``."""
     clock, end = Clock(1.0 / show.about.rate, show.is_camera), time.monotonic() + seconds
     paused = over = alone = False
-    while time.monotonic() < end:
+    state: State | None = None
+    for _ in interruptible(takewhile(lambda _: time.monotonic() < end, repeat(None))):
         if not link.alive and not alone:
             alone = True
             print("The page has broken down; tracking goes on. Ctrl-C ends.", file=sys.stderr, flush=True)
@@ -181,6 +184,8 @@ def _run(show: Live | Replay, link: Link, seconds: float) -> None:
                 show.follow(value)
             elif name == "mark" and isinstance(show, Live):
                 show.session.marked = value
+                if state is not None:  # while paused nothing else would show it
+                    link.show(replace(state, marked=value))
         if (paused or over) and not single:
             time.sleep(_NAP)
             clock = Clock(1.0 / show.about.rate, show.is_camera)

@@ -34,8 +34,10 @@ from activeslam_gym.motion import (
     QUATERNION,
 )
 from activeslam_gym.slam.estimate import EstimateArrays
-from activeslam_gym.slam.estimator import COMPILED, INVARIANT
+from activeslam_gym.slam.estimator import COMPILED
 
+INVARIANT, PLAIN, FIRST_ESTIMATES = 0, 1, 2
+"""What tells the compiled estimators apart, in their order: the default, its plain tangent, its first estimates."""
 RAY, INVERSE_DEPTH, POINT = 1, 2, 3
 """Kinds of features."""
 KIND_DIM = (0, 5, 6, 3)

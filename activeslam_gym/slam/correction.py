@@ -8,8 +8,7 @@ from activeslam_gym.camera import view_of
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into, solve_vector
 from activeslam_gym.motion import D_ROTATION
-from activeslam_gym.slam.belief import Belief
-from activeslam_gym.slam.estimator import FIRST_ESTIMATES
+from activeslam_gym.slam.belief import FIRST_ESTIMATES, Belief
 from activeslam_gym.slam.kalman import gain
 from activeslam_gym.slam.manifold import rotated, shift_mean, subtract_and_recentre, turning
 from activeslam_gym.slam.sight import POSE_DIM, Sight, measure, sight_with

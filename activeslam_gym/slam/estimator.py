@@ -19,8 +19,6 @@ from activeslam_gym.slam.estimate import Estimate
 
 EKF, EKF_PLAIN, EKF_FEJ = COMPILED = "ekf", "ekf-plain", "ekf-fej"
 """The compiled estimators, of which the environments run whole steps in one kernel; see `slam.manifold`."""
-INVARIANT, PLAIN, FIRST_ESTIMATES = range(len(COMPILED))
-"""What tells them apart, `variant` of a belief: the default, its plain tangent, its first-estimate Jacobians."""
 NO_MATCH = 0
 """In place of an id: a measurement of no known landmark."""
 

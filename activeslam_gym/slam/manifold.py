@@ -32,8 +32,7 @@ from activeslam_gym.motion import (
     QUATERNION,
     VELOCITY,
 )
-from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVERSE_DEPTH, KIND_DIM, POINT, RHO, Belief
-from activeslam_gym.slam.estimator import INVARIANT, PLAIN
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVARIANT, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RHO, Belief
 
 MINIMUM_INVERSE_DEPTH = 0.01
 """Updates keep inverse depths above this [1/m]."""

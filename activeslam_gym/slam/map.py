@@ -5,8 +5,16 @@ import numpy as np
 from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block, copy_into
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.belief import FEATURE_SIZE, KIND_DIM, POINT, RHO, Belief, point_marginal, point_of
-from activeslam_gym.slam.estimator import FIRST_ESTIMATES
+from activeslam_gym.slam.belief import (
+    FEATURE_SIZE,
+    FIRST_ESTIMATES,
+    KIND_DIM,
+    POINT,
+    RHO,
+    Belief,
+    point_marginal,
+    point_of,
+)
 
 
 @borrowing

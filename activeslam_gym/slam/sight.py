@@ -37,7 +37,6 @@ from activeslam_gym.slam.belief import (
     fiducial_id,
 )
 from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
-from activeslam_gym.slam.estimator import FIRST_ESTIMATES
 
 POSE_DIM = 6
 """A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""

@@ -15,7 +15,7 @@ from contextlib import ExitStack, closing
 from io import StringIO
 from pathlib import Path
 from threading import current_thread, main_thread
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -55,6 +55,7 @@ COVARIANCE = (
     "[rad]: R = Exp(rotation) R_file\n"
 )
 """The first line of a file of covariances."""
+Step = TypeVar("Step")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
 _ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
@@ -206,7 +207,7 @@ def track(
             if picture is not None and log is not None:
                 picture(front_end, frame[1])
 
-        whole = at_close.enter_context(closing(_between_images(bar)))
+        whole = at_close.enter_context(closing(interruptible(bar)))
         done = follow(whole, lens, known, rate, watch=keep)
         if files is not None:
             points, P = done.filter.points()
@@ -214,8 +215,8 @@ def track(
     return done, diagnosis.advice(done.metric)
 
 
-def _between_images(frames: Iterable[Frame]) -> Generator[Frame, None, None]:
-    """The same; SIGINT and SIGTERM of the main thread are raised as KeyboardInterrupt, but before the next image.
+def interruptible(steps: Iterable[Step]) -> Generator[Step, None, None]:
+    """The same; SIGINT and SIGTERM of the main thread are raised as KeyboardInterrupt, but before the next step.
 
     Within a kernel, or in OpenCV, such an exception can end the process. A second signal does not wait.
     """
@@ -229,8 +230,8 @@ def _between_images(frames: Iterable[Frame]) -> Generator[Frame, None, None]:
     main = current_thread() is main_thread()
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM) if main}
     try:
-        for frame in frames:
-            yield frame
+        for step in steps:
+            yield step
             if noted:
                 raise KeyboardInterrupt
     finally:

@@ -26,6 +26,7 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
+    FIRST_ESTIMATES,
     INVERSE_DEPTH,
     KIND_DIM,
     POINT,

@@ -127,7 +127,7 @@ def reasons(state: State) -> str:
     """The information of each motion, less that of holding still."""
     best = state.command if np.isfinite(state.scores).all() else None
     more = state.scores - state.scores[Motion.STAY]
-    return bars("Why: what each motion would teach", more, best, 1, "bits more than holding still")
+    return bars("What each motion would teach", more, best, 1, "bits over holding still")
 
 
 def bars(heading: str, values: np.ndarray, best: int | None, digits: int, unit: str) -> str:

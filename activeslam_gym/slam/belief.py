@@ -66,10 +66,7 @@ STATE = record(
 
 FEATURE = record(
     mean=("f8", FEATURE_SIZE),
-    first=(
-        "f8",
-        FEATURE_SIZE,
-    ),  # when it was initialised; of a POINT the same, with the inverse depth at conversion
+    first=("f8", FEATURE_SIZE),  # mean when it was initialised; a POINT's has the inverse depth of the conversion
     kind="i8",  # RAY, INVERSE_DEPTH or POINT
     start="i8",  # first covariance row
     serial="i8",  # number of the birth, counted from 1: the feature's id

@@ -45,7 +45,10 @@ def parser() -> argparse.ArgumentParser:
     one.set_defaults(run=_live)
     source = f"rendered, a folder, a pattern in quotes, a video, or camera:0 {_DEFAULT}"
     one.add_argument("--source", default="rendered", help=source)
-    one.add_argument("--calibration", help="JSON file with the lens; of a source that is not rendered")
+    one.add_argument(
+        "--calibration",
+        help="file with the lens (JSON, or OpenCV's, ROS's, Kalibr's or COLMAP's); of a source that is not rendered",
+    )
     one.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
     one.add_argument("--rate", type=float, default=30.0, help=f"its images a second {_DEFAULT}")
     one.add_argument("--seed", type=int, default=0, help=f"the rendered room {_DEFAULT}")
@@ -97,7 +100,9 @@ def parser() -> argparse.ArgumentParser:
 def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool) -> None:
     """The options of a sequence of images; ``without`` tells what happens without a target."""
     command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
-    command.add_argument("--calibration", required=True, help="JSON file with the lens")
+    command.add_argument(
+        "--calibration", required=True, help="file with the lens: JSON, or OpenCV's, ROS's, Kalibr's or COLMAP's"
+    )
     command.add_argument("--target", required=required, help=f"JSON file with what the first image shows{without}")
     command.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
 

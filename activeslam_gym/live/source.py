@@ -12,8 +12,8 @@ from activeslam_gym.live.advice import PERIOD
 from activeslam_gym.live.person import FOLLOW, Person
 from activeslam_gym.motion import CAMERA_SIZE, motion_of
 from activeslam_gym.slam.filter import Filter
-from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.vision.sources import CAMERA, Frame, open_images
@@ -80,7 +80,7 @@ class Sequence:
     def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
         self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
-        self._calibration, self._target, self._rate = read_calibration(calibration), read_target(target), rate
+        self._calibration, self._target, self._rate = lens_from(calibration), read_target(target), rate
         self._images = open_images(images, rate)
         slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
         self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked

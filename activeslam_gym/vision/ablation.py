@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import text_of
-from activeslam_gym.vision.calibration import read_calibration
 from activeslam_gym.vision.frontend import FrontEndSettings
+from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.sources import open_images
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import Track, follow
@@ -44,7 +44,7 @@ def ablate(
     """
     if every < 1:
         raise ValueError(f"every must be a whole number of 1 or more, got {every!r}")
-    lens, known = read_calibration(calibration), read_target(target)
+    lens, known = lens_from(calibration), read_target(target)
     truth = None if reference is None else _positions(Path(reference))
     for variant, without in VARIANTS.items():
         chosen = islice(open_images(images, rate), 0, None, every)

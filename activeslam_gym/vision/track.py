@@ -25,13 +25,14 @@ from activeslam_gym.files import Lines, argument, demand_writable, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
-from activeslam_gym.vision.calibration import Calibration, read_calibration
+from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.diagnosis import Diagnosis, blemish
 from activeslam_gym.vision.drawing import drawn
 from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
 from activeslam_gym.vision.target import FACING, Target, read_target
 from activeslam_gym.vision.views import reduced
@@ -177,7 +178,7 @@ def track(
     opencv()
     folder, diagnosis = Path(out), Diagnosis()
     with argument("calibration"):
-        lens = read_calibration(calibration)
+        lens = lens_from(calibration)
     with argument("target"):
         known = None if target is None else read_target(target)
     with argument("images", SourceError):

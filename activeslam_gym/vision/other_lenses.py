@@ -1,0 +1,171 @@
+"""Calibrations of other programs: equation 1 fitted to the lens of a file of OpenCV, ROS, Kalibr or COLMAP.
+
+OpenCV's radial-tangential lens has 4, 5 or 8 coefficients, and its fisheye (Kannala and Brandt 2006) 4. What is
+filtered is equation 1, so the fit's residual is part of the answer: a lens that it does not describe is visible there.
+"""
+
+import re
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from activeslam_gym.files import text_of
+from activeslam_gym.vision.calibration import Calibration, calibration_from, read_calibration
+from activeslam_gym.vision.opencv import opencv
+
+FISHEYE = ("fisheye", "equidistant", "kannala")
+"""Words for the fisheye lens in files."""
+COLMAP = {
+    "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
+    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+}  # fmt: skip
+"""COLMAP's models and their parameters."""
+_ANGLES, _AROUND = np.linspace(0.005, 1.4, 280), 48
+"""Rays that are compared: their angles from the axis [rad], and how many there are about it."""
+_LEAST = 400
+"""Of them must be in the image."""
+_WORST = 0.01
+"""A fit with a residual over this share of the image's width is refused."""
+
+
+class Lens(NamedTuple):
+    """A lens of OpenCV's; pixel (0, 0) is the centre of the first pixel."""
+
+    size: tuple[int, int]
+    """Width and height [px]."""
+    fisheye: bool
+    matrix: np.ndarray
+    """(3, 3)."""
+    coefficients: np.ndarray
+    """(4,), (5,) or (8,); of a fisheye (4,)."""
+
+
+def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
+    """Equation 1 nearest to the ``lens``, and the residual over the image: root mean square and greatest [px].
+
+    Raises:
+        ValueError: no equation 1 is near it; the message names its origin ``where``.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+    (width, height), centre = lens.size, lens.matrix[:2, 2]
+    angle, around = np.meshgrid(_ANGLES, np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False), indexing="ij")
+    rays = np.tan(angle)[..., None] * np.stack((np.cos(around), np.sin(around)), axis=-1)
+    there = np.concatenate((rays, np.ones((*angle.shape, 1))), axis=-1).reshape(-1, 1, 3)
+    project = opencv().fisheye.projectPoints if lens.fisheye else opencv().projectPoints
+    pixels = project(there, np.zeros(3), np.zeros(3), lens.matrix, lens.coefficients)[0].reshape(rays.shape)
+    radius = np.linalg.norm(pixels - centre, axis=-1)
+    unfolded = np.logical_and.accumulate(np.diff(radius, axis=0, prepend=0.0) > 0.0, axis=0)
+    seen = unfolded & (np.abs(pixels - 0.5 * np.array((width - 1, height - 1))) <= 0.5 * np.array(lens.size)).all(-1)
+    if seen.sum() < _LEAST:
+        raise ValueError(f"{where}: no lens that shows a picture has such numbers")
+    x, z, weight = rays[seen], pixels[seen], np.sqrt(radius[seen] / radius[seen].mean())  # alike for each pixel
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        bent = 1.0 + p[3] * (x**2).sum(axis=1)  # K_d f^2, which has no unit
+        return (weight[:, None] * (p[1:3] + p[0] * x / np.sqrt(np.maximum(bent, 1e-6))[:, None] - z)).ravel()
+
+    first = np.array((0.5 * (lens.matrix[0, 0] + lens.matrix[1, 1]), *centre, 0.0))
+    found = least_squares(residual, first, x_scale=(100.0, 10.0, 10.0, 0.1))
+    f, u0, v0, bend = found.x.tolist()
+    fields = dict(zip(Calibration._fields, (width, height, f, u0, v0, bend / f**2)))
+    weighed = np.hypot(*found.fun.reshape(-1, 2).T)
+    typical, greatest = float(np.sqrt(np.mean(weighed**2))), float(np.max(weighed / weight))
+    if typical > _WORST * width:
+        raise ValueError(f"{where}: equation 1 does not describe this lens, it is off by {typical:.1f} px (rms)")
+    return calibration_from(fields, where), typical, greatest
+
+
+def lens_from(path: str | Path) -> Calibration:
+    """The calibration in a file: ours in JSON (see `read_calibration`), or the nearest to another program's.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: it is damaged, or equation 1 describes nothing like it.
+        ModuleNotFoundError: it is another program's, and OpenCV is not installed.
+    """
+    if Path(path).suffix.lower() == ".json":
+        return read_calibration(path)
+    lens = read_lens(path)
+    calibration, typical, greatest = fitted(lens, str(path))
+    kind = "fisheye" if lens.fisheye else "radial-tangential"
+    told = f"equation 1 is fitted to its {kind} lens; residual {typical:.2f} px (rms), {greatest:.2f} at most"
+    print(f"{path}: {told}", file=sys.stderr, flush=True)
+    return calibration
+
+
+def read_lens(path: str | Path) -> Lens:
+    """The lens in OpenCV's or ROS's YAML, Kalibr's YAML (its first camera) or COLMAP's cameras.txt (its first).
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: nothing that is known is in it, or a number is missing.
+    """
+    text = text_of(path)
+    rows = (line.split() for line in text.splitlines())
+    colmap = next((row for row in rows if len(row) > 4 and row[1] in COLMAP), None)
+    try:
+        return _of_colmap(colmap) if colmap else _of_yaml(text)
+    except (ValueError, IndexError) as error:
+        raise ValueError(f"{path} holds no lens of OpenCV, ROS, Kalibr or COLMAP: {error}") from None
+
+
+def _of_colmap(row: list[str]) -> Lens:
+    """A line of cameras.txt: id, model, width, height, parameters; its first pixel's centre is (0.5, 0.5)."""
+    names = COLMAP[row[1]].split()
+    if len(row) != 4 + len(names):
+        raise ValueError(f"{row[1]} has {len(names)} parameters ({', '.join(names)}), got {len(row) - 4}")
+    values = dict(zip(names, map(float, row[4:])))
+    fx, fy = values.get("fx", values.get("f", 0.0)), values.get("fy", values.get("f", 0.0))
+    fisheye = row[1] == "OPENCV_FISHEYE"
+    order = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+    return _checked(
+        row[2:4], fisheye, (fx, fy, values["cx"] - 0.5, values["cy"] - 0.5), [values.get(k, 0.0) for k in order]
+    )
+
+
+def _of_yaml(text: str) -> Lens:
+    """The numbers after the names that these programs use."""
+    models = re.findall(r"(?:distortion_model|camera_model|fisheye_model)\W+(\w+)", text)
+    fisheye = any(model.lower().startswith((*FISHEYE, "1")) for model in models)
+    if "intrinsics" in text:  # Kalibr
+        return _checked(_list(text, "resolution"), fisheye, _list(text, "intrinsics"), _list(text, "distortion_coeffs"))
+    K = _list(text, "camera_matrix", "Camera_Matrix", "K")
+    if len(K) != 9:
+        raise ValueError(f"camera_matrix needs 9 numbers, got {len(K)}")
+    size = [_list(text, f"image_{side}", f"image_{side.title()}")[0] for side in ("width", "height")]
+    coefficients = _list(text, "distortion_coefficients", "Distortion_Coefficients", "D")
+    return _checked(size, fisheye, (K[0], K[4], K[2], K[5]), coefficients)
+
+
+def _list(text: str, *names: str) -> list[float]:
+    """The number, or the numbers in brackets, that follow the first of these names, on its line or below it."""
+    found = next(filter(None, (re.search(rf"^[ \t-]*{name}[ \t]*:(.*)$", text, re.M) for name in names)), None)
+    if found is None:
+        raise ValueError(f"{names[0]} is missing")
+    inside = found[1].strip()
+    if not re.fullmatch(r"[-+.\deE]+", inside):
+        pattern = r"\[([^\]]*)\]" if inside.startswith("[") else r"data[ \t]*:\s*\[([^\]]*)\]"
+        inside = re.findall(pattern, text[found.start() :])[0]
+    return [float(one) for one in re.split(r"[\s,]+", inside.strip())]
+
+
+def _checked(size: Any, fisheye: bool, intrinsics: Any, coefficients: list[float]) -> Lens:
+    """The lens of these numbers.
+
+    Raises:
+        ValueError: there are not as many as there should be.
+    """
+    if len(size) != 2 or len(intrinsics) != 4:
+        raise ValueError("it needs two numbers for the size and four for focal lengths and principal point")
+    if len(coefficients) not in ((4,) if fisheye else (4, 5, 8)):
+        raise ValueError(f"{len(coefficients)} coefficients; known are 4, 5 and 8, and 4 of a fisheye")
+    fx, fy, cx, cy = map(float, intrinsics)
+    matrix = np.array(((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)))
+    numbers = np.array((*matrix.ravel(), *coefficients))
+    if not np.isfinite(numbers).all() or min(fx, fy) <= 0.0:
+        raise ValueError("its numbers must be finite, and its focal lengths positive")
+    return Lens((int(float(size[0])), int(float(size[1]))), fisheye, matrix, np.array(coefficients))

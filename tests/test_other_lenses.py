@@ -1,0 +1,85 @@
+"""Calibrations of OpenCV, ROS, Kalibr and COLMAP are read, and equation 1 is fitted to their lenses."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E402
+from activeslam_gym.config import Scenario  # noqa: E402
+from activeslam_gym.vision.other_lenses import Lens, fitted, lens_from, read_lens  # noqa: E402
+
+MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
+RADIAL, FISHEYE = (0.05, -0.02, 0.001, -0.0005), (0.01, -0.003, 0.001, 0.0)
+
+
+def opencv_yaml(path: Path, coefficients: tuple[float, ...]) -> None:
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for side, length in (("width", 640), ("height", 480)):
+        file.write(f"image_{side}", length)
+    file.write("camera_matrix", MATRIX)
+    file.write("distortion_coefficients", np.array(coefficients))
+    file.release()
+
+
+TEXTS = {
+    "ros": "image_width: 640\nimage_height: 480\ncamera_name: a\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
+    "  data: [500, 0, 310, 0, 502, 245, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n  rows: 1\n"
+    "  cols: 5\n  data: [0.05, -0.02, 0.001, -0.0005, 0]\n",
+    "kalibr": "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.01, -0.003, 0.001, 0.0]\n"
+    "  distortion_model: equidistant\n  intrinsics: [500, 502, 310, 245]\n  resolution: [640, 480]\n  rostopic: /a\n",
+    "colmap": "# Camera list\n1 OPENCV 640 480 500 502 310.5 245.5 0.05 -0.02 0.001 -0.0005\n",
+    "colmap-fisheye": "2 OPENCV_FISHEYE 640 480 500 502 310.5 245.5 0.01 -0.003 0.001 0\n",
+}
+
+
+@pytest.mark.parametrize("name", ["opencv", *TEXTS])
+def test_the_same_lens_is_read_from_every_program(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "lens.yaml"
+    if name == "opencv":
+        opencv_yaml(path, RADIAL)
+    else:
+        path.write_text(TEXTS[name])
+    lens = read_lens(path)
+    assert lens.size == (640, 480) and lens.fisheye == (name in ("kalibr", "colmap-fisheye"))
+    np.testing.assert_allclose(lens.matrix, MATRIX)
+    np.testing.assert_allclose(lens.coefficients[:4], FISHEYE if lens.fisheye else RADIAL)
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_the_residual_is_what_the_pixels_of_points_differ_by(fisheye: bool) -> None:
+    lens = Lens((640, 480), fisheye, MATRIX, np.array(FISHEYE if fisheye else RADIAL))
+    found, typical, greatest = fitted(lens, "here")
+    points = np.random.default_rng(0).uniform((-0.5, -0.4, 1.0), (0.5, 0.4, 1.0), (200, 3))
+    project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+    theirs = project(points[:, None], np.zeros(3), np.zeros(3), MATRIX, lens.coefficients)[0].reshape(-1, 2)
+    camera, ours = camera_of(Scenario(**found._asdict())), np.empty((200, 2))
+    for point, pixel in zip(points, ours):
+        assert pixel_from_camera_point(camera, (-point[0], -point[1], point[2]), pixel)  # x left, y up
+    away = np.hypot(*(ours - theirs).T)
+    assert away.max() < 1.2 * greatest and 0.3 * typical < np.sqrt(np.mean(away**2)) < 2.0 * typical
+    assert typical < 2.0
+
+
+def test_a_lens_of_equation_1_is_found_to_the_last_digit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 320 240 195 160.5 120.5\n")
+    found = lens_from(tmp_path / "cameras.txt")
+    np.testing.assert_allclose(found, (320, 240, 195.0, 160.0, 120.0, 0.0), atol=1e-9)
+    assert "residual 0.00 px" in capsys.readouterr().err
+
+
+WRONG = (
+    *("", "%YAML:1.0\n", "1 OPENCV 640 480 500 502\n", TEXTS["colmap"].replace("0.05", "900")),
+    *(TEXTS["kalibr"].replace("310, ", ""), TEXTS["ros"].replace("502", "nan")),
+)
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_is_no_lens_is_told_with_the_file(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=re.escape(str(path))):
+        lens_from(path)

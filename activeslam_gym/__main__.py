@@ -11,6 +11,7 @@ import gymnasium
 from activeslam_gym.play import HELP, play
 
 _DEFAULT = "(default: %(default)s)"
+_LENS = "the lens: JSON, or a calibration of OpenCV, ROS, Kalibr or COLMAP"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -47,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--source", default="rendered", help=source)
     one.add_argument(
         "--calibration",
-        help="file with the lens (JSON, or OpenCV's, ROS's, Kalibr's or COLMAP's); of a source that is not rendered",
+        help=f"{_LENS}; of a source that is not rendered",
     )
     one.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
     one.add_argument("--rate", type=float, default=30.0, help=f"its images a second {_DEFAULT}")
@@ -101,7 +102,7 @@ def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool
     """The options of a sequence of images; ``without`` tells what happens without a target."""
     command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
     command.add_argument(
-        "--calibration", required=True, help="file with the lens: JSON, or OpenCV's, ROS's, Kalibr's or COLMAP's"
+        "--calibration", required=True, help=_LENS
     )
     command.add_argument("--target", required=required, help=f"JSON file with what the first image shows{without}")
     command.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")

@@ -101,9 +101,7 @@ def parser() -> argparse.ArgumentParser:
 def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool) -> None:
     """The options of a sequence of images; ``without`` tells what happens without a target."""
     command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
-    command.add_argument(
-        "--calibration", required=True, help=_LENS
-    )
+    command.add_argument("--calibration", required=True, help=_LENS)
     command.add_argument("--target", required=required, help=f"JSON file with what the first image shows{without}")
     command.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
 

@@ -45,10 +45,10 @@ class Lens(NamedTuple):
 
 
 def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
-    """Equation 1 nearest to the ``lens``, and the residual over the image: root mean square and greatest [px].
+    """The calibration nearest to the ``lens``, and the residual over the image: root mean square and greatest [px].
 
     Raises:
-        ValueError: no equation 1 is near it; the message names its origin ``where``.
+        ValueError: none is near it; the message names its origin ``where``.
         ModuleNotFoundError: OpenCV is not installed.
     """
     (width, height), centre = lens.size, lens.matrix[:2, 2]
@@ -84,7 +84,7 @@ def lens_from(path: str | Path) -> Calibration:
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is damaged, or equation 1 describes nothing like it.
+        ValueError: it is damaged, or its lens is like none of ours.
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
     if Path(path).suffix.lower() == ".json":

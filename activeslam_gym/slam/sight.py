@@ -206,7 +206,7 @@ def _measure_feature(view: View, kind: int, mean: np.ndarray, z: np.ndarray, H_x
 def _measure_from_first(view: View, feature: Record, thing: Record) -> bool:
     """The pixel at the present mean, and the Jacobians at the first estimate of all but the inverse depth.
 
-    A turn of camera and map does not change the inverse depth, which the first estimate hardly knows.
+    A turn of camera and map does not change the inverse depth, of which the first estimate is vague.
     """
     first, z_first = feature.first.copy(), np.empty(2)
     if feature.kind == INVERSE_DEPTH:

@@ -92,8 +92,8 @@ def lens_from(path: str | Path) -> Calibration:
     lens = read_lens(path)
     calibration, typical, greatest = fitted(lens, str(path))
     kind = "fisheye" if lens.fisheye else "radial-tangential"
-    told = f"equation 1 is fitted to its {kind} lens; residual {typical:.2f} px (rms), {greatest:.2f} at most"
-    print(f"{path}: {told}", file=sys.stderr, flush=True)
+    fit = f"equation 1 is fitted to its {kind} lens; residual {typical:.2f} px (rms), {greatest:.2f} at most"
+    print(f"{path}: {fit}", file=sys.stderr, flush=True)
     return calibration
 
 

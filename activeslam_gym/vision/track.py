@@ -44,7 +44,7 @@ HAND_HELD: dict[str, Any] = {
     "filter_acceleration_std": 2.0,  # 95 % of a hand's are under 1.2 m/s^2 ...
     "filter_angular_acceleration_std": 3.0,  # ... and under 3.5 rad/s^2
     "command_known": False,
-    "linearity_threshold": 0.1,  # Civera, Davison and Montiel's; at 0.2 a map without a target drifts in scale
+    "linearity_threshold": 0.1,  # at 0.2 a map without a target drifts in scale
     "inverse_depth_mean": 1.5,  # a desk: 0.44 to 1.33 m at one deviation; without a target, the only scale
     "inverse_depth_std": 0.75,
 }

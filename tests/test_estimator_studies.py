@@ -25,6 +25,7 @@ def test_the_bound_is_below_the_error_and_near_the_filters_deviation() -> None:
         told = np.sqrt((run.position_std**2).sum(axis=1))
         assert bound[0, 0] == pytest.approx(told[0])
         assert 0.4 < bound[-1, 0] / told[-1] < 1.2
+        assert run.notes["chance"] == 0.0  # the target is in view, or was just now
     assert np.mean([run.notes["bound"][-1, 0] ** 2 for run in runs]) < 2.0 * np.mean(
         [run.position_error[-1] ** 2 for run in runs]
     )

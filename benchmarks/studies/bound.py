@@ -2,7 +2,8 @@
 
 It is the posterior bound of Tichavský, Muravchik and Nehorai (1998) for Gaussian noise, of the path that was flown:
 P = F P F^T + Q, P^-1 += H^T R^-1 H at the true poses and landmarks, with known labels, the camera's prior and the
-room's prior of each landmark. Poses between the samples are interpolated.
+room's prior of each landmark. Poses between the samples are interpolated. The errors of that estimator are drawn too:
+the share that exceeds the error of a loss is the chance of it that no better linearisation takes away.
 """
 
 from typing import Any
@@ -12,13 +13,16 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from activeslam_gym import Scenario
 from activeslam_gym.evaluation import Episode
+from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, motion_of, process_covariance, transition_jacobian
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.slam.belief import start_of
 
+DRAWS = 100
+
 
 class Bound:
-    """A measure: ``bound`` (T, 2), deviations of position [m] and orientation [rad] at the episode's samples."""
+    """A measure: ``bound`` (T, 2), deviations of position [m] and orientation [rad], and ``chance`` that it is lost."""
 
     whole = True
 
@@ -31,25 +35,35 @@ class Bound:
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """The bound at the times of a record with a sample a second."""
-        return {"bound": bound_of(self._scenario, episode)[:: round(1.0 / np.diff(episode.times[:2])[0])]}
+        bound, chance = bound_of(self._scenario, episode)
+        return {"bound": bound[:: round(1.0 / np.diff(episode.times[:2])[0])], "chance": chance}
 
 
-def bound_of(scenario: Scenario, episode: Episode) -> np.ndarray:
-    """Deviations (T, 2) of position [m] and orientation [rad], root of the sum over the axes, at ``episode.times``."""
+def bound_of(scenario: Scenario, episode: Episode) -> tuple[np.ndarray, float]:
+    """The deviations of the bound at ``episode.times``, and the chance that an estimator which reaches it gets lost.
+
+    Deviations are (T, 2), of position [m] and orientation [rad], the root of the sum over the axes. The chance is the
+    share of ``DRAWS`` drawn errors that exceed the error of a loss at some sample.
+    """
     dt, points, known = scenario.frame_time, episode.true_landmarks, len(episode.fiducials)
     frames = round((episode.times[-1] - episode.times[0]) / dt)
     cameras = interpolated(episode, np.arange(frames + 1) * dt)
+    samples = np.rint((episode.times - episode.times[0]) / dt).astype(int)
     motion, model = motion_of(scenario, 1.0), PointModel(scenario, np.zeros((0, 2, 3)))
     P = np.diag(
         np.concatenate((start_of(scenario)[1].diagonal(), np.tile(scenario.landmark_prior_variance, len(points))))
     )
     everything = np.concatenate((episode.fiducials, points))
-    deviations = [_deviations(P)]
-    for camera in cameras[1:]:
+    rng, deviations = np.random.default_rng(episode.seed), [_deviations(P)]
+    errors = np.sqrt(P.diagonal())[:, None] * rng.standard_normal((len(P), DRAWS))
+    furthest = np.zeros(DRAWS)
+    for frame, camera in enumerate(cameras[1:], 1):
         F = transition_jacobian(camera[10:], dt)
         P[:CAMERA_DIM] = F @ P[:CAMERA_DIM]
         P[:, :CAMERA_DIM] = P[:, :CAMERA_DIM] @ F.T
-        P[:CAMERA_DIM, :CAMERA_DIM] += process_covariance(motion, F, dt)
+        Q = process_covariance(motion, F, dt)
+        P[:CAMERA_DIM, :CAMERA_DIM] += Q
+        errors[:CAMERA_DIM] = F @ errors[:CAMERA_DIM] + rng.multivariate_normal(np.zeros(CAMERA_DIM), Q, DRAWS).T
         seen = np.flatnonzero(model.in_view(camera, everything))
         H = np.zeros((len(seen), 2, len(P)))
         for rows, k in zip(H, seen.tolist()):
@@ -63,9 +77,12 @@ def bound_of(scenario: Scenario, episode: Episode) -> np.ndarray:
             S = HP @ rows.T + scenario.pixel_std**2 * np.eye(len(rows))
             P -= HP.T @ np.linalg.solve(S, HP)
             P = 0.5 * (P + P.T)
+            noise = scenario.pixel_std * rng.standard_normal((len(rows), DRAWS))
+            errors -= HP.T @ np.linalg.solve(S, rows @ errors + noise)
         deviations.append(_deviations(P))
-    at = np.rint((episode.times - episode.times[0]) / dt).astype(int)
-    return np.array(deviations)[at]
+        if frame in samples:
+            furthest = np.maximum(furthest, np.linalg.norm(errors[:3], axis=0))
+    return np.array(deviations)[samples], float(np.mean(furthest > LOST_POSITION_ERROR))
 
 
 def _deviations(P: np.ndarray) -> tuple[float, float]:

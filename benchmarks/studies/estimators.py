@@ -50,7 +50,8 @@ def rows_of(policy: str, estimator: str, frame_time: float, runs: Sequence[Episo
     if "bound" not in runs[0].notes:
         return [row]
     bound = _root_mean_squares([(run.times, run.notes["bound"][:, 0]) for run in kept], times)
-    return [[f"`{policy}`", "Cramér–Rao bound", "", bound, "", "", ""], row]
+    chances = sum(run.notes["chance"] for run in runs)
+    return [[f"`{policy}`", "Cramér–Rao bound", "", bound, "", f"{chances:.1f} of {len(runs)}", ""], row]
 
 
 def _root_mean_squares(curves: Sequence[tuple[np.ndarray, np.ndarray]], times: Sequence[float]) -> str:

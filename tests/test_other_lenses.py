@@ -10,7 +10,14 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E402
 from activeslam_gym.config import Scenario  # noqa: E402
-from activeslam_gym.vision.other_lenses import Lens, fitted, lens_from, read_lens  # noqa: E402
+from activeslam_gym.vision.other_lenses import (  # noqa: E402
+    Lens,
+    _projected,
+    fitted,
+    lens_from,
+    read_lens,
+    straightening,
+)
 
 MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
 RADIAL, FISHEYE = (0.05, -0.02, 0.001, -0.0005), (0.01, -0.003, 0.001, 0.0)
@@ -66,9 +73,28 @@ def test_the_residual_is_what_the_pixels_of_points_differ_by(fisheye: bool) -> N
 
 def test_a_lens_of_equation_1_is_found_to_the_last_digit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 320 240 195 160.5 120.5\n")
-    found = lens_from(tmp_path / "cameras.txt")
+    found, _ = lens_from(tmp_path / "cameras.txt")
     np.testing.assert_allclose(found, (320, 240, 195.0, 160.0, 120.0, 0.0), atol=1e-9)
-    assert "residual 0.00 px" in capsys.readouterr().err
+    assert "by 0.00 px" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) -> None:
+    lens = Lens(
+        (640, 480), fisheye, MATRIX, np.array((-0.25, 0.08, 0.0, 0.0) if fisheye else (-0.3, 0.1, 0.002, 0.001))
+    )
+    calibration, _, greatest = fitted(lens, "here")
+    assert greatest > 1.0  # or there would be nothing to map
+    straighten, camera = straightening(lens, calibration), camera_of(Scenario(**calibration._asdict()))
+    for x, y in np.random.default_rng(0).uniform((-0.45, -0.35), (0.45, 0.35), (30, 2)):
+        ours, theirs = np.empty(2), _projected(lens, np.array((x, y)))
+        assert pixel_from_camera_point(camera, (-x, -y, 1.0), ours)
+        v, u = np.mgrid[:480, :640]
+        spot = 200.0 * np.exp(-0.5 * ((u - theirs[0]) ** 2 + (v - theirs[1]) ** 2) / 3.0**2)
+        _, image = straighten((0.0, np.rint(spot).astype(np.uint8)))
+        bright = image * (image > 8.0)
+        there = np.array(((bright * u).sum(), (bright * v).sum())) / bright.sum()
+        np.testing.assert_allclose(there, ours, atol=0.1)
 
 
 WRONG = (

@@ -80,7 +80,8 @@ class Sequence:
     def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
         self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
-        self._calibration, self._target, self._rate = lens_from(calibration), read_target(target), rate
+        self._calibration, self._straighten = lens_from(calibration)
+        self._target, self._rate = read_target(target), rate
         self._images = open_images(images, rate)
         slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
         self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
@@ -95,6 +96,7 @@ class Sequence:
         """The next image, or None. Raises ValueError: it cannot be read."""
         frame = next(self._images, None)
         if frame is not None:
+            frame = self._straighten(frame)
             self._calibration.check_image(frame[1])
         return frame
 

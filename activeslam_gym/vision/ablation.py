@@ -44,10 +44,10 @@ def ablate(
     """
     if every < 1:
         raise ValueError(f"every must be a whole number of 1 or more, got {every!r}")
-    lens, known = lens_from(calibration), read_target(target)
+    (lens, straighten), known = lens_from(calibration), read_target(target)
     truth = None if reference is None else _positions(Path(reference))
     for variant, without in VARIANTS.items():
-        chosen = islice(open_images(images, rate), 0, None, every)
+        chosen = map(straighten, islice(open_images(images, rate), 0, None, every))
         done = follow(chosen, lens, known, rate / every, replace(FrontEndSettings(), **without))
         yield _line(variant, done, truth)
 

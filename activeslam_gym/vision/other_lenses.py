@@ -1,11 +1,13 @@
-"""Calibrations of other programs: equation 1 fitted to the lens of a file of OpenCV, ROS, Kalibr or COLMAP.
+"""Calibrations of other programs: OpenCV, ROS, Kalibr and COLMAP.
 
 OpenCV's radial-tangential lens has 4, 5 or 8 coefficients, and its fisheye (Kannala and Brandt 2006) 4. What is
-filtered is equation 1, so the fit's residual is part of the answer: a lens that it does not describe is visible there.
+filtered is equation 1, so that is fitted to the lens, and each image is mapped from the one to the other. The residual
+of the fit is therefore no error of the pixels; it is how far they are moved.
 """
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,6 +17,7 @@ from scipy.optimize import least_squares
 from activeslam_gym.files import text_of
 from activeslam_gym.vision.calibration import Calibration, calibration_from, read_calibration
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.sources import Frame
 
 FISHEYE = ("fisheye", "equidistant", "kannala")
 """Words for the fisheye lens in files."""
@@ -28,8 +31,10 @@ _ANGLES, _AROUND = np.linspace(0.005, 1.4, 280), 48
 """Rays that are compared: their angles from the axis [rad], and how many there are about it."""
 _LEAST = 400
 """Of them must be in the image."""
-_WORST = 0.01
+_WORST = 0.02
 """A fit with a residual over this share of the image's width is refused."""
+Straighten = Callable[[Frame], Frame]
+"""Maps an image of a lens to that of equation 1, at the same time."""
 
 
 class Lens(NamedTuple):
@@ -54,9 +59,7 @@ def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
     (width, height), centre = lens.size, lens.matrix[:2, 2]
     angle, around = np.meshgrid(_ANGLES, np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False), indexing="ij")
     rays = np.tan(angle)[..., None] * np.stack((np.cos(around), np.sin(around)), axis=-1)
-    there = np.concatenate((rays, np.ones((*angle.shape, 1))), axis=-1).reshape(-1, 1, 3)
-    project = opencv().fisheye.projectPoints if lens.fisheye else opencv().projectPoints
-    pixels = project(there, np.zeros(3), np.zeros(3), lens.matrix, lens.coefficients)[0].reshape(rays.shape)
+    pixels = _projected(lens, rays)
     radius = np.linalg.norm(pixels - centre, axis=-1)
     unfolded = np.logical_and.accumulate(np.diff(radius, axis=0, prepend=0.0) > 0.0, axis=0)
     seen = unfolded & (np.abs(pixels - 0.5 * np.array((width - 1, height - 1))) <= 0.5 * np.array(lens.size)).all(-1)
@@ -75,26 +78,51 @@ def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
     weighed = np.hypot(*found.fun.reshape(-1, 2).T)
     typical, greatest = float(np.sqrt(np.mean(weighed**2))), float(np.max(weighed / weight))
     if typical > _WORST * width:
-        raise ValueError(f"{where}: equation 1 does not describe this lens, it is off by {typical:.1f} px (rms)")
+        raise ValueError(f"{where}: this is no lens that shows a picture, equation 1 is off by {typical:.1f} px (rms)")
     return calibration_from(fields, where), typical, greatest
 
 
-def lens_from(path: str | Path) -> Calibration:
-    """The calibration in a file: ours in JSON (see `read_calibration`), or the nearest to another program's.
+def _projected(lens: Lens, rays: np.ndarray) -> np.ndarray:
+    """Pixels (..., 2) of points at ``rays`` (..., 2) before the camera, x right and y down, at depth 1."""
+    there = np.concatenate((rays, np.ones((*rays.shape[:-1], 1))), axis=-1).reshape(-1, 1, 3)
+    project = opencv().fisheye.projectPoints if lens.fisheye else opencv().projectPoints
+    return project(there, np.zeros(3), np.zeros(3), lens.matrix, lens.coefficients)[0].reshape(rays.shape)
+
+
+def straightening(lens: Lens, calibration: Calibration) -> Straighten:
+    """What maps images of the ``lens`` to those of equation 1 with ``calibration``; black where there are none."""
+    width, height, f, u0, v0, distortion = calibration
+    bent = np.stack(np.meshgrid(np.arange(width) - u0, np.arange(height) - v0), axis=-1)
+    rays = bent / (f * np.sqrt(1.0 - distortion * (bent**2).sum(axis=-1, keepdims=True)))
+    cv2 = opencv()
+    tables = cv2.convertMaps(_projected(lens, rays).astype(np.float32), None, cv2.CV_16SC2)
+
+    def straighten(frame: Frame) -> Frame:
+        calibration.check_image(frame[1])
+        return frame[0], cv2.remap(frame[1], *tables, cv2.INTER_LINEAR)
+
+    return straighten
+
+
+def lens_from(path: str | Path) -> tuple[Calibration, Straighten]:
+    """The calibration in a file: ours in JSON (see `read_calibration`), or the nearest to another program's, with what
+    maps its images to it.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is damaged, or its lens is like none of ours.
+        ValueError: it is damaged, or no lens has its numbers.
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
     if Path(path).suffix.lower() == ".json":
-        return read_calibration(path)
+        return read_calibration(path), lambda frame: frame
     lens = read_lens(path)
     calibration, typical, greatest = fitted(lens, str(path))
     kind = "fisheye" if lens.fisheye else "radial-tangential"
-    fit = f"equation 1 is fitted to its {kind} lens; residual {typical:.2f} px (rms), {greatest:.2f} at most"
-    print(f"{path}: {fit}", file=sys.stderr, flush=True)
-    return calibration
+    moved = (
+        f"each image is mapped from its {kind} lens to equation 1, by {typical:.2f} px (rms), {greatest:.2f} at most"
+    )
+    print(f"{path}: {moved}", file=sys.stderr, flush=True)
+    return calibration, straightening(lens, calibration)
 
 
 def read_lens(path: str | Path) -> Lens:

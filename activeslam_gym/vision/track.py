@@ -178,11 +178,11 @@ def track(
     opencv()
     folder, diagnosis = Path(out), Diagnosis()
     with argument("calibration"):
-        lens = lens_from(calibration)
+        lens, straighten = lens_from(calibration)
     with argument("target"):
         known = None if target is None else read_target(target)
     with argument("images", SourceError):
-        frames = open_images(images, rate)
+        frames = map(straighten, open_images(images, rate))
     with argument("out"):
         demand_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)

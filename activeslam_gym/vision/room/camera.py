@@ -24,16 +24,18 @@ _SOFTNESS = 0.6  # deviation by which pictures of it are blurred: the lens, and 
 
 
 class RoomCamera:
-    """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one.
+    """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one, see `lens_of`.
 
     ``scene``: the room; `fiducials` (4, 3) [m]: the corners of its target.
     """
 
-    def __init__(self, scenario: Scenario, lens: Record, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, scenario: Scenario, lens: Record, seed: np.random.SeedSequence, rays: np.ndarray | None = None
+    ) -> None:
         room, noise = seed.spawn(2)
         self.scene = draw_scene(scenario, np.random.default_rng(room))
         self.fiducials = self.scene.target
-        self._sensor, self._lens = Sensor(), lens_of(lens)
+        self._sensor, self._lens = Sensor(), lens_of(lens, rays)
         self._key = noise.generate_state(1, np.uint64)
         self._work = workspace_of(self.scene, self._lens)
 

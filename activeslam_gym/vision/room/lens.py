@@ -25,11 +25,16 @@ class Lens(NamedTuple):
     image_bounds: np.ndarray  # (4,) the same for the whole image
 
 
-def lens_of(camera: Record) -> Lens:
-    """The table of a camera, whose width and height are whole numbers."""
+def lens_of(camera: Record, rays: np.ndarray | None = None) -> Lens:
+    """The table of a camera, whose width and height are whole numbers; of another lens, which equation 1 does not
+    describe, the ``rays`` (H, W, 2) of its pixels: x to the left and y up at depth 1."""
     columns, rows = -(-int(camera.width) // TILE_WIDTH), -(-int(camera.height) // TILE_HEIGHT)
     table = np.empty((5, rows * TILE_HEIGHT, columns * TILE_WIDTH))
     _trace(camera, table)
+    if rays is not None:
+        h, w = rays.shape[:2]
+        (dv_x, du_x), (dv_y, du_y) = (np.gradient(rays[..., axis]) for axis in (0, 1))
+        table[:, :h, :w] = rays[..., 0], rays[..., 1], du_x, 0.5 * (dv_x + du_y), dv_y
     by_tile = table.reshape(5, rows, TILE_HEIGHT, columns, TILE_WIDTH).transpose(1, 3, 0, 2, 4)
     rays = by_tile.reshape(rows * columns, 5, TILE)
     reach = np.abs(rays[:, 2:]).sum(1)  # of a pixel

@@ -33,6 +33,8 @@ ERRORS = (
     Column("position_error", "position error, cm", scale=100.0),
     Column("orientation_error", "orientation error, °", scale=DEGREES, digits=2),
 )
+HEADLINE = (*LEARNED[:2], LEARNED[-1], ERRORS[0])
+"""What the README shows of each policy."""
 SPEED = (
     Column("target_reached", f"reach {TARGET}, %", "share", 100.0),
     Column("target_time", "at, s"),
@@ -167,7 +169,7 @@ def markdown(summary: Summary) -> str:
 def headline(summary: Summary) -> str:
     """One Markdown table, the highest log score first."""
     figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
-    return f"{_table('', figures, (*LEARNED, ERRORS[0])).markdown()}\n\n{LEGEND}"
+    return f"{_table('', figures, HEADLINE).markdown()}\n\n{LEGEND}"
 
 
 def _table(

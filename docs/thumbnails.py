@@ -1,0 +1,40 @@
+"""`python docs/thumbnails.py`: the pictures of the scenario gallery, 4 s into the first training episode of each scenario."""
+
+from pathlib import Path
+
+import gymnasium as gym
+from PIL import Image
+
+import activeslam_gym
+import baselines
+from activeslam_gym.config import SCENARIOS, TRAINING_SEED
+
+FOLDER = Path(__file__).resolve().parent / "images" / "scenarios"
+TIME = 4.0
+"""In the episode [s]."""
+ROOM = (20, 45, 460, 425)
+"""The part of a picture of 720 × 480 pixels that shows the room."""
+
+
+def thumbnail(name: str) -> Image.Image:
+    """The room with the map that `mi-mi` has made; of a scenario on images, what the camera sees."""
+    images = name.endswith("pixels")
+    env = gym.make(
+        "ActiveSLAMPixels-v0" if images else "ActiveSLAM-v0",
+        scenario=name,
+        render_mode="rgb_array",
+        render_size=(720, 480),
+    )
+    policy = baselines.make("mi-mi", env)
+    observation, _ = env.reset(seed=TRAINING_SEED)
+    for _ in range(round(TIME / env.unwrapped.scenario.gaze_period)):
+        observation, *_ = env.step(policy.predict(observation)[0])
+    picture = Image.fromarray(env.unwrapped.image) if images else Image.fromarray(env.render()).crop(ROOM)
+    return picture.convert("RGB").resize((320, 320 * picture.height // picture.width), Image.Resampling.LANCZOS)
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    activeslam_gym.warm_up()
+    for scenario in SCENARIOS:
+        thumbnail(scenario).quantize(64).save(FOLDER / f"{scenario}.png", optimize=True)

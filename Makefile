@@ -20,8 +20,8 @@ help: ## show this list
 demo: $(VENV)/.agents ## compare learned and greedy policies in eight rooms: table and pictures in results/demo
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
 
-consistency: $(VENV)/.demo ## is the filter consistent? 100 rooms a strategy, both initialisers (minutes): results/consistency
-	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/HONESTY.md
+consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, both initialisers (minutes): results/consistency
+	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/consistency_report.md
 
 results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it was not trained (15 minutes or more)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes 200 --out results/compare --report RESULTS.md README.md --resume
@@ -37,7 +37,7 @@ advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (
 	$(RUN) $(LIVE) docs/STUDY.md
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
-	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md README.md
+	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md
 
 docs: $(VENV)/.docs ## the manual, in results/site, to be opened as a file; a warning is an error
 	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --quiet --strict

@@ -25,7 +25,7 @@ def played(seed: int, restarts: bool, association: str) -> dict[str, float]:
 
 @pytest.mark.parametrize("association", ["known", "unknown"])
 def test_depths_turned_inside_out_are_given_up(association: str) -> None:
-    """Room 6 000 243, with labels or without: see docs/HONESTY.md."""
+    """Room 6 000 243, with labels or without: see docs/consistency.md."""
     wrong, mended = (played(6_000_243, restarts, association) for restarts in (False, True))
     assert wrong["restarts"] == 0 and wrong["score"] < -1000.0
     assert mended["restarts"] >= 1 and mended["score"] > -100.0

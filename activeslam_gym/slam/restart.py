@@ -6,7 +6,7 @@ after frame, and the update, which weighs one wrong covariance with another, doe
 NIS is kept; where it is high, the map is deleted and the camera's covariance is widened. Half the NIS is a negative
 log likelihood, so a fiducial that should be seen and is not counts that of a miss, -log(1 - detection probability).
 (The test of innovations: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation",
-2001, section 5.4. docs/HONESTY.md says how the constants were found.)
+2001, section 5.4. docs/notes.md says how the constants were found.)
 """
 
 import math
@@ -23,7 +23,7 @@ from activeslam_gym.slam.sight import INSIDE, Sight
 MEMORY = 0.5
 """Of the running mean [s]."""
 LIMIT = 2.5
-"""Of the running mean; of 2 800 runs in `paper`, those that were not wrong kept under 2.3 (docs/HONESTY.md)."""
+"""Of the running mean; of 2 800 runs in `paper`, those that were not wrong kept under 2.3 (docs/consistency.md)."""
 LEAST, MOST = 3, 10.0
 """Fiducials that a frame must tell of; the most that one of them counts in a frame."""
 

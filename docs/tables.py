@@ -24,13 +24,17 @@ def scenarios() -> str:
 
 
 def fields() -> str:
-    """Every field of a scenario with its default, its bounds, and the docstring under it."""
+    """Every field of a scenario with its default, its bounds, and the docstring under it; a table for each subject."""
     told = _field_docstrings(config.Scenario)
     allowed = {name: ", ".join(bound.allowed for bound in bounds) for name, bounds in config.BOUNDS.items()}
-    rows = [
-        (f"`{f.name}`", _shown(f.default), allowed[f.name], told[f.name]) for f in dataclasses.fields(config.Scenario)
-    ]
-    return _table(("Field", "Default", "Allowed", "What it is"), rows)
+    subjects = [base for base in config.Scenario.__mro__[1:] if vars(base).get("__annotations__")]
+    parts = []
+    for subject in reversed(subjects):
+        own = [field for field in dataclasses.fields(config.Scenario) if field.name in vars(subject)["__annotations__"]]
+        rows = [(f"`{f.name}`", _shown(f.default), allowed[f.name], told[f.name]) for f in own]
+        title = (inspect.getdoc(subject) or "").partition("\n")[0].rstrip(".")
+        parts += [f"### {title}", _table(("Field", "Default", "Allowed", "What it is"), rows)]
+    return "\n\n".join(parts)
 
 
 def rewards() -> str:

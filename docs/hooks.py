@@ -35,6 +35,7 @@ FONT = "assets/STIXTwoMath-Regular.ttf"
 """A font for formulas, for readers whose system has none; it comes with the package ziamath (SIL Open Font License)."""
 
 _TABLE = re.compile(r"<!-- table: (\w+) -->")
+_INCLUDED = re.compile(r'^--8<-- "([\w/]+\.md):(\w+)"$', re.MULTILINE)
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]]*)\]\((?P<target>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _BARS, _RIGID = "<mo>&#x02016;</mo>", '<mo stretchy="false">'
@@ -125,8 +126,16 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
     if page.file.src_uri in WIDE:
         page.meta["hide"] = ["toc"]
-    links = site_links(markdown, source_of(page.file.src_uri).parent, os.path.dirname(page.file.src_uri) or ".")
+    at = os.path.dirname(page.file.src_uri) or "."
+    links = site_links(markdown, source_of(page.file.src_uri).parent, at)
+    links = _INCLUDED.sub(lambda line: site_links(_section(ROOT / line[1], line[2]), (ROOT / line[1]).parent, at), links)
     return _TABLE.sub(lambda table: TABLES[table[1]](), links)
+
+
+def _section(page: Path, name: str) -> str:
+    """What stands between the marks of a section of a Markdown file."""
+    text = page.read_text(encoding="utf-8").partition(f"[start:{name}] -->\n")[2]
+    return text.partition(f"<!-- --8<-- [end:{name}]")[0]
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -79,7 +79,7 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
 
 
 def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
-    """Weights of before stay where those made anew are no better in the rooms for validation: docs/worlds.md."""
+    """Weights of before stay where those made anew are no better in the rooms for validation: docs/LEARNING.md."""
     for name in pretrained.names():
         card = read_card(FOLDER / f"{name}.npz")
         measured = card.get("measured_behaviour", card["behaviour"])
@@ -87,7 +87,7 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
         assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
         recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe)})
         of_its_own = ["reward", "scenario", "seed", "total_steps"]
-        if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/worlds.md
+        if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/LEARNING.md
             of_its_own += ["warm_start", "entropy_bonus"]
         changed = {field: getattr(recipe, field) for field in of_its_own}
         assert recipe == Recipe(**changed), "the command's defaults make other weights"

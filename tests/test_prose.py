@@ -1,0 +1,64 @@
+"""The prose of the manual: short pages, short sentences where a newcomer reads, and the field's words everywhere."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
+FIRST_READ = ("README.md", "docs/index.md", "docs/start.md", "docs/tutorial.md", "docs/concepts.md")
+MOST_WORDS = 35
+MOST_LINES = {"README.md": 150, "docs/consistency.md": 60, "docs/notes.md": 300}
+IDIOMS = (
+    r"looks? at nothing", r"\bblind(ly)?\b", r"\bunseen\b", r"(nobody|none) has seen", r"\b(dis)?honest(y|ly)?\b",
+    r"\bsure of\b", r"\btoo sure\b", r"bits removed", r"what (was|is) learned", r"\banew\b", r"given up", r"trained again",
+    r"\bstrangers?\b", r"\bfelt\b", r"\bbirths?\b", r"\bborn\b", r"\bmatur\w+", r"\bforg[eo]t\w*", r"\breferees?\b",
+    r"\bclairvoyant\b", r"sees everything", r"\bforfeit\b", r"given away", r"\b(un)?luck\w*", r"holds zero",
+    r"\bof (before|then|now)\b", r"\bwho (looks|decides|circles|follows|stays)\b", r"\bthings?\b", r"\bearlier version",
+)  # fmt: skip
+"""Private words for which the field has its own; names in code are left alone."""
+EXCEPTIONS = {
+    "docs/BOUNDS.md": {r"\bclairvoyant\b", r"sees everything"},  # names of rows of its table
+    "docs/STUDY.md": set(IDIOMS),  # `python -m agents study` writes the page
+}
+
+
+def prose(page: Path) -> str:
+    """The text of a page without code, comments and what a command has written; a link is its text."""
+    text = page.read_text(encoding="utf-8")
+    text = re.sub(r"<!-- generated: (.*?) -->.*?<!-- end: \1 -->", "", text, flags=re.DOTALL)
+    text = re.sub(r"^:::.*\n(?:    .*\n)*", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^ *```.*?^ *```$|<!--.*?-->|^\$\$.*?^\$\$$", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"!?\[((?:[^\[\]]|\[[^\]]*\])*)\]\([^)]*\)", r"\1", text)
+    return re.sub(r"`[^`]*`", "code", text)
+
+
+def sentences(text: str) -> list[str]:
+    """Sentences of paragraphs and list items; tables and headings are left out."""
+    lines = ["" if re.match(r" *(\||#|:::|--8<--)", line) else line for line in text.splitlines()]
+    blocks = re.split(r"\n\s*\n|\n\s*(?:[-*]|\d+\.) ", "\n".join(lines))
+    return [one for block in blocks for one in re.split(r"(?<=[.!?])[*)]*\s+", " ".join(block.split())) if one]
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", FIRST_READ)
+def test_sentences_that_a_newcomer_reads_are_short(page: str) -> None:
+    long = [one for one in sentences(prose(ROOT / page)) if len(one.split()) > MOST_WORDS]
+    assert not long, "\n".join(long)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_pages_use_the_words_of_the_field(page: Path) -> None:
+    text = prose(page)
+    allowed = EXCEPTIONS.get(name(page), set())
+    found = {match[0] for idiom in IDIOMS if idiom not in allowed for match in re.finditer(idiom, text, re.IGNORECASE)}
+    assert not found, f"{name(page)}: {', '.join(sorted(found))}"
+
+
+def test_pages_keep_to_their_lines() -> None:
+    lines = {page: (ROOT / page).read_text(encoding="utf-8").count("\n") for page in MOST_LINES}
+    assert not {page: count for page, count in lines.items() if count > MOST_LINES[page]}

@@ -127,15 +127,15 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     if page.file.src_uri in WIDE:
         page.meta["hide"] = ["toc"]
     at = os.path.dirname(page.file.src_uri) or "."
-    links = site_links(markdown, source_of(page.file.src_uri).parent, at)
-    links = _INCLUDED.sub(lambda line: site_links(_section(ROOT / line[1], line[2]), (ROOT / line[1]).parent, at), links)
-    return _TABLE.sub(lambda table: TABLES[table[1]](), links)
+    text = site_links(markdown, source_of(page.file.src_uri).parent, at)
+    text = _INCLUDED.sub(lambda line: site_links(*_section(ROOT / line[1], line[2]), at), text)
+    return _TABLE.sub(lambda table: TABLES[table[1]](), text)
 
 
-def _section(page: Path, name: str) -> str:
-    """What stands between the marks of a section of a Markdown file."""
+def _section(page: Path, name: str) -> tuple[str, Path]:
+    """The text between the marks of a section of a Markdown file, and the folder of its links."""
     text = page.read_text(encoding="utf-8").partition(f"[start:{name}] -->\n")[2]
-    return text.partition(f"<!-- --8<-- [end:{name}]")[0]
+    return text.partition(f"<!-- --8<-- [end:{name}]")[0], page.parent
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -1,4 +1,4 @@
-"""`python docs/thumbnails.py`: the pictures of the scenario gallery, 4 s into the first training episode of each scenario."""
+"""`python docs/thumbnails.py`: the pictures of the scenario gallery, 4 s into the first training episode of each."""
 
 from pathlib import Path
 

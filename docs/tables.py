@@ -62,10 +62,10 @@ def leaderboard() -> str:
     rows = []
     for name in dict.fromkeys([*scored, *pretrained.names(), *baselines.names()]):
         kind = f"learned: [its card](cards/{name}.md)" if name in pretrained.names() else "computed"
-        clip = f"![{name} in room 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
+        clip = f"![{name} in the episode 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
         numbers = [scored[name][column] for column in columns] if name in scored else ["not yet"] * 3
         rows.append((f"`{name}`<br>{kind}", *numbers, clip))
-    head = ("policy", "log score gain, bits: median", "under 0, %", "lost, %", "in one room, 4 times as fast")
+    head = ("policy", "log score gain, bits: median", "under 0, %", "lost, %", "one episode, 4 times as fast")
     return _table(head, rows)
 
 

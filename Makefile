@@ -17,19 +17,19 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
 
-demo: $(VENV)/.agents ## compare learned and greedy policies in eight rooms: table and pictures in results/demo
+demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: table and pictures in results/demo
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, both initialisers (minutes): results/consistency
 	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/consistency_report.md
 
-results: $(VENV)/.agents ## RESULTS.md: every policy in 200 rooms, and where it was not trained (15 minutes or more)
+results: $(VENV)/.agents ## RESULTS.md: every policy in 200 episodes, and generalisation (15 minutes or more)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes 200 --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes 20 --report RESULTS.md
 
 LIVE := -m agents live --rooms 50 20 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 
-figures: $(VENV)/.advice ## the paper's study over 100 rooms, and the live system's (half an hour or more): results/figures, of which docs/ holds a copy
+figures: $(VENV)/.advice ## the paper's study over 100 episodes, and the live system's (half an hour or more): results/figures, of which docs/ holds a copy
 	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
 	$(RUN) $(LIVE) results/figures/STUDY.md
 

@@ -172,6 +172,17 @@ class Filter:
         model = self.models.filter
         return int(give_birth(self.camera, model.initialisation, model.particles, self.belief, z, noise))
 
+    @property
+    def expected_inverse_depth(self) -> tuple[float, float]:
+        """Mean and deviation of the inverse depth of a new feature [1/m]."""
+        model = self.models.filter.initialisation
+        return float(model.rho_mean), float(model.rho_std)
+
+    @expected_inverse_depth.setter
+    def expected_inverse_depth(self, prior: tuple[float, float]) -> None:
+        model = self.models.filter.initialisation
+        model.rho_mean, model.rho_std = prior
+
     def delete(self, id: int) -> None:
         """Forget a feature.
 

@@ -4,6 +4,7 @@ The front end finds pixels for predicted features. The filter does not know of i
 candidates it believes.
 """
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -53,6 +54,8 @@ MISSED, MATCHED, DOUBTED = 0, 1, 2
 _LEVER = 0.5 * TEMPLATE_HALF
 """Mean distance of the edges of a corner's template from the corner: so far off is the corner found for each radian by
 which the template is turned against the image [px]."""
+_NEAREST = 3.0
+"""What is nearer counts as so many times the scenario's inverse depth."""
 
 
 class Searched(NamedTuple):
@@ -71,6 +74,7 @@ class FrontEnd:
     def __init__(self, filter: Filter, settings: FrontEndSettings | None = None) -> None:
         self.filter, self.camera = filter, filter.camera
         self.settings = (settings or FrontEndSettings()).seen_through(float(self.camera.focal))
+        self._prior = filter.expected_inverse_depth
         self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
         self._found: list[np.ndarray] = []
@@ -317,6 +321,21 @@ class FrontEnd:
         self._gallery.remove(id)
         self.filter.delete(id)
 
+    def _expect_depths(self) -> None:
+        """New features are expected as far away as mapped ones are now.
+
+        Each feature's prior counts as one more measurement of the scale. Where it is wrong by a little for all of them,
+        as a desk's is in a room, the map's scale is soon wrong by more than it knows.
+        """
+        weight, (mean, std), known = self.settings.depth_prior, self._prior, self.filter.estimate()
+        distances = np.linalg.norm(known.points[known.mapped] - self.filter.mean[:3], axis=1)
+        rho = 1.0 / np.maximum(distances, 1.0 / (_NEAREST * mean))
+        total = weight + len(rho)
+        centre = (weight * mean + rho.sum()) / total
+        square = (weight * (std**2 + (mean - centre) ** 2) + ((rho - centre) ** 2).sum()) / total
+        spread = max(math.sqrt(square), self.settings.least_depth_spread * centre)
+        self.filter.expected_inverse_depth = centre, spread
+
     def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray) -> int:
         """New features where the image has few; when the map is full, those not seen for longest make room."""
         s, (h, w), edge = self.settings, image.shape, TEMPLATE_HALF + 2
@@ -325,6 +344,8 @@ class FrontEnd:
         due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
         if wanted <= 0 or not due:
             return 0
+        if math.isfinite(s.depth_prior):
+            self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
         for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner, s.least_ratio):
             if self._gallery.features >= self.filter.capacity:

@@ -63,6 +63,8 @@ class FrontEndSettings:
     spacing: float = 13.0  # distance of a birth from other features [px]
     least_corner: float = 4e-4  # least corner strength of a birth
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
+    depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
+    least_depth_spread: float = 0.7  # deviation of that inverse depth, at least so many times its mean
     room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
 
     # Deletion: a feature is judged by its running record
@@ -96,9 +98,9 @@ class FrontEndSettings:
 
 
 SIGHTED = FrontEndSettings(
-    visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05, grain=25.0, drift=0.6,
-    fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2, residual_weight=3.0,
-    most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22, largest_area=4000.0, vague_area=1500.0,
-    scout_area=20000.0,
+    depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05,
+    grain=25.0, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2,
+    residual_weight=3.0, most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22, largest_area=4000.0,
+    vague_area=1500.0, scout_area=20000.0,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

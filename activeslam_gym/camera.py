@@ -17,8 +17,7 @@ from activeslam_gym.motion import QUATERNION
 Vector = np.ndarray | tuple[float, float, float]
 """Three numbers: an array (3,), or a tuple, which costs a kernel no allocation."""
 
-Pixel = np.ndarray | tuple[float, float]
-"""Two numbers, likewise."""
+Pixel = np.ndarray | tuple[float, float]  # two numbers, likewise
 
 CAMERA, camera_of = constants(
     Scenario(),
@@ -39,14 +38,10 @@ CAMERA, camera_of = constants(
 class View(NamedTuple):
     """A camera where it stands, and what may hide things from it."""
 
-    camera: Record
-    """CAMERA."""
-    pose: np.ndarray
-    """(>= 3,) begins with the position [m]."""
-    R_WC: np.ndarray
-    """(3, 3) its rotation."""
-    boxes: np.ndarray = np.zeros((0, 2, 3))
-    """(B, 2, 3) see `hidden`."""
+    camera: Record  # CAMERA
+    pose: np.ndarray  # (>= 3,) begins with the position [m]
+    R_WC: np.ndarray  # (3, 3) its rotation
+    boxes: np.ndarray = np.zeros((0, 2, 3))  # (B, 2, 3) see `hidden`
 
 
 @inlined

@@ -6,8 +6,7 @@ import numpy as np
 
 from activeslam_gym.kernels import compiled
 
-_SMALL_ANGLE = 1e-4
-"""Below this angle [rad] the series are exact to double precision and the closed forms lose digits."""
+_SMALL_ANGLE = 1e-4  # below this angle [rad] the series are exact to double precision and the closed forms lose digits
 
 
 @compiled

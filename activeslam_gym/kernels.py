@@ -34,8 +34,7 @@ Tree = TypeVar("Tree", bound=tuple)
 
 _PACKAGE = Path(__file__).parent
 _CONFIG: Any = _numba_config
-_FOLDERS_KEPT = 4
-"""Contents whose kernels are kept beside the present one's, the last used ones."""
+_FOLDERS_KEPT = 4  # contents whose kernels are kept beside the present one's, the last used ones
 
 
 def compiled(function: Any = None, **options: Any) -> Any:
@@ -231,8 +230,7 @@ _as_part(lambda array: _without_owner(array), borrowed)  # type: ignore[call-arg
 
 _SIGNS = b"@compiled", b"@borrowing", b"@inlined", b" = record(", b" = constants(", b"one_of("
 """What tells a module that kernels are made of."""
-_UPPER_FLOOR = _PACKAGE / "vision"
-"""Its kernels call those of the modules below it, and never the other way round."""
+_UPPER_FLOOR = _PACKAGE / "vision"  # its kernels call those of the modules below it, and never the other way round
 
 
 @functools.cache
@@ -332,10 +330,8 @@ def _delete_old_folders(present: Path) -> None:
 
 # Messages -----------------------------------------------------------------------------------------------------------
 
-_PAUSE = 1.0
-"""Seconds without compilation after which the next kernels are a batch of their own, and are announced."""
-_compiled_at = -_PAUSE
-"""Time of the last beginning or end of a compilation."""
+_PAUSE = 1.0  # seconds without compilation after which the next kernels are a batch of their own, and are announced
+_compiled_at = -_PAUSE  # time of the last beginning or end of a compilation
 _complaints: list[str] = []
 
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from activeslam_gym.kernels import borrowing, compiled
 
-_FUSE = {"contract"}
-"""Let a product and a sum become one fused operation; sums are never reordered."""
+_FUSE = {"contract"}  # let a product and a sum become one fused operation; sums are never reordered
 
 
 @borrowing(fastmath=_FUSE)

@@ -51,8 +51,7 @@ class Gaze(IntEnum):
 
 MOTION_COUNT = len(Motion)
 GAZE_COUNT = len(Gaze)
-GAZE_SHARE = (-1.0, 1.0, 0.0)
-"""Share of the turn rate of each gaze, positive to the left."""
+GAZE_SHARE = (-1.0, 1.0, 0.0)  # share of the turn rate of each gaze, positive to the left
 MOTION_AXIS, MOTION_SIGN = (2, 2, 0, 0, 1, 1), (1.0, -1.0, -1.0, 1.0, 1.0, -1.0)
 """Along which camera axis each translation goes, and whither: z forward; x is to the left, so RIGHT is -x; y up."""
 

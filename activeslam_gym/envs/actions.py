@@ -14,17 +14,12 @@ from activeslam_gym.motion import COMMANDS, GAZE_COUNT, MOTION_COUNT, nearest_mo
 class Encoding:
     """How numbers mean a motion and a gaze."""
 
-    space: Callable[[], spaces.Space[Any]]
-    """Makes the action space."""
-    shape: tuple[int, ...]
-    """Of one action."""
+    space: Callable[[], spaces.Space[Any]]  # makes the action space
+    shape: tuple[int, ...]  # of one action
     least: float
-    most: tuple[float, ...]
-    """Of each number."""
-    whole: bool
-    """The numbers must be whole."""
-    allowed: str
-    """The same in words, for errors."""
+    most: tuple[float, ...]  # of each number
+    whole: bool  # the numbers must be whole
+    allowed: str  # the same in words, for errors
     commands: Callable[..., np.ndarray]
     """From the numbers of an action to its command (4,), or from k arrays (B,) to (B, 4); see `motion.COMMANDS`."""
 

@@ -21,14 +21,11 @@ from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.world.noise import uniforms
 
-VIEWS = 64
-"""Viewpoints that a run remembers, the last ones."""
+VIEWS = 64  # viewpoints that a run remembers, the last ones
 SAME_DISTANCE, SAME_COSINE = 0.3, 0.98
 """Two viewpoints are one if they are nearer to each other [m] and their axes differ by less (0.2 rad)."""
-WELL_INSIDE_PX = 20.0
-"""A point is looked at so far inside the image [px]."""
-TRIES = 24
-"""Draws of which the first that no viewpoint would have seen is taken; else the last."""
+WELL_INSIDE_PX = 20.0  # a point is looked at so far inside the image [px]
+TRIES = 24  # draws of which the first that no viewpoint would have seen is taken; else the last
 
 
 @compiled

@@ -21,13 +21,10 @@ from activeslam_gym.registry import REGISTERED
 from activeslam_gym.slam.estimate import mapped_of, points_of
 from activeslam_gym.world.simulator import find_clearance
 
-STEP, BEGIN, REST = 0, -1, -2
-"""What a run does: a step; evaluate itself, as it has just been reset; nothing."""
+STEP, BEGIN, REST = 0, -1, -2  # what a run does: a step; evaluate itself, as it has just been reset; nothing
 _ENTROPY = REWARDS.number("entropy")
-_FORFEIT = len(REWARDS.own)
-"""Entry of `terms` behind those of the package's rewards."""
-LOSS = 100.0
-"""What a loss costs, beside all that was gained [bit]."""
+_FORFEIT = len(REWARDS.own)  # entry of `terms` behind those of the package's rewards
+LOSS = 100.0  # what a loss costs, beside all that was gained [bit]
 
 
 @compiled

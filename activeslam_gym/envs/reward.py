@@ -33,10 +33,8 @@ EVALUATION = record(
 """What a belief is worth at one moment."""
 
 Potential = Callable[[Record], float]
-REWARDS: Registry[Potential] = Registry("reward")
-"""The potentials by name."""
-FORFEIT = "forfeit"
-"""Name of the failure penalty in `info["reward_terms"]`."""
+REWARDS: Registry[Potential] = Registry("reward")  # the potentials by name
+FORFEIT = "forfeit"  # name of the failure penalty in `info["reward_terms"]`
 
 
 @REWARDS.register("entropy")

@@ -79,31 +79,20 @@ EPISODE = record(
 class Run(NamedTuple):
     """A run; a batch of runs has a leading axis. F feature slots, N = L landmarks, K fiducials, M detections."""
 
-    models: Record
-    """MODELS."""
-    world: World
-    """The truth."""
-    ekf: Belief
-    """The arrays of the estimator `ekf`: only `slam` reads them."""
-    estimate: EstimateArrays
-    """What everything else reads of the estimator."""
-    expected: np.ndarray
-    """(N,) EXPECTED landmarks."""
-    viewpoint: np.ndarray
-    """(V,) VIEW from which was looked for them; V = 0 without negative information."""
-    candidate: np.ndarray
-    """(M,) DETECTION: the last frame's detections, as the filter gets them."""
-    label: np.ndarray
-    """(M,) of what each of them is; see `World`. For scoring alone."""
+    models: Record  # MODELS
+    world: World  # the truth
+    ekf: Belief  # the arrays of the estimator `ekf`: only `slam` reads them
+    estimate: EstimateArrays  # what everything else reads of the estimator
+    expected: np.ndarray  # (N,) EXPECTED landmarks
+    viewpoint: np.ndarray  # (V,) VIEW from which was looked for them; V = 0 without negative information
+    candidate: np.ndarray  # (M,) DETECTION: the last frame's detections, as the filter gets them
+    label: np.ndarray  # (M,) of what each of them is; see `World`. For scoring alone
     first_seen: np.ndarray
     """(F, 3) where the camera was when each landmark of the estimate was initialised [m]; (0, 3) where that does not
     limit the sensor."""
-    owner: np.ndarray
-    """(F,) OWNER, of the landmarks of the estimate in their order. For scoring alone."""
-    episode: Record
-    """EPISODE."""
-    observation: np.ndarray
-    """(D,) float32."""
+    owner: np.ndarray  # (F,) OWNER, of the landmarks of the estimate in their order. For scoring alone
+    episode: Record  # EPISODE
+    observation: np.ndarray  # (D,) float32
 
 
 @inlined

@@ -31,8 +31,7 @@ from activeslam_gym.slam.frame import filter_of
 from activeslam_gym.world.scenes import SCENES
 from activeslam_gym.world.simulator import sensor_of
 
-PICTURE_SIDE = (64, 8192)
-"""The least and the most pixels of a picture's side."""
+PICTURE_SIDE = (64, 8192)  # the least and the most pixels of a picture's side
 
 
 @dataclass(frozen=True)

@@ -72,12 +72,9 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
 class Start(NamedTuple):
     """The part of a reset that the arrays of the run do not hold."""
 
-    mean: np.ndarray
-    """(13,) of the camera's prior."""
-    covariance: np.ndarray
-    """(12, 12) of the camera's prior."""
-    scene: Scene | None
-    """The registered scene; None: the boxes of the world's arrays."""
+    mean: np.ndarray  # (13,) of the camera's prior
+    covariance: np.ndarray  # (12, 12) of the camera's prior
+    scene: Scene | None  # the registered scene; None: the boxes of the world's arrays
 
 
 def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:

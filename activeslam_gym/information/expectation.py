@@ -15,8 +15,7 @@ from activeslam_gym.linalg import (
 )
 from activeslam_gym.slam.estimate import EstimateArrays, copy_own_covariance, index_of
 
-VIEW = record(pose=("f8", 7), axis=("f8", 3))
-"""A viewpoint: position and quaternion, and the optical axis."""
+VIEW = record(pose=("f8", 7), axis=("f8", 3))  # a viewpoint: position and quaternion, and the optical axis
 EXPECTED = record(
     point=("f8", 3),  # where it is expected [m]; uncorrelated with the truth
     serial="i8",  # id of the counting feature that has retired it, or WAITING

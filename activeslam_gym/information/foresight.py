@@ -22,8 +22,7 @@ class SensorLimits(NamedTuple):
     """Features and fiducials in view up to which new ones are initialised."""
 
 
-UNLIMITED = SensorLimits(math.inf, 2**62)
-"""Those of `points`."""
+UNLIMITED = SensorLimits(math.inf, 2**62)  # those of `points`
 
 
 @compiled

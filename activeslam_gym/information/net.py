@@ -33,23 +33,17 @@ from activeslam_gym.linalg import (
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, open_loop, turn_of
 from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
 
-ABSENT = -1
-"""In place of a point's first row in Y: it is not in the state yet."""
+ABSENT = -1  # in place of a point's first row in Y: it is not in the state yet
 
 
 class Noise(NamedTuple):
     """Open-loop motions that plans share: k of them, of different turn rate or length."""
 
-    turn: np.ndarray
-    """(k,) turn rate about the vertical [rad/s]."""
-    frames: np.ndarray
-    """(k,) length; 0: not filled yet."""
-    forth: np.ndarray
-    """(k, 12, 12) F."""
-    back: np.ndarray
-    """(k, 12, 12) F^-1."""
-    factor: np.ndarray
-    """(k, 12, 12) G, of G G^T = F^-1 Q F^-T."""
+    turn: np.ndarray  # (k,) turn rate about the vertical [rad/s]
+    frames: np.ndarray  # (k,) length; 0: not filled yet
+    forth: np.ndarray  # (k, 12, 12) F
+    back: np.ndarray  # (k, 12, 12) F^-1
+    factor: np.ndarray  # (k, 12, 12) G, of G G^T = F^-1 Q F^-T
 
 
 class Forecast(NamedTuple):
@@ -64,16 +58,11 @@ class Forecast(NamedTuple):
 class Course(NamedTuple):
     """Where the camera is on a plan."""
 
-    points: np.ndarray
-    """(M, 3); NaN for those that will not be found."""
-    pose: np.ndarray
-    """(13,)."""
-    start: np.ndarray
-    """(M,) the first row of each point in Y, or ABSENT."""
-    J: np.ndarray
-    """(6, 6) information on the pose of the measurements that are taken here."""
-    images: int
-    """How many images measure the same."""
+    points: np.ndarray  # (M, 3); NaN for those that will not be found
+    pose: np.ndarray  # (13,)
+    start: np.ndarray  # (M,) the first row of each point in Y, or ABSENT
+    J: np.ndarray  # (6, 6) information on the pose of the measurements that are taken here
+    images: int  # how many images measure the same
 
 
 @compiled

@@ -38,18 +38,14 @@ from activeslam_gym.slam.estimator import COMPILED
 
 INVARIANT, PLAIN, FIRST_ESTIMATES = 0, 1, 2
 """What tells the compiled estimators apart, in their order: the default, its plain tangent, its first estimates."""
-RAY, INVERSE_DEPTH, POINT = 1, 2, 3
-"""Kinds of features."""
-KIND_DIM = (0, 5, 6, 3)
-"""Tangent dimensions of each kind."""
+RAY, INVERSE_DEPTH, POINT = 1, 2, 3  # kinds of features
+KIND_DIM = (0, 5, 6, 3)  # tangent dimensions of each kind
 FEATURE_SIZE = 6
-ANCHOR, AZIMUTH, ELEVATION, RHO = slice(0, 3), 3, 4, 5
-"""Parameters of a RAY or INVERSE_DEPTH feature."""
+ANCHOR, AZIMUTH, ELEVATION, RHO = slice(0, 3), 3, 4, 5  # parameters of a RAY or INVERSE_DEPTH feature
 SPARE_FEATURES = 13
 """Features beyond the number of landmarks for which there is room: those being initialised, false and double ones."""
 TRACK_CAPACITY = 32
-MOST_BIASED = 4
-"""Fiducials whose pixels may have biases."""
+MOST_BIASED = 4  # fiducials whose pixels may have biases
 
 STATE = record(
     camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
@@ -93,16 +89,11 @@ Direction = tuple[float, float, float]
 class Belief(NamedTuple):
     """Arrays of one filter. F slots, D covariance rows, M particles, T tracks."""
 
-    state: Record
-    """STATE."""
-    feature: np.ndarray
-    """(F,) FEATURE, of which the leading ``state.count`` are in use, oldest first."""
-    covariance: np.ndarray
-    """(D, D) joint covariance of the camera's tangent and the features."""
-    particles: np.ndarray
-    """(F, M, 2) depth [m] and weight of a RAY's particles, by slot."""
-    track: np.ndarray
-    """(T,) TRACK."""
+    state: Record  # STATE
+    feature: np.ndarray  # (F,) FEATURE, of which the leading ``state.count`` are in use, oldest first
+    covariance: np.ndarray  # (D, D) joint covariance of the camera's tangent and the features
+    particles: np.ndarray  # (F, M, 2) depth [m] and weight of a RAY's particles, by slot
+    track: np.ndarray  # (T,) TRACK
 
 
 @inlined

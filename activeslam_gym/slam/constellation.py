@@ -22,55 +22,38 @@ from activeslam_gym.kernels import Record, borrowing, compiled, inlined
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, diagonal, solve_transposed
 from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measure_distances
 
-MOST_THINGS = 14
-"""A search takes so many things, the sharpest."""
-MISSED = -1
-"""The answer in place of the number of a detection."""
+MOST_THINGS = 14  # a search takes so many things, the sharpest
+MISSED = -1  # the answer in place of the number of a detection
 
 
 class Margins(NamedTuple):
     """By how much what a thing is must lead what else it may be, in ln; at most ``model.margin``, where search ends."""
 
-    other: np.ndarray
-    """(v,) another detection."""
-    missed: np.ndarray
-    """(v,) none."""
+    other: np.ndarray  # (v,) another detection
+    missed: np.ndarray  # (v,) none
 
 
 class Search(NamedTuple):
     """A depth-first search that decides one thing a level; n + 1 levels of n things and M detections."""
 
-    thing: np.ndarray
-    """(n + 1,) the one that the level decides."""
-    choice: np.ndarray
-    """(n + 1, M + 1) what it may be: detections, the likeliest first, and MISSED."""
-    choices: np.ndarray
-    """(n + 1,) how many these are."""
-    tried: np.ndarray
-    """(n + 1,) and how many of them have been followed."""
-    answer: np.ndarray
-    """(n + 1, n) the decisions so far."""
-    score: np.ndarray
-    """(n + 1,) their log likelihood."""
-    rest: np.ndarray
-    """(n + 1,) upper bound of what the other open things add."""
-    most: np.ndarray
-    """(n,) upper bound of the worth of any pair of the thing."""
-    reached: np.ndarray
-    """(M,) room to mark what some open thing reaches."""
-    pair_worth: float
-    """See `worth_of_pair`."""
+    thing: np.ndarray  # (n + 1,) the one that the level decides
+    choice: np.ndarray  # (n + 1, M + 1) what it may be: detections, the likeliest first, and MISSED
+    choices: np.ndarray  # (n + 1,) how many these are
+    tried: np.ndarray  # (n + 1,) and how many of them have been followed
+    answer: np.ndarray  # (n + 1, n) the decisions so far
+    score: np.ndarray  # (n + 1,) their log likelihood
+    rest: np.ndarray  # (n + 1,) upper bound of what the other open things add
+    most: np.ndarray  # (n,) upper bound of the worth of any pair of the thing
+    reached: np.ndarray  # (M,) room to mark what some open thing reaches
+    pair_worth: float  # see `worth_of_pair`
 
 
 class Outcome(NamedTuple):
     """The greatest scores that were found."""
 
-    with_pair: np.ndarray
-    """(n, M + 1) of those in which the thing is the detection; in the last column, is missed."""
-    without: np.ndarray
-    """(M,) of those that leave the detection unexplained."""
-    answer: np.ndarray
-    """(n,) the best."""
+    with_pair: np.ndarray  # (n, M + 1) of those in which the thing is the detection; in the last column, is missed
+    without: np.ndarray  # (M,) of those that leave the detection unexplained
+    answer: np.ndarray  # (n,) the best
 
 
 @compiled

@@ -13,25 +13,18 @@ from activeslam_gym.slam.kalman import gain
 from activeslam_gym.slam.manifold import rotated, shift_mean, subtract_and_recentre, turning
 from activeslam_gym.slam.sight import POSE_DIM, Sight, measure, sight_with
 
-ITERATIONS = 6
-"""At most so many after the first update."""
-STRAIGHT_PX = 0.3
-"""Nothing is iterated where the pixels at the new mean are so near to what the line says."""
-SHORTEST = 0.05
-"""A step is halved until it lowers the cost, but not to under this share of it."""
-ROUNDING = 1e-9
-"""By which a cost that is lower may seem higher."""
+ITERATIONS = 6  # at most so many after the first update
+STRAIGHT_PX = 0.3  # nothing is iterated where the pixels at the new mean are so near to what the line says
+SHORTEST = 0.05  # a step is halved until it lowers the cost, but not to under this share of it
+ROUNDING = 1e-9  # by which a cost that is lower may seem higher
 
 
 class Step(NamedTuple):
     """A step away from the prior mean."""
 
-    delta: np.ndarray
-    """(dim,) in the tangent."""
-    pull: np.ndarray
-    """(dim,) P^-1 delta."""
-    cost: float
-    """delta^T P^-1 delta + (z - h)^T R^-1 (z - h) there; inf where it lowers nothing."""
+    delta: np.ndarray  # (dim,) in the tangent
+    pull: np.ndarray  # (dim,) P^-1 delta
+    cost: float  # delta^T P^-1 delta + (z - h)^T R^-1 (z - h) there; inf where it lowers nothing
 
 
 class Mean(NamedTuple):

@@ -11,8 +11,7 @@ from activeslam_gym.kernels import Record, borrowing
 from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.belief import KIND_DIM, POINT, RHO
 
-NEGLIGIBLE_PX = 0.2
-"""The terms of a point are left out where they cannot come to about so much [px]."""
+NEGLIGIBLE_PX = 0.2  # the terms of a point are left out where they cannot come to about so much [px]
 
 
 PRODUCT_FRAMES = 8.0

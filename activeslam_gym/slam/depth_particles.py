@@ -33,16 +33,11 @@ PARTICLES, particles_of = constants(
 class Rays(NamedTuple):
     """Predicted measurements of each particle of each ray. R rays, M particles."""
 
-    feature: np.ndarray
-    """(R,) where the ray stands in ``belief.feature``."""
-    visibility: np.ndarray
-    """(R, M) 0 (out of reach), NEAR or INSIDE."""
-    z_hat: np.ndarray
-    """(R, M, 2) [px]."""
-    S: np.ndarray
-    """(R, M, 2, 2) H P H^T + R, with the lens's own R [px^2]."""
-    pixel_var: float
-    """Of that R, each axis [px^2]."""
+    feature: np.ndarray  # (R,) where the ray stands in ``belief.feature``
+    visibility: np.ndarray  # (R, M) 0 (out of reach), NEAR or INSIDE
+    z_hat: np.ndarray  # (R, M, 2) [px]
+    S: np.ndarray  # (R, M, 2, 2) H P H^T + R, with the lens's own R [px^2]
+    pixel_var: float  # of that R, each axis [px^2]
 
 
 @compiled

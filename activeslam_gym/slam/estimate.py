@@ -101,12 +101,9 @@ def read_only(array: np.ndarray) -> np.ndarray:
 class EstimateArrays(NamedTuple):
     """An estimate in arrays of fixed capacity, for F landmarks; a batch has a leading axis."""
 
-    state: Record
-    """CAMERA_ESTIMATE."""
-    landmark: np.ndarray
-    """(F,) LANDMARK_ESTIMATE, of which the leading ``state.count`` are in use."""
-    covariance: np.ndarray
-    """(12 + 3 F, 12 + 3 F), of which the leading 12 + 3 n are in use, where ``state.whole``."""
+    state: Record  # CAMERA_ESTIMATE
+    landmark: np.ndarray  # (F,) LANDMARK_ESTIMATE, of which the leading ``state.count`` are in use
+    covariance: np.ndarray  # (12 + 3 F, 12 + 3 F), of which the leading 12 + 3 n are in use, where ``state.whole``
 
 
 @inlined

@@ -19,8 +19,7 @@ from activeslam_gym.slam.estimate import Estimate
 
 EKF, EKF_PLAIN, EKF_FEJ = COMPILED = "ekf", "ekf-plain", "ekf-fej"
 """The compiled estimators, of which the environments run whole steps in one kernel; see `slam.manifold`."""
-NO_MATCH = 0
-"""In place of an id: a measurement of no known landmark."""
+NO_MATCH = 0  # in place of an id: a measurement of no known landmark
 
 
 class Measurements(NamedTuple):
@@ -63,5 +62,4 @@ class Estimator(Protocol):
         """An independent copy, for imagination and planning."""
 
 
-ESTIMATORS: Registry[Any] = Registry("scenario.estimator")
-"""The estimators by name."""
+ESTIMATORS: Registry[Any] = Registry("scenario.estimator")  # the estimators by name

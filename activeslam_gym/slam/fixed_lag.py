@@ -30,24 +30,18 @@ from activeslam_gym.slam.estimator import NO_MATCH, Measurements
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
 FIXED_LAG, SMOOTHER = "fixed-lag", "smoother"
-LAG = 8.0
-"""Poses are marginalised when they are between this [s] and this and `MARGINALISED_EVERY` old."""
-MARGINALISED_EVERY = 2.0
-"""Time between two marginalisations, after each of which all else is relinearised [s]."""
-RELINEARISED_EVERY = 10
-"""Frames between relinearisations."""
-RELINEARISATION_THRESHOLD = 0.02
-"""A variable that has moved by more [m, rad, 1/m] is then relinearised."""
-LEAST_INVERSE_DEPTH = 0.02
-"""An estimate's landmarks are at most at the inverse of this [1/m]."""
+LAG = 8.0  # poses are marginalised when they are between this [s] and this and `MARGINALISED_EVERY` old
+MARGINALISED_EVERY = 2.0  # time between two marginalisations, after each of which all else is relinearised [s]
+RELINEARISED_EVERY = 10  # frames between relinearisations
+RELINEARISATION_THRESHOLD = 0.02  # a variable that has moved by more [m, rad, 1/m] is then relinearised
+LEAST_INVERSE_DEPTH = 0.02  # an estimate's landmarks are at most at the inverse of this [1/m]
 MOST_ITERATIONS = 5
 """A frame that moves the camera by more than the threshold, or does not fit, is iterated at most so often."""
 LARGEST_MISFIT = 6.0
 """Half the squared residuals of a frame's M numbers are M / 2 on average; over M and this, the frame does not fit."""
 CAUCHY = 2.0
 """Deviations of a landmark's prior beyond which it has the tails of Cauchy: a landmark may be very near the camera."""
-FREE_ANGLE_STD = 10.0
-"""Prior of a landmark's azimuth and elevation [rad]: none to speak of."""
+FREE_ANGLE_STD = 10.0  # prior of a landmark's azimuth and elevation [rad]: none to speak of
 
 
 class FixedLag:
@@ -61,8 +55,7 @@ class FixedLag:
     """
 
     name, lag = FIXED_LAG, LAG
-    libraries = ("gtsam",)
-    """On whose versions its results depend."""
+    libraries = ("gtsam",)  # on whose versions its results depend
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
         self.check(scenario)

@@ -16,20 +16,13 @@ from activeslam_gym.slam.sight import Sight
 class Hypotheses(NamedTuple):
     """The open questions between v predicted things and M detections."""
 
-    z: np.ndarray
-    """(2 v,) predicted pixels, given the matches so far [px]."""
-    S: np.ndarray
-    """(2 v, 2 v) their joint covariance, given the matches so far; each detection adds its own R [px^2]."""
-    open: np.ndarray
-    """(v,) bool: things without a match."""
-    free: np.ndarray
-    """(M,) bool: detections without a match."""
-    allowed: np.ndarray
-    """(v, M) bool: whether the detection may be the thing, by its id."""
-    d2: np.ndarray
-    """(v, M) squared Mahalanobis distances; inf where it may not."""
-    cost: np.ndarray
-    """(v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant."""
+    z: np.ndarray  # (2 v,) predicted pixels, given the matches so far [px]
+    S: np.ndarray  # (2 v, 2 v) their joint covariance, given the matches so far; each detection adds its own R [px^2]
+    open: np.ndarray  # (v,) bool: things without a match
+    free: np.ndarray  # (M,) bool: detections without a match
+    allowed: np.ndarray  # (v, M) bool: whether the detection may be the thing, by its id
+    d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where it may not
+    cost: np.ndarray  # (v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant
 
 
 @compiled

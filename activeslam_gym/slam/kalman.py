@@ -27,8 +27,7 @@ from activeslam_gym.motion import (
 from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, FEATURE_SIZE, POINT, Belief, point_of
 from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 
-_NEAREST = 0.1
-"""Nearer than that, a view changes no faster [m]."""
+_NEAREST = 0.1  # nearer than that, a view changes no faster [m]
 _LEAST_LEVEL = 0.2
 """Straight above or below, an azimuth tells nothing: the cosine of the elevation counts as at least so much."""
 

@@ -34,8 +34,7 @@ from activeslam_gym.motion import (
 )
 from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVARIANT, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RHO, Belief
 
-MINIMUM_INVERSE_DEPTH = 0.01
-"""Updates keep inverse depths above this [1/m]."""
+MINIMUM_INVERSE_DEPTH = 0.01  # updates keep inverse depths above this [1/m]
 
 
 @compiled

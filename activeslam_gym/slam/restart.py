@@ -20,12 +20,9 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.sight import INSIDE, Sight
 
-MEMORY = 0.5
-"""Of the running mean [s]."""
-LIMIT = 2.5
-"""Of the running mean; of 2 800 runs in `paper`, those that were not wrong kept under 2.3 (docs/consistency.md)."""
-LEAST, MOST = 3, 10.0
-"""Fiducials that a frame must tell of; the most that one of them counts in a frame."""
+MEMORY = 0.5  # of the running mean [s]
+LIMIT = 2.5  # of the running mean; of 2 800 runs in `paper`, those that were not wrong kept under 2.3 (docs/consistency.md)
+LEAST, MOST = 3, 10.0  # fiducials that a frame must tell of; the most that one of them counts in a frame
 
 
 def _missing(scenario: Scenario) -> float:

@@ -17,8 +17,7 @@ _LEAST_SLANT = 0.3  # sine of the angle between sight line and plane under which
 _RIM = 1.5  # pixels at the edge of its sheet in which there is some of the background
 _AROUND = 22.0  # pixels around a corner that its templates may need: half a patch, and the reach of the blur
 
-Box = tuple[slice, slice]
-"""Rows and columns of a part of an image."""
+Box = tuple[slice, slice]  # rows and columns of a part of an image
 
 
 def drawn(

@@ -19,8 +19,7 @@ from activeslam_gym.vision.calibration import Calibration, calibration_from, rea
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame
 
-FISHEYE = ("fisheye", "equidistant", "kannala")
-"""Words for the fisheye lens in files."""
+FISHEYE = ("fisheye", "equidistant", "kannala")  # words for the fisheye lens in files
 COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
     "OPENCV": "fx fy cx cy k1 k2 p1 p2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
@@ -29,24 +28,18 @@ COLMAP = {
 """COLMAP's models and their parameters."""
 _ANGLES, _AROUND = np.linspace(0.005, 1.4, 280), 48
 """Rays that are compared: their angles from the axis [rad], and how many there are about it."""
-_LEAST = 400
-"""Of them must be in the image."""
-_WORST = 0.02
-"""A fit with a residual over this share of the image's width is refused."""
-Straighten = Callable[[Frame], Frame]
-"""Maps an image of a lens to that of equation 1, at the same time."""
+_LEAST = 400  # of them must be in the image
+_WORST = 0.02  # a fit with a residual over this share of the image's width is refused
+Straighten = Callable[[Frame], Frame]  # maps an image of a lens to that of equation 1, at the same time
 
 
 class Lens(NamedTuple):
     """A lens of OpenCV's; pixel (0, 0) is the centre of the first pixel."""
 
-    size: tuple[int, int]
-    """Width and height [px]."""
+    size: tuple[int, int]  # width and height [px]
     fisheye: bool
-    matrix: np.ndarray
-    """(3, 3)."""
-    coefficients: np.ndarray
-    """(4,), (5,) or (8,); of a fisheye (4,)."""
+    matrix: np.ndarray  # (3, 3)
+    coefficients: np.ndarray  # (4,), (5,) or (8,); of a fisheye (4,)
 
 
 def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:

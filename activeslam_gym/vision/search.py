@@ -14,8 +14,7 @@ from activeslam_gym.camera import View
 from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templates, predict_appearance
 
-PEAKS = 3
-"""Most candidates of a feature."""
+PEAKS = 3  # most candidates of a feature
 UNSEARCHED, MISSING, FOUND = 0, 1, 2
 """States of a row: it was not searched; nothing there is similar; it has a candidate."""
 _COUNT, _INNER = TEMPLATE_SIDE**2, (TEMPLATE_SIDE - 2) ** 2  # pixels of a template, and those that have a gradient

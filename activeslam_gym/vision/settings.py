@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.vision.search import SEARCH
 
-FOCAL_PX, RATE_HZ = 195.0, 30.0
-"""The lens and the rate for which the settings are stated."""
-LEAST_SIDE = 240
-"""Pixels along an image that leave room for features."""
+FOCAL_PX, RATE_HZ = 195.0, 30.0  # the lens and the rate for which the settings are stated
+LEAST_SIDE = 240  # pixels along an image that leave room for features
 
 
 def scale_of(focal: float, side: int) -> int:

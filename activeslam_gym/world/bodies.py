@@ -11,14 +11,10 @@ from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, POSITION, QUATERNION
 from activeslam_gym.world.scenes import AROUND, Scene
 from activeslam_gym.world.simulator import CLUTTER_LABEL, World
 
-_STEP = 1e-4
-"""Between the rays that tell the slope of a surface [m]."""
-_STEEPEST = 0.1
-"""Cosine between a ray and a normal, under which a surface counts as this steep."""
-_LOOK = 1.14
-"""Wall margins that the rays of `AROUND` are long, so that one meets every plane within a margin."""
-_PUSHES = 4
-"""So often the camera is pushed out of a surface in a frame; then it stays where it was."""
+_STEP = 1e-4  # between the rays that tell the slope of a surface [m]
+_STEEPEST = 0.1  # cosine between a ray and a normal, under which a surface counts as this steep
+_LOOK = 1.14  # wall margins that the rays of `AROUND` are long, so that one meets every plane within a margin
+_PUSHES = 4  # so often the camera is pushed out of a surface in a frame; then it stays where it was
 
 
 def reach(scene: Scene, motion: Record, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:

@@ -7,12 +7,9 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 
-WALL_THICKNESS = 0.1
-"""Of an inner wall [m]."""
-PASSAGE = 0.8
-"""Between two boxes, or a box and a wall, there is so much [m], or nothing."""
-_CELL = 0.1
-"""Side of the cells in which ways are searched [m]."""
+WALL_THICKNESS = 0.1  # of an inner wall [m]
+PASSAGE = 0.8  # between two boxes, or a box and a wall, there is so much [m], or nothing
+_CELL = 0.1  # side of the cells in which ways are searched [m]
 _TRIES = 60
 _REACHED_SHARE = 0.97
 

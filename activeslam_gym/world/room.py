@@ -18,30 +18,21 @@ _FIDUCIAL_IMAGE_SHARE = 0.8
 """Fiducials project into the central part of the first image, of this relative width and height."""
 _CORNER_DISTANCE, _WALL_DISTANCE = 1.4, 0.7
 """Of a start in a corner from its two walls, and of one along a wall from it [m]."""
-_START_MARGIN = 0.45
-"""Between a start and whatever stops the camera [m]."""
+_START_MARGIN = 0.45  # between a start and whatever stops the camera [m]
 _TRIES = 1000
-_BATCHES = 60
-"""So often landmarks are drawn, until enough are apart."""
+_BATCHES = 60  # so often landmarks are drawn, until enough are apart
 
 
 class Room(NamedTuple):
     """What a reset draws. K fiducials, L landmarks, B boxes."""
 
-    place: np.ndarray
-    """(7,) the expected first pose: position [m] and quaternion."""
-    camera: np.ndarray
-    """(13,) the true first camera."""
-    fiducials: np.ndarray
-    """(K, 3) [m]."""
-    landmarks: np.ndarray
-    """(L, 3) [m]."""
-    normals: np.ndarray
-    """(L, 3) of the surfaces that the landmarks are on, or (0, 3)."""
-    boxes: np.ndarray
-    """(B, 2, 3) lowest and highest corners [m]."""
-    scene: Scene | None = None
-    """The registered scene; None: the boxes."""
+    place: np.ndarray  # (7,) the expected first pose: position [m] and quaternion
+    camera: np.ndarray  # (13,) the true first camera
+    fiducials: np.ndarray  # (K, 3) [m]
+    landmarks: np.ndarray  # (L, 3) [m]
+    normals: np.ndarray  # (L, 3) of the surfaces that the landmarks are on, or (0, 3)
+    boxes: np.ndarray  # (B, 2, 3) lowest and highest corners [m]
+    scene: Scene | None = None  # the registered scene; None: the boxes
 
 
 class NoRoomError(RuntimeError, ValueError):

@@ -43,8 +43,7 @@ class Scene(Protocol):
         """``n`` points (n, 3) [m] on surfaces, where landmarks are, and the unit normals (n, 3) out of the bodies."""
 
 
-SCENES: Registry[Any] = Registry("scenario.scene")
-"""The scenes by name."""
+SCENES: Registry[Any] = Registry("scenario.scene")  # the scenes by name
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:

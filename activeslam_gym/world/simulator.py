@@ -44,12 +44,9 @@ SENSOR = record(
 class World(NamedTuple):
     """The truth of one run. K fiducials, L landmarks, B boxes. A label is k of a fiducial, or K + l of a landmark."""
 
-    state: Record
-    """TRUTH."""
-    fiducials: np.ndarray
-    """(K, 3) [m]."""
-    landmarks: np.ndarray
-    """(L, 3) [m]."""
+    state: Record  # TRUTH
+    fiducials: np.ndarray  # (K, 3) [m]
+    landmarks: np.ndarray  # (L, 3) [m]
     normals: np.ndarray
     """(L, 3) unit normals of the surfaces that the landmarks are on; (0, 3) where they are seen from all sides."""
     boxes: np.ndarray

@@ -16,8 +16,7 @@ from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
 from activeslam_gym.vision.room.sensor import Sensor
 from activeslam_gym.vision.target import FACING, Rectangle
 
-TARGET_CORNERS = 4
-"""Fiducials of a room: the corners of its target."""
+TARGET_CORNERS = 4  # fiducials of a room: the corners of its target
 _TARGET = Rectangle(*TARGET_SIZE, np.zeros((TARGET_CORNERS, 2)))
 _AHEAD = np.array((0.0, 0.0, 1.0))  # the target's normal, away from the camera
 _SOFTNESS = 0.6  # deviation by which pictures of it are blurred: the lens, and the filter of the texture [px]

@@ -27,13 +27,10 @@ SURFACE = record(
     brightness="f8",  # the share of the light that it gets
 )
 """A rectangle and its texture."""
-_COPLANAR = 1e-9
-"""Depths that differ by less [m] are equal: a poster's and its wall's."""
+_COPLANAR = 1e-9  # depths that differ by less [m] are equal: a poster's and its wall's
 
-_STEP = 0.05
-"""What is nearer than its surroundings by such a share is in front of them."""
-_REACH = 4.0
-"""Deviation of the Gaussian by which the contrast around a feature's pixel counts [px]."""
+_STEP = 0.05  # what is nearer than its surroundings by such a share is in front of them
+_REACH = 4.0  # deviation of the Gaussian by which the contrast around a feature's pixel counts [px]
 
 
 class Scene(NamedTuple):

@@ -8,8 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-Pattern = Callable[[np.random.Generator, int], np.ndarray]
-"""A picture (n, n) [grey levels]."""
+Pattern = Callable[[np.random.Generator, int], np.ndarray]  # a picture (n, n) [grey levels]
 
 TARGET_MARGIN = 0.25
 """Share of the target's board on each side of its black rectangle: a corner's template lies on it at 2.9 m still."""

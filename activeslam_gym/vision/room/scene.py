@@ -11,21 +11,18 @@ from activeslam_gym.vision.room.geometry import SURFACE, Scene
 from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.room.textures import texture_library, texture_range
 
-TARGET_SIZE = (0.30, 0.21)
-"""Width and height of the black rectangle [m]."""
+TARGET_SIZE = (0.30, 0.21)  # width and height of the black rectangle [m]
 _SHARE = 1.0 - 2.0 * patterns.TARGET_MARGIN
 SHEET_SIZE = (TARGET_SIZE[0] / _SHARE, TARGET_SIZE[1] / _SHARE)
 """Width and height of the white board that it is printed on [m]."""
-BOX_COUNT = 7
-"""With the cabinet that bears the target."""
+BOX_COUNT = 7  # with the cabinet that bears the target
 _POSTERS = 20
 _FREE_RADIUS = 1.3  # in plan, no box but the cabinet, which is where the fiducials are, comes nearer to the start [m]
 _GAP = 0.06  # between boxes, and between a box and a wall [m]
 _CABINET = np.array((0.62, 0.0, 0.35))  # width and depth [m]; its height is the target's
 _LIGHT = (0.86, 0.62, 1.0)  # of faces, by the axis of their normal: the lamps hang in the middle of the room
 
-Rectangles = list[Record]
-"""Of SURFACE."""
+Rectangles = list[Record]  # of SURFACE
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:

@@ -12,8 +12,7 @@ from activeslam_gym.kernels import compiled
 from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH
 from activeslam_gym.world.noise import normals, uniforms
 
-PAD = 20
-"""Pixels by which pictures are continued on each side while they are worked on."""
+PAD = 20  # pixels by which pictures are continued on each side while they are worked on
 _LONGEST = 30.0  # blur is no longer than that [px]
 _NOISE_TILE = 1 << 16  # normal numbers, drawn once; each row of an image takes its own, from a random place on
 _WIDEST = 4096  # greatest width of an image

@@ -12,8 +12,7 @@ import numpy as np
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.vision.room.lens import TILE
 
-SIZE = 256
-"""Texels a side of a texture; a power of two."""
+SIZE = 256  # texels a side of a texture; a power of two
 _LEVELS = SIZE.bit_length()  # of its pyramid
 
 _ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(0.25)

@@ -61,6 +61,16 @@ def camera_from_world(R_WC: np.ndarray, v_W: Vector) -> tuple[float, float, floa
 
 
 @borrowing
+def world_from_camera(R_WC: np.ndarray, v_C: Vector) -> tuple[float, float, float]:
+    """R_WC v_C: the camera's vector (3,) in world axes."""
+    return (
+        R_WC[0, 0] * v_C[0] + R_WC[0, 1] * v_C[1] + R_WC[0, 2] * v_C[2],
+        R_WC[1, 0] * v_C[0] + R_WC[1, 1] * v_C[1] + R_WC[1, 2] * v_C[2],
+        R_WC[2, 0] * v_C[0] + R_WC[2, 1] * v_C[1] + R_WC[2, 2] * v_C[2],
+    )
+
+
+@borrowing
 def camera_point(R_WC: np.ndarray, pose: np.ndarray, y: Vector) -> tuple[float, float, float]:
     """p_C = R_WC^T (y - p) of the world point ``y`` (3,); ``pose`` begins with the position p."""
     return camera_from_world(R_WC, (y[0] - pose[0], y[1] - pose[1], y[2] - pose[2]))

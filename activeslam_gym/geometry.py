@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from activeslam_gym.kernels import compiled
+from activeslam_gym.kernels import borrowing, compiled
 
 _SMALL_ANGLE = 1e-4  # below this angle [rad] the series are exact to double precision and the closed forms lose digits
 
@@ -67,13 +67,19 @@ def rotation_matrix(q: np.ndarray) -> np.ndarray:
     return R
 
 
+@borrowing
+def write_skew(v: np.ndarray, out: np.ndarray) -> None:
+    """Write the matrix [v]x (3, 3) with [v]x w = v x w, but for its zeros, into ``out``."""
+    out[0, 1], out[0, 2] = -v[2], v[1]
+    out[1, 0], out[1, 2] = v[2], -v[0]
+    out[2, 0], out[2, 1] = -v[1], v[0]
+
+
 @compiled
 def skew(v: np.ndarray) -> np.ndarray:
     """The matrix [v]x (3, 3) with [v]x w = v x w."""
     out = np.zeros((3, 3))
-    out[0, 1], out[0, 2] = -v[2], v[1]
-    out[1, 0], out[1, 2] = v[2], -v[0]
-    out[2, 0], out[2, 1] = -v[1], v[0]
+    write_skew(v, out)
     return out
 
 

@@ -155,12 +155,6 @@ def log2_det(A: np.ndarray) -> float:
     return log2_det_of_factor(U, 0, U.shape[0])
 
 
-@borrowing
-def subtract_gram(P: np.ndarray, W: np.ndarray, n: int) -> None:
-    """P[:n, :n] -= W^T W for a symmetric ``P`` and W (m, >= n)."""
-    subtract_symmetric(P, W, W, n)
-
-
 @borrowing(fastmath=_FUSE)
 def subtract_symmetric(P: np.ndarray, V: np.ndarray, W: np.ndarray, n: int) -> None:
     """P[:n, :n] -= V^T W which is symmetric as P is; V, W (m, >= n): the upper triangle, whose copy is the lower."""
@@ -242,6 +236,17 @@ def add_product_of_two(A: np.ndarray, B: np.ndarray, out: np.ndarray) -> None:
 
 
 @compiled
+def submatrix(A: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A[rows][:, rows]: those rows (k,) and the same columns."""
+    out = np.empty((rows.shape[0], rows.shape[0]))
+    for i in range(rows.shape[0]):
+        source, target = A[rows[i]], out[i]
+        for j in range(rows.shape[0]):
+            target[j] = source[rows[j]]
+    return out
+
+
+@compiled
 def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """A B."""
     out = np.zeros((A.shape[0], B.shape[1]))
@@ -291,16 +296,6 @@ def copy_block(source: np.ndarray, out: np.ndarray) -> None:
     for i in range(source.shape[0]):
         for j in range(source.shape[1]):
             out[i, j] = source[i, j]
-
-
-@borrowing
-def count_true(flags: np.ndarray) -> int:
-    """How many of ``flags`` (n,) are true."""
-    count = 0
-    for flag in flags:
-        if flag:
-            count += 1
-    return count
 
 
 @borrowing

@@ -163,15 +163,6 @@ def open_loop(motion: Record, turn: float, frames: int) -> tuple[np.ndarray, np.
 
 
 @compiled
-def displacement(motion: Record, index: int) -> np.ndarray:
-    """The commanded translation (3,) [m] in camera axes of the motion with that index (FORWARD … STAY)."""
-    out = np.zeros(3)
-    if index < MOTION_COUNT - 1:
-        out[MOTION_AXIS[index]] = motion.step_length * MOTION_SIGN[index]
-    return out
-
-
-@compiled
 def motion_shares(command: np.ndarray, out: np.ndarray) -> None:
     """Write into ``out`` (7,) what share of each motion is in ``command`` (>= 3,), of which 1 is a step [camera axes].
 
@@ -198,8 +189,8 @@ def nearest_gaze(share: float) -> Gaze:
 
 @compiled
 def goal_of(motion: Record, camera: np.ndarray, index: int) -> np.ndarray:
-    """The clipped goal (3,) of a motion that begins at the camera's estimate ``camera`` (>= 7)."""
-    return goal_by(motion, camera, displacement(motion, index))
+    """The clipped goal (3,) of the motion with that ``index`` from the camera's estimate ``camera`` (>= 7)."""
+    return goal_by(motion, camera, motion.step_length * COMMANDS[index, 0, :3])
 
 
 @compiled

@@ -23,6 +23,8 @@ from activeslam_gym.motion import CAMERA_DIM, QUATERNION
 from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import KIND_DIM, POINT, RAY, Belief
 from activeslam_gym.slam.estimate import EstimateArrays, empty_estimates
+from activeslam_gym.slam.kalman import gain
+from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 from activeslam_gym.slam.map import append_feature
 from activeslam_gym.slam.sight import Sight, sight_of_belief
 
@@ -267,3 +269,12 @@ def python(*arguments: str | Path, cwd: Path | None = None, **environment: str) 
     done = subprocess.run(command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> bool:
+    """One Kalman update, as `correct` makes it at the end; False, with nothing changed, if S has no factor."""
+    W, delta, sound = gain(HP, S, innovation)
+    if sound:
+        shift_mean(belief, delta)
+        subtract_and_recentre(belief, W, delta)
+    return bool(sound)

@@ -7,7 +7,7 @@ from gymnasium.utils.env_checker import check_env
 
 import baselines
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.motion import COMMANDS, MOTION_COUNT, displacement, motion_of, motion_shares, turn_of
+from activeslam_gym.motion import COMMANDS, MOTION_COUNT, motion_of, motion_shares, turn_of
 
 from .support import PAPER
 
@@ -42,9 +42,6 @@ def test_commands_are_what_the_motions_and_gazes_do() -> None:
         motion_shares(COMMANDS[motion, 0], shares)
         np.testing.assert_array_equal(shares, np.eye(MOTION_COUNT)[motion])
         for gaze in Gaze:
-            np.testing.assert_array_equal(
-                MOTION.step_length * COMMANDS[motion, gaze, :3], displacement(MOTION, int(motion))
-            )
             assert MOTION.turn_rate * COMMANDS[motion, gaze, 3] == turn_of(MOTION, int(gaze), 0.0)
 
 

@@ -8,7 +8,6 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RHO
 from activeslam_gym.slam.correction import correct
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.kalman import update
 from activeslam_gym.slam.sight import measure, sight_with
 
 from .support import (
@@ -25,6 +24,7 @@ from .support import (
     random_camera,
     random_spd,
     sight_of,
+    update,
     world_points,
 )
 

@@ -17,11 +17,11 @@ from activeslam_gym.slam.curvature import PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
 from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_frame, filter_of, match_by_id, use_detections
-from activeslam_gym.slam.kalman import feel_contact, predict, update
+from activeslam_gym.slam.kalman import feel_contact, predict
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
 from tests import support
-from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of
+from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, update
 
 MODEL = filter_of(PAPER)
 GATE, BIRTH_GATE = MODEL.association.gate, MODEL.association.birth_gate

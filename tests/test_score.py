@@ -14,7 +14,6 @@ from activeslam_gym.envs.referee import (
     UNKNOWN,
     features_of_landmarks,
     judge_matches,
-    owners_of,
     reconcile,
     true_id,
 )
@@ -113,7 +112,7 @@ class Referee:
 
     @property
     def owners(self) -> list[int]:
-        return owners_of(self.owner, self.estimate).tolist()
+        return self.owner["landmark"][: int(self.estimate.state.count)].tolist()
 
 
 @pytest.mark.parametrize(
@@ -154,9 +153,10 @@ def test_a_new_feature_takes_the_lowest_free_slot() -> None:
 
 
 def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
-    owners, everyone = np.array([1, NOBODY, 1, 0]), np.ones(4, bool)
-    assert features_of_landmarks(owners, 3, everyone).tolist() == [3, 0, -1]
-    assert features_of_landmarks(owners, 3, np.array([False, True, True, True])).tolist() == [3, 2, -1]
+    owner, everyone = np.zeros(4, OWNER), np.ones(4, bool)
+    owner["landmark"] = 1, NOBODY, 1, 0
+    assert features_of_landmarks(owner, 3, everyone).tolist() == [3, 0, -1]
+    assert features_of_landmarks(owner, 3, np.array([False, True, True, True])).tolist() == [3, 2, -1]
 
 
 # Labels that are given ----------------------------------------------------------------------------------------------

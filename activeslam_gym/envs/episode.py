@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
-from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors, owners_of
+from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors
 from activeslam_gym.envs.reward import EVALUATION, FORFEIT, REWARDS, potential_of_number
 from activeslam_gym.envs.run import EVENTS, Run, present, run_at
 from activeslam_gym.envs.simulation import advance, begin_motion
@@ -14,11 +14,10 @@ from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.entropy import LOG2_2PIE, gathered, log2_dets, traces
 from activeslam_gym.information.expectation import find_counting
 from activeslam_gym.kernels import borrowing, compiled, row
-from activeslam_gym.linalg import cholesky_in_place, count_true
+from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.metrics import UNSOUND_LOG_SCORE, camera_error, is_lost, log2_density, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, QUATERNION
 from activeslam_gym.registry import REGISTERED
-from activeslam_gym.slam.estimate import mapped_of, points_of
 from activeslam_gym.world.simulator import find_clearance
 
 STEP, BEGIN, REST = 0, -1, -2  # what a run does: a step; evaluate itself, as it has just been reset; nothing
@@ -68,25 +67,19 @@ def open_step(run: Run, command: np.ndarray, reach: float) -> None:
 def appraise(run: Run, begins: bool) -> None:
     """After the frames: what they were worth, and the range finders where a body may stop the camera."""
     evaluate(run)
-    if begins:
-        _begin(run)
+    episode = run.episode
+    if begins:  # the prior is worth nothing yet, and a run is lost by a step
+        episode.first_density = episode.evaluation.log_density
+        episode.evaluation.log_score = 0.0
+        episode.lost, episode.lost_now = False, False
+        episode.terms[:] = 0.0
     else:
-        run.episode.gain += run.episode.terms[_ENTROPY]
+        episode.gain += episode.terms[_ENTROPY]
         if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
             _settle(run)
     if run.models.motion.bodies:
         R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
         find_clearance(run.models.motion, run.world, R_WC, FARTHEST_CLEARANCE, run.episode.clearance)
-
-
-@borrowing
-def _begin(run: Run) -> None:
-    """The prior is worth nothing yet."""
-    episode = run.episode
-    episode.first_density = episode.evaluation.log_density
-    episode.evaluation.log_score = 0.0
-    episode.lost, episode.lost_now = False, False  # a run is lost by a step
-    episode.terms[:] = 0.0
 
 
 @borrowing
@@ -137,22 +130,24 @@ def evaluate(run: Run) -> None:
     """
     estimate, episode, var = run.estimate, run.episode, run.models.landmark_var
     e, N, covariance = episode.evaluation, run.expected.shape[0], estimate.covariance
-    owners, counting = owners_of(run.owner, estimate), find_counting(run.expected, estimate)
-    of_landmark = features_of_landmarks(owners, N, counting)
-    order, standing, counted = _ordered(counting, of_landmark)
-    U = gathered(covariance, order[:standing], order[standing:])
+    counting = find_counting(run.expected, estimate)
+    of_landmark = features_of_landmarks(run.owner, N, counting)
+    standing, others = of_landmark[of_landmark >= 0], counting.copy()  # first those that stand for a true landmark
+    others[standing] = False
+    counted = np.concatenate((standing, np.flatnonzero(others)))
+    U = gathered(covariance, standing, np.concatenate((counted[standing.shape[0] :], np.flatnonzero(~counting))))
     sound = cholesky_in_place(U)
     _evaluate_errors(run)
     episode.lost_now = is_lost(sound, e.position_error, run.models.task.lost_position_error)
     episode.sound = sound and not math.isnan(e.position_error)
     if sound:
-        waiting = N - counted
-        log2_dets(var, waiting, covariance, U, order[:counted], standing, e)
+        waiting = N - counted.shape[0]
+        log2_dets(var, waiting, covariance, U, counted, standing.shape[0], e)
         e.landmarks = N
         e.entropy = 0.5 * ((CAMERA_DIM + 3 * N) * LOG2_2PIE + e.log2_det_total)
-        truth, points = run.world.state.camera, points_of(estimate)
-        e.log_density = log2_density(truth, run.world.landmarks, estimate.state.camera, points, var, of_landmark, U)
-        e.position_trace, e.trace = traces(var, waiting, covariance, order[:counted])
+        truth, camera, points = run.world.state.camera, estimate.state.camera, estimate.landmark["point"]
+        e.log_density = log2_density(truth, run.world.landmarks, camera, points, var, of_landmark, U)
+        e.position_trace, e.trace = traces(var, waiting, covariance, counted)
     else:
         e.log_density = episode.first_density + UNSOUND_LOG_SCORE
     e.log_score = e.log_density - episode.first_density
@@ -163,36 +158,19 @@ def evaluate(run: Run) -> None:
 
 
 @compiled
-def _ordered(counting: np.ndarray, of_landmark: np.ndarray) -> tuple[np.ndarray, int, int]:
-    """The features, by position k, in the order in which the public covariance is factored.
-
-    Those that count and stand for a true landmark, in the landmarks' order; the others that count; the rest. With the
-    number of the first, and of the first two.
-    ``counting`` (n,); ``of_landmark`` (L,) the k that stands for each landmark, or -1.
-    """
-    standing, others = of_landmark[of_landmark >= 0], counting.copy()
-    others[standing] = False
-    order = np.concatenate((standing, np.flatnonzero(others), np.flatnonzero(~counting)))
-    return order, standing.shape[0], np.sum(counting)
-
-
-@compiled
 def _evaluate_errors(run: Run) -> None:
     """Errors against the truth, and counts of mapped landmarks."""
-    e, mapped, covariance = run.episode.evaluation, mapped_of(run.estimate), run.estimate.covariance
-    error = camera_error(run.world.state.camera, run.estimate.state.camera)
+    e, estimate = run.episode.evaluation, run.estimate
+    error = camera_error(run.world.state.camera, estimate.state.camera)
     p, theta = error[D_POSITION], error[D_ROTATION]
     e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
-    e.position_nees = nees(p, covariance[D_POSITION, D_POSITION])
-    distances = landmark_errors(run.owner, run.world.landmarks, run.estimate, mapped)
-    count, squares = 0, 0.0
-    for distance in distances:
-        if not math.isnan(distance):
-            count += 1
-            squares += distance * distance
-    e.landmarks_mapped, e.distinct_landmarks = count_true(mapped), count
-    e.landmark_rmse = math.sqrt(squares / count) if count > 0 else np.inf
+    e.position_nees = nees(p, estimate.covariance[D_POSITION, D_POSITION])
+    distances = landmark_errors(run.owner, run.world.landmarks, estimate)
+    squares = distances[~np.isnan(distances)] ** 2
+    count = squares.shape[0]
+    e.landmarks_mapped, e.distinct_landmarks = np.sum(estimate.landmark["mapped"][: estimate.state.count]), count
+    e.landmark_rmse = math.sqrt(np.sum(squares) / count) if count > 0 else np.inf
 
 
 # Information --------------------------------------------------------------------------------------------------------

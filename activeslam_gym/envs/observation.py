@@ -17,7 +17,7 @@ from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import WAITING, waiting_count
 from activeslam_gym.kernels import borrowing, compiled, inlined
-from activeslam_gym.linalg import count_true, diagonal, log2_det_3
+from activeslam_gym.linalg import diagonal, log2_det_3
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -28,7 +28,6 @@ from activeslam_gym.motion import (
     motion_shares,
 )
 from activeslam_gym.slam.belief import feature_capacity
-from activeslam_gym.slam.estimate import copy_own_covariance, mapped_of
 
 GLOBAL_FEATURES = {"position": 3, "forward": 3, "up": 3, "velocity": 3, "angular_velocity": 3, "time": 1, "phase": 1}
 GLOBAL_FEATURES |= {"motion": MOTION_COUNT, "uncertainty": 4, "mapped": 1, "counting": 1, "features": 1, "gain": 1}
@@ -129,7 +128,7 @@ def _observe_globals(run: Run, out: np.ndarray) -> None:
     for block in range(4):
         variance = (P[3 * block, 3 * block] + P[3 * block + 1, 3 * block + 1] + P[3 * block + 2, 3 * block + 2]) / 3.0
         out[_GLOBAL.uncertainty + block] = _log_deviation(math.sqrt(max(variance, 0.0)))
-    out[_GLOBAL.mapped] = count_true(mapped_of(estimate)) / landmarks
+    out[_GLOBAL.mapped] = np.sum(estimate.landmark["mapped"][: estimate.state.count]) / landmarks
     out[_GLOBAL.counting] = (landmarks - waiting_count(run.expected)) / landmarks
     out[_GLOBAL.features] = estimate.state.count / estimate.landmark.shape[0]
     out[_GLOBAL.gain] = episode.gain / (_GAIN_SCALE * (CAMERA_DIM + 3 * landmarks))
@@ -146,19 +145,18 @@ def _observe_tokens(run: Run, out: np.ndarray) -> None:
     pose = estimate.state.camera
     view = view_of(run.models.camera, pose, known_boxes(run))
     K, F = fiducials.shape[0], estimate.landmark.shape[0]
-    taken, z, P_y = np.zeros(F, np.bool_), np.empty(2), np.empty((3, 3))
+    taken, z = np.zeros(F, np.bool_), np.empty(2)
     out[:] = 0.0
     for i in range(K):
         token = _token(out, i)
         _place(view, fiducials[i], z, token)
         token[_TOKEN.log_uncertainty], token[_TOKEN.log_depth_uncertainty], token[_TOKEN.fiducial] = -1.0, -1.0, 1.0
     for k in range(estimate.state.count):
-        landmark, slot = estimate.landmark[k], run.owner[k].slot
+        landmark, slot, at = estimate.landmark[k], run.owner[k].slot, CAMERA_DIM + 3 * k
         token = _token(out, K + slot)
         taken[slot] = True
         _place(view, landmark.point, z, token)
-        copy_own_covariance(estimate, k, P_y)
-        _uncertainty(pose, landmark.point, P_y, token)
+        _uncertainty(pose, landmark.point, estimate.covariance[at : at + 3, at : at + 3], token)
         token[_TOKEN.mapped if landmark.mapped else _TOKEN.initialising] = 1.0
     slot, prior = 0, diagonal(run.models.landmark_var)
     for e in range(expected.shape[0]):

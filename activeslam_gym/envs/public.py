@@ -11,7 +11,7 @@ from activeslam_gym.config import MOST_HELD_FRAMES
 from activeslam_gym.envs.episode import play, settle_registered
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.planning import frames_left, net_of_runs, prospect, score_runs
-from activeslam_gym.envs.referee import Labels, features_of_landmarks, landmark_errors, owners_of
+from activeslam_gym.envs.referee import Labels, features_of_landmarks, landmark_errors
 from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import box_scene, reset_run
@@ -25,7 +25,7 @@ from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import REGISTERED
 from activeslam_gym.sensors.sensor import SENSORS
-from activeslam_gym.slam.estimate import Estimate, mapped_of, points_of, read_only, taken_estimate
+from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import Truth, truth_of
@@ -92,14 +92,14 @@ def public_belief(run: Run, time: float = 0.0) -> PublicBelief:
 
 def _nees_per_dof(run: Run) -> dict[str, float]:
     """NEES over its degrees of freedom; for landmarks the mean over the mapped ones, NaN if there are none."""
-    points, P, mapped = points_of(run.estimate), run.estimate.covariance, mapped_of(run.estimate)
+    landmark, P = run.estimate.landmark[: int(run.estimate.state.count)], run.estimate.covariance
     error = camera_error(run.world.state.camera, run.estimate.state.camera)
-    of_landmark = features_of_landmarks(owners_of(run.owner, run.estimate), len(run.world.landmarks), mapped)
+    of_landmark = features_of_landmarks(run.owner, len(run.world.landmarks), landmark["mapped"])
     each = []
     for y, k in zip(run.world.landmarks, of_landmark.tolist(), strict=True):
         if k >= 0:
             at = slice(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3)
-            each.append(nees(y - points[k], P[at, at]) / 3.0)
+            each.append(nees(y - landmark["point"][k], P[at, at]) / 3.0)
     return {
         "position": nees(error[D_POSITION], P[D_POSITION, D_POSITION]) / 3.0,
         "orientation": nees(error[D_ROTATION], P[D_ROTATION, D_ROTATION]) / 3.0,
@@ -264,11 +264,8 @@ class Reads:
     @property
     def landmark_errors(self) -> np.ndarray:
         """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
-        each = (
-            landmark_errors(run.owner, run.world.landmarks, run.estimate, mapped_of(run.estimate))
-            for run in self._each()
-        )
-        return self._given(np.stack(list(each)))
+        each = [landmark_errors(run.owner, run.world.landmarks, run.estimate) for run in self._each()]
+        return self._given(np.stack(each))
 
     def _scenes(self) -> tuple[Scene, ...]:
         """The scene of each run."""
@@ -316,7 +313,7 @@ class SingleReads(Reads):
     def labels(self) -> Labels:
         """Data association by the hidden labels; read-only copies for the evaluator, never for policies."""
         run, count = self._run, int(self._run.episode.detections)
-        owners = owners_of(run.owner, run.estimate)
+        owners = run.owner["landmark"][: int(run.estimate.state.count)]
         return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.candidate["match"][:count]))
 
     def expect(self, points: np.ndarray) -> None:

@@ -9,6 +9,7 @@ from activeslam_gym.kernels import borrowing, compiled, record
 from activeslam_gym.slam.association import ANYTHING, REJECTED
 from activeslam_gym.slam.belief import fiducial_id
 from activeslam_gym.slam.estimate import EstimateArrays, index_of
+from activeslam_gym.slam.map import free_slot
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 OWNER = record(
@@ -55,19 +56,7 @@ def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
         entry = owner[k]
         entry.id, entry.label, entry.landmark = 0, UNKNOWN, NOBODY
         if k < count:
-            entry.id, entry.slot = estimate.landmark[k].id, _free_slot(owner, k)
-
-
-@compiled
-def _free_slot(owner: np.ndarray, count: int) -> int:
-    """The lowest slot that none of the first ``count`` entries has."""
-    taken = np.zeros(owner.shape[0], np.bool_)
-    for k in range(count):
-        taken[owner[k].slot] = True
-    slot = 0
-    while taken[slot]:
-        slot += 1
-    return slot
+            entry.id, entry.slot = estimate.landmark[k].id, free_slot(owner, k)
 
 
 @compiled
@@ -114,31 +103,21 @@ def true_id(owner: np.ndarray, fiducial_count: int, label: int) -> int:
 
 
 @compiled
-def owners_of(owner: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
-    """(n,) the true landmark of each landmark of the estimate, oldest first, or NOBODY."""
-    out = np.empty(estimate.state.count, np.int64)
-    for k in range(out.shape[0]):
-        out[k] = owner[k].landmark
-    return out
-
-
-@compiled
-def features_of_landmarks(owners: np.ndarray, landmark_count: int, eligible: np.ndarray) -> np.ndarray:
+def features_of_landmarks(owner: np.ndarray, landmark_count: int, eligible: np.ndarray) -> np.ndarray:
     """(L,) for each true landmark the oldest ``eligible`` (n,) feature that it owns, by position k, or -1."""
     out = np.full(landmark_count, -1)
-    for k in range(owners.shape[0]):
-        if eligible[k] and owners[k] != NOBODY and out[owners[k]] < 0:
-            out[owners[k]] = k
+    for k in range(eligible.shape[0]):
+        landmark = owner[k].landmark
+        if eligible[k] and landmark != NOBODY and out[landmark] < 0:
+            out[landmark] = k
     return out
 
 
 @compiled
-def landmark_errors(
-    owner: np.ndarray, landmarks: np.ndarray, estimate: EstimateArrays, eligible: np.ndarray
-) -> np.ndarray:
-    """(L,) distance [m] of each true landmark (L, 3) from its ``eligible`` (n,) feature; NaN where it has none."""
-    out = np.full(landmarks.shape[0], np.nan)
-    of_landmark = features_of_landmarks(owners_of(owner, estimate), landmarks.shape[0], eligible)
+def landmark_errors(owner: np.ndarray, landmarks: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
+    """(L,) distance [m] of each true landmark (L, 3) from its mapped feature; NaN where it has none."""
+    out, mapped = np.full(landmarks.shape[0], np.nan), estimate.landmark["mapped"][: estimate.state.count]
+    of_landmark = features_of_landmarks(owner, landmarks.shape[0], mapped)
     for i in range(out.shape[0]):
         if of_landmark[i] >= 0:
             out[i] = distance_between(landmarks[i], estimate.landmark[of_landmark[i]].point)

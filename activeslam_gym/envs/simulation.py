@@ -147,10 +147,8 @@ def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
     registered scene lets the camera go [m]; infinite where there is none.
     """
     control, motion, camera = run.episode.control, run.models.motion, felt(run)
-    d = np.empty(3)
-    for i in range(3):
-        control.command[i] = command[i]
-        d[i] = motion.step_length * command[i]
+    d = motion.step_length * command[:3]
+    copy_into(control.command, command[:3])
     if motion.bodies:
         stop_short(motion, run.world, d, reach)
     elif run.world.state.boxes > 0:

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, distance_between, free_way, visible
+from activeslam_gym.camera import distance_between, free_way, view_of, visible
 from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
 from activeslam_gym.information.foresight import UNLIMITED, SensorLimits, foresee
 from activeslam_gym.kernels import Record, compiled, record
-from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import (
     ANGULAR_VELOCITY,
     CAMERA_DIM,
@@ -86,19 +86,13 @@ def prospect_of(
 
     ``first_seen`` (k, 3) is of all landmarks of the estimate, rays included, or k is 0.
     """
-    located, waiting, n = np.empty(estimate.state.count, np.int64), waiting_count(expected), 0
-    for k in range(located.shape[0]):
-        if estimate.landmark[k].located:
-            located[n] = k
-            n += 1
+    located, waiting = np.flatnonzero(estimate.landmark["located"][: estimate.state.count]), waiting_count(expected)
+    n, own_first_seen = located.shape[0], first_seen[located[: first_seen.shape[0]]]
     size = CAMERA_DIM + 3 * (n + waiting)
     points, P = np.empty((n + waiting, 3)), np.zeros((size, size))
-    own_first_seen = np.empty((n if first_seen.shape[0] > 0 else 0, 3))
     for k in range(n):
         copy_into(points[k], estimate.landmark[located[k]].point)
-        if own_first_seen.shape[0] > 0:
-            copy_into(own_first_seen[k], first_seen[located[k]])
-    copy_block(gathered(estimate.covariance, located[:0], located[:n]), P)
+    copy_block(gathered(estimate.covariance, located[:0], located), P)
     for e in range(expected.shape[0]):
         if expected[e].serial == WAITING:
             copy_into(points[n], expected[e].point)
@@ -121,6 +115,15 @@ def pose_after(motion: Record, camera: np.ndarray, index: int, turn: float, fram
     copy_into(out[POSITION], goal_of(motion, camera, index) if index != REMAIN else camera[POSITION])
     copy_into(out[QUATERNION], rotate_left(np.array((0.0, turned, 0.0)), camera[QUATERNION]))
     return out
+
+
+@compiled
+def goal_pose(motion: Record, prospect: Prospect, pose: np.ndarray, index: int, turn: float, frames: int) -> np.ndarray:
+    """`pose_after` from ``pose`` (13,), short of what is in the way."""
+    after = pose_after(motion, pose, index, turn, frames)
+    if motion.bodies:
+        stop_short(motion, prospect, pose, after)
+    return after
 
 
 @compiled
@@ -153,7 +156,7 @@ def updated(P: np.ndarray, sight: Sight) -> np.ndarray:
     out, U, W = P.copy(), sight.S.copy(), sight.HP.copy()
     if U.shape[0] > 0 and cholesky_in_place(U):
         solve_transposed(U, W)
-        subtract_gram(out, W, P.shape[0])
+        subtract_symmetric(out, W, W, P.shape[0])
     return out
 
 
@@ -192,10 +195,9 @@ def score_plans(
                 before = prospect.covariance if step == 0 else measured[step - 1]
                 copy_block(before, after[step])
                 propagate_by(motion, after[step], turn, action.frames)
-            copy_into(poses[step + 1], pose_after(motion, poses[step], action.motion, turn, action.frames))
-            if motion.bodies:
-                stop_short(motion, prospect, poses[step], poses[step + 1])
-            sight = sight_after(camera, prospect, after[step], poses[step + 1])
+            pose = goal_pose(motion, prospect, poses[step], action.motion, turn, action.frames)
+            copy_into(poses[step + 1], pose)
+            sight = sight_after(camera, prospect, after[step], pose)
             taught = criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
             gained[step + 1] = gained[step] + taught
             if step < L - 1:
@@ -230,26 +232,17 @@ def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np
             after[i] += R_WC[i, axis] * along
 
 
+@compiled
 def without_present(camera: Record, prospect: Prospect) -> Prospect:
-    """The prospect without the expected landmarks that the present image would show: nothing is there."""
-    M, z = len(prospect.points), np.empty(2)
-    view = View(camera, prospect.camera, rotation_matrix(prospect.camera[QUATERNION]), prospect.boxes)
-    shown = [k >= M - prospect.waiting and visible(view, prospect.points[k], 0.0, z) for k in range(M)]
-    kept = np.flatnonzero(~np.array(shown, bool))
-    rows = np.concatenate((np.arange(CAMERA_DIM), (CAMERA_DIM + 3 * kept[:, None] + np.arange(3)).ravel()))
-    return prospect._replace(
-        points=prospect.points[kept],
-        covariance=prospect.covariance[np.ix_(rows, rows)],
-        waiting=prospect.waiting - sum(shown),
-    )
-
-
-def goal_pose(motion: Record, prospect: Prospect, pose: np.ndarray, action: Any, turn: float) -> np.ndarray:
-    """The camera (13,) after an ``action`` of ACTION from ``pose`` (13,), short of what is in the way."""
-    after = pose_after(motion, pose, int(action["motion"]), turn, int(action["frames"]))
-    if motion.bodies:
-        stop_short(motion, prospect, pose, after)
-    return after
+    """The prospect without the expected landmarks that the present image would show: nothing was found there."""
+    now, points, fiducials, boxes = prospect.camera, prospect.points, prospect.fiducials, prospect.boxes
+    M, z, view, kept = points.shape[0], np.empty(2), view_of(camera, now, boxes), np.ones(points.shape[0], np.bool_)
+    for k in range(M - prospect.waiting, M):
+        kept[k] = not visible(view, points[k], 0.0, z)
+    rest = np.flatnonzero(kept)
+    P, waiting = gathered(prospect.covariance, rest[:0], rest), prospect.waiting - M + rest.shape[0]
+    given = prospect.clearance, prospect.limits, prospect.first_seen
+    return Prospect(now, points[rest], P, fiducials, boxes, waiting, *given)
 
 
 # The plans of an environment's scores --------------------------------------------------------------------------------

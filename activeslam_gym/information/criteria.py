@@ -16,7 +16,7 @@ from collections.abc import Callable
 import numpy as np
 
 from activeslam_gym.kernels import compiled, one_of
-from activeslam_gym.linalg import cholesky_in_place, copy_block, log2_det, product, solve_transposed, subtract_gram
+from activeslam_gym.linalg import cholesky_in_place, copy_block, log2_det, product, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.registry import Registry
 from activeslam_gym.slam.sight import Sight
@@ -113,7 +113,7 @@ def information_about(part: np.ndarray, P: np.ndarray, sight: Sight) -> float:
         return np.nan
     solve_transposed(U, V)
     given = sight.S.copy()
-    subtract_gram(given, V, given.shape[0])
+    subtract_symmetric(given, V, V, given.shape[0])
     return 0.5 * (log2_det(sight.S) - log2_det(given))
 
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.linalg import cholesky_in_place, log2_det, log2_det_of_factor
+from activeslam_gym.linalg import cholesky_in_place, log2_det, log2_det_of_factor, submatrix
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.sight import POSE_DIM
 
@@ -18,21 +18,16 @@ LOG2_2PIE = math.log2(2.0 * math.pi * math.e)
 @compiled
 def gathered(covariance: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The public covariance reordered: features ``before`` (by position k), the camera, features ``after``."""
-    m, size = 3 * before.shape[0], CAMERA_DIM + 3 * (before.shape[0] + after.shape[0])
-    rows = np.empty(size, np.int64)
-    for i in range(size):
-        if i < m:
-            rows[i] = CAMERA_DIM + 3 * before[i // 3] + i % 3
-        elif i < m + CAMERA_DIM:
-            rows[i] = i - m
-        else:
-            rows[i] = CAMERA_DIM + 3 * after[(i - m - CAMERA_DIM) // 3] + (i - m) % 3
-    out = np.empty((size, size))
-    for i in range(size):
-        source, target = covariance[rows[i]], out[i]
-        for j in range(size):
-            target[j] = source[rows[j]]
-    return out
+    return submatrix(covariance, np.concatenate((_rows_of(before), np.arange(CAMERA_DIM), _rows_of(after))))
+
+
+@compiled
+def _rows_of(points: np.ndarray) -> np.ndarray:
+    """(3 n,) the rows of those ``points`` (n,) in the public covariance."""
+    rows = CAMERA_DIM + 3 * np.repeat(points, 3)
+    rows[1::3] += 1
+    rows[2::3] += 2
+    return rows
 
 
 @compiled

@@ -5,15 +5,9 @@ import math
 import numpy as np
 
 from activeslam_gym.kernels import compiled, record
-from activeslam_gym.linalg import (
-    cholesky_in_place,
-    count_true,
-    diagonal,
-    log2_det_3,
-    solve_transposed_vector,
-    sum_of_squares,
-)
-from activeslam_gym.slam.estimate import EstimateArrays, copy_own_covariance, index_of
+from activeslam_gym.linalg import cholesky_in_place, diagonal, log2_det_3, solve_transposed_vector, sum_of_squares
+from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.estimate import EstimateArrays, index_of
 
 VIEW = record(pose=("f8", 7), axis=("f8", 3))  # a viewpoint: position and quaternion, and the optical axis
 EXPECTED = record(
@@ -39,12 +33,12 @@ def update_expectation(expected: np.ndarray, landmark_var: np.ndarray, estimate:
         if expected[e].serial != WAITING and index_of(estimate, expected[e].serial) < 0:
             expected[e].serial = WAITING
     bound = math.log2(landmark_var[0] * landmark_var[1] * landmark_var[2])
-    counting, P_y = find_counting(expected, estimate), np.empty((3, 3))
+    counting = find_counting(expected, estimate)
     for k in range(estimate.state.count):
-        landmark = estimate.landmark[k]
+        landmark, at = estimate.landmark[k], CAMERA_DIM + 3 * k
         if counting[k] or not landmark.located:
             continue
-        copy_own_covariance(estimate, k, P_y)
+        P_y = estimate.covariance[at : at + 3, at : at + 3]
         if log2_det_3(P_y) < bound:  # False for NaN
             e = _nearest_expected(expected, landmark_var, landmark.point, P_y)
             if e < 0:
@@ -83,4 +77,4 @@ def find_counting(expected: np.ndarray, estimate: EstimateArrays) -> np.ndarray:
 @compiled
 def waiting_count(expected: np.ndarray) -> int:
     """How many expected landmarks no feature has retired."""
-    return count_true(expected["serial"] == WAITING)
+    return np.sum(expected["serial"] == WAITING)

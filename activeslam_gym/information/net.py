@@ -15,22 +15,22 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of, visible
-from activeslam_gym.information.candidates import Prospect, pose_after, stop_short
+from activeslam_gym.information.candidates import Prospect, goal_pose, without_present
 from activeslam_gym.information.foresight import foresee
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
     cholesky_in_place,
     copy_block,
-    copy_into,
+    diagonal,
     log2_det,
     log2_det_of_factor,
     product,
     solve_transposed,
     subtract_from_upper,
-    subtract_gram,
+    subtract_symmetric,
 )
-from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, open_loop, turn_of
+from activeslam_gym.motion import CAMERA_DIM, open_loop, turn_of
 from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
 
 ABSENT = -1  # in place of a point's first row in Y: it is not in the state yet
@@ -58,7 +58,6 @@ class Forecast(NamedTuple):
 class Course(NamedTuple):
     """Where the camera is on a plan."""
 
-    points: np.ndarray  # (M, 3); NaN for those that will not be found
     pose: np.ndarray  # (13,)
     start: np.ndarray  # (M,) the first row of each point in Y, or ABSENT
     J: np.ndarray  # (6, 6) information on the pose of the measurements that are taken here
@@ -82,25 +81,25 @@ def net_of_plans(
     measurements that the sensor foresees there are taken, once for each frame of the action: R over their number.
     ``net`` is NaN where the covariance is not positive definite.
     """
-    M, most = prospect.points.shape[0], 3 * plans.shape[1] + 3
-    size = CAMERA_DIM + 3 * (M - prospect.waiting)
-    U, Y_begin = prospect.covariance[:size, :size].copy(), np.zeros((size, size))
+    rest, most = without_present(camera, prospect), 3 * plans.shape[1] + 3
+    M = rest.points.shape[0]
+    size = CAMERA_DIM + 3 * (M - rest.waiting)
+    U, inverse = rest.covariance[:size, :size].copy(), diagonal(np.ones(size))
     if not cholesky_in_place(U):
         net[:], position_std[:] = np.nan, np.nan
         return
     begin = -log2_det_of_factor(U, 0, size)
-    _invert(U, Y_begin)
-    shape = (most, CAMERA_DIM, CAMERA_DIM)
+    solve_transposed(U, inverse)
+    Y_begin, shape = product(inverse.T, inverse), (most, CAMERA_DIM, CAMERA_DIM)
     noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape), np.empty(shape))
-    C, J = np.empty((CAMERA_DIM, CAMERA_DIM)), np.empty((POSE_DIM, POSE_DIM))
-    Y, points = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), _unfound(camera, prospect)
-    start = CAMERA_DIM + 3 * np.arange(M)
-    pose, things = np.empty(CAMERA_SIZE), np.empty(1, THING)
+    C, J, pose = np.empty((CAMERA_DIM, CAMERA_DIM)), np.empty((POSE_DIM, POSE_DIM)), rest.camera
+    Y, start = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), CAMERA_DIM + 3 * np.arange(M)
+    things = np.empty(1, THING)
     for a in range(plans.shape[0]):
         copy_block(Y_begin, Y)
-        start[M - prospect.waiting :] = ABSENT
-        copy_into(pose, prospect.camera)
-        copy_block(prospect.covariance[:CAMERA_DIM, :CAMERA_DIM], C)
+        start[M - rest.waiting :] = ABSENT
+        pose = rest.camera
+        copy_block(rest.covariance[:CAMERA_DIM, :CAMERA_DIM], C)
         n, elapsed, prior, position_std[a] = size, 0, 0.0, 0.0
         for step in range(plans.shape[1]):
             action, taken = plans[a, step], min(plans[a, step].frames, frames - elapsed)
@@ -113,25 +112,11 @@ def net_of_plans(
                 add_product(noise.factor[k], noise.factor[k].T, C)
                 copy_block(product(noise.forth[k], product(noise.forth[k], C).T), C)
                 position_std[a] = max(position_std[a], math.sqrt(C[0, 0] + C[1, 1] + C[2, 2]))
-            after = pose_after(motion, pose, action.motion, turn, taken)
-            if motion.bodies:
-                stop_short(motion, prospect, pose, after)
-            copy_into(pose, after)
-            n, added = _measure(camera, prospect, Course(points, pose, start, J, max(taken, 1)), n, Y, things[0])
+            pose = goal_pose(motion, rest, pose, action.motion, turn, taken)
+            n, added = _measure(camera, rest, Course(pose, start, J, max(taken, 1)), n, Y, things[0])
             _update(C, J)
             prior, elapsed = prior + added, elapsed + taken
         net[a] = 0.5 * (log2_det(Y[:n, :n]) - begin - prior)
-
-
-@compiled
-def _unfound(camera: Record, prospect: Prospect) -> np.ndarray:
-    """(M, 3) the points; NaN for expected landmarks that the present image would show: nothing was found there."""
-    M, z, present = prospect.points.shape[0], np.empty(2), view_of(camera, prospect.camera, prospect.boxes)
-    points = prospect.points.copy()
-    for k in range(M - prospect.waiting, M):
-        if visible(present, points[k], 0.0, z):
-            points[k] = np.nan
-    return points
 
 
 @compiled
@@ -142,31 +127,13 @@ def _find_noise(motion: Record, turn: float, frames: int, noise: Noise) -> int:
         k += 1
     if noise.frames[k] != frames or noise.turn[k] != turn:
         noise.turn[k], noise.frames[k] = turn, frames
-        _noise_of(motion, turn, frames, noise, k)
+        F, Q = open_loop(motion, turn, frames)
+        back = np.linalg.inv(F)
+        copy_block(F, noise.forth[k])
+        copy_block(back, noise.back[k])
+        copy_block(product(product(back, Q), back.T), noise.factor[k])
+        _root(noise.factor[k])
     return k
-
-
-@compiled
-def _invert(U: np.ndarray, out: np.ndarray) -> None:
-    """``out`` (n, n) = (U^T U)^-1 of a factor ``U``, of which the lower triangle is not read."""
-    n = U.shape[0]
-    V = np.zeros((n, n))
-    for i in range(n):
-        V[i, i] = 1.0
-    solve_transposed(U, V)
-    out[:] = 0.0
-    add_product(V.T, V, out)
-
-
-@compiled
-def _noise_of(motion: Record, turn: float, frames: int, noise: Noise, k: int) -> None:
-    """Write F, F^-1, and G with G G^T = F^-1 Q F^-T, of ``frames`` frames of turning at ``turn`` [rad/s]."""
-    F, Q = open_loop(motion, turn, frames)
-    inverse, factor = np.linalg.inv(F), noise.factor[k]
-    copy_block(F, noise.forth[k])
-    copy_block(inverse, noise.back[k])
-    copy_block(product(product(inverse, Q), inverse.T), factor)
-    _root(factor)
 
 
 @compiled
@@ -192,13 +159,7 @@ def _propagate(Y: np.ndarray, n: int, back: np.ndarray, G: np.ndarray) -> None:
 
     The upper triangle of the leading ``n`` rows of ``Y`` is kept, and the camera's block whole.
     """
-    W, T, camera = np.zeros((CAMERA_DIM, n)), np.zeros((CAMERA_DIM, CAMERA_DIM)), np.zeros((CAMERA_DIM, n))
-    add_product(G.T, Y[:CAMERA_DIM], W)
-    add_product(W[:, :CAMERA_DIM], G, T)
-    for i in range(CAMERA_DIM):
-        T[i, i] += 1.0
-    cholesky_in_place(T)
-    solve_transposed(T, W)
+    W, camera = _downdate(G, Y, n), np.zeros((CAMERA_DIM, n))
     subtract_from_upper(Y, W, W, n)
     for i in range(CAMERA_DIM):
         for j in range(i):
@@ -214,16 +175,24 @@ def _update(C: np.ndarray, J: np.ndarray) -> None:
 
     With J = L L^T it is C - W^T (1 + L^T C L)^-1 W of W = L^T C.
     """
-    L, S, W = np.zeros((POSE_DIM, POSE_DIM)), np.zeros((POSE_DIM, POSE_DIM)), np.zeros((POSE_DIM, CAMERA_DIM))
-    copy_block(J, L)
+    L = J.copy()
     _root(L)
-    add_product(L.T, C[:POSE_DIM], W)
-    add_product(W[:, :POSE_DIM], L, S)
-    for i in range(POSE_DIM):
-        S[i, i] += 1.0
-    cholesky_in_place(S)
-    solve_transposed(S, W)
-    subtract_gram(C, W, CAMERA_DIM)
+    W = _downdate(L, C, CAMERA_DIM)
+    subtract_symmetric(C, W, W, CAMERA_DIM)
+
+
+@compiled
+def _downdate(G: np.ndarray, Y: np.ndarray, n: int) -> np.ndarray:
+    """W (k, n) with W^T W = Y G (1 + G^T Y G)^-1 G^T Y on ``n`` columns; ``G`` (k, k) is on the leading k of them."""
+    k = G.shape[0]
+    W = np.zeros((k, n))
+    add_product(G.T, Y[:k], W)
+    T = product(W[:, :k], G)
+    for i in range(k):
+        T[i, i] += 1.0
+    cholesky_in_place(T)
+    solve_transposed(T, W)
+    return W
 
 
 @compiled
@@ -237,9 +206,10 @@ def _measure(
     An expected landmark enters the state when it is first measured. Returns the new size of the state, and log2 |Y| of
     the priors of those that entered.
     """
-    (points, pose, start, J, images), fiducials, P = course, prospect.fiducials, prospect.covariance
+    (pose, start, J, images), fiducials, points = course, prospect.fiducials, prospect.points
     seen = foresee(camera, prospect.limits, prospect.boxes, pose, fiducials, points, prospect.first_seen)
     view, weight, prior = view_of(camera, pose, prospect.boxes), images / camera.pixel_std**2, 0.0
+    P = prospect.covariance
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
     J[:] = 0.0
     for fiducial in fiducials:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.information.candidates import ACTION, Prospect, goal_pose, propagated, updated
+from activeslam_gym.information.candidates import Prospect, goal_pose, propagated, updated
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
@@ -50,15 +50,14 @@ def score_plans_with(
             if net:
                 position_std[a] = max(position_std[a], math.sqrt(max(np.trace(P[POSITION, POSITION]), 0.0)))
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))
-            action, elapsed = np.array((action["motion"], action["gaze"], taken), ACTION), elapsed + taken
-            pose = goal_pose(motion, prospect, pose, action, turn)
+            pose, elapsed = goal_pose(motion, prospect, pose, int(action["motion"]), turn, taken), elapsed + taken
             sight, var = look(P, pose), pixel_var
             if net:  # as often as there are frames
                 var = pixel_var / max(taken, 1)
                 sight.S[np.diag_indices_from(sight.S)] += var - pixel_var
             before, P = P, updated(P, sight)
             if np.isfinite(before).all() and (not len(sight.S) or cholesky_in_place(sight.S.copy())):
-                where = f"for (motion, gaze, frames) {action} of plan {a}"
+                where = f"for (motion, gaze, frames) {(*action.tolist()[:2], taken)} of plan {a}"
                 out[a] += CRITERIA.value(criterion, where, before, sight, var)
             else:
                 out[a] = np.nan

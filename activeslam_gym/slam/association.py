@@ -106,8 +106,7 @@ def associate(
         for a in range(v):
             if h.free[i] and h.d2[a, i] < model.birth_gate and novelty[i] < model.novelty:
                 detections[i].match = REJECTED
-                if h.open[a]:
-                    waits[a] = True
+                waits[a] |= h.open[a]
     for a in range(v):
         if of_thing[a] >= 0:
             detections[of_thing[a]].match = sight.thing[a].id

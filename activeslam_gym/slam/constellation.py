@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import Record, borrowing, compiled, inlined
-from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, count_true, diagonal, solve_transposed
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, diagonal, solve_transposed, submatrix
 from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measure_distances
+from activeslam_gym.slam.sight import pixel_rows
 
 MOST_THINGS = 14  # a search takes so many things, the sharpest
 MISSED = -1  # the answer in place of the number of a detection
@@ -89,8 +90,9 @@ def match_jointly(
         a, i = chosen[k], outcome.answer[k]
         if i == MISSED:
             continue
-        other, missed = _best_rivals(outcome, k, i)
-        if best - other >= margins.other[a] and best - missed >= margins.missed[a]:
+        rivals = outcome.with_pair[k].copy()
+        rivals[i] = -np.inf
+        if best - np.max(rivals[:-1]) >= margins.other[a] and best - rivals[-1] >= margins.missed[a]:
             of_thing[a] = i
             accept(h, a, i, detections)
             matched += 1
@@ -143,25 +145,19 @@ def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
 @compiled
 def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
     """Room for the hypotheses of n + 1 levels, with a leading axis; the first is that of the ``chosen`` (n,) things."""
-    n, M = chosen.shape[0], h.free.shape[0]
+    n, M, rows = chosen.shape[0], h.free.shape[0], pixel_rows(chosen)
     levels = Hypotheses(
         np.empty((n + 1, 2 * n)),
         np.empty((n + 1, 2 * n, 2 * n)),
         np.ones((n + 1, n), np.bool_),
         np.empty((n + 1, M), np.bool_),
-        np.empty((n, M), np.bool_),
+        h.allowed[chosen],
         np.full((n + 1, n, M), np.inf),
         np.full((n + 1, n, M), np.inf),
     )
-    for i in range(M):
-        levels.free[0, i] = h.free[i]
-    for a in range(2 * n):
-        row = 2 * chosen[a // 2] + a % 2
-        levels.z[0, a] = h.z[row]
-        for b in range(2 * n):
-            levels.S[0, a, b] = h.S[row, 2 * chosen[b // 2] + b % 2]
-        for i in range(M):
-            levels.allowed[a // 2, i] = h.allowed[chosen[a // 2], i]
+    copy_into(levels.z[0], h.z[rows])
+    copy_block(submatrix(h.S, rows), levels.S[0])
+    copy_into(levels.free[0], h.free)
     return levels
 
 
@@ -187,7 +183,9 @@ def _explore(model: Record, levels: Hypotheses, search: Search, outcome: Outcome
         if search.tried[depth] == search.choices[depth]:
             depth -= 1
             continue
-        score = _score_of_next(model, _level(levels, depth), search, depth)
+        h, a, i = _level(levels, depth), search.thing[depth], search.choice[depth, search.tried[depth]]
+        worth = log_missed(model, h, a) if i == MISSED else search.pair_worth - 0.5 * h.cost[a, i]
+        score = search.score[depth] + worth
         if score + search.rest[depth] < best - model.margin:
             search.tried[depth] += 1
             continue
@@ -237,7 +235,7 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: 
     """
     measure_distances(h, detections)
     n, M, reached = h.open.shape[0], h.free.shape[0], search.reached
-    fewest, most, highest = M + 1, 0.0, 0.0
+    fewest, most, highest, pairs = M + 1, 0.0, 0.0, 0
     for i in range(M):
         reached[i] = False
     for a in range(n):
@@ -247,6 +245,7 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: 
         for i in range(M):
             if h.free[i] and h.d2[a, i] < model.birth_gate:
                 near += 1
+                pairs += not reached[i]
                 reached[i] = True
         if near == 0:
             h.open[a] = False
@@ -259,17 +258,9 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: 
             fewest, search.thing[depth] = near, a
     if fewest <= M:
         most -= max(search.most[search.thing[depth]], 0.0)
-        search.rest[depth] = min(most, highest * count_true(reached))
+        search.rest[depth] = min(most, highest * pairs)
         _list_choices(model, h, search, depth)
     return fewest <= M
-
-
-@borrowing
-def _score_of_next(model: Record, h: Hypotheses, search: Search, depth: int) -> float:
-    """The score that follows a level's next choice."""
-    a = search.thing[depth]
-    i = search.choice[depth, search.tried[depth]]
-    return search.score[depth] + (log_missed(model, h, a) if i == MISSED else search.pair_worth - 0.5 * h.cost[a, i])
 
 
 @borrowing
@@ -336,16 +327,6 @@ def _note(free: np.ndarray, search: Search, depth: int, outcome: Outcome, best: 
     if score > best:
         copy_into(outcome.answer, answer)
     return max(score, best)
-
-
-@borrowing
-def _best_rivals(outcome: Outcome, a: int, i: int) -> tuple[float, float]:
-    """The best scores in which thing ``a`` is another detection than ``i``, and in which it is missed."""
-    scores, other = outcome.with_pair[a], -np.inf
-    for j in range(scores.shape[0] - 1):
-        if j != i:
-            other = max(other, scores[j])
-    return other, scores[scores.shape[0] - 1]
 
 
 @borrowing

@@ -47,7 +47,7 @@ def curvature_of_inverse_depth(P: np.ndarray, rho: float, thing: Record, work: n
 
 
 @borrowing
-def curvature_of_point(view: View, P: np.ndarray, y: np.ndarray, thing: Record, work: np.ndarray) -> None:
+def curvature_of_point(view: View, P: np.ndarray, y: Vector, thing: Record, work: np.ndarray) -> None:
     """Write the covariance of the neglected terms of a measured point ``y`` (>= 3,) into ``thing.curvature`` [px^2].
 
     Let D = y - p, n the camera's axis, J = dz/dy. To the camera that turns by theta the point moves by

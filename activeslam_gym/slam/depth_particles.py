@@ -12,10 +12,11 @@ import numpy as np
 from activeslam_gym.camera import View, view_of, visible
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
-from activeslam_gym.linalg import copy_into, squared_distance, sum_of_squares
+from activeslam_gym.linalg import copy_into, diagonal, sum_of_squares
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, chi_square_2_quantile
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
+from activeslam_gym.slam.hypotheses import distance_by_own_noise
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
 PARTICLES, particles_of = constants(
@@ -37,7 +38,7 @@ class Rays(NamedTuple):
     visibility: np.ndarray  # (R, M) 0 (out of reach), NEAR or INSIDE
     z_hat: np.ndarray  # (R, M, 2) [px]
     S: np.ndarray  # (R, M, 2, 2) H P H^T + R, with the lens's own R [px^2]
-    pixel_var: float  # of that R, each axis [px^2]
+    R: np.ndarray  # (2, 2) of the lens [px^2]
 
 
 @compiled
@@ -94,13 +95,9 @@ def follow_rays(
 @compiled
 def predict_rays(lens: Record, belief: Belief, boxes: np.ndarray) -> Rays:
     """Project every particle with weight, and its uncertainty ellipse, into the image."""
-    feature, R, M = np.empty(belief.state.count, np.int64), 0, belief.particles.shape[1]
-    for k in range(belief.state.count):
-        if belief.feature[k].kind == RAY:
-            feature[R] = k
-            R += 1
-    var = lens.pixel_std**2
-    rays = Rays(feature[:R], np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)), var)
+    feature = np.flatnonzero(belief.feature["kind"][: belief.state.count] == RAY)
+    R, M, noise = feature.shape[0], belief.particles.shape[1], diagonal(np.full(2, lens.pixel_std**2))
+    rays = Rays(feature, np.zeros((R, M), np.int64), np.empty((R, M, 2)), np.empty((R, M, 2, 2)), noise)
     view = view_of(lens, belief.state.camera, boxes)
     for r in range(R):
         _predict_ray(view, belief, rays, r)
@@ -162,19 +159,11 @@ def ray_distance(belief: Belief, rays: Rays, r: int, detection: Record) -> tuple
     nearest, likelihood = np.inf, 0.0
     for k in range(rays.visibility.shape[1]):
         if rays.visibility[r, k] > 0:
-            d2, det = _distance_and_det(rays, r, k, detection)
+            d2, det = distance_by_own_noise(rays.z_hat[r, k], rays.S[r, k], rays.R, detection)
             nearest = min(nearest, d2)
             weight = belief.particles[belief.feature[rays.feature[r]].slot, k, 1]
             likelihood += weight * math.exp(-0.5 * d2) / math.sqrt(det)
     return nearest, -2.0 * (math.log(max(likelihood, 1e-300)) + detection.log_ratio)
-
-
-@borrowing
-def _distance_and_det(rays: Rays, r: int, k: int, detection: Record) -> tuple[float, float]:
-    """((z - z_hat)^T S^-1 (z - z_hat), |S|) of a detection, with its own R in place of the lens's in S."""
-    z_hat, S, R = rays.z_hat[r, k], rays.S[r, k], detection.R
-    s00, s11 = S[0, 0] + (R[0, 0] - rays.pixel_var), S[1, 1] + (R[1, 1] - rays.pixel_var)
-    return squared_distance(s00, S[0, 1] + R[0, 1], s11, detection.pixel[0] - z_hat[0], detection.pixel[1] - z_hat[1])
 
 
 @compiled
@@ -193,7 +182,7 @@ def reweight(model: Record, belief: Belief, rays: Rays, r: int, detection: Recor
         if rays.visibility[r, j] == 0:
             particles[j, 1] = 0.0
             continue
-        d2, det = _distance_and_det(rays, r, j, detection)
+        d2, det = distance_by_own_noise(rays.z_hat[r, j], rays.S[r, j], rays.R, detection)
         particles[j, 1] *= math.exp(-0.5 * d2) / math.sqrt(det)
         total += particles[j, 1]
     if not total > 1e-300:

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
-from activeslam_gym.linalg import copy_block, copy_into
+from activeslam_gym.kernels import Record, borrowed, borrowing, inlined, record
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 
 CAMERA_ESTIMATE = record(
@@ -165,28 +164,3 @@ def index_of(estimate: EstimateArrays, id: int) -> int:
         else:
             high = middle
     return low if low < estimate.state.count and estimate.landmark[low].id == id else -1
-
-
-@compiled
-def points_of(estimate: EstimateArrays) -> np.ndarray:
-    """(n, 3) world positions of the landmarks [m]."""
-    points = np.empty((estimate.state.count, 3))
-    for k in range(points.shape[0]):
-        copy_into(points[k], estimate.landmark[k].point)
-    return points
-
-
-@compiled
-def mapped_of(estimate: EstimateArrays) -> np.ndarray:
-    """(n,) bool: which landmarks are mapped."""
-    out = np.empty(estimate.state.count, np.bool_)
-    for k in range(out.shape[0]):
-        out[k] = estimate.landmark[k].mapped
-    return out
-
-
-@borrowing
-def copy_own_covariance(estimate: EstimateArrays, k: int, P_y: np.ndarray) -> None:
-    """Write the covariance of landmark ``k`` by itself into ``P_y`` (3, 3)."""
-    at = CAMERA_DIM + 3 * k
-    copy_block(estimate.covariance[at : at + 3, at : at + 3], P_y)

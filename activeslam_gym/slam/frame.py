@@ -8,7 +8,7 @@ import numpy as np
 from activeslam_gym.camera import distance_between
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
-from activeslam_gym.linalg import copy_into
+from activeslam_gym.linalg import copy_into, submatrix
 from activeslam_gym.motion import POSITION
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of
@@ -19,7 +19,7 @@ from activeslam_gym.slam.depth_particles import follow_rays, particles_of
 from activeslam_gym.slam.initialisation import delete_failed, follow_tracks, give_birth, initialisation_of, mature
 from activeslam_gym.slam.kalman import predict
 from activeslam_gym.slam.restart import contradicted, restart, restart_of
-from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_of_belief
+from activeslam_gym.slam.sight import INSIDE, Sight, pixel_rows, sight_of_belief
 
 FILTER, filter_of = constants(
     Scenario(),
@@ -97,7 +97,7 @@ def use_detections(
         of_thing, jointly = associate(model.association, sight, detections, belief.state.count, waits)
     if belief.particles.shape[1] > 0:
         follow_rays(models.camera, model.particles, belief, boxes, detections, labelled)
-    rejected = _count_rejected(detections)
+    rejected = np.sum(detections["match"] == REJECTED)
     counts.rejected_matches += rejected
     counts.starvations += M >= 2 and 2 * rejected > M
     counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
@@ -105,8 +105,7 @@ def use_detections(
         counts.deletions += belief.state.count
         counts.restarts += 1
         restart(model.restart, belief)
-        for i in range(M):
-            detections[i].match = REJECTED
+        detections["match"][:] = REJECTED
         return
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
     update_by(models.camera, belief, fiducials, sight, of_thing, detections)
@@ -130,19 +129,10 @@ def use_identified(
     the same frame.
     """
     of_thing = associate_identified(models.filter.appearance, sight, detections, least)
-    counts.rejected_matches += _count_rejected(detections)
+    counts.rejected_matches += np.sum(detections["match"] == REJECTED)
     _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
     update_by(models.camera, belief, fiducials, sight, of_thing, detections)
     counts.conversions += mature(models.filter.initialisation, belief)
-
-
-@borrowing
-def _count_rejected(detections: np.ndarray) -> int:
-    """How many of the ``detections`` (M,) something may explain, too unclearly."""
-    count = 0
-    for i in range(detections.shape[0]):
-        count += detections[i].match == REJECTED
-    return count
 
 
 @compiled
@@ -191,29 +181,18 @@ def update_by(
     The curvature of a feature stays the same for several frames where the commands are known (see `PRODUCT_FRAMES`): as
     many of them tell what one does, so each is given as many times that noise.
     """
-    m = 0
-    for i in of_thing:
-        m += i >= 0
-    if m == 0:
+    matched = np.flatnonzero(of_thing >= 0)
+    if matched.shape[0] == 0:
         return
-    things, row, pixels = np.empty(m, THING), np.empty(2 * m, np.int64), np.empty(2 * m)
-    HP, S = np.empty((2 * m, sight.HP.shape[1])), np.empty((2 * m, 2 * m))
-    more_frames, m = PRODUCT_FRAMES - 1.0 if lens.command_known else 0.0, 0
-    for a in range(of_thing.shape[0]):
-        if of_thing[a] >= 0:
-            things[m] = sight.thing[a]
-            for axis in range(2):
-                row[2 * m + axis], pixels[2 * m + axis] = 2 * a + axis, detections[of_thing[a]].pixel[axis]
-            m += 1
-    for r in range(2 * m):
-        thing, R = things[r // 2], detections[of_thing[row[r] // 2]].R
-        for j in range(HP.shape[1]):
-            HP[r, j] = sight.HP[row[r], j]
-        for c in range(2 * m):
-            S[r, c] = sight.S[row[r], row[c]]
+    rows = pixel_rows(matched)
+    things, HP, S = sight.thing[matched], sight.HP[rows], submatrix(sight.S, rows)
+    more_frames, pixels = PRODUCT_FRAMES - 1.0 if lens.command_known else 0.0, np.empty(rows.shape[0])
+    for r in range(rows.shape[0]):
+        thing, detection, i = things[r // 2], detections[of_thing[matched[r // 2]]], r % 2
+        pixels[r] = detection.pixel[i]
         for axis in range(2):
-            more = more_frames * thing.curvature[r % 2, axis]
-            S[r, r - r % 2 + axis] += R[r % 2, axis] - thing.R[r % 2, axis] + more
-            thing.R[r % 2, axis] = R[r % 2, axis]
-            thing.curvature[r % 2, axis] += more
+            more = more_frames * thing.curvature[i, axis]
+            S[r, r - i + axis] += detection.R[i, axis] - thing.R[i, axis] + more
+            thing.R[i, axis] = detection.R[i, axis]
+            thing.curvature[i, axis] += more
     correct(lens, belief, fiducials, Sight(things, HP, S), pixels)

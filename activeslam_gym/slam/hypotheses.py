@@ -52,6 +52,14 @@ def distance_and_det(z: np.ndarray, S: np.ndarray, a: int, detection: Record) ->
 
 
 @borrowing
+def distance_by_own_noise(z_hat: np.ndarray, S: np.ndarray, R: np.ndarray, detection: Record) -> tuple[float, float]:
+    """The same from the predicted pixel ``z_hat`` (2,) and its ``S``, with the detection's R in place of ``R`` in S."""
+    own, z = detection.R, detection.pixel
+    s00, s01, s11 = S[0, 0] + (own[0, 0] - R[0, 0]), S[0, 1] + (own[0, 1] - R[0, 1]), S[1, 1] + (own[1, 1] - R[1, 1])
+    return squared_distance(s00, s01, s11, z[0] - z_hat[0], z[1] - z_hat[1])
+
+
+@borrowing
 def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
     """Write distances and costs of the open things."""
     for a in range(h.open.shape[0]):

@@ -8,7 +8,13 @@ import math
 import numpy as np
 
 from activeslam_gym import config
-from activeslam_gym.camera import camera_from_world, pixel_from_camera_point, ray_from_pixel, ray_jacobian
+from activeslam_gym.camera import (
+    camera_from_world,
+    pixel_from_camera_point,
+    ray_from_pixel,
+    ray_jacobian,
+    world_from_camera,
+)
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix, skew
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
@@ -67,10 +73,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
     alone, lest what is born of one is fed by the other.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
-    taken, ripe = np.empty(detections.shape[0], np.bool_), np.empty(detections.shape[0], np.int64)
-    for i in range(detections.shape[0]):
-        taken[i] = detections[i].match != NEW
-    count = 0
+    taken, ripe, count = detections["match"] != NEW, np.empty(detections.shape[0], np.int64), 0
     for t in range(tracks.shape[0]):
         if tracks[t].hits == 0:
             continue
@@ -98,11 +101,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
 @compiled
 def direction_of(camera: Record, R_WC: np.ndarray, pixel: np.ndarray) -> np.ndarray:
     """World direction (3,) of a pixel, of any length: R r(z)."""
-    r = ray_from_pixel(camera, pixel)
-    h = np.empty(3)
-    for i in range(3):
-        h[i] = R_WC[i, 0] * r[0] + R_WC[i, 1] * r[1] + R_WC[i, 2] * r[2]
-    return h
+    return np.array(world_from_camera(R_WC, ray_from_pixel(camera, pixel)))
 
 
 @compiled
@@ -144,10 +143,8 @@ def give_birth(camera: Record, model: Record, rays: Record, belief: Belief, pixe
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
     independent of the rest. ``rays``: PARTICLES.
     """
-    kind, rays_in_use = INVERSE_DEPTH if model.inverse_depth else RAY, 0
-    for k in range(belief.state.count):
-        rays_in_use += belief.feature[k].kind == RAY
-    width = KIND_DIM[kind]
+    kind = INVERSE_DEPTH if model.inverse_depth else RAY
+    width, rays_in_use = KIND_DIM[kind], np.sum(belief.feature["kind"][: belief.state.count] == RAY)
     if not room_for(belief, width) or (kind == RAY and rays_in_use >= model.ray_capacity):
         return NEW
     mean, J_x, Q = _line_of_sight(camera, belief, pixel, R)

@@ -25,7 +25,6 @@ from activeslam_gym.motion import (
     transition_jacobian,
 )
 from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, FEATURE_SIZE, POINT, Belief, point_of
-from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 
 _NEAREST = 0.1  # nearer than that, a view changes no faster [m]
 _LEAST_LEVEL = 0.2
@@ -98,23 +97,11 @@ def propagate(P: np.ndarray, dim: int, F: np.ndarray, Q: np.ndarray) -> None:
 
 
 @compiled
-def update(belief: Belief, HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> bool:
-    """x ⊞ K nu, P - K S K^T by ``innovation`` nu (m,). False, with nothing changed, if S has no factor.
-
-    ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` are overwritten.
-    """
-    W, delta, sound = gain(HP, S, innovation)
-    if sound:
-        shift_mean(belief, delta)
-        subtract_and_recentre(belief, W, delta)
-    return sound
-
-
-@compiled
 def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndarray, np.ndarray, bool]:
     """(W, delta, sound): with U^T U = S and W = U^-T H P, K S K^T = W^T W and delta = K nu = W^T (U^-T nu).
 
-    One factor, no inverse. ``S`` (m, m) and ``innovation`` nu (m,) are overwritten; not sound if S has no factor.
+    One factor, no inverse. ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` nu (m,) are overwritten.
+    Not sound if S has no factor.
     """
     m, dim = HP.shape
     W, delta = HP.copy(), np.zeros((1, dim))

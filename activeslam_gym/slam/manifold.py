@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from activeslam_gym.geometry import rotate_left, so3_left_jacobian
+from activeslam_gym.geometry import rotate_left, so3_left_jacobian, write_skew
 from activeslam_gym.kernels import borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
@@ -93,31 +93,26 @@ def subtract_and_recentre(belief: Belief, W: np.ndarray, delta: np.ndarray) -> N
 
 @compiled
 def turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
-    """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate."""
+    """E (3, dim), M = I + E^T on the rotation's columns: how the shift changed what a turn does to each coordinate.
+
+    Of a world vector that is shifted by d it is [d]x: a x d = E^T a.
+    """
     E = np.zeros((3, belief.state.dim))
     if belief.state.variant == PLAIN:
         return E
-    _cross(delta[D_POSITION], E[:, D_POSITION])
-    _cross(delta[D_VELOCITY], E[:, D_VELOCITY])
-    _cross(delta[D_ANGULAR], E[:, D_ANGULAR])
+    write_skew(delta[D_POSITION], E[:, D_POSITION])
+    write_skew(delta[D_VELOCITY], E[:, D_VELOCITY])
+    write_skew(delta[D_ANGULAR], E[:, D_ANGULAR])
     for k in range(belief.state.count if belief.state.variant == INVARIANT else 0):
         feature = belief.feature[k]
         at = feature.start
-        _cross(delta[at : at + 3], E[:, at : at + 3])
+        write_skew(delta[at : at + 3], E[:, at : at + 3])
         if feature.kind != POINT:
             azimuth, elevation = feature.mean[AZIMUTH], feature.mean[ELEVATION]
             angles = E[:, at + AZIMUTH : at + AZIMUTH + 2]
             _turn_angles(azimuth, elevation, 1.0, angles)
             _turn_angles(azimuth - delta[at + AZIMUTH], elevation - delta[at + ELEVATION], -1.0, angles)
     return E
-
-
-@borrowing
-def _cross(d: np.ndarray, E: np.ndarray) -> None:
-    """``E`` (3, 3) of a world vector shifted by ``d`` (3,): a x d = E^T a."""
-    E[1, 0], E[2, 0] = d[2], -d[1]
-    E[0, 1], E[2, 1] = -d[2], d[0]
-    E[0, 2], E[1, 2] = d[1], -d[0]
 
 
 @borrowing

@@ -41,7 +41,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
         copy_into(P_yy[i], Q[i, :width])
     add_symmetric_product(P_yx, J, P_yy)
     feature = belief.feature[k]
-    feature.slot = _free_slot(belief)
+    feature.slot = free_slot(belief.feature, k)
     copy_into(feature.mean, mean)
     copy_into(feature.first, mean)
     feature.kind, feature.start, feature.misses = kind, at, 0
@@ -52,12 +52,11 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
 
 
 @borrowing
-def _free_slot(belief: Belief) -> int:
-    """The lowest slot that no feature has."""
+def free_slot(entries: np.ndarray, count: int) -> int:
+    """The lowest ``slot`` that none of the first ``count`` of the ``entries`` has."""
     slot, k = 0, 0
-    while k < belief.state.count:
-        taken = belief.feature[k].slot == slot
-        slot, k = (slot + 1, 0) if taken else (slot, k + 1)
+    while k < count:
+        slot, k = (slot + 1, 0) if entries[k].slot == slot else (slot, k + 1)
     return slot
 
 

@@ -80,6 +80,14 @@ class Sight(NamedTuple):
     """(2 v, 2 v) innovation covariance H P H^T + R, and each thing's ``curvature`` [px^2]."""
 
 
+@compiled
+def pixel_rows(things: np.ndarray) -> np.ndarray:
+    """(2 n,) the rows of the pixels of those ``things`` (n,) in a joint covariance."""
+    rows = 2 * np.repeat(things, 2)
+    rows[1::2] += 1
+    return rows
+
+
 # One measurement ----------------------------------------------------------------------------------------------------
 
 
@@ -231,24 +239,23 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
     for row in range(K + belief.state.count):
         if row >= K and belief.feature[row - K].kind == RAY:
             continue
-        thing = things[v]
+        vague = row >= K and belief.feature[row - K].kind != POINT
+        thing, y = things[v], _expected_place(belief, fiducials, row)
         _describe(belief, K, row, thing)
-        reached = in_reach(view, _expected_place(belief, fiducials, row), lens.width, thing.z_hat)
-        if reached and measure(view, belief, fiducials, thing):
+        if in_reach(view, y, lens.width, thing.z_hat) and measure(view, belief, fiducials, thing):
             own_innovation(lens, P, thing.column, thing.width, thing.H_camera, thing.H_feature, S)
             _write_noise(lens, thing)
-            if row < K:
-                curvature_of_point(view, P, fiducials[row], thing, work)
-            elif belief.feature[row - K].kind == POINT:
-                curvature_of_point(view, P, belief.feature[row - K].mean, thing, work)
-            else:
+            if vague:
                 curvature_of_inverse_depth(P, belief.feature[row - K].mean[RHO], thing, work)
+            else:
+                curvature_of_point(view, P, y, thing, work)
             for i in range(2):
                 for j in range(2):
                     S[i, j] += thing.curvature[i, j]
             thing.visibility = visibility_of(lens, thing.z_hat, S)
-            if thing.visibility == INSIDE and _may_be_too_far(view, belief, fiducials, row):
-                thing.visibility = NEAR
+            far = lens.maximum_distance  # beyond it, absence tells nothing
+            if (vague and far < math.inf) or distance_between(view.pose, y) > TELLING_SHARE * far:
+                thing.visibility = min(thing.visibility, NEAR)
             v += thing.visibility > 0
     return sight_with(things[:v], P, belief.state.dim)
 
@@ -286,21 +293,6 @@ def _write_noise(lens: Record, thing: Record) -> None:
     thing.R[:] = 0.0
     thing.R[0, 0] = thing.R[1, 1] = lens.pixel_std**2
     thing.curvature[:] = 0.0
-
-
-@borrowing
-def _may_be_too_far(view: View, belief: Belief, fiducials: np.ndarray, row: int) -> bool:
-    """Whether a fiducial or a feature may be beyond the camera's greatest distance, so that its absence tells nothing.
-
-    A feature with a vague depth always may.
-    """
-    greatest, K = view.camera.maximum_distance, fiducials.shape[0]
-    if greatest == math.inf:
-        return False
-    if row < K:
-        return distance_between(view.pose, fiducials[row]) > TELLING_SHARE * greatest
-    feature = belief.feature[row - K]
-    return feature.kind != POINT or distance_between(view.pose, feature.mean) > TELLING_SHARE * greatest
 
 
 @compiled

@@ -10,9 +10,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import View, camera_from_world, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.camera import (
+    View,
+    camera_from_world,
+    distance_between,
+    pixel_from_camera_point,
+    ray_from_pixel,
+    world_from_camera,
+)
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import borrowing, compiled
+from activeslam_gym.kernels import compiled
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
 
 PATCH_HALF, TEMPLATE_HALF = 20, 7
@@ -51,16 +59,6 @@ def sample(image: np.ndarray, x: float, y: float) -> float:
     return (1.0 - b) * upper + b * lower
 
 
-@borrowing
-def _in_world(R_WC: np.ndarray, ray: np.ndarray) -> tuple[float, float, float]:
-    """The ``ray`` (x, y, 1) in world axes."""
-    return (
-        R_WC[0, 0] * ray[0] + R_WC[0, 1] * ray[1] + R_WC[0, 2],
-        R_WC[1, 0] * ray[0] + R_WC[1, 1] * ray[1] + R_WC[1, 2],
-        R_WC[2, 0] * ray[0] + R_WC[2, 1] * ray[1] + R_WC[2, 2],
-    )
-
-
 @compiled
 def store(
     view: View, templates: Templates, place: int, id: int, image: np.ndarray, pixel: np.ndarray, normal: np.ndarray
@@ -71,15 +69,13 @@ def store(
     """
     ray = ray_from_pixel(view.camera, pixel)
     length = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0)
-    sight = _in_world(view.R_WC, ray)
+    sight = world_from_camera(view.R_WC, ray)
     known = normal[0] != 0.0 or normal[1] != 0.0 or normal[2] != 0.0
     templates.id[place] = id
     for i in range(3):
         templates.normal[place, i] = normal[i] if known else sight[i] / length
-    for i in range(7):
-        templates.camera[place, i] = view.pose[i]
-    for i in range(2):
-        templates.pixel[place, i] = pixel[i]
+    copy_into(templates.camera[place], view.pose[:7])
+    copy_into(templates.pixel[place], pixel)
     for i in range(PATCH_SIDE):
         for j in range(PATCH_SIDE):
             x, y = pixel[0] + (j - PATCH_HALF), pixel[1] + (i - PATCH_HALF)
@@ -122,13 +118,9 @@ def _find_nodes(view: View, templates: Templates, place: int, point: np.ndarray,
     normal, born = templates.normal[place], templates.pixel[place]
     R_WB = rotation_matrix(first[QUATERNION])
     ray = ray_from_pixel(camera, born)
-    length, along_ray = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0), _in_world(R_WB, ray)
-    far = 0.0
-    for i in range(3):
-        far += (point[i] - first[i]) ** 2
-    far = math.sqrt(far)
+    length, along_ray = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0), world_from_camera(R_WB, ray)
     sight, offset = np.empty(3), np.empty(3)  # to the feature, and from the first camera to this one
-    near, plane = 0.0, 0.0
+    far, near, plane = distance_between(first, point), 0.0, 0.0
     for i in range(3):
         offset[i] = view.pose[i] - first[i]
         sight[i] = far * along_ray[i] / length - offset[i]
@@ -143,7 +135,7 @@ def _find_nodes(view: View, templates: Templates, place: int, point: np.ndarray,
     for i in range(3):
         for j in range(3):
             z[0], z[1] = centre[0] + (j - 1) * TEMPLATE_HALF, centre[1] + (i - 1) * TEMPLATE_HALF
-            d = _in_world(view.R_WC, ray_from_pixel(camera, z))
+            d = world_from_camera(view.R_WC, ray_from_pixel(camera, z))
             along = normal[0] * d[0] + normal[1] * d[1] + normal[2] * d[2]
             if along <= 0.0:
                 return False

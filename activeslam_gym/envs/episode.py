@@ -181,13 +181,12 @@ _TOLD = (
 """Fields of the evaluation that `info` has under their own names."""
 
 
-def info_of(runs: Run, reward: str, i: int = 0) -> dict[str, Any]:
-    """The `info` of the last step of run ``i``, of plain Python values; ``reward`` is that of the environment."""
+def info_of(runs: Run, reward: str) -> dict[str, Any]:
+    """The `info` of the last step of a single run, of plain Python values; ``reward`` is that of the environment."""
     episode = runs.episode  # fields of arrays: those of a single record are slow to read
-    values = dict(zip(EVALUATION.names or (), episode["evaluation"][i : i + 1].tolist()[0], strict=True))
-    events = episode["events"][i : i + 1].tolist()[0]
-    lost = bool(episode["lost"][i]), bool(episode["lost_now"][i])
-    return _tree(values, lost, reward, episode["terms"][i].tolist(), events)
+    values = dict(zip(EVALUATION.names or (), episode["evaluation"].tolist()[0], strict=True))
+    lost = bool(episode["lost"][0]), bool(episode["lost_now"][0])
+    return _tree(values, lost, reward, episode["terms"][0].tolist(), episode["events"].tolist()[0])
 
 
 def infos_of(runs: Run, reward: str, included: np.ndarray) -> dict[str, Any]:

@@ -31,20 +31,13 @@ from activeslam_gym.threads import Workers
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
-LONGEST_FRAME = 0.25
-"""Imagined frames are at most so long [s]."""
-LOOK_PERIOD = 0.25
-"""Places where a landmark may be are looked at so often [s]."""
-OVERLOOKED = 0.1
-"""Chance that a landmark in view of a look gets no feature."""
-WELL_INSIDE_PX = 20.0
-"""A place is looked at so far inside the image [px]."""
-PLACES = 600
-"""Places in the room where a landmark may be; two for each landmark, where that is more."""
-LEAST_CHANCE = 1e-9
-"""Of a place, against all others."""
-ROWS = 32
-"""Runs played at a time."""
+LONGEST_FRAME = 0.25  # imagined frames are at most so long [s]
+LOOK_PERIOD = 0.25  # places where a landmark may be are looked at so often [s]
+OVERLOOKED = 0.1  # chance that a landmark in view of a look gets no feature
+WELL_INSIDE_PX = 20.0  # a place is looked at so far inside the image [px]
+PLACES = 600  # places in the room where a landmark may be; two for each landmark, where that is more
+LEAST_CHANCE = 1e-9  # of a place, against all others
+ROWS = 32  # runs played at a time
 
 
 class Outcome(NamedTuple):

@@ -35,8 +35,7 @@ GLOBAL_FEATURES |= {"motion": MOTION_COUNT, "uncertainty": 4, "mapped": 1, "coun
 
 SENSED_FEATURES = {"clearance": MOTION_COUNT}
 """The same of the features that follow where there are boxes or a registered scene: how far each motion can go."""
-FARTHEST_CLEARANCE = 3.0
-"""As far as the range finders reach [m]."""
+FARTHEST_CLEARANCE = 3.0  # as far as the range finders reach [m]
 
 TOKEN_FEATURES = {"direction": 3, "log_distance": 1, "log_uncertainty": 1, "log_depth_uncertainty": 1, "in_view": 1}
 TOKEN_FEATURES |= {"fiducial": 1, "expected": 1, "initialising": 1, "mapped": 1}

@@ -154,11 +154,7 @@ class PluggedPerception:
         account(run)
 
     def _put_estimate(self, run: Run) -> None:
-        """Write the estimator's estimate into the run.
-
-        Raises:
-            ValueError: it is none, or not finite; the message names the estimator.
-        """
+        """Write the estimator's estimate into the run; a ValueError names the estimator where it is none."""
         try:
             estimate = self._estimator.estimate()
             put_estimate(estimate, run.estimate)

@@ -80,9 +80,9 @@ class PublicBeliefs(tuple[PublicBelief, ...]):
 # Reading the arrays of a run ----------------------------------------------------------------------------------------
 
 
-def public_belief(run: Run, time: float = 0.0) -> PublicBelief:
-    """A read-only copy of the estimate, at ``time`` [s]."""
-    e, given = run.episode.evaluation, taken_estimate(run.estimate, time)
+def public_belief(run: Run) -> PublicBelief:
+    """A read-only copy of the estimate."""
+    e, given = run.episode.evaluation, taken_estimate(run.estimate)
     return PublicBelief(
         **{one.name: getattr(given, one.name) for one in fields(given)},
         anchors=read_only(run.estimate.landmark["anchor"][: len(given.ids)]),
@@ -257,11 +257,6 @@ class Reads:
     # For the evaluator ----------------------------------------------------------------------------------------------
 
     @property
-    def truth(self) -> Truth:
-        """The ground truth: for the evaluator, never for policies."""
-        raise NotImplementedError
-
-    @property
     def landmark_errors(self) -> np.ndarray:
         """(L,) distance of each true landmark from its mapped feature [m]; NaN where it is not mapped."""
         each = [landmark_errors(run.owner, run.world.landmarks, run.estimate) for run in self._each()]
@@ -307,6 +302,7 @@ class SingleReads(Reads):
 
     @property
     def truth(self) -> Truth:
+        """The ground truth: for the evaluator, never for policies."""
         return truth_of(self._run.world, self._scenes()[0])
 
     @property
@@ -358,6 +354,7 @@ class BatchReads(Reads):
 
     @property
     def truth(self) -> Truth:
+        """The ground truths: for the evaluator, never for policies."""
         return truth_of(self._runs.world, self._scenes())
 
     def nees(self) -> dict[str, np.ndarray]:

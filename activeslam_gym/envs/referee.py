@@ -20,8 +20,7 @@ OWNER = record(
 )
 """The data association, by hidden labels, of one landmark of the estimate."""
 NOBODY = -1
-UNKNOWN = -2
-"""The label of a landmark of which no detection is known yet."""
+UNKNOWN = -2  # the label of a landmark of which no detection is known yet
 
 
 @dataclass(frozen=True)

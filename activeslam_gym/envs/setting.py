@@ -26,7 +26,6 @@ from activeslam_gym.kernels import Record, filled
 from activeslam_gym.motion import motion_of
 from activeslam_gym.sensors.sensor import IMAGES, SENSORS
 from activeslam_gym.slam.estimator import ESTIMATORS
-from activeslam_gym.slam.filter import Ekf as Ekf  # registers the estimator
 from activeslam_gym.slam.frame import filter_of
 from activeslam_gym.world.scenes import SCENES
 from activeslam_gym.world.simulator import sensor_of

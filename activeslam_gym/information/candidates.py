@@ -42,10 +42,8 @@ ACTION = record(
     frames="i8",  # until the measurements are taken
 )
 """A candidate action."""
-REMAIN = -1
-"""In place of a motion: the present position, even where it is outside of what goals are clipped to."""
-TURNING = ANGULAR_VELOCITY.start + 1
-"""Where the rate about the vertical stands in a camera's mean."""
+REMAIN = -1  # in place of a motion: the present position, even where it is outside of what goals are clipped to
+TURNING = ANGULAR_VELOCITY.start + 1  # where the rate about the vertical stands in a camera's mean
 
 
 class Prospect(NamedTuple):
@@ -162,13 +160,7 @@ def updated(P: np.ndarray, sight: Sight) -> np.ndarray:
 
 @compiled
 def score_plans(
-    camera: Record,
-    motion: Record,
-    prospect: Prospect,
-    time: float,
-    plans: np.ndarray,
-    criterion: int,
-    out: np.ndarray,
+    camera: Record, motion: Record, prospect: Prospect, time: float, plans: np.ndarray, criterion: int, out: np.ndarray
 ) -> None:
     """Write into ``out`` (A,) what each of ``plans`` (A, L) of ACTION would teach, from ``time`` [s] on.
 

@@ -119,5 +119,4 @@ def information_about(part: np.ndarray, P: np.ndarray, sight: Sight) -> float:
 
 criterion_of_number = one_of(CRITERIA.seal())
 """For kernels: of (number, P, sight, pixel_var), by the criterion of that number (see `Registry.number`)."""
-NET = CRITERIA.number("net_information")
-"""The criterion whose scores are net."""
+NET = CRITERIA.number("net_information")  # the criterion whose scores are net

@@ -44,12 +44,7 @@ RESTART, restart_of = constants(
 
 @borrowing
 def contradicted(
-    model: Record,
-    belief: Belief,
-    sight: Sight,
-    detections: np.ndarray,
-    of_thing: np.ndarray,
-    waits: np.ndarray,
+    model: Record, belief: Belief, sight: Sight, detections: np.ndarray, of_thing: np.ndarray, waits: np.ndarray
 ) -> bool:
     """Whether the fiducials have contradicted the belief for a while; takes this frame into the running mean.
 

@@ -39,19 +39,15 @@ from activeslam_gym.slam.belief import (
 )
 from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
 
-POSE_DIM = 6
-"""A pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation."""
+POSE_DIM = 6  # a pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation
 SEARCH_STDS = 4.3
 """A feature is searched for when its predicted pixel is within so many standard deviations of the image: the radius of
 the birth gate, so that no known feature is born again just outside."""
-INSIDE_STDS = 3.0
-"""Its absence is telling when its predicted pixel is so many standard deviations inside."""
-TELLING_SHARE = 0.85
-"""And nearer than this share of the greatest distance at which anything is seen."""
+INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many standard deviations inside
+TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
 
 NEVER = 2**62
-NEAR, INSIDE = 1, 2
-"""A row is within reach of the image; well inside it, so that a miss is telling."""
+NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
 THING = record(
     row="i8",

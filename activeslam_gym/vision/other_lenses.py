@@ -175,11 +175,7 @@ def _list(text: str, *names: str) -> list[float]:
 
 
 def _checked(size: Any, fisheye: bool, intrinsics: Any, coefficients: list[float]) -> Lens:
-    """The lens of these numbers.
-
-    Raises:
-        ValueError: there are not as many as there should be.
-    """
+    """The lens of these numbers; a ValueError where there are not as many as there should be."""
     if len(size) != 2 or len(intrinsics) != 4:
         raise ValueError("it needs two numbers for the size and four for focal lengths and principal point")
     if len(coefficients) not in ((4,) if fisheye else (4, 5, 8)):

@@ -82,8 +82,6 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         boxes = np.empty((0, 2, 3)) if registered else draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
         camera = draw_start(scenario, rng, place)
-        if scene is not None and _touches(scene, camera[POSITION]):
-            continue
         fiducials = _in_view(scenario, boxes, camera, rng, scene)
         if fiducials is None or not (registered or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
             continue
@@ -94,11 +92,6 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         raise RuntimeError(f"scene {scenario.scene!r}: no room was found in {_TRIES} tries: {cause}")
     cause = "too many boxes or walls, boxes too large, point_spacing too large, or nothing in view at fiducial_distance"
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
-
-
-def _touches(scene: Scene, p: np.ndarray) -> bool:
-    """Whether a body of the ``scene`` is too near to a start at ``p`` (3,)."""
-    return any(scene.clearance(p, way, _START_MARGIN) < _START_MARGIN for way in AROUND)
 
 
 # Points -------------------------------------------------------------------------------------------------------------
@@ -124,9 +117,6 @@ def _landmarks(
     """(L, 3) landmarks in no box, or (L, 6) with the normals of the surfaces that they are on, apart from each other.
 
     They are as far from the ``taken`` points (n, 3) too. ``scene``: the registered one, on which they are.
-
-    Raises:
-        NoRoomError: they do not fit.
     """
     count, half = scenario.landmark_count, 0.5 * np.array(scenario.room_size)
     if scenario.landmark_layout == CLUSTERS:
@@ -147,8 +137,8 @@ def _landmarks(
                 found.append(one)
         if len(found) == count:
             return np.array(found)
-    apart = f"{scenario.point_spacing:g} m apart"
-    raise NoRoomError(f"scenario {scenario.name!r}: its landmarks do not fit in a room, {apart}")
+    crowd = f"its landmarks do not fit in a room, {scenario.point_spacing:g} m apart"
+    raise NoRoomError(f"scenario {scenario.name!r}: {crowd}")
 
 
 def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:
@@ -198,18 +188,16 @@ def _turn(place: np.ndarray, heading: float) -> None:
     place[3:7] = math.cos(0.5 * heading), 0.0, math.sin(0.5 * heading), 0.0
 
 
-def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray | None = None) -> np.ndarray:
-    """The true first camera (13,), drawn by the prior about ``place`` (7,), None: the centre, facing +Z."""
+def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray) -> np.ndarray:
+    """The true first camera (13,), drawn by the prior about ``place`` (7,)."""
     camera = np.empty(CAMERA_SIZE)
-    camera[POSITION] = np.array(scenario.position_std) * rng.standard_normal(3)
+    camera[POSITION] = place[:3] + np.array(scenario.position_std) * rng.standard_normal(3)
     turned = scenario.orientation_std * rng.standard_normal(3)
     camera[QUATERNION] = uncompiled(quaternion_exp)(turned)
     camera[VELOCITY] = scenario.velocity_std * rng.standard_normal(3)
     camera[ANGULAR_VELOCITY] = scenario.angular_velocity_std * rng.standard_normal(3)
-    if place is not None:
-        camera[POSITION] += place[:3]
-        if place[3] != 1.0:
-            camera[QUATERNION] = rotate_left(turned, place[3:])
+    if place[3] != 1.0:
+        camera[QUATERNION] = rotate_left(turned, place[3:])
     return camera
 
 
@@ -242,6 +230,8 @@ def _in_view(
     found: list[np.ndarray] = []
     z, view = np.empty(2), View(camera, start, R_WC, boxes)
     if inside_any(start[None, :3], boxes, _START_MARGIN)[0]:
+        return None
+    if scene is not None and any(scene.clearance(start[:3], way, _START_MARGIN) < _START_MARGIN for way in AROUND):
         return None
     for _ in range(20 * scenario.fiducial_count):
         if len(found) == scenario.fiducial_count:

@@ -10,15 +10,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, filled, inlined, record
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import (
-    CAMERA_SIZE,
-    MOTION_AXIS,
-    MOTION_SIGN,
-    POSITION,
-    QUATERNION,
-    VELOCITY,
-    transition,
-)
+from activeslam_gym.motion import CAMERA_SIZE, MOTION_AXIS, MOTION_SIGN, POSITION, QUATERNION, VELOCITY, transition
 from activeslam_gym.world.noise import normal_pair, normals, uniforms
 from activeslam_gym.world.room import Room
 

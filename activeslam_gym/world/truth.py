@@ -33,14 +33,8 @@ class Truth:
 
 def truth_of(world: World, scene: Any = None) -> Truth:
     """The ground truth of a world with its ``scene``, or of a batch of them: the same with a leading axis."""
-    camera = world.state["camera"]
-    parts = {name: _read_only(camera[..., part]) for name, part in CAMERA_PARTS.items()}
-    return Truth(
-        **parts, **{name: _read_only(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}, scene=scene
-    )
-
-
-def _read_only(array: np.ndarray) -> np.ndarray:
-    copy = np.array(array)
-    copy.flags.writeable = False
-    return copy
+    arrays = {name: np.array(world.state["camera"][..., part]) for name, part in CAMERA_PARTS.items()}
+    arrays |= {name: np.array(getattr(world, name)) for name in ("landmarks", "fiducials", "boxes")}
+    for array in arrays.values():
+        array.flags.writeable = False
+    return Truth(**arrays, scene=scene)

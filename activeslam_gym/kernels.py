@@ -254,6 +254,8 @@ class _Cache(FunctionCache):
     cannot be loaded is compiled again.
     """
 
+    complained = False  # that kernels cannot be kept, once a process
+
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
         source = Path(function.__code__.co_filename)
@@ -293,8 +295,10 @@ class _Cache(FunctionCache):
                 _delete_old_folders(Path(self._cache_path))
             super().save_overload(sig, data)
         except OSError as error:
-            problem = f"a kernel could not be kept in {self._cache_path}: {error}"
-            _complain(f"{problem}; they will be compiled again at the next start")
+            if not _Cache.complained:
+                problem = f"a kernel could not be kept in {self._cache_path}: {error}"
+                _say(f"{problem}; they will be compiled again at the next start")
+            _Cache.complained = True
         _compilation_ended()
 
 
@@ -332,7 +336,6 @@ def _delete_old_folders(present: Path) -> None:
 
 _PAUSE = 1.0  # seconds without compilation after which the next kernels are a batch of their own, and are announced
 _compiled_at = -_PAUSE  # time of the last beginning or end of a compilation
-_complaints: list[str] = []
 
 
 def _announce(then: str) -> None:
@@ -345,13 +348,6 @@ def _announce(then: str) -> None:
 def _compilation_ended() -> None:
     global _compiled_at
     _compiled_at = time.monotonic()
-
-
-def _complain(message: str) -> None:
-    """Say that kernels cannot be kept, once a process."""
-    if not _complaints:
-        _say(message)
-    _complaints.append(message)
 
 
 def _say(message: str) -> None:

@@ -12,7 +12,8 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E402
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
-from activeslam_gym.information.foresight import change_of_view, foresee  # noqa: E402
+from activeslam_gym.information.candidates import foresee  # noqa: E402
+from activeslam_gym.information.foresight import change_of_view  # noqa: E402
 from activeslam_gym.live import run  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, Adviser, best  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
@@ -102,8 +103,7 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
         pose = prospect.camera.copy()
         pose[:3] += way
         there = np.array([in_view(point, pose) for point in prospect.points])
-        places = prospect.boxes, pose, prospect.fiducials, prospect.points, prospect.first_seen
-        seen = there & foresee(session.front_end.camera, limits, *places)
+        seen = there & foresee(session.front_end.camera, prospect._replace(limits=limits), pose)
         change = np.array([change_of_view(*both) for both in zip(prospect.first_seen, [pose] * known, prospect.points)])
         np.testing.assert_array_equal(seen[:known], there[:known] & (change <= settings.most_change))
         room = max(limits.wanted - seen[:known].sum() - len(prospect.fiducials), 0)

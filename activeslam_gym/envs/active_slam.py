@@ -207,8 +207,6 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         self._history = History()
         self._window: Any = None
 
-    # Gymnasium ------------------------------------------------------------------------------------------------------
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:

@@ -87,8 +87,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._phases, self._commands = np.zeros(self.num_envs, np.int64), np.zeros((self.num_envs, 4))
         self._histories = [History() for _ in range(self.num_envs)]
 
-    # Gymnasium ------------------------------------------------------------------------------------------------------
-
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -174,8 +172,6 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
             raise gymnasium.error.ResetNeeded("there is nothing to show before the first reset()")
         gaze = nearest_gaze(self._commands[i, 3])
         return snapshot_of(self.setting, self._at(i), gaze, self._histories[i], self._perceptions[i])
-
-    # Beginnings and ends --------------------------------------------------------------------------------------------
 
     def _demand_reset(self) -> None:
         ready = self._begun & ~self._over if self.autoreset_mode is AutoresetMode.DISABLED else self._begun

@@ -118,9 +118,6 @@ def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
             _settle(row(runs, i))
 
 
-# What it was worth --------------------------------------------------------------------------------------------------
-
-
 @compiled
 def evaluate(run: Run) -> None:
     """Bring the evaluation and the potentials up to date, from the estimate.
@@ -172,8 +169,6 @@ def _evaluate_errors(run: Run) -> None:
     e.landmarks_mapped, e.distinct_landmarks = np.sum(estimate.landmark["mapped"][: estimate.state.count]), count
     e.landmark_rmse = math.sqrt(np.sum(squares) / count) if count > 0 else np.inf
 
-
-# Information --------------------------------------------------------------------------------------------------------
 
 _TOLD = (
     "entropy log_score landmarks_mapped distinct_landmarks position_error orientation_error landmark_rmse position_nees"

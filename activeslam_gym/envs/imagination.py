@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View, visible
+from activeslam_gym.envs.disproof import WELL_INSIDE_PX
 from activeslam_gym.envs.episode import REST, STEP, play
 from activeslam_gym.envs.referee import NOBODY
 from activeslam_gym.envs.run import Run, known_boxes
@@ -34,7 +35,6 @@ from activeslam_gym.world.simulator import CLUTTER_LABEL
 LONGEST_FRAME = 0.25  # imagined frames are at most so long [s]
 LOOK_PERIOD = 0.25  # places where a landmark may be are looked at so often [s]
 OVERLOOKED = 0.1  # chance that a landmark in view of a look gets no feature
-WELL_INSIDE_PX = 20.0  # a place is looked at so far inside the image [px]
 PLACES = 600  # places in the room where a landmark may be; two for each landmark, where that is more
 LEAST_CHANCE = 1e-9  # of a place, against all others
 ROWS = 32  # runs played at a time
@@ -194,9 +194,6 @@ def _copy(source: tuple, target: tuple, rows: Any = ..., at: Any = ...) -> None:
             _copy(one, other, rows, at)
         else:
             other[at] = one[rows]
-
-
-# The model of the world ---------------------------------------------------------------------------------------------
 
 
 def slowed(models: Record) -> tuple[Record, int]:

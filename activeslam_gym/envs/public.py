@@ -77,9 +77,6 @@ class PublicBeliefs(tuple[PublicBelief, ...]):
         return np.array([belief.log2_det(part) for belief in self])
 
 
-# Reading the arrays of a run ----------------------------------------------------------------------------------------
-
-
 def public_belief(run: Run) -> PublicBelief:
     """A read-only copy of the estimate."""
     e, given = run.episode.evaluation, taken_estimate(run.estimate)
@@ -105,9 +102,6 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
         "orientation": nees(error[D_ROTATION], P[D_ROTATION, D_ROTATION]) / 3.0,
         "landmarks": float(np.mean(each)) if each else float("nan"),
     }
-
-
-# The readers --------------------------------------------------------------------------------------------------------
 
 
 class Reads:

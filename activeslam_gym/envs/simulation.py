@@ -136,9 +136,6 @@ def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None
         mean[QUATERNION] = rotation.as_quat(scalar_first=True)
 
 
-# One frame ----------------------------------------------------------------------------------------------------------
-
-
 @compiled
 def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
     """Read a motion, ``command`` (>= 3,): its goal from where the camera is felt to be, clipped into the room.

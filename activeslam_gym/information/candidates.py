@@ -4,6 +4,7 @@ An action is a record (motion, gaze, frames); a plan is a sequence of actions. O
 and every score of an environment is made of it.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
-from activeslam_gym.information.foresight import UNLIMITED, SensorLimits, foresee
+from activeslam_gym.information.foresight import UNLIMITED, SensorLimits, change_of_view
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import (
@@ -66,7 +67,7 @@ class Prospect(NamedTuple):
     limits: SensorLimits = UNLIMITED
     """Those of the sensor."""
     first_seen: np.ndarray = np.zeros((0, 3))
-    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `foresight.foresee`."""
+    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `foresee`."""
 
 
 @compiled
@@ -141,11 +142,35 @@ def propagated(motion: Record, P: np.ndarray, turn: float, frames: int) -> np.nd
 
 
 @compiled
+def foresee(camera: Record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
+    """(M,) bool: which of the points the sensor can measure from ``pose`` (13,), if they are in its image.
+
+    The leading points are features; where ``first_seen`` is NaN, and where it is empty, every side will do. The others
+    are expected landmarks: as many of those in view as there is room for beside the features in view, the first ones,
+    since any may stand for another.
+    """
+    points, limits, first_seen = prospect.points, prospect.limits, prospect.first_seen
+    seen = np.ones(points.shape[0], np.bool_)
+    if limits.greatest_change == math.inf:
+        return seen
+    room, z, view = limits.wanted, np.empty(2), view_of(camera, pose, prospect.boxes)
+    for fiducial in prospect.fiducials:
+        room -= visible(view, fiducial, 0.0, z)
+    for i in range(points.shape[0]):
+        if i < first_seen.shape[0]:
+            seen[i] = not change_of_view(first_seen[i], pose, points[i]) > limits.greatest_change
+            room -= seen[i] and visible(view, points[i], 0.0, z)
+        elif visible(view, points[i], 0.0, z):
+            seen[i] = room > 0
+            room -= 1
+    return seen
+
+
+@compiled
 def sight_after(camera: Record, prospect: Prospect, P: np.ndarray, pose: np.ndarray) -> Sight:
     """What is in view of ``pose`` (13,), with the covariance ``P``."""
-    boxes, fiducials, points = prospect.boxes, prospect.fiducials, prospect.points
-    seen = foresee(camera, prospect.limits, boxes, pose, fiducials, points, prospect.first_seen)
-    return sight_of_points(camera, boxes, pose, fiducials, points, seen, P)
+    seen = foresee(camera, prospect, pose)
+    return sight_of_points(camera, prospect.boxes, pose, prospect.fiducials, prospect.points, seen, P)
 
 
 @compiled
@@ -235,9 +260,6 @@ def without_present(camera: Record, prospect: Prospect) -> Prospect:
     P, waiting = gathered(prospect.covariance, rest[:0], rest), prospect.waiting - M + rest.shape[0]
     given = prospect.clearance, prospect.limits, prospect.first_seen
     return Prospect(now, points[rest], P, fiducials, boxes, waiting, *given)
-
-
-# The plans of an environment's scores --------------------------------------------------------------------------------
 
 
 def checked_plans(plans: Any) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Which points a sensor would measure from another pose: what its model lets a planner count on.
+"""The limits of a sensor, by which a planner foresees which points it would measure from another pose.
 
 The sensor `points` measures everything in view. The front end of `images` knows a feature by its appearance, so it
 measures none that it would see too differently; and it initialises features only while few are in view.
@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import distance_between, view_of, visible
-from activeslam_gym.kernels import Record, borrowing, compiled
+from activeslam_gym.camera import distance_between
+from activeslam_gym.kernels import borrowing
 
 
 class SensorLimits(NamedTuple):
@@ -23,38 +23,6 @@ class SensorLimits(NamedTuple):
 
 
 UNLIMITED = SensorLimits(math.inf, 2**62)  # those of `points`
-
-
-@compiled
-def foresee(
-    camera: Record,
-    limits: SensorLimits,
-    boxes: np.ndarray,
-    pose: np.ndarray,
-    fiducials: np.ndarray,
-    points: np.ndarray,
-    first_seen: np.ndarray,
-) -> np.ndarray:
-    """(M,) bool: which of ``points`` (M, 3) the sensor can measure from ``pose`` (13,), if they are in its image.
-
-    The leading points are features that were first seen from ``first_seen`` (k, 3), k ≤ M; where that is NaN, and where
-    k is 0, every side will do. The others are expected landmarks: as many of those in view as there is room for beside
-    the features in view, the first ones, since any may stand for another.
-    """
-    seen = np.ones(points.shape[0], np.bool_)
-    if limits.greatest_change == math.inf:
-        return seen
-    k, room, z, view = first_seen.shape[0], limits.wanted, np.empty(2), view_of(camera, pose, boxes)
-    for fiducial in fiducials:
-        room -= visible(view, fiducial, 0.0, z)
-    for i in range(points.shape[0]):
-        if i < k:
-            seen[i] = not change_of_view(first_seen[i], pose, points[i]) > limits.greatest_change
-            room -= seen[i] and visible(view, points[i], 0.0, z)
-        elif visible(view, points[i], 0.0, z):
-            seen[i] = room > 0
-            room -= 1
-    return seen
 
 
 @borrowing

@@ -15,8 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of, visible
-from activeslam_gym.information.candidates import Prospect, goal_pose, without_present
-from activeslam_gym.information.foresight import foresee
+from activeslam_gym.information.candidates import Prospect, foresee, goal_pose, without_present
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
@@ -201,15 +200,12 @@ def _measure(
 ) -> tuple[int, float]:
     """Y += H^T R^-1 H of each fiducial and point that is measured; fiducials and mapped points add to J too.
 
-    Expected landmarks take room among what the sensor initialises all along.
-
-    An expected landmark enters the state when it is first measured. Returns the new size of the state, and log2 |Y| of
-    the priors of those that entered.
+    An expected landmark enters the state when it is first measured, and takes room among what the sensor initialises
+    all along. Returns the new size of the state, and log2 |Y| of the priors of those that entered.
     """
     (pose, start, J, images), fiducials, points = course, prospect.fiducials, prospect.points
-    seen = foresee(camera, prospect.limits, prospect.boxes, pose, fiducials, points, prospect.first_seen)
+    seen, P = foresee(camera, prospect, pose), prospect.covariance
     view, weight, prior = view_of(camera, pose, prospect.boxes), images / camera.pixel_std**2, 0.0
-    P = prospect.covariance
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
     J[:] = 0.0
     for fiducial in fiducials:

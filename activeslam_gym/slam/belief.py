@@ -154,9 +154,6 @@ def fiducial_id(k: int) -> int:
     return -1 - k
 
 
-# Features as points -------------------------------------------------------------------------------------------------
-
-
 @borrowing
 def bearing(azimuth: float, elevation: float) -> tuple[Direction, Direction, Direction]:
     """The unit world direction m, dm/d azimuth and dm/d elevation.

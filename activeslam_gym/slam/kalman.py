@@ -109,10 +109,5 @@ def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndar
         return W, delta[0], False
     solve_transposed(S, W)
     solve_transposed_vector(S, innovation)
-    row = np.empty((1, m))
-    copy_into(row[0], innovation)
-    add_product(row, W, delta)
-    sound = True
-    for value in delta[0]:
-        sound = sound and math.isfinite(value)
-    return W, delta[0], sound
+    add_product(innovation.reshape((1, m)), W, delta)
+    return W, delta[0], np.isfinite(delta[0]).all()

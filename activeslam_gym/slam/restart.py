@@ -76,5 +76,4 @@ def restart(model: Record, belief: Belief) -> None:
         for j in range(state.dim):
             P[i, j], P[j, i] = 0.0, 0.0
         P[i, i] = model.std[i] * model.std[i]
-    for t in range(belief.track.shape[0]):
-        belief.track[t].hits = 0
+    belief.track["hits"][:] = 0

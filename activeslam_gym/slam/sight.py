@@ -84,9 +84,6 @@ def pixel_rows(things: np.ndarray) -> np.ndarray:
     return rows
 
 
-# One measurement ----------------------------------------------------------------------------------------------------
-
-
 @borrowing
 def point_measurement(view: View, y: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
     """Pixel of the world point ``y`` (>= 3,) with its Jacobians.
@@ -218,9 +215,6 @@ def _measure_from_first(view: View, feature: Record, thing: Record) -> bool:
     z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
     seen = _measure_feature(view, feature.kind, feature.mean, z, H_x, H_y)
     return _measure_feature(view, feature.kind, first, z_first, H_x, H_y) and seen
-
-
-# All of them --------------------------------------------------------------------------------------------------------
 
 
 @compiled

@@ -65,9 +65,6 @@ def _stands_well(box: np.ndarray, boxes: list[np.ndarray], scenario: Scenario) -
     return all(np.maximum(other[0] - box[1], box[0] - other[1])[plan].max() >= PASSAGE for other in boxes)
 
 
-# What is free -------------------------------------------------------------------------------------------------------
-
-
 def inside_any(points: np.ndarray, boxes: np.ndarray, margin: float = 0.0) -> np.ndarray:
     """(n,) bool: which of ``points`` (n, 3) are in one of the ``boxes`` (B, 2, 3) grown by ``margin`` [m]."""
     p = points[:, None]
@@ -125,9 +122,6 @@ def _strips(half: float, edges: np.ndarray, margin: float, p: float) -> tuple[np
     nearest = min(cells[max(after - 1, 0) : after + 1], key=lambda k: abs(middle(k) - p))
     counts = np.diff([*strips, len(cells)]).astype(float)  # in a large room their products overflow an integer
     return np.array([middle(k) for k in strips]), counts, bisect_right(strips, nearest) - 1
-
-
-# Points on surfaces -------------------------------------------------------------------------------------------------
 
 
 def surface_points(half: np.ndarray, boxes: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

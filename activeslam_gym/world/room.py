@@ -94,9 +94,6 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
     raise NoRoomError(f"scenario {scenario.name!r}: no room was found in {_TRIES} tries: {cause}")
 
 
-# Points -------------------------------------------------------------------------------------------------------------
-
-
 def uniform_points(scenario: Scenario, count: int, rng: np.random.Generator) -> np.ndarray:
     """``count`` points (count, 3) [m] uniform in the scenario's room."""
     return (rng.random((count, 3)) - 0.5) * np.array(scenario.room_size)
@@ -144,9 +141,6 @@ def _landmarks(
 def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:
     """Whether a ``point`` (>= 3,) is at least ``spacing`` [m] from each of the ``others``."""
     return all(np.linalg.norm(point[:3] - other[:3]) >= spacing for other in others)
-
-
-# The start ----------------------------------------------------------------------------------------------------------
 
 
 def _draw_place(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -199,9 +193,6 @@ def draw_start(scenario: Scenario, rng: np.random.Generator, place: np.ndarray) 
     if place[3] != 1.0:
         camera[QUATERNION] = rotate_left(turned, place[3:])
     return camera
-
-
-# Fiducials ----------------------------------------------------------------------------------------------------------
 
 
 def _floating(scenario: Scenario, count: int, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -24,11 +24,7 @@ class Encoding:
     """From the numbers of an action to its command (4,), or from k arrays (B,) to (B, 4); see `motion.COMMANDS`."""
 
     def read_one(self, action: Any) -> np.ndarray:
-        """The command (4,) of an action.
-
-        Raises:
-            ValueError: it is outside the action space; the message tells what is allowed.
-        """
+        """The command (4,) of an action; a ValueError tells what is allowed where it is outside the action space."""
         array = _as_array(action)
         if (array.shape == self.shape or array.size == 1 and not self.shape) and array.dtype.kind in "iuf":
             numbers = array.ravel().tolist()
@@ -38,11 +34,7 @@ class Encoding:
         raise ValueError(f"action must be {self.allowed}, got {action!r}")
 
     def read(self, actions: Any, playing: np.ndarray) -> np.ndarray:
-        """The commands (B, 4) of a batch of actions (B, ...); those of environments not ``playing`` (B,) are ignored.
-
-        Raises:
-            ValueError: of shape or values outside the action space; the message names the first and what is allowed.
-        """
+        """The same of a batch: (B, 4) of actions (B, ...); those of environments not ``playing`` (B,) are ignored."""
         array, shape = _as_array(actions), (len(playing), *self.shape)
         if array.shape != shape or array.dtype.kind not in "iuf":
             raise ValueError(
@@ -101,10 +93,8 @@ def action_masks(space: spaces.Space[Any], commands: np.ndarray, phases: np.ndar
     """The choices that can make a difference, bool (B, 7 + 3), motions first, or (B, 21) in a discrete ``space``.
 
     Where ``phases`` (B,) is 0 a motion is about to be read and all may be chosen; elsewhere the motion of an action is
-    ignored, and of the seven the one under way, of the ``commands`` (B, 4), is left.
-
-    Raises:
-        AttributeError: the actions are continuous.
+    ignored, and of the seven the one under way, of the ``commands`` (B, 4), is left. An AttributeError where actions
+    are continuous.
     """
     if isinstance(space, spaces.Box):
         raise AttributeError("continuous actions have no masks")
@@ -116,11 +106,7 @@ def action_masks(space: spaces.Space[Any], commands: np.ndarray, phases: np.ndar
 
 
 def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
-    """The ``options`` of a reset; an empty dict for None.
-
-    Raises:
-        ValueError: they are no dict.
-    """
+    """The ``options`` of a reset, an empty dict for None; a ValueError where they are no dict."""
     if not isinstance(options, (dict, type(None))):
         raise ValueError(f"options must be a dict or None, got {options!r}")
     return options or {}

@@ -103,9 +103,6 @@ def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
     """After `play`: the potential ``name`` that is registered, and the reward of the step.
 
     Where the estimate is not sound, the potential keeps its value. ``phases`` (B,) as in `play`.
-
-    Raises:
-        ValueError: the potential is no finite number; see `Registry.value`.
     """
     for i in np.flatnonzero(phases != REST).tolist():
         episode = runs.episode[i]

@@ -156,11 +156,7 @@ def sensor_limits(scenario: Scenario) -> SensorLimits:
 
 
 def checked_size(size: Any) -> tuple[int, int]:
-    """Width and height of a picture [px].
-
-    Raises:
-        ValueError: it is not two whole numbers in `PICTURE_SIDE`.
-    """
+    """Width and height of a picture [px]; a ValueError where it is not two whole numbers in `PICTURE_SIDE`."""
     least, most = PICTURE_SIDE
     try:
         width, height = (whole_number("render_size", side, least) for side in size)

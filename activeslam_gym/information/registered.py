@@ -34,9 +34,6 @@ def score_plans_with(
     ``look`` (P, pose) predicts the measurements. By ``net_information`` they are taken once for each frame of an
     action, the entropy that motions add is taken off, and plans end after ``frames`` frames. Where their covariance S
     is not positive definite, or P not finite, the score is NaN.
-
-    Raises:
-        ValueError: a registered criterion returns anything but a finite number; see `Registry.value`.
     """
     (out, position_std), net = np.zeros((2, len(plans))), criterion == "net_information"
     for a, plan in enumerate(plans):

@@ -122,11 +122,7 @@ def empty_estimates(capacity: int, count: int) -> EstimateArrays:
 
 
 def put_estimate(estimate: Estimate, arrays: EstimateArrays) -> None:
-    """Write an ``estimate`` into ``arrays`` of one run.
-
-    Raises:
-        ValueError: it has more landmarks than there is room for.
-    """
+    """Write an ``estimate`` into ``arrays`` of one run; a ValueError where it has too many landmarks."""
     n, landmark = len(estimate.ids), arrays.landmark
     if n > len(landmark):
         raise ValueError(f"an Estimate may have {len(landmark)} landmarks in this scenario, got {n}")

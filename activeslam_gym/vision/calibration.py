@@ -39,11 +39,7 @@ class Calibration(NamedTuple):
         return Scenario(**{**self.reduced(self.scale)._asdict(), **fields})
 
     def check_image(self, image: np.ndarray) -> None:
-        """Demand a grey image (h, w) uint8 of the calibrated size.
-
-        Raises:
-            ValueError: it is another; the message tells the expected size.
-        """
+        """A ValueError, unless it is a grey image (h, w) uint8 of the calibrated size, which the message tells."""
         if image.ndim != 2 or image.dtype != np.uint8:
             raise ValueError(f"an image must be grey, (h, w) uint8, got {image.shape} {image.dtype}")
         (h, w), (width, height) = image.shape, self[:2]
@@ -62,11 +58,7 @@ def read_calibration(path: str | Path) -> Calibration:
 
 
 def calibration_from(fields: dict[str, Any], where: str = "the calibration") -> Calibration:
-    """The calibration with these ``fields``; errors name its origin ``where``.
-
-    Raises:
-        ValueError: a field is missing, unknown or out of range.
-    """
+    """The calibration with these ``fields``; a ValueError names its origin ``where``, and the field that is wrong."""
     check_names(fields, set(Calibration._fields), where)
     for name, value in fields.items():
         if not is_number(value):
@@ -106,11 +98,7 @@ def read_object(path: str | Path) -> dict[str, Any]:
 
 
 def check_names(fields: dict[str, Any], names: set[str], where: str) -> None:
-    """Demand that ``fields`` has exactly these ``names``.
-
-    Raises:
-        ValueError: one is missing or unknown.
-    """
+    """A ValueError that names its origin ``where``, if ``fields`` has not exactly these ``names``."""
     if missing := sorted(names - set(fields)):
         raise ValueError(f"{where} lacks {', '.join(missing)}")
     if unknown := sorted(set(fields) - names):

@@ -5,11 +5,7 @@ from typing import Any
 
 
 def opencv() -> Any:
-    """The module `cv2`.
-
-    Raises:
-        ModuleNotFoundError: it is not installed; the message names the extra.
-    """
+    """The module `cv2`; a ModuleNotFoundError names the extra."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")  # the one who reads reports errors
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     try:

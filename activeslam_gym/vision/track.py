@@ -284,11 +284,7 @@ class TrackFiles:
 
     def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
         """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
-        of the first.
-
-        Raises:
-            OSError: the disk is full, or gone.
-        """
+        of the first."""
         w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
         if log is None or not log.lost or self._keep_lost:
             self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")

@@ -47,11 +47,7 @@ SCENES: Registry[Any] = Registry("scenario.scene")  # the scenes by name
 
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
-    """The scene of a reset. The answers of a registered one are checked.
-
-    Raises:
-        ValueError: there is no such scene, or its bounds are wrong.
-    """
+    """The scene of a reset; a wrong answer of a registered one is a ValueError."""
     scene = SCENES[scenario.scene](scenario, rng)
     return CheckedScene(scenario, scene) if scenario.has_registered_scene else scene
 

@@ -7,8 +7,7 @@ from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
 
-REGISTERED = -1
-"""In place of its number: an entry that is not one of the package's own."""
+REGISTERED = -1  # in place of its number: an entry that is not one of the package's own
 
 
 class Registry(dict[str, Entry]):
@@ -17,8 +16,7 @@ class Registry(dict[str, Entry]):
     kind = "name"
     reserved: tuple[str, ...] = ()
     """Names that no entry may have from now on: those of the package's own entries, and others."""
-    own: tuple[str, ...] = ()
-    """Names of the package's own entries, by number."""
+    own: tuple[str, ...] = ()  # names of the package's own entries, by number
 
     def __init__(self, kind: str, entries: dict[str, Entry] | None = None) -> None:
         super().__init__(entries or {})
@@ -87,5 +85,4 @@ class Registry(dict[str, Entry]):
         return float(value)
 
 
-REGISTRIES: list[Registry[Any]] = []
-"""All registries of this process."""
+REGISTRIES: list[Registry[Any]] = []  # all registries of this process

@@ -14,8 +14,7 @@ TOWARDS_VIEWER = np.array(
     (-np.sin(_AZIMUTH) * np.cos(_ELEVATION), np.sin(_ELEVATION), -np.cos(_AZIMUTH) * np.cos(_ELEVATION))
 )
 _RIGHT = np.cross((0.0, 1.0, 0.0), TOWARDS_VIEWER) / np.cos(_ELEVATION)
-VIEW = np.stack((_RIGHT, np.cross(TOWARDS_VIEWER, _RIGHT)))
-"""Rows right and up (2, 3) of the page."""
+VIEW = np.stack((_RIGHT, np.cross(TOWARDS_VIEWER, _RIGHT)))  # rows right and up (2, 3) of the page
 
 
 def screen_from_world(points: np.ndarray) -> np.ndarray:

@@ -36,8 +36,7 @@ from activeslam_gym.rendering.scene import (
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
 
-_BOX_ALPHA = 0.35
-"""How much of what is behind it a drawn box covers."""
+_BOX_ALPHA = 0.35  # how much of what is behind it a drawn box covers
 _DASHED = (0, (4, 2))
 
 

@@ -14,12 +14,9 @@ from activeslam_gym.rendering.scene import MUTED, TEXT
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
 
-REFERENCE_SIZE = (960, 640)
-"""Pixels at which the lettering has its nominal size; other sizes scale it."""
-_SMALL_SIZE = (480, 320)
-"""The same for a small picture, which has fewer words, and larger ones."""
-_SMALL_BELOW = 720
-"""A picture of fewer pixels in width is small."""
+REFERENCE_SIZE = (960, 640)  # pixels at which the lettering has its nominal size; other sizes scale it
+_SMALL_SIZE = (480, 320)  # the same for a small picture, which has fewer words, and larger ones
+_SMALL_BELOW = 720  # a picture of fewer pixels in width is small
 
 _TICKS = {"color": MUTED, "labelsize": 7.0, "major.width": 0.7, "major.size": 3.0}
 _STYLE = {

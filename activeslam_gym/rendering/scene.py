@@ -16,8 +16,7 @@ TRUTH, FIDUCIAL, CAMERA = "#1A1A1A", "#009E73", "#D55E00"
 TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F9FAFB"
 ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0
 """Standard deviations drawn: of a landmark in the map, of a prediction in the image."""
-_CAMERA_DIM = 12
-"""Rows of the camera in the snapshot's covariance; three of each landmark follow."""
+_CAMERA_DIM = 12  # rows of the camera in the snapshot's covariance; three of each landmark follow
 
 
 def believed_points(snapshot: Snapshot) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 COCKPIT_SIZE = (1190, 560)
 """Pixels of the window to fly in, the picture and the actions' scores beside it; with its bars it fits 1366 x 768."""
-SCORES_WIDTH = 0.417
-"""Width of the scores, relative to the picture's."""
+SCORES_WIDTH = 0.417  # width of the scores, relative to the picture's
 
 
 class NoScreen(gymnasium.error.Error):

@@ -22,11 +22,9 @@ from agents.tools.files import alone_in, writable_folder, write_csv, write_json,
 from agents.tools.sections import table
 from agents.tools.statistics import LEGEND, Column, Estimate, estimate
 
-NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
-"""The same rooms, hands and gaze for each."""
+NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}  # the same rooms, hands and gaze for each
 CHANCE = len(LATERAL) / len(Motion)
-AFTER = 2
-"""Commands after a birth, in seconds."""
+AFTER = 2  # commands after a birth, in seconds
 DETS = ("log2_det_camera", "log2_det_map", "log2_det_total")
 
 MEASURES = (
@@ -44,10 +42,8 @@ PAIRED = MEASURES[:6]
 JUDGED: tuple[tuple[Column, Side], ...] = ((MEASURES[0], "below"), (MEASURES[2], "above"), (MEASURES[3], "below"))
 """Differences with a verdict, and the side of more information."""
 
-Row = dict[str, Any]
-"""A second of a run: a line of seconds.csv."""
-Runs = dict[str, dict[int, list[Row]]]
-"""Habit → seed of the room → its seconds."""
+Row = dict[str, Any]  # a second of a run: a line of seconds.csv
+Runs = dict[str, dict[int, list[Row]]]  # habit → seed of the room → its seconds
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,18 +23,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PANELS_A_ROW = 4
-SIGMAS = 2.0
-"""Standard deviations of the bounds and of the ellipses."""
-BAND = (10.0, 90.0)
-"""Percentiles over rooms of the band around a mean."""
+SIGMAS = 2.0  # standard deviations of the bounds and of the ellipses
+BAND = (10.0, 90.0)  # percentiles over rooms of the band around a mean
 ERRORS = ("X error, m", "Y error, m", "Z error, m", "qx error", "qy error", "qz error")
 PARTS = {"camera": "tab:blue", "map": "tab:green", "total": "tab:red"}
 ESTIMATE, TRUTH, BOUND, LOST = "tab:blue", "black", "tab:red", "tab:red"
 
-Runs = Mapping[str, Sequence[Episode]]
-"""Policy → its episodes by seed."""
-Curves = tuple[np.ndarray, np.ndarray]
-"""Times (G,), and values (curves, G)."""
+Runs = Mapping[str, Sequence[Episode]]  # policy → its episodes by seed
+Curves = tuple[np.ndarray, np.ndarray]  # times (G,), and values (curves, G)
 
 
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:

@@ -35,10 +35,8 @@ from activeslam_gym.rendering.scene import (
 if TYPE_CHECKING:
     from activeslam_gym.envs.snapshot import Snapshot
 
-TIMELINE = "time"
-"""Seconds since the reset."""
-WHOSE = {"truth": TRUTH, "belief": CAMERA}
-"""The two cameras, with their colours."""
+TIMELINE = "time"  # seconds since the reset
+WHOSE = {"truth": TRUTH, "belief": CAMERA}  # the two cameras, with their colours
 _CURVES = ("entropy", "landmarks_mapped", "position_error", "orientation_error", "landmark_rmse", "log_score")
 """Numbers of `info` that become curves of their own."""
 

@@ -12,8 +12,7 @@ from agents.tools.arguments import times_within
 from agents.tools.sections import Table
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
-MOST_LOST = 0.25
-"""A policy that is lost in a greater share of the rooms has no headline."""
+MOST_LOST = 0.25  # a policy that is lost in a greater share of the rooms has no headline
 DEGREES = 180.0 / np.pi
 
 LEARNED = (
@@ -58,11 +57,9 @@ NEES = (
     Column("landmark_nees_median", "median", digits=2),
 )
 """Per degree of freedom, over the runs alive."""
-NEES_TIMES = (5.0, 15.0, 35.0)
-"""At which it is told, within the duration [s]."""
+NEES_TIMES = (5.0, 15.0, 35.0)  # at which it is told, within the duration [s]
 
-Figures = dict[str, Estimate]
-"""Column → figure over rooms."""
+Figures = dict[str, Estimate]  # column → figure over rooms
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,8 @@ from agents import policies
 from agents.places import Placed
 
 ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
-SIGHTED = ("pixels", "hand-held-pixels")
-"""The scenarios whose sensor is a camera in a textured room."""
-SAMPLE_PERIOD = 1.0
-"""Between the samples of an episode that is not kept whole [s]."""
+SIGHTED = ("pixels", "hand-held-pixels")  # the scenarios whose sensor is a camera in a textured room
+SAMPLE_PERIOD = 1.0  # between the samples of an episode that is not kept whole [s]
 
 
 @dataclass(frozen=True)

@@ -25,26 +25,19 @@ from .fixed import Planned
 from .policy import Actions, Environment, played
 
 TABLE = Path(__file__).with_name("best_constants.json")
-ROOMS = 8
-"""In so many rooms all constants are tried,"""
-FINALISTS = 4
-"""and so many of them"""
-MORE_ROOMS = 24
-"""in so many more."""
+ROOMS = 8  # in so many rooms all constants are tried,
+FINALISTS = 4  # and so many of them
+MORE_ROOMS = 24  # in so many more
 
-BATCH = 64
-"""Episodes at a time."""
-Choose = Callable[..., dict[str, Any]]
-"""(scenario, gaze period, motion period, duration, store) -> an entry of a table."""
+BATCH = 64  # episodes at a time
+Choose = Callable[..., dict[str, Any]]  # (scenario, gaze period, motion period, duration, store) -> an entry of a table
 OF_PLANNERS = (
     "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "plan_position_std",
     "amortised_decision",
 )  # fmt: skip
 """Fields of a scenario that change no open loop."""
-Times = tuple[float, float, float]
-"""Gaze period, motion period and duration [s]."""
-CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])
-"""(21, 2) the constant actions."""
+Times = tuple[float, float, float]  # gaze period, motion period and duration [s]
+CONSTANTS: Actions = np.array([(motion, gaze) for motion in Motion for gaze in Gaze])  # (21, 2) the constant actions
 
 
 class BestConstant(Planned):

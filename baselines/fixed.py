@@ -70,7 +70,6 @@ class Sweep(Policy):
         return self.always(Gaze.LEFT)
 
 
-Stay = partial(Planned, plan=[(Motion.STAY, Gaze.STAY)])
-"""Stands still and looks ahead: what the others have to beat."""
+Stay = partial(Planned, plan=[(Motion.STAY, Gaze.STAY)])  # stands still and looks ahead: what the others have to beat
 Orbit = partial(Planned, plan=[(Motion.RIGHT, Gaze.LEFT)])
 """A circle around what stood ahead, seen from all sides: of a radius of 1.5 m, at 0.3 m/s and 0.2 rad/s."""

@@ -14,8 +14,7 @@ from activeslam_gym.evaluation import Episode, play
 from activeslam_gym.evaluation import Predictor as Predictor
 from activeslam_gym.motion import COMMANDS
 
-TIE = 1e-9
-"""Scores closer than this to the best are equal to it, in the score's unit."""
+TIE = 1e-9  # scores closer than this to the best are equal to it, in the score's unit
 
 Actions = NDArray[np.int64]
 Environment = gym.Env | gym.vector.VectorEnv

@@ -30,10 +30,8 @@ READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
 """Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s, s, m]."""
 EPISODES, BATCH = 32, 16
 """Training episodes of each candidate, beside those that choose the open loops; episodes at a time."""
-TRIED_WITH = 0.5
-"""``plan_position_std`` [m] with which the horizon is chosen."""
-MOST_LOST = 1
-"""Up to so many lost episodes of a candidate count as none."""
+TRIED_WITH = 0.5  # ``plan_position_std`` [m] with which the horizon is chosen
+MOST_LOST = 1  # up to so many lost episodes of a candidate count as none
 FIRST_SEED = TRAINING_SEED + 100_000
 
 

@@ -26,23 +26,16 @@ from .policy import Actions, Environment, Policy
 from .sequences import Sequence, best_sequence, constant
 
 OTHER = {"LEFT": "RIGHT", "RIGHT": "LEFT"}
-Plan = NDArray[np.int64]
-"""(T, 2) motion and gaze of each motion period."""
+Plan = NDArray[np.int64]  # (T, 2) motion and gaze of each motion period
 
-HELD = (1, 2, 3, 5, 8, 13, 1000)
-"""A change is held for one of so many motion periods, or to the end."""
-NOW = 0.5
-"""Share of the changes that begin at once."""
-KINDS = {"hold": 0.5, "insert": 0.25, "skip": 0.1, "mirror": 0.15}
-"""Kinds of changes, and their shares."""
+HELD = (1, 2, 3, 5, 8, 13, 1000)  # a change is held for one of so many motion periods, or to the end
+NOW = 0.5  # share of the changes that begin at once
+KINDS = {"hold": 0.5, "insert": 0.25, "skip": 0.1, "mirror": 0.15}  # kinds of changes, and their shares
 MIRRORED = tuple(np.array([one[OTHER.get(of.name, of.name)] for of in one]) for one in (Motion, Gaze))
 """Of each motion, and of each gaze, that to the other side."""
-SURE = 2.0
-"""A challenger has to lead by so many standard errors of the lead."""
-WORST = 1000.0
-"""No imagined run counts as more than this below the best one beside it [bit]."""
-RUNS_PER_PLAN = 4
-"""The budget is so many runs for each plan."""
+SURE = 2.0  # a challenger has to lead by so many standard errors of the lead
+WORST = 1000.0  # no imagined run counts as more than this below the best one beside it [bit]
+RUNS_PER_PLAN = 4  # the budget is so many runs for each plan
 FEWEST_RUNS = 8
 
 

@@ -24,20 +24,13 @@ from .fixed import Planned
 from .policy import Environment
 
 TABLE = Path(__file__).with_name("best_sequences.json")
-LONGEST = 4
-"""Actions of a sequence, at most."""
-RANDOM = 200
-"""So many random sequences are tried beside the constants,"""
-HALVINGS = ((2, 40), (6, 12), (16, 6))
-"""in so many more rooms, and so many of them are kept."""
-REFINEMENTS = 4
-"""So often those kept are changed, each a few times,"""
-CHILDREN = 16
-"""to so many new ones in all,"""
-TRIALS = (8, 5)
-"""which play so many of the same rooms, and so many of them the others."""
-LAST_ROOMS = 40
-"""The best of those kept is told in so many new rooms."""
+LONGEST = 4  # actions of a sequence, at most
+RANDOM = 200  # so many random sequences are tried beside the constants,
+HALVINGS = ((2, 40), (6, 12), (16, 6))  # in so many more rooms, and so many of them are kept
+REFINEMENTS = 4  # so often those kept are changed, each a few times,
+CHILDREN = 16  # to so many new ones in all,
+TRIALS = (8, 5)  # which play so many of the same rooms, and so many of them the others
+LAST_ROOMS = 40  # the best of those kept is told in so many new rooms
 
 
 class Sequence(NamedTuple):

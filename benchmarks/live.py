@@ -22,8 +22,7 @@ from activeslam_gym.live.run import Clock, Live
 from activeslam_gym.live.source import ROOM, RenderedRoom
 from activeslam_gym.motion import Motion
 
-_WARM = 20
-"""First images, in which kernels are loaded."""
+_WARM = 20  # first images, in which kernels are loaded
 
 
 def run(seed: int, frames: int, link: Link | None) -> tuple[float, float, float, float]:

@@ -13,11 +13,9 @@ from .report import Bar, Section
 from .setups import SEEN, demand_matches, filter_frames, mapped_runs, restoring, whole_frames
 from .timing import Call, repeated, restored
 
-LANDMARKS = {93: 27, 129: 39}
-"""n = 12 + 3 landmarks."""
+LANDMARKS = {93: 27, 129: 39}  # n = 12 + 3 landmarks
 FRAME = "a whole frame of ours, without entropy"
-FRAMES = 5
-"""Frames of a step: a decision every 0.25 s."""
+FRAMES = 5  # frames of a step: a decision every 0.25 s
 M = 2 * SEEN
 
 

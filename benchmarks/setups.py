@@ -22,8 +22,7 @@ from .timing import Call, timed
 
 WARM_UP, END = 20, 34
 """The sweep goes on for so long before anything is timed [s]: most of the room is then mapped. When it ends [s]."""
-SEEN = 8
-"""Features in the image of a map of a chosen size."""
+SEEN = 8  # features in the image of a map of a chosen size
 
 
 def sweep(env: Any, period: float, begin: int, end: int) -> np.ndarray:

@@ -19,10 +19,8 @@ from benchmarks.memory import fly, resident
 
 NUM_ENVS, FRAMES_PER_STEP = 4, 5
 LEFT_ALONE = ("name", "gaze_period", "motion_criterion", "boxes", "frame_time", "estimator", "sensor", "scene")
-MOST_CHANGED = 6
-"""Fields of a random scenario that are not as in `paper`."""
-SPREAD = 5.0
-"""A number is drawn within this factor of the default."""
+MOST_CHANGED = 6  # fields of a random scenario that are not as in `paper`
+SPREAD = 5.0  # a number is drawn within this factor of the default
 
 
 def random_scenario(rng: np.random.Generator) -> Scenario:

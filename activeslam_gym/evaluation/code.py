@@ -15,10 +15,8 @@ from uuid import uuid4
 
 from activeslam_gym.registry import REGISTRIES
 
-LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")
-"""Every result depends on these."""
-IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")
-"""Results from images depend on these too."""
+LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")  # every result depends on these
+IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")  # results from images depend on these too
 COUNTED = ("activeslam_gym", "baselines")
 """Packages that `module_sources` leaves out, since their digests are part of every key that needs them."""
 

@@ -104,10 +104,8 @@ class Episode:
 
 
 _NAMES = [f.name for f in fields(Episode)]
-SAMPLED = tuple(_NAMES[_NAMES.index("times") : _NAMES.index("actions")])
-"""The fields with one entry for each time."""
-NESTED = ("events", "notes")
-"""The fields that are dicts of arrays."""
+SAMPLED = tuple(_NAMES[_NAMES.index("times") : _NAMES.index("actions")])  # the fields with one entry for each time
+NESTED = ("events", "notes")  # the fields that are dicts of arrays
 
 
 def nearest(times: Array, period: float) -> Array:
@@ -116,8 +114,7 @@ def nearest(times: Array, period: float) -> Array:
     return np.union1d(np.abs(times[None, :] - ticks[:, None]).argmin(axis=1), len(times) - 1)
 
 
-TARGET = 14
-"""The landmark whose time the paper tells."""
+TARGET = 14  # the landmark whose time the paper tells
 
 
 def outcome(episode: Episode) -> dict[str, Any]:

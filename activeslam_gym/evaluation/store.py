@@ -127,8 +127,7 @@ class Store:
         return self.folder and self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"
 
 
-NOT_KEPT = Store()
-"""Where nothing is to be kept."""
+NOT_KEPT = Store()  # where nothing is to be kept
 
 
 def _completed(key: Key) -> str:

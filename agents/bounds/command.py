@@ -25,8 +25,7 @@ PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size
 PLANNER = list(PLANNERS)[-1]
 SOURCES = PLANNERS | {CLAIRVOYANT: "agents.bounds.planners:clairvoyant"}
 """Name in the table → the policy, where it is another."""
-Scores = dict[str, dict[int, float]]
-"""Policy → seed → log score gained [bit]."""
+Scores = dict[str, dict[int, float]]  # policy → seed → log score gained [bit]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,7 @@ from functools import partial
 from activeslam_gym.envs.imagination import Hindsight
 from baselines.rollout import Rollout
 
-BUDGETS = {"small": 8, "medium": 24, "large": 72}
-"""Imagined runs for each decision."""
+BUDGETS = {"small": 8, "medium": 24, "large": 72}  # imagined runs for each decision
 
 small, medium, large = (partial(Rollout, budget=budget, threads=1) for budget in BUDGETS.values())
 

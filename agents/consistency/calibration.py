@@ -12,16 +12,11 @@ from agents.tools.statistics import TAILS, Estimate, estimate
 
 QUANTITIES = {"position": "position_nees", "orientation": "orientation_nees", "landmarks": "landmark_nees"}
 """Quantity with a NEES → its name in an episode."""
-DOF = 3
-"""Degrees of freedom of each of them."""
-TURNING = ("mi-constant", "sweep")
-"""Strategies that turn all the time, for which the bars are wider."""
-LOOKING = ("mi-mi", "mi-fisher")
-"""Strategies that choose the gaze."""
-BAR_TIMES = (5.0, 15.0, 35.0)
-"""Seconds at which the NEES has a bar."""
-FAR = 3.0
-"""Standard deviations beyond which a depth error is counted."""
+DOF = 3  # degrees of freedom of each of them
+TURNING = ("mi-constant", "sweep")  # strategies that turn all the time, for which the bars are wider
+LOOKING = ("mi-mi", "mi-fisher")  # strategies that choose the gaze
+BAR_TIMES = (5.0, 15.0, 35.0)  # seconds at which the NEES has a bar
+FAR = 3.0  # standard deviations beyond which a depth error is counted
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from agents.tools.sections import Table, listed
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column
 
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:purple")
-LIMITS = (0.1, 30.0)
-"""NEES per degree of freedom that is shown."""
+LIMITS = (0.1, 30.0)  # NEES per degree of freedom that is shown
 
 DEPTH = (
     Column("depth error, mean", "mean", digits=2),

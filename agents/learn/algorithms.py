@@ -25,12 +25,10 @@ from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
 from baselines.sequences import best_sequence
 
-REPLAY_STEPS = 100_000
-"""Length of DQN's replay buffer: some hundreds of megabytes of observations."""
+REPLAY_STEPS = 100_000  # length of DQN's replay buffer: some hundreds of megabytes of observations
 COUNTS = {"num_timesteps": int, "_n_updates": int, "_episode_num": int, "seconds": float}
 """Plain numbers of a learner in a checkpoint, beside its tensors."""
-LAST_RATE = 0.05
-"""The learning rate's last value, relative to its first."""
+LAST_RATE = 0.05  # the learning rate's last value, relative to its first
 
 CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
 

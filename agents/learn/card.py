@@ -18,8 +18,7 @@ from agents.tools.machine import machine, versions
 
 REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
 """An open-loop policy and two greedy strategies: a learned policy is worth its training if it beats them."""
-FLOOR = -100.0
-"""Least count of a held-out room, as much as the failure penalty: one room does not choose the weights."""
+FLOOR = -100.0  # least count of a held-out room, as much as the failure penalty: one room does not choose the weights
 COLUMNS = (
     "log_score_gain_median",
     "log_score_gain",
@@ -29,8 +28,7 @@ COLUMNS = (
     "position_error",
     "lost",
 )
-CARD = "card"
-"""Name of the card among the arrays of a file of weights."""
+CARD = "card"  # name of the card among the arrays of a file of weights
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
     "Trained in this scenario alone: other rooms, noise, motions and durations are outside what it has seen. "

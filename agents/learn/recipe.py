@@ -7,8 +7,7 @@ from activeslam_gym.config import scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
 
 Algorithm = Literal["ppo", "a2c", "dqn"]
-CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"
-"""Files of a training."""
+CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"  # files of a training
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 

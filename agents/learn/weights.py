@@ -26,8 +26,7 @@ from agents.learn.encoder import SetEncoder
 from agents.tools.files import json_text, reading, write_json
 from baselines.policy import Environment
 
-FREE = -1
-"""No column: a range finder that an observation lacks, as if nothing were within its range."""
+FREE = -1  # no column: a range finder that an observation lacks, as if nothing were within its range
 Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
 """Observations (B, D) -> for each part of the action its preferences (B, choices)."""
 

@@ -28,21 +28,16 @@ from agents.study.verdicts import Finding, Side, judged, one_draw
 
 STATED = {"mi-constant": (19.0, -530.0), "mi-mi": (18.0, -550.0), "mi-fisher": (30.0, -610.0)}
 """Strategy → time of the 14th landmark [s] and log₂|P| then, as the paper reads them off figure 2 d–f."""
-STATED_LIVE = -900.0
-"""log₂|P| after 2500 frames of the live system, the end of figure 5 a's axis."""
-CHANCE_LATERAL = 4.0 / 7.0
-"""Share of the commands that are lateral if all seven are as likely."""
-ALWAYS = 0.95
-"""A share that is called `always`."""
-LOST_BAR = 0.05
-"""Most runs that may be lost under `clutter`."""
+STATED_LIVE = -900.0  # log₂|P| after 2500 frames of the live system, the end of figure 5 a's axis
+CHANCE_LATERAL = 4.0 / 7.0  # share of the commands that are lateral if all seven are as likely
+ALWAYS = 0.95  # a share that is called `always`
+LOST_BAR = 0.05  # most runs that may be lost under `clutter`
 LADDERS = {"ladder_log2_det": "unvisited counted", "ladder_visited": "visited alone"}
 FISHER_MOTIONS = {DEFAULT: "trace", "eigenvalue": "largest eigenvalue", "unpropagated": "trace of horizon 0"}
 """Choice → metric of a motion by Fisher information."""
 INITIALISERS = {"inverse depth": ("nowhere", DEFAULT), "particles": (PARTICLES_NOWHERE, "particles")}
 """Initialiser → choices without and with expected landmarks."""
-SCENES = range(100)
-"""Seeds of the scenes of figure 1."""
+SCENES = range(100)  # seeds of the scenes of figure 1
 OWN, OTHERS = "mi-fisher", ("mi-constant", "mi-mi")
 
 
@@ -233,5 +228,4 @@ def _claims() -> Iterator[Claim]:
     yield Claim("clutter", "(ours) with 5 % missed and 2 false detections a frame, at most 5 % are lost", "–", _clutter)
 
 
-CLAIMS: tuple[Claim, ...] = tuple(_claims())
-"""In the paper's order; the last is our own bar."""
+CLAIMS: tuple[Claim, ...] = tuple(_claims())  # in the paper's order; the last is our own bar

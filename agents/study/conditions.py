@@ -14,17 +14,13 @@ from agents.study.measures import Observer
 from agents.task import Task, results
 
 Array = NDArray[np.float64]
-Row = dict[str, Any]
-"""Numbers of one episode, and its curves; see `measures.measures`."""
+Row = dict[str, Any]  # numbers of one episode, and its curves; see `measures.measures`
 
 HERE = "agents.study.strategies"
-STRATEGIES = {"mi-constant": "(i)", "mi-mi": "(ii)", "mi-fisher": "(iii)"}
-"""The paper's three, by our names."""
+STRATEGIES = {"mi-constant": "(i)", "mi-mi": "(ii)", "mi-fisher": "(iii)"}  # the paper's three, by our names
 DEFAULT = "default"
-HAND_HELD_SECONDS = 167.0
-"""The 2500 frames of figure 5 at 15 a second, in whole seconds."""
-CURVES = ("log2_det_camera", "log2_det_map", "log2_det_total")
-"""Curves of a row, at whole seconds."""
+HAND_HELD_SECONDS = 167.0  # the 2500 frames of figure 5 at 15 a second, in whole seconds
+CURVES = ("log2_det_camera", "log2_det_map", "log2_det_total")  # curves of a row, at whole seconds
 
 
 @dataclass(frozen=True)
@@ -98,8 +94,7 @@ CHOICES: tuple[Choice, ...] = (
 """The default first."""
 
 LIVE_CHOICES = ("hand-held", "calm")
-LIVE = "live"
-"""Role of the one policy that the paper's live system has: motion by mutual information, gaze the user's."""
+LIVE = "live"  # role of the one policy that the paper's live system has: motion by mutual information, gaze the user's
 _CALM = (
     ("pixel_std", 1.0),
     ("filter_acceleration_std", 2.0),

@@ -12,14 +12,10 @@ from activeslam_gym.motion import CAMERA_DIM
 
 Array = NDArray[Any]
 
-LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)
-"""Perpendicular to the optical axis."""
-CLOSURE_WINDOW = 1.0
-"""The drop of entropy at a loop closure is measured over so long, and over as long before it [s]."""
-FIRST_MINUTE = 60.0
-"""The time of figure 5 b [s]."""
-POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02
-"""Half heights of figure 3's axes: m, and a quaternion's component."""
+LATERAL = (Motion.RIGHT, Motion.LEFT, Motion.UP, Motion.DOWN)  # perpendicular to the optical axis
+CLOSURE_WINDOW = 1.0  # the drop of entropy at a loop closure is measured over so long, and over as long before it [s]
+FIRST_MINUTE = 60.0  # the time of figure 5 b [s]
+POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02  # half heights of figure 3's axes: m, and a quaternion's component
 
 
 class Notes(NamedTuple):

@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-VIEWS = {"96° view": np.radians(48.0), "sees all around": np.pi}
-"""Name → half the angle of view [rad]."""
-SHAPES = {"isotropic landmarks": True, "landmarks long along the sight": False}
-"""Name → `Toy.isotropic`."""
+VIEWS = {"96° view": np.radians(48.0), "sees all around": np.pi}  # name → half the angle of view [rad]
+SHAPES = {"isotropic landmarks": True, "landmarks long along the sight": False}  # name → `Toy.isotropic`
 
 
 @dataclass(frozen=True)

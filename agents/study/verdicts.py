@@ -10,11 +10,9 @@ from agents.study.conditions import Array
 from agents.tools.statistics import TAILS, Estimate, Statistic, estimate
 
 Side = Literal["above", "below"]
-FEWEST_ROOMS = 10
-"""With fewer rooms an interval is no ground for a verdict."""
+FEWEST_ROOMS = 10  # with fewer rooms an interval is no ground for a verdict
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not shown"
-WITHIN, OUTSIDE = "within our spread", "outside our spread"
-"""Of a number that the paper states of its one run."""
+WITHIN, OUTSIDE = "within our spread", "outside our spread"  # of a number that the paper states of its one run
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,8 @@ from activeslam_gym.evaluation import Store
 from agents.tools.files import writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 
-SEEDS = (0, 2**62)
-"""Bounds of a seed: the rooms after it have seeds too."""
-UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")
-"""Arguments that decide no number."""
+SEEDS = (0, 2**62)  # bounds of a seed: the rooms after it have seeds too
+UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")  # arguments that decide no number
 
 
 @dataclass(frozen=True, kw_only=True)

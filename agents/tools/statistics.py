@@ -13,17 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 CONFIDENCE = 0.95
-TAILS = (1.0 - CONFIDENCE) / 2.0, 1.0 - (1.0 - CONFIDENCE) / 2.0
-"""The quantiles at an interval's ends."""
-RESAMPLES = 2000
-"""Bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each."""
-FEWEST = 6
-"""Rooms that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %."""
-FEW_ROOMS = 20
-"""With fewer rooms a report says that its intervals are a hint."""
+TAILS = (1.0 - CONFIDENCE) / 2.0, 1.0 - (1.0 - CONFIDENCE) / 2.0  # the quantiles at an interval's ends
+RESAMPLES = 2000  # bootstrap resamples: the ends of a 95 % interval then rest on fifty of them each
+FEWEST = 6  # rooms that an interval of a median needs: of five, all lie on one side of it with a probability of 6 %
+FEW_ROOMS = 20  # with fewer rooms a report says that its intervals are a hint
 
-MISSING = "–"
-"""Stands for a figure that no room gave."""
+MISSING = "–"  # stands for a figure that no room gave
 LEGEND = (
     f"[ ]: {CONFIDENCE:.0%} interval over rooms: of a share, Clopper and Pearson's; from {FEWEST} rooms on, of a "
     "median by order statistics, of an interquartile mean (IQM, over the middle half of the rooms) by the bootstrap."

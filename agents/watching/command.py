@@ -19,8 +19,7 @@ from agents.tools.files import writable_file, writable_folder
 from agents.watching.film import SUFFIXES, Film, side_by_side, write_animation
 from agents.watching.replay import animate, log_rerun
 
-LONGEST = 60.0
-"""Of a picture of the animation [s]."""
+LONGEST = 60.0  # of a picture of the animation [s]
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,13 @@ from activeslam_gym import rendering
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import TEXT
 
-SUFFIXES = (".gif", ".webp", ".png")
-"""Animations that Pillow writes."""
-COLOURS = 64
-"""Of the palette; the pictures are flat."""
-STRIP_PX = 26
-"""Height of the strip with a name."""
+SUFFIXES = (".gif", ".webp", ".png")  # animations that Pillow writes
+COLOURS = 64  # of the palette; the pictures are flat
+STRIP_PX = 26  # height of the strip with a name
 LOST = "#D62728"
 """Colour of the word on a lost run."""
 
-Picture = np.ndarray
-"""(H, W, 3) uint8."""
+Picture = np.ndarray  # (H, W, 3) uint8
 
 
 class Film:

@@ -11,14 +11,11 @@ from activeslam_gym.slam.filter import ESTIMATORS  # with its entries
 from activeslam_gym.slam.fixed_lag import FIXED_LAG, SMOOTHER
 from agents.task import Task, results
 
-PERIOD = 0.25
-"""Gaze period of the studies [s]."""
+PERIOD = 0.25  # gaze period of the studies [s]
 SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 NEES = ("position_nees", "orientation_nees", "landmark_nees")
-SLOW = (FIXED_LAG, SMOOTHER)
-"""Estimators of which fewer episodes are played."""
-BATCH = 100
-"""Episodes at a time."""
+SLOW = (FIXED_LAG, SMOOTHER)  # estimators of which fewer episodes are played
+BATCH = 100  # episodes at a time
 Name = TypeVar("Name")
 
 

@@ -25,8 +25,7 @@ POLICIES = (
 )
 OVERCONFIDENT = 11.3
 """A loss is overconfident where the NEES of the position is over this: 99 % of chi-square with 3 degrees of freedom."""
-TIMES = (5.0, 15.0, 35.0)
-"""At which the NEES is read [s]."""
+TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
 HEADER = (
     *("policy", "lost, %", "lost with NEES > 11.3, %", "wrong matches, %", "log score < 0, %", "< −1000, %"),
     *("its median", "its mean", "NEES of position, orientation, landmarks at 5 · 15 · 35 s"),

@@ -22,8 +22,7 @@ from benchmarks.studies import NEES, SLOW, installed, parser, played, tasks
 from benchmarks.studies.bound import Bound
 
 POLICIES = ("sweep", "mi-mi", "random")
-TIMES = (5.0, 15.0, 35.0)
-"""At which NEES and errors are read [s]."""
+TIMES = (5.0, 15.0, 35.0)  # at which NEES and errors are read [s]
 HEADER = (
     *("policy", "estimator", "NEES of position, orientation, landmarks at 5 · 15 · 35 s"),
     *("position error at 5 · 15 · 35 s, RMS, cm", "log score, median, bit", "lost", "ms a frame"),

@@ -16,10 +16,8 @@ from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
 from benchmarks.studies import parser, played, tasks
 
-TIMES = (5.0, 15.0, 35.0)
-"""At which the NEES is read [s]."""
-LAGS = (1, 5, 20)
-"""Frames, of the correlation of a feature's errors."""
+TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
+LAGS = (1, 5, 20)  # frames, of the correlation of a feature's errors
 
 
 class PixelErrors:

@@ -28,8 +28,7 @@ POLICIES = (
 )
 SCENARIOS = ("paper", "clusters", "office", "corner")
 Array = NDArray[np.float64]
-Scores = Mapping[str, Array]
-"""Policy → log score gained in each episode [bit]."""
+Scores = Mapping[str, Array]  # policy → log score gained in each episode [bit]
 Pair = tuple[str, str]
 
 

@@ -50,10 +50,8 @@ RANGES: dict[str, tuple[float, float, bool]] = {
 """Least and greatest value of each setting, and whether it is varied by its logarithm. ``noise_factor``: the process
 noise that the filter assumes, over the true one."""
 FIRST_SEED, FRESH_SEED = TRAINING_SEED + 200_000, TRAINING_SEED + 300_000
-BATCH = 32
-"""Episodes at a time."""
-STEP = 0.12
-"""Standard deviation of a step around a good setting, as a share of each range."""
+BATCH = 32  # episodes at a time
+STEP = 0.12  # standard deviation of a step around a good setting, as a share of each range
 
 
 def settings_of(share: np.ndarray) -> dict[str, float]:

@@ -27,8 +27,7 @@ from agents.tools.statistics import estimate
 from benchmarks.studies import SLOW, installed
 
 POINTS, FIDUCIALS = 48, 6
-MARGIN = np.array((1.5, 0.8, 1.5))
-"""Points are at most so far outside the extent of the path [m]."""
+MARGIN = np.array((1.5, 0.8, 1.5))  # points are at most so far outside the extent of the path [m]
 HEADER = (
     *("noise, px", "estimator", "position error, RMS, cm", "at the end, median, cm"),
     *("NEES of position, orientation, landmarks", "lost", "ms a frame"),

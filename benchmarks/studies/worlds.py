@@ -22,16 +22,14 @@ from benchmarks.studies import NEES, PERIOD, SCENARIOS, parser, played, tasks
 
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
 OPEN = ("best-constant", "sweep", "best-sequence")
-NEES_PERIOD = 5.0
-"""The NEES is the mean over samples at multiples of this [s], while the belief is not lost."""
+NEES_PERIOD = 5.0  # the NEES is the mean over samples at multiples of this [s], while the belief is not lost
 KNOWN = ", boxes known"
 HEADER = (
     *("policy", "log score [bit]", "paired difference [bit]", "of its score", "landmarks", "lost"),
     *("NEES/dof: position, orientation, landmarks", "contacts"),
 )
 
-Runs = dict[str, list[Episode]]
-"""By policy, an episode for each room."""
+Runs = dict[str, list[Episode]]  # by policy, an episode for each room
 
 
 def tasks_of(scenario: str, name: str, rooms: int) -> list[Task]:

@@ -128,8 +128,8 @@ def evaluate(run: Run) -> None:
     of_landmark = features_of_landmarks(run.owner, N, counting)
     standing, others = of_landmark[of_landmark >= 0], counting.copy()  # first those that stand for a true landmark
     others[standing] = False
-    counted = np.concatenate((standing, np.flatnonzero(others)))
-    U = gathered(covariance, standing, np.concatenate((counted[standing.shape[0] :], np.flatnonzero(~counting))))
+    order = np.concatenate((standing, np.flatnonzero(others), np.flatnonzero(~counting)))
+    counted, U = order[: np.sum(counting)], gathered(covariance, standing, order[standing.shape[0] :])
     sound = cholesky_in_place(U)
     _evaluate_errors(run)
     episode.lost_now = is_lost(sound, e.position_error, run.models.task.lost_position_error)
@@ -160,11 +160,12 @@ def _evaluate_errors(run: Run) -> None:
     e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
     e.position_nees = nees(p, estimate.covariance[D_POSITION, D_POSITION])
-    distances = landmark_errors(run.owner, run.world.landmarks, estimate)
-    squares = distances[~np.isnan(distances)] ** 2
-    count = squares.shape[0]
+    count, squares = 0, 0.0
+    for distance in landmark_errors(run.owner, run.world.landmarks, estimate):
+        if not math.isnan(distance):
+            count, squares = count + 1, squares + distance * distance
     e.landmarks_mapped, e.distinct_landmarks = np.sum(estimate.landmark["mapped"][: estimate.state.count]), count
-    e.landmark_rmse = math.sqrt(np.sum(squares) / count) if count > 0 else np.inf
+    e.landmark_rmse = math.sqrt(squares / count) if count > 0 else np.inf
 
 
 _TOLD = (

@@ -250,16 +250,23 @@ def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np
 
 
 @compiled
+def unshown(camera: Record, prospect: Prospect) -> Prospect:
+    """The prospect with NaN for the expected landmarks that the present image would show: nothing was found there."""
+    now, boxes, points, z = prospect.camera, prospect.boxes, prospect.points.copy(), np.empty(2)
+    view = view_of(camera, now, boxes)
+    for k in range(points.shape[0] - prospect.waiting, points.shape[0]):
+        if visible(view, points[k], 0.0, z):
+            points[k] = np.nan
+    given = prospect.waiting, prospect.clearance, prospect.limits, prospect.first_seen
+    return Prospect(now, points, prospect.covariance, prospect.fiducials, boxes, *given)
+
+
 def without_present(camera: Record, prospect: Prospect) -> Prospect:
-    """The prospect without the expected landmarks that the present image would show: nothing was found there."""
-    now, points, fiducials, boxes = prospect.camera, prospect.points, prospect.fiducials, prospect.boxes
-    M, z, view, kept = points.shape[0], np.empty(2), view_of(camera, now, boxes), np.ones(points.shape[0], np.bool_)
-    for k in range(M - prospect.waiting, M):
-        kept[k] = not visible(view, points[k], 0.0, z)
-    rest = np.flatnonzero(kept)
-    P, waiting = gathered(prospect.covariance, rest[:0], rest), prospect.waiting - M + rest.shape[0]
-    given = prospect.clearance, prospect.limits, prospect.first_seen
-    return Prospect(now, points[rest], P, fiducials, boxes, waiting, *given)
+    """The prospect without those landmarks."""
+    shown = np.isnan(unshown(camera, prospect).points[:, 0]) & np.isfinite(prospect.points[:, 0])
+    kept = np.flatnonzero(~shown)
+    P, waiting = gathered(prospect.covariance, kept[:0], kept), prospect.waiting - len(prospect.points) + len(kept)
+    return prospect._replace(points=prospect.points[kept], covariance=P, waiting=waiting)
 
 
 def checked_plans(plans: Any) -> np.ndarray:

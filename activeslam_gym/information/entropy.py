@@ -18,16 +18,13 @@ LOG2_2PIE = math.log2(2.0 * math.pi * math.e)
 @compiled
 def gathered(covariance: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The public covariance reordered: features ``before`` (by position k), the camera, features ``after``."""
-    return submatrix(covariance, np.concatenate((_rows_of(before), np.arange(CAMERA_DIM), _rows_of(after))))
-
-
-@compiled
-def _rows_of(points: np.ndarray) -> np.ndarray:
-    """(3 n,) the rows of those ``points`` (n,) in the public covariance."""
-    rows = CAMERA_DIM + 3 * np.repeat(points, 3)
-    rows[1::3] += 1
-    rows[2::3] += 2
-    return rows
+    m, rows = 3 * before.shape[0], np.arange(CAMERA_DIM + 3 * (before.shape[0] + after.shape[0]))
+    for i in range(m):
+        rows[i] = CAMERA_DIM + 3 * before[i // 3] + i % 3
+    rows[m : m + CAMERA_DIM] -= m
+    for i in range(3 * after.shape[0]):
+        rows[m + CAMERA_DIM + i] = CAMERA_DIM + 3 * after[i // 3] + i % 3
+    return submatrix(covariance, rows)
 
 
 @compiled

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of, visible
-from activeslam_gym.information.candidates import Prospect, foresee, goal_pose, without_present
+from activeslam_gym.information.candidates import Prospect, foresee, goal_pose, unshown
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
@@ -80,7 +80,7 @@ def net_of_plans(
     measurements that the sensor foresees there are taken, once for each frame of the action: R over their number.
     ``net`` is NaN where the covariance is not positive definite.
     """
-    rest, most = without_present(camera, prospect), 3 * plans.shape[1] + 3
+    rest, most = unshown(camera, prospect), 3 * plans.shape[1] + 3
     M = rest.points.shape[0]
     size = CAMERA_DIM + 3 * (M - rest.waiting)
     U, inverse = rest.covariance[:size, :size].copy(), diagonal(np.ones(size))

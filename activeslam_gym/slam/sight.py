@@ -79,8 +79,9 @@ class Sight(NamedTuple):
 @compiled
 def pixel_rows(things: np.ndarray) -> np.ndarray:
     """(2 n,) the rows of the pixels of those ``things`` (n,) in a joint covariance."""
-    rows = 2 * np.repeat(things, 2)
-    rows[1::2] += 1
+    rows = np.empty(2 * things.shape[0], np.int64)
+    for k in range(things.shape[0]):
+        rows[2 * k], rows[2 * k + 1] = 2 * things[k], 2 * things[k] + 1
     return rows
 
 
@@ -244,7 +245,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
                     S[i, j] += thing.curvature[i, j]
             thing.visibility = visibility_of(lens, thing.z_hat, S)
             far = lens.maximum_distance  # beyond it, absence tells nothing
-            if (vague and far < math.inf) or distance_between(view.pose, y) > TELLING_SHARE * far:
+            if far < math.inf and (vague or distance_between(view.pose, y) > TELLING_SHARE * far):
                 thing.visibility = min(thing.visibility, NEAR)
             v += thing.visibility > 0
     return sight_with(things[:v], P, belief.state.dim)

@@ -18,12 +18,15 @@ LOG2_2PIE = math.log2(2.0 * math.pi * math.e)
 @compiled
 def gathered(covariance: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """The public covariance reordered: features ``before`` (by position k), the camera, features ``after``."""
-    m, rows = 3 * before.shape[0], np.arange(CAMERA_DIM + 3 * (before.shape[0] + after.shape[0]))
-    for i in range(m):
-        rows[i] = CAMERA_DIM + 3 * before[i // 3] + i % 3
-    rows[m : m + CAMERA_DIM] -= m
-    for i in range(3 * after.shape[0]):
-        rows[m + CAMERA_DIM + i] = CAMERA_DIM + 3 * after[i // 3] + i % 3
+    m = 3 * before.shape[0]
+    rows = np.empty(m + CAMERA_DIM + 3 * after.shape[0], np.int64)
+    for i in range(rows.shape[0]):
+        if i < m:
+            rows[i] = CAMERA_DIM + 3 * before[i // 3] + i % 3
+        elif i < m + CAMERA_DIM:
+            rows[i] = i - m
+        else:
+            rows[i] = CAMERA_DIM + 3 * after[(i - m - CAMERA_DIM) // 3] + (i - m) % 3
     return submatrix(covariance, rows)
 
 

@@ -90,9 +90,10 @@ def match_jointly(
         a, i = chosen[k], outcome.answer[k]
         if i == MISSED:
             continue
-        rivals = outcome.with_pair[k].copy()
-        rivals[i] = -np.inf
-        if best - np.max(rivals[:-1]) >= margins.other[a] and best - rivals[-1] >= margins.missed[a]:
+        rivals, other = outcome.with_pair[k], -np.inf
+        for j in range(rivals.shape[0] - 1):
+            other = max(other, rivals[j]) if j != i else other
+        if best - other >= margins.other[a] and best - rivals[-1] >= margins.missed[a]:
             of_thing[a] = i
             accept(h, a, i, detections)
             matched += 1

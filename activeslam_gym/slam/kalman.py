@@ -103,11 +103,13 @@ def gain(HP: np.ndarray, S: np.ndarray, innovation: np.ndarray) -> tuple[np.ndar
     One factor, no inverse. ``HP`` is (m, dim); ``S`` = H P H^T + R (m, m) and ``innovation`` nu (m,) are overwritten.
     Not sound if S has no factor.
     """
-    m, dim = HP.shape
-    W, delta = HP.copy(), np.zeros((1, dim))
+    W, delta = HP.copy(), np.zeros((1, HP.shape[1]))
     if not cholesky_in_place(S):
         return W, delta[0], False
     solve_transposed(S, W)
     solve_transposed_vector(S, innovation)
-    add_product(innovation.reshape((1, m)), W, delta)
-    return W, delta[0], np.isfinite(delta[0]).all()
+    add_product(innovation[None, :], W, delta)
+    sound = True
+    for value in delta[0]:
+        sound = sound and math.isfinite(value)
+    return W, delta[0], sound

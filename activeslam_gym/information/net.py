@@ -158,7 +158,7 @@ def _propagate(Y: np.ndarray, n: int, back: np.ndarray, G: np.ndarray) -> None:
 
     The upper triangle of the leading ``n`` rows of ``Y`` is kept, and the camera's block whole.
     """
-    W, camera = _downdate(G, Y, n), np.zeros((CAMERA_DIM, n))
+    W, camera = _downdate(G, CAMERA_DIM, Y, n), np.zeros((CAMERA_DIM, n))
     subtract_from_upper(Y, W, W, n)
     for i in range(CAMERA_DIM):
         for j in range(i):
@@ -176,17 +176,16 @@ def _update(C: np.ndarray, J: np.ndarray) -> None:
     """
     L = J.copy()
     _root(L)
-    W = _downdate(L, C, CAMERA_DIM)
+    W = _downdate(L, POSE_DIM, C, CAMERA_DIM)
     subtract_symmetric(C, W, W, CAMERA_DIM)
 
 
 @compiled
-def _downdate(G: np.ndarray, Y: np.ndarray, n: int) -> np.ndarray:
+def _downdate(G: np.ndarray, k: int, Y: np.ndarray, n: int) -> np.ndarray:
     """W (k, n) with W^T W = Y G (1 + G^T Y G)^-1 G^T Y on ``n`` columns; ``G`` (k, k) is on the leading k of them."""
-    k = G.shape[0]
-    W = np.zeros((k, n))
+    W, T = np.zeros((k, n)), np.zeros((k, k))
     add_product(G.T, Y[:k], W)
-    T = product(W[:, :k], G)
+    add_product(W[:, :k], G, T)
     for i in range(k):
         T[i, i] += 1.0
     cholesky_in_place(T)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.kernels import Record, borrowing, compiled, inlined
-from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, diagonal, solve_transposed, submatrix
+from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, diagonal, solve_transposed
 from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measure_distances
 from activeslam_gym.slam.sight import pixel_rows
 
@@ -156,8 +156,10 @@ def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
         np.full((n + 1, n, M), np.inf),
         np.full((n + 1, n, M), np.inf),
     )
-    copy_into(levels.z[0], h.z[rows])
-    copy_block(submatrix(h.S, rows), levels.S[0])
+    for a in range(2 * n):
+        levels.z[0, a] = h.z[rows[a]]
+        for b in range(2 * n):
+            levels.S[0, a, b] = h.S[rows[a], rows[b]]
     copy_into(levels.free[0], h.free)
     return levels
 

@@ -185,10 +185,11 @@ def update_by(
     if matched.shape[0] == 0:
         return
     rows = pixel_rows(matched)
-    things, HP, S = sight.thing[matched], sight.HP[rows], submatrix(sight.S, rows)
+    things, HP, S = sight.thing[matched], np.empty((rows.shape[0], sight.HP.shape[1])), submatrix(sight.S, rows)
     more_frames, pixels = PRODUCT_FRAMES - 1.0 if lens.command_known else 0.0, np.empty(rows.shape[0])
     for r in range(rows.shape[0]):
         thing, detection, i = things[r // 2], detections[of_thing[matched[r // 2]]], r % 2
+        copy_into(HP[r], sight.HP[rows[r]])
         pixels[r] = detection.pixel[i]
         for axis in range(2):
             more = more_frames * thing.curvature[i, axis]

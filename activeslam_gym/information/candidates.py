@@ -85,9 +85,12 @@ def prospect_of(
 
     ``first_seen`` (k, 3) is of all landmarks of the estimate, rays included, or k is 0.
     """
-    located, waiting = np.flatnonzero(estimate.landmark["located"][: estimate.state.count]), waiting_count(expected)
-    n, own_first_seen = located.shape[0], first_seen[located[: first_seen.shape[0]]]
-    size = CAMERA_DIM + 3 * (n + waiting)
+    located, waiting, n = np.empty(estimate.state.count, np.int64), waiting_count(expected), 0
+    for k in range(located.shape[0]):
+        located[n] = k
+        n += estimate.landmark[k].located
+    located, size = located[:n], CAMERA_DIM + 3 * (n + waiting)
+    own_first_seen = first_seen[located[: first_seen.shape[0]]]
     points, P = np.empty((n + waiting, 3)), np.zeros((size, size))
     for k in range(n):
         copy_into(points[k], estimate.landmark[located[k]].point)

@@ -111,8 +111,7 @@ class Trial(NamedTuple):
 
     seed: int
     habit: str
-    lasts: float
-    """[s]"""
+    lasts: float  # [s]
 
     @property
     def label(self) -> str:

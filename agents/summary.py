@@ -32,8 +32,7 @@ ERRORS = (
     Column("position_error", "position error, cm", scale=100.0),
     Column("orientation_error", "orientation error, °", scale=DEGREES, digits=2),
 )
-HEADLINE = (*LEARNED[:2], LEARNED[-1], ERRORS[0])
-"""What the README shows of each policy."""
+HEADLINE = (*LEARNED[:2], LEARNED[-1], ERRORS[0])  # what the README shows of each policy
 SPEED = (
     Column("target_reached", f"reach {TARGET}, %", "share", 100.0),
     Column("target_time", "at, s"),
@@ -66,18 +65,13 @@ Figures = dict[str, Estimate]  # column → figure over rooms
 class Summary:
     """The figures of a comparison."""
 
-    settings: dict[str, Any]
-    """The arguments and the versions."""
-    policies: dict[str, Figures]
-    """Policy → figures over its rooms."""
-    honesty: dict[str, dict[str, Figures]]
-    """Policy → time [s] → `NEES`."""
+    settings: dict[str, Any]  # the arguments and the versions
+    policies: dict[str, Figures]  # policy → figures over its rooms
+    honesty: dict[str, dict[str, Figures]]  # policy → time [s] → `NEES`
     paired: dict[str, dict[str, Figures]]
     """Reference → policy → figures of the differences policy − reference over the rooms of both."""
-    best_baseline: str | None
-    """The baseline with the most bits, if one was run."""
-    notes: list[str]
-    """The headline and its limits."""
+    best_baseline: str | None  # the baseline with the most bits, if one was run
+    notes: list[str]  # the headline and its limits
 
     @property
     def medians(self) -> dict[str, float]:

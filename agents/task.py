@@ -29,14 +29,10 @@ class Task:
 
     policy: str
     seed: int
-    settings: str = "{}"
-    """Arguments of `make_environment`, as JSON: what episodes must share to be compared."""
-    whole: bool = False
-    """Keep every sample (of the room that is drawn) instead of one a second."""
-    measures: tuple[type[Measure], ...] = ()
-    """Classes of measures beside the record."""
-    content: str | None = None
-    """See `policies.content`, when the command began."""
+    settings: str = "{}"  # arguments of `make_environment`, as JSON: what episodes must share to be compared
+    whole: bool = False  # keep every sample (of the room that is drawn) instead of one a second
+    measures: tuple[type[Measure], ...] = ()  # classes of measures beside the record
+    content: str | None = None  # see `policies.content`, when the command began
 
     @property
     def label(self) -> str:

@@ -36,10 +36,8 @@ LAST_ROOMS = 40  # the best of those kept is told in so many new rooms
 class Sequence(NamedTuple):
     """Held actions, one after the other."""
 
-    actions: tuple[tuple[int, int], ...]
-    """Motion and gaze of each."""
-    ends: tuple[float, ...]
-    """Until which share of the episode each is held; the last is 1."""
+    actions: tuple[tuple[int, int], ...]  # motion and gaze of each
+    ends: tuple[float, ...]  # until which share of the episode each is held; the last is 1
 
     def plan(self, periods: int) -> NDArray[np.int64]:
         """(periods, 2) motion and gaze of each motion period: of the action that is held when it begins."""

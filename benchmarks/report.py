@@ -18,8 +18,7 @@ class Bar:
     measured: float
     limit: float
     unit: str
-    at_least: bool = False
-    """Whether ``limit`` is the smallest allowed, and not the largest."""
+    at_least: bool = False  # whether ``limit`` is the smallest allowed, and not the largest
 
     @property
     def met(self) -> bool:
@@ -35,8 +34,7 @@ class Section:
     rows: list[dict[str, Any]] = field(default_factory=list)
     """They share their keys, which are the table's head, with units."""
     bars: list[Bar] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    """How it was measured, and what was skipped."""
+    notes: list[str] = field(default_factory=list)  # how it was measured, and what was skipped
 
 
 def provenance(command: str) -> str:

@@ -69,8 +69,7 @@ class Calibration:
     """The first of these names → 95 % bounds of the average, if the filter is consistent."""
     curves: dict[str, dict[str, list[float]]]
     """Quantity → `time` [s], `mean`, `median`, `low` and `high` of the χ² bounds, `alive`: a sample a second."""
-    counts: dict[str, int]
-    """Numbers that the shares are of."""
+    counts: dict[str, int]  # numbers that the shares are of
 
     @property
     def name(self) -> str:

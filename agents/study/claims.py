@@ -46,12 +46,9 @@ class Claim:
     """A claim of the paper, and our findings on it."""
 
     key: str
-    words: str
-    """The paper's, shortened."""
-    where: str
-    """Section or figure."""
-    findings: Callable[[Rows], Iterator[Finding]]
-    """The main choice of each measure first; they need not name the claim."""
+    words: str  # the paper's, shortened
+    where: str  # section or figure
+    findings: Callable[[Rows], Iterator[Finding]]  # the main choice of each measure first; they need not name the claim
 
 
 def findings_of(rows: Rows) -> list[Finding]:

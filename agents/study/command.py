@@ -59,8 +59,7 @@ class Study(NamedTuple):
 
     rows: Rows
     findings: list[Finding]
-    drawn: dict[str, Episode]
-    """Strategy, or choice of the live system → its run in the chosen room, whole."""
+    drawn: dict[str, Episode]  # strategy, or choice of the live system → its run in the chosen room, whole
     settings: dict[str, Any]
 
 

@@ -27,20 +27,13 @@ CURVES = ("log2_det_camera", "log2_det_map", "log2_det_total")  # curves of a ro
 class Condition:
     """One policy under one choice."""
 
-    choice: str
-    """The difference from the defaults."""
-    policy: str
-    """The role that it plays: one of the strategies, or its own name."""
-    source: str
-    """Name of the policy as `agents.policies.resolve` takes it."""
-    scenario: str = "paper"
-    """Name of the scenario."""
-    fields: tuple[tuple[str, Any], ...] = ()
-    """Fields of the scenario that differ."""
-    place: str = ""
-    """Where the expected landmarks stand; see `places.PLACES`."""
-    duration: float = 35.0
-    """Seconds of an episode."""
+    choice: str  # the difference from the defaults
+    policy: str  # the role that it plays: one of the strategies, or its own name
+    source: str  # name of the policy as `agents.policies.resolve` takes it
+    scenario: str = "paper"  # name of the scenario
+    fields: tuple[tuple[str, Any], ...] = ()  # fields of the scenario that differ
+    place: str = ""  # where the expected landmarks stand; see `places.PLACES`
+    duration: float = 35.0  # seconds of an episode
     every_room: bool = field(default=True, compare=False)
     """Played in every room; otherwise in the first of them, since it only tells the effect of a choice."""
 
@@ -59,8 +52,7 @@ class Choice(NamedTuple):
     """One choice that the paper leaves open, made for all three strategies."""
 
     name: str
-    meaning: str
-    """Its line on the page."""
+    meaning: str  # its line on the page
     conditions: list[Condition]
 
 
@@ -128,8 +120,7 @@ def conditions() -> list[Condition]:
 class Rows(dict[tuple[str, str], list[Row]]):
     """(choice, policy) → a row for each room, by seed."""
 
-    duration = 35.0
-    """Of the simulation [s]: the paper's, or shorter for a quick look."""
+    duration = 35.0  # of the simulation [s]: the paper's, or shorter for a quick look
 
 
 def run_conditions(plan: Mapping[Condition, Sequence[int]], store: Store, jobs: int) -> Rows:

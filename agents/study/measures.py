@@ -21,14 +21,10 @@ POSITION_AXIS, QUATERNION_AXIS = 0.2, 0.02  # half heights of figure 3's axes: m
 class Notes(NamedTuple):
     """Of K steps."""
 
-    fiducials: Array
-    """(K,) fiducials matched in the step's last frame."""
-    births: Array
-    """(K,) features initialised."""
-    closures: Array
-    """(K,) features and fiducials matched again after `metrics.CLOSURE_GAP`."""
-    nearest: Array
-    """(K,) distance of the true camera to the nearest point that was detected [m]; NaN without any."""
+    fiducials: Array  # (K,) fiducials matched in the step's last frame
+    births: Array  # (K,) features initialised
+    closures: Array  # (K,) features and fiducials matched again after `metrics.CLOSURE_GAP`
+    nearest: Array  # (K,) distance of the true camera to the nearest point that was detected [m]; NaN without any
     visited_log2_det: Array
     """(J,) log₂|P| of the camera and the j oldest mapped landmarks, when j = 1 … J of them were first mapped."""
 

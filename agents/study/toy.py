@@ -23,22 +23,15 @@ class Toy:
 
     bearings: tuple[float, ...] = (np.pi, np.pi / 2.0, np.pi / 4.0)
     """(L,) directions of the landmarks from the start [rad]: left, front, right front."""
-    ranges: tuple[float, ...] = (1.5, 1.5, 1.5)
-    """(L,) distances [m]."""
-    range_ratio: float = 0.2
-    """Standard deviation of a landmark's range over the range."""
+    ranges: tuple[float, ...] = (1.5, 1.5, 1.5)  # (L,) distances [m]
+    range_ratio: float = 0.2  # standard deviation of a landmark's range over the range
     isotropic: bool = True
     """A landmark is as uncertain across the line of sight as along it; otherwise across by one bearing's noise."""
-    half_view: float = np.radians(48.0)
-    """Half the angle of view about +Y [rad]; pi: all around."""
-    bearing_std: float = 0.01
-    """Of a measured bearing [rad]."""
-    position_std: float = 0.02
-    """Of the camera's start, each axis [m]."""
-    motion_std: float = 0.02
-    """Added by the move, each axis [m]."""
-    step: float = 0.3
-    """Length of the move [m], the paper's 30 cm."""
+    half_view: float = np.radians(48.0)  # half the angle of view about +Y [rad]; pi: all around
+    bearing_std: float = 0.01  # of a measured bearing [rad]
+    position_std: float = 0.02  # of the camera's start, each axis [m]
+    motion_std: float = 0.02  # added by the move, each axis [m]
+    step: float = 0.3  # length of the move [m], the paper's 30 cm
 
     @property
     def landmarks(self) -> Array:

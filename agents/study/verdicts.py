@@ -19,20 +19,14 @@ WITHIN, OUTSIDE = "within our spread", "outside our spread"  # of a number that 
 class Finding:
     """A figure and the verdict on it, of one claim under one choice."""
 
-    measure: str
-    """Words for the figure, with its unit."""
+    measure: str  # words for the figure, with its unit
     estimate: Estimate
-    verdict: str
-    """One of the words above."""
-    scale: float = 1.0
-    """The figure is printed times this."""
+    verdict: str  # one of the words above
+    scale: float = 1.0  # the figure is printed times this
     digits: int = 1
-    note: str = ""
-    """Limits of the figure, for instance rooms left out."""
-    choice: str = ""
-    """The reading, where the paper leaves it open."""
-    claim: str = ""
-    """Key of the claim; `claims.findings_of` fills it in."""
+    note: str = ""  # limits of the figure, for instance rooms left out
+    choice: str = ""  # the reading, where the paper leaves it open
+    claim: str = ""  # key of the claim; `claims.findings_of` fills it in
 
     @property
     def text(self) -> str:

@@ -44,14 +44,11 @@ LENSES = {
     "fisheye": Lens(SIZE, True, _MATRIX, np.array((-0.02, 0.004, -0.002, 0.0))),
 }
 STRETCH = 2.0
-REST = 0.5
-"""Time before the hand moves, which then takes a second to its pace [s]."""
+REST = 0.5  # time before the hand moves, which then takes a second to its pace [s]
 GENTLE = 6.0, 20.0
 """Greatest acceleration [m/s^2] and angular acceleration [rad/s^2]: beyond, the motion capture had dropped out."""
-LOST = 0.05
-"""Error over the path's length, from which an excerpt is lost."""
-CLEARANCE = 0.25
-"""Least distance of the path from walls and boxes [m]."""
+LOST = 0.05  # error over the path's length, from which an excerpt is lost
+CLEARANCE = 0.25  # least distance of the path from walls and boxes [m]
 _ROOM = replace(config.SCENARIOS["pixels"], room_size=(9.0, 5.0, 9.0), fiducial_distance=(1.0, 1.2), fiducial_count=4)
 HEADER = ("lens", "excerpts", "lost", "error / path, median, %", "greatest, %", "NEES of position, orientation", "ms")
 
@@ -59,14 +56,10 @@ HEADER = ("lens", "excerpts", "lost", "error / path, median, %", "greatest, %", 
 class Flown(NamedTuple):
     """An excerpt that was tracked."""
 
-    lost: bool
-    """In half of its images, or its error is over 5 % of the path."""
-    error: float
-    """Root mean square of the position over the length of the path."""
-    nees: tuple[float, float]
-    """Of position and orientation, per degree of freedom: the mean over time."""
-    spent: float
-    """99th percentile of an image [ms]."""
+    lost: bool  # in half of its images, or its error is over 5 % of the path
+    error: float  # root mean square of the position over the length of the path
+    nees: tuple[float, float]  # of position and orientation, per degree of freedom: the mean over time
+    spent: float  # 99th percentile of an image [ms]
 
 
 def excerpts(path: Path, seconds: float) -> Iterator[np.ndarray]:

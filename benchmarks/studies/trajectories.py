@@ -37,12 +37,10 @@ HEADER = (
 class Flight(NamedTuple):
     """T frames."""
 
-    errors: np.ndarray
-    """(T,) of the position [m]."""
+    errors: np.ndarray  # (T,) of the position [m]
     nees: np.ndarray
     """(T, 3) per degree of freedom, of position, orientation and landmarks (mean of the mapped, or NaN)."""
-    spent: float
-    """A frame, median [s]."""
+    spent: float  # a frame, median [s]
 
 
 def read_path(path: Path, seconds: float, stretch: float) -> tuple[np.ndarray, float]:

@@ -126,7 +126,8 @@ def evaluate(run: Run) -> None:
     e, N, covariance = episode.evaluation, run.expected.shape[0], estimate.covariance
     counting = find_counting(run.expected, estimate)
     of_landmark = features_of_landmarks(run.owner, N, counting)
-    standing, others = of_landmark[of_landmark >= 0], counting.copy()  # first those that stand for a true landmark
+    # Features are factored in this order: those that stand for a true landmark, the others that count, the rest.
+    standing, others = of_landmark[of_landmark >= 0], counting.copy()
     others[standing] = False
     order = np.concatenate((standing, np.flatnonzero(others), np.flatnonzero(~counting)))
     counted, U = order[: np.sum(counting)], gathered(covariance, standing, order[standing.shape[0] :])

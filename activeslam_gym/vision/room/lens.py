@@ -26,8 +26,8 @@ class Lens(NamedTuple):
 
 
 def lens_of(camera: Record, rays: np.ndarray | None = None) -> Lens:
-    """The table of a camera, whose width and height are whole numbers; of another lens, which equation 1 does not
-    describe, the ``rays`` (H, W, 2) of its pixels: x to the left and y up at depth 1."""
+    """The table of a camera, whose width and height are whole numbers; of a lens of another model, the ``rays``
+    (H, W, 2) of its pixels: x to the left and y up at depth 1."""
     columns, rows = -(-int(camera.width) // TILE_WIDTH), -(-int(camera.height) // TILE_HEIGHT)
     table = np.empty((5, rows * TILE_HEIGHT, columns * TILE_WIDTH))
     _trace(camera, table)

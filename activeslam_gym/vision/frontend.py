@@ -322,13 +322,14 @@ class FrontEnd:
         self.filter.delete(id)
 
     def _expect_depths(self) -> None:
-        """New features are expected as far away as mapped ones are now.
+        """New features are expected as far away as fiducials and mapped ones are now.
 
         Each feature's prior counts as one more measurement of the scale. Where it is wrong by a little for all of them,
         as a desk's is in a room, the map's scale is soon wrong by more than it knows.
         """
         weight, (mean, std), known = self.settings.depth_prior, self._prior, self.filter.estimate()
-        distances = np.linalg.norm(known.points[known.mapped] - self.filter.mean[:3], axis=1)
+        points = np.concatenate((known.points[known.mapped], self.filter.fiducials))
+        distances = np.linalg.norm(points - self.filter.mean[:3], axis=1)
         rho = 1.0 / np.maximum(distances, 1.0 / (_NEAREST * mean))
         total = weight + len(rho)
         centre = (weight * mean + rho.sum()) / total

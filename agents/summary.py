@@ -56,7 +56,7 @@ NEES = (
     Column("landmark_nees_median", "median", digits=2),
 )
 """Per degree of freedom, over the runs alive."""
-NEES_TIMES = (5.0, 15.0, 35.0)  # at which it is told, within the duration [s]
+NEES_TIMES = (5.0, 15.0, 35.0)  # at which it is read, within the duration [s]
 
 Figures = dict[str, Estimate]  # column → figure over rooms
 

@@ -30,7 +30,7 @@ HALVINGS = ((2, 40), (6, 12), (16, 6))  # in so many more rooms, and so many of 
 REFINEMENTS = 4  # so often those kept are changed, each a few times,
 CHILDREN = 16  # to so many new ones in all,
 TRIALS = (8, 5)  # which play so many of the same rooms, and so many of them the others
-LAST_ROOMS = 40  # the best of those kept is told in so many new rooms
+LAST_ROOMS = 40  # the best of those kept is judged in so many new rooms
 
 
 class Sequence(NamedTuple):

@@ -11,7 +11,7 @@ from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import write_tum
 from agents.task import Task, play_tasks
-from benchmarks.studies import estimators, ranking, trajectories
+from benchmarks.studies import bound, estimators, ranking, trajectories
 from benchmarks.studies.bound import Bound
 
 
@@ -25,10 +25,20 @@ def test_the_bound_is_below_the_error_and_near_the_filters_deviation() -> None:
         told = np.sqrt((run.position_std**2).sum(axis=1))
         assert bound[0, 0] == pytest.approx(told[0])
         assert 0.4 < bound[-1, 0] / told[-1] < 1.2
-        assert run.notes["chance"] == 0.0  # the target is in view, or was just now
+        assert run.notes["chance"] == 0.0  # nothing is out of view for long
     assert np.mean([run.notes["bound"][-1, 0] ** 2 for run in runs]) < 2.0 * np.mean(
         [run.position_error[-1] ** 2 for run in runs]
     )
+
+
+def test_the_chance_of_a_loss_is_that_of_errors_with_the_bounds_deviation(monkeypatch) -> None:
+    settings, chances = json.dumps({"scenario": {"association": "known"}, "duration": 3.0}), []
+    for limit in (0.01, 0.05, 0.2):
+        monkeypatch.setattr(bound, "LOST_POSITION_ERROR", limit)
+        (run,) = map(Episode.of, play_tasks([Task("sweep", TRAINING_SEED, settings, measures=(Bound,))]))
+        chances.append(float(run.notes["chance"]))
+    assert 0.03 < run.notes["bound"][1:, 0].max() < 0.05  # the limits are a quarter, about one and four to six of it
+    assert chances[0] > 0.95 and 0.2 < chances[1] < 0.95 and chances[2] < 0.02
 
 
 def test_tau_counts_the_resolved_pairs_that_another_estimator_turns_round() -> None:

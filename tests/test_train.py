@@ -79,7 +79,7 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
 
 
 def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
-    """Weights of before stay where those made anew are no better in the rooms for validation: docs/LEARNING.md."""
+    """Old weights stay where those of a new run are no better in the rooms for validation: docs/LEARNING.md."""
     for name in pretrained.names():
         card = read_card(FOLDER / f"{name}.npz")
         measured = card.get("measured_behaviour", card["behaviour"])

@@ -10,14 +10,14 @@ from scipy import ndimage
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of  # noqa: E402
+from activeslam_gym.camera import camera_of, ray_from_pixel  # noqa: E402
 from activeslam_gym.config import SCENARIOS, Scenario  # noqa: E402
 from activeslam_gym.geometry import quaternion_exp, rotate_left  # noqa: E402
 from activeslam_gym.vision.corners import new_corners  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera, target_seen  # noqa: E402
 from activeslam_gym.vision.room.geometry import Scene, scene_point  # noqa: E402
-from activeslam_gym.vision.room.lens import TILE_HEIGHT, TILE_WIDTH, Lens, lens_of  # noqa: E402
+from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens, lens_of  # noqa: E402
 from activeslam_gym.vision.room.render import render, workspace_of  # noqa: E402
 from activeslam_gym.vision.room.scene import draw_scene  # noqa: E402
 from activeslam_gym.vision.room.sensor import Sensor, gain  # noqa: E402
@@ -290,6 +290,14 @@ def test_the_lens_is_free() -> None:
     render(room(0), own, PLAIN, state(), 0, KEY, workspace_of(room(0), own), image)
     for u, v in projected(camera, state(), room(0).target).astype(int):
         assert image[v - 3 : v + 5, u - 3 : u + 5].std() > 25.0, "black meets white there"
+
+
+def test_a_lens_can_be_given_by_the_rays_of_its_pixels() -> None:
+    rays = np.array([[ray_from_pixel(CAMERA, np.array((u, v), float))[:2] for u in range(320)] for v in range(240)])
+    np.testing.assert_allclose(lens_of(CAMERA, rays).rays[:, :2], lens().rays[:, :2], atol=1e-6)
+    inside = lens().rays.reshape(30, 20, 5, TILE)[1:-1, 1:-1, 2:]  # the slopes of the border are one-sided
+    given = lens_of(CAMERA, rays).rays.reshape(30, 20, 5, TILE)[1:-1, 1:-1, 2:]
+    np.testing.assert_allclose(given, inside, rtol=0.02, atol=2e-5)
 
 
 @pytest.mark.parametrize(

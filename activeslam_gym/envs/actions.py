@@ -24,7 +24,7 @@ class Encoding:
     """From the numbers of an action to its command (4,), or from k arrays (B,) to (B, 4); see `motion.COMMANDS`."""
 
     def read_one(self, action: Any) -> np.ndarray:
-        """The command (4,) of an action; a ValueError tells what is allowed where it is outside the action space."""
+        """The command (4,) of an action; a ValueError states what is allowed where it is outside the action space."""
         array = _as_array(action)
         if (array.shape == self.shape or array.size == 1 and not self.shape) and array.dtype.kind in "iuf":
             numbers = array.ravel().tolist()

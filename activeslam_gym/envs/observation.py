@@ -50,8 +50,8 @@ def _starts(lengths: dict[str, int]) -> Any:
 _GLOBAL, _TOKEN = _starts(GLOBAL_FEATURES), _starts(TOKEN_FEATURES)
 GLOBAL_SIZE = sum(GLOBAL_FEATURES.values())
 TOKEN_SIZE = sum(TOKEN_FEATURES.values())
-_LOG_FLOOR = 1e-3  # deviations below this are told as this: 1 mm, 1 mrad
-_GAIN_SCALE = 10.0  # bits per dimension that are told as 1
+_LOG_FLOOR = 1e-3  # deviations below this are observed as this: 1 mm, 1 mrad
+_GAIN_SCALE = 10.0  # bits per dimension that are observed as 1
 
 
 @dataclass(frozen=True)

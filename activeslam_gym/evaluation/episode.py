@@ -114,7 +114,7 @@ def nearest(times: Array, period: float) -> Array:
     return np.union1d(np.abs(times[None, :] - ticks[:, None]).argmin(axis=1), len(times) - 1)
 
 
-TARGET = 14  # the landmark whose time the paper tells
+TARGET = 14  # the landmark whose time the paper states
 
 
 def outcome(episode: Episode) -> dict[str, Any]:

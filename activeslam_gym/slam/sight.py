@@ -244,7 +244,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
                 for j in range(2):
                     S[i, j] += thing.curvature[i, j]
             thing.visibility = visibility_of(lens, thing.z_hat, S)
-            far = lens.maximum_distance  # beyond it, absence tells nothing
+            far = lens.maximum_distance  # beyond it, absence means nothing
             if far < math.inf and (vague or distance_between(view.pose, y) > TELLING_SHARE * far):
                 thing.visibility = min(thing.visibility, NEAR)
             v += thing.visibility > 0

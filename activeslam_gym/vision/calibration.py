@@ -39,7 +39,7 @@ class Calibration(NamedTuple):
         return Scenario(**{**self.reduced(self.scale)._asdict(), **fields})
 
     def check_image(self, image: np.ndarray) -> None:
-        """A ValueError, unless it is a grey image (h, w) uint8 of the calibrated size, which the message tells."""
+        """A ValueError, unless it is a grey image (h, w) uint8 of the calibrated size, which the message states."""
         if image.ndim != 2 or image.dtype != np.uint8:
             raise ValueError(f"an image must be grey, (h, w) uint8, got {image.shape} {image.dtype}")
         (h, w), (width, height) = image.shape, self[:2]

@@ -17,7 +17,7 @@ from agents.tools.arguments import Figures, Pages, Rooms, given, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 
 INITIALISERS = tuple(reversed(INITIALISATIONS))  # each policy runs with both
-TIMES = (5.0, 15.0, 25.0, 35.0)  # at which the NEES is told, within the duration [s]
+TIMES = (5.0, 15.0, 25.0, 35.0)  # at which the NEES is read, within the duration [s]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,8 @@
 
 Every run is flown to the end. Noise and landmarks are the same for each estimator; the motion is not quite, since the
 controller follows the estimate. Prints a Markdown table for each scenario. An estimator whose library is not installed
-is left out. `smoother` keeps the whole episode, and the bound is that of `bound`, along the paths of `ekf`.
+is left out. `smoother` keeps the whole episode, and the bound is that of `bound`, along the paths of `ekf`; its
+"lost" is the expected number of an estimator that reaches it.
 """
 
 import json

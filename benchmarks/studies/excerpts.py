@@ -1,6 +1,6 @@
 """`track` along recorded motions of a hand, through rendered rooms and three kinds of lens, where the truth is known.
 
-    python -m benchmarks.studies.excerpts room1.tum room2.tum --rooms 2
+    python -m benchmarks.studies.excerpts room1.tum room2.tum --excerpts 4
 
 A file has a line a pose, as `trajectories` has it. Each excerpt starts at rest before the target of a room in which it
 meets no wall, and is flown at half the speed. Its images are of 640 x 480 pixels, 30 a second. Errors are those of the

@@ -14,7 +14,7 @@ from activeslam_gym.vision.drawing import drawn, printed, printed_value  # noqa:
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.target import Board, target_from  # noqa: E402
-from activeslam_gym.vision.track import follow  # noqa: E402
+from activeslam_gym.vision.track import UNSCALED, follow  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, image_from, path, photographed, pose_at, texture  # noqa: E402
@@ -129,6 +129,7 @@ def free() -> list[Frame]:
 def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     done = follow(free, LENS, None, 30.0)
     assert not done.metric and not done.logs[-1].metric and done.trouble is None
+    assert done.filter.expected_inverse_depth == tuple(UNSCALED.values())  # or the scale would drift
     np.testing.assert_array_equal(done.cameras[0, :3], 0.0)
     found, truth = done.cameras[5:, :3], np.array(FREE)[5:, :3]
     spread = [np.linalg.norm(one - one.mean(axis=0)) for one in (found, truth)]

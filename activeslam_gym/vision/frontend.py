@@ -325,7 +325,8 @@ class FrontEnd:
         """New features are expected as far away as fiducials and mapped ones are now.
 
         Each feature's prior counts as one more measurement of the scale. Where it is wrong by a little for all of them,
-        as a desk's is in a room, the map's scale is soon wrong by more than it knows.
+        as a desk's is in a room, the map's scale is soon wrong by more than it knows. Where there are no fiducials, the
+        scale is free.
         """
         weight, (mean, std), known = self.settings.depth_prior, self._prior, self.filter.estimate()
         points = np.concatenate((known.points[known.mapped], self.filter.fiducials))
@@ -345,7 +346,7 @@ class FrontEnd:
         due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
         if wanted <= 0 or not due:
             return 0
-        if math.isfinite(s.depth_prior):
+        if math.isfinite(s.depth_prior) and len(self.filter.fiducials) > 0:
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
         for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner, s.least_ratio):

@@ -45,10 +45,12 @@ HAND_HELD: dict[str, Any] = {
     "filter_angular_acceleration_std": 3.0,  # ... and under 3.5 rad/s^2
     "command_known": False,
     "linearity_threshold": 0.1,  # at 0.2 a map without a target drifts in scale
-    "inverse_depth_mean": 0.75,  # a desk or a room: from 0.67 m on at one deviation; without a target, the only scale
+    "inverse_depth_mean": 0.75,  # a desk or a room: from 0.67 m on at one deviation
     "inverse_depth_std": 0.75,
 }
-"""Fields of the scenario of a camera in the hand before a desk."""
+"""Fields of the scenario of a camera in the hand."""
+UNSCALED = {"inverse_depth_mean": 1.5, "inverse_depth_std": 0.75}
+"""The same without a target: the mean only sets the unit. With a wider spread the scale drifts, and the map is lost."""
 FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
 """The words for a track without a target."""
 COVARIANCE = (
@@ -95,7 +97,8 @@ def start(
         ValueError: the image does not fit the calibration, or the target is not where it is said to be.
     """
     calibration.check_image(image)
-    scenario = calibration.scenario(frame_time=1.0 / rate, **{**HAND_HELD, **(scenario_fields or {})})
+    fields = {**HAND_HELD, **(UNSCALED if target is None else {}), **(scenario_fields or {})}
+    scenario = calibration.scenario(frame_time=1.0 / rate, **fields)
     whole, fiducials = camera_of(Scenario(**calibration._asdict())), np.zeros((0, 3))
     pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
     if target is not None:

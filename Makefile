@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency results figures advice bench clients clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency results check-results figures advice bench clients clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -26,6 +26,9 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, b
 results: $(VENV)/.agents ## RESULTS.md: every policy in 200 episodes, and generalisation (15 minutes or more)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes 200 --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes 20 --report RESULTS.md
+
+check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR and this manifest? (before a release)
+	$(RUN) -m agents check-results
 
 LIVE := -m agents live --rooms 50 20 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 

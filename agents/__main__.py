@@ -7,13 +7,17 @@ from importlib import import_module
 PROGRAM = "python -m agents"
 COMMANDS = {
     "bounds": "agents.bounds.command",
+    "check-results": "agents.suite.check",
     "compare": "agents.compare.command",
     "consistency": "agents.consistency.command",
+    "enter": "agents.suite.enter",
     "export": "agents.export",
     "generalise": "agents.compare.generalise",
+    "leaderboard": "agents.suite.leaderboard",
     "live": "agents.advising",
     "study": "agents.study.command",
     "train": "agents.train",
+    "verify": "agents.suite.verify",
     "watch": "agents.watching.command",
 }
 """Name → module with `Args`, a dataclass, and `main(args) -> exit status`."""

@@ -22,7 +22,8 @@ def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> 
         with pytest.raises(SystemExit) as exit_:
             main([command, "--help"])
         assert exit_.value.code == 0
-        assert ("--save" if command == "watch" else "--out") in capsys.readouterr().out
+        options = {"watch": "--save", "verify": "--jobs", "check-results": "--pages"}
+        assert options.get(command, "--out") in capsys.readouterr().out
 
 
 def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
+from activeslam_gym import BEHAVIOUR
 from agents.tools.files import reading, writable_folder, write_text
 from agents.tools.machine import machine, versions
 
@@ -38,9 +39,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") 
 
 
 def provenance(command: str) -> str:
-    """The command, the day, the machine and the versions, as Markdown."""
+    """The command, the day, the machine, the versions and `BEHAVIOUR`, as Markdown."""
     day = f"{datetime.now(timezone.utc):%Y-%m-%d}"
-    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}."
+    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}, BEHAVIOUR {BEHAVIOUR}."
 
 
 def listed(versions: Mapping[str, str]) -> str:
@@ -57,6 +58,15 @@ def put_section(path: Path, name: str, text: str) -> bool:
     if count:
         write_text(path, page)
     return count > 0
+
+
+def sections_of(path: Path) -> dict[str, str]:
+    """Name → text of the generated sections of a page, those without a text left out.
+
+    Raises ValueError if there is no such page.
+    """
+    found = re.finditer(r"<!-- generated: ([\w-]+) -->(.*?)<!-- end: \1 -->", _text(path), re.DOTALL)
+    return {one[1]: one[2] for one in found if one[2].strip()}
 
 
 def page_with(path: Path, *names: str) -> None:

@@ -1,0 +1,51 @@
+"""`python -m agents check-results`: are the numbers of the pages of this `BEHAVIOUR`, and of this suite's manifest?"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from activeslam_gym import BEHAVIOUR
+from agents.suite.manifest import suite
+from agents.tools.sections import sections_of
+
+PAGES = (
+    "README.md",
+    "RESULTS.md",
+    "docs/leaderboard.md",
+    "docs/STUDY.md",
+    "docs/BOUNDS.md",
+    "docs/live.md",
+    "docs/consistency_report.md",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Args:
+    """Find generated sections whose numbers are of another `BEHAVIOUR` or manifest; the exit status is then 1."""
+
+    pages: tuple[Path, ...] = tuple(map(Path, PAGES))
+    """The pages."""
+
+
+def main(args: Args) -> int:
+    """Print what is stale; the exit status. Raises ValueError where a page or a suite is missing."""
+    found = [f"{page}: {told}" for page in args.pages for told in stale(page)]
+    print("\n".join(found) or f"All generated sections are of BEHAVIOUR {BEHAVIOUR}.")
+    return int(bool(found))
+
+
+def stale(page: Path) -> list[str]:
+    """What a page's generated sections are of, where that is not this code."""
+    told = []
+    for name, text in sections_of(page).items():
+        behaviours = {int(one) for one in re.findall(r"\bBEHAVIOUR (\d+)", text)}
+        if behaviours - {BEHAVIOUR}:
+            told.append(
+                f"the section {name!r} is of BEHAVIOUR {min(behaviours - {BEHAVIOUR})}, this code of {BEHAVIOUR}"
+            )
+        elif not behaviours:
+            told.append(f"the section {name!r} does not say its BEHAVIOUR")
+        for of, manifest in re.findall(r"suite (\S+), manifest (\w+)", text):
+            if suite(of).digest != manifest:
+                told.append(f"the section {name!r} is of another manifest of the suite {of!r}")
+    return told

@@ -1,0 +1,153 @@
+"""A suite: the scenarios, the protocol and the statistics that its entries share, and the seeds of its test episodes.
+
+A suite is a manifest, ``manifests/NAME.json``. The seeds of its test episodes are made from the hash of the commit that
+the manifest came with, so nobody can have looked at those episodes before. That hash is drawn once, by
+
+    python -m agents.suite.manifest v1 --reason "the first release"
+
+which adds a row to ``manifests/draws.csv``; every later draw needs another reason, and stays in the file. A suite
+without a draw is for development: its episodes are those of `config.benchmark_seed`, which anyone may look at.
+
+The protocol: each scenario with its own gaze period and duration, and a lost episode goes on to its end.
+"""
+
+import argparse
+import csv
+import hashlib
+import json
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from activeslam_gym import BEHAVIOUR
+from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
+from activeslam_gym.evaluation.code import digest
+from agents.tools.files import reading
+
+FOLDER = Path(__file__).with_name("manifests")
+DRAWN = TRAINING_SEED // 2, TRAINING_SEED
+"""Range of the test seeds: over those of development and validation, and under those of training."""
+HEADER = ("suite", "commit", "day", "reason")
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A manifest, with the commit of its draw."""
+
+    name: str
+    digest: str  # of the manifest's file
+    commit: str  # of which the test seeds are made; "": those of development
+    behaviour: int  # `activeslam_gym.BEHAVIOUR` that it is played with
+    scenarios: tuple[str, ...]
+    episodes: int  # of each scenario
+    open_loops: tuple[str, ...]  # in each scenario the best of them has a normalised score of 1
+    training_seeds: int  # how many a learned entry has at the least
+
+    @property
+    def told(self) -> str:
+        """What its numbers are of, for a page."""
+        return f"suite {self.name}, manifest {self.digest}"
+
+    def seeds(self, scenario: str, episodes: int) -> list[int]:
+        """Of the first ``episodes`` test episodes of a scenario."""
+        if not self.commit:
+            return list(range(benchmark_seed(scenario), benchmark_seed(scenario) + episodes))
+        return [drawn_seed(self.commit, scenario, index) for index in range(episodes)]
+
+
+def drawn_seed(commit: str, scenario: str, index: int) -> int:
+    """The seed of a test episode: SHA-256 of the commit, the scenario and the index, within `DRAWN`."""
+    low, high = DRAWN
+    drawn = hashlib.sha256(f"{commit} {scenario} {index}".encode()).digest()
+    return low + int.from_bytes(drawn[:8], "big") % (high - low)
+
+
+def suite(name: str) -> Suite:
+    """The suite of that name, or of a manifest of your own (NAME.json).
+
+    Raises:
+        ValueError: there is none, its manifest is damaged, or it is of another `BEHAVIOUR` than this code.
+    """
+    path = manifest_of(name)
+    if not path.is_file():
+        known = ", ".join(sorted(one.stem for one in FOLDER.glob("*.json")))
+        raise ValueError(f"suite: {name!r}; allowed: {known}, a manifest of your own (NAME.json)")
+    with reading(path):
+        given = json.loads(path.read_text(encoding="utf-8"))
+        fields: dict[str, Any] = {
+            key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
+        }
+        drawn = [row["commit"] for row in draws(path.parent) if row["suite"] == path.stem]
+        made = Suite(name=name, digest=digest(path), commit=drawn[-1] if drawn else "", **fields)
+        if unknown := [one for one in made.scenarios if one not in SCENARIOS]:
+            raise ValueError(f"scenarios: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
+    if made.behaviour != BEHAVIOUR:
+        raise ValueError(f"suite: {name!r} is of BEHAVIOUR {made.behaviour}, and this code of {BEHAVIOUR}")
+    return made
+
+
+def manifest_of(name: str) -> Path:
+    """The manifest of a suite, by its name or its file."""
+    return Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
+
+
+def draws(folder: Path = FOLDER) -> list[dict[str, str]]:
+    """All draws, the oldest first: rows of `HEADER`."""
+    path = folder / "draws.csv"
+    if not path.exists():
+        return []
+    with reading(path), path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def draw(name: str, reason: str) -> str:
+    """Draw the test seeds of a suite: log the commit that last changed its manifest, and return its hash.
+
+    Raises:
+        ValueError: there is no reason, the suite has this draw already, or its manifest is not committed.
+    """
+    if not reason.strip():
+        raise ValueError("reason: none given; it stays in draws.csv")
+    suite(name)
+    path = manifest_of(name)
+    folder = path.parent
+    changed = _git(folder, "status", "--porcelain", "--", path.name)
+    commit = _git(folder, "log", "-1", "--format=%H", "--", path.name)
+    if changed or not commit:
+        raise ValueError(f"suite: the manifest of {name!r} is not committed; commit it first")
+    rows = draws(folder)
+    if any((row["suite"], row["commit"]) == (path.stem, commit) for row in rows):
+        raise ValueError(f"suite: {name!r} has its draw already, of the commit {commit}")
+    with (folder / "draws.csv").open("a", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        if not rows:
+            writer.writerow(HEADER)
+        writer.writerow((path.stem, commit, f"{datetime.now(timezone.utc):%Y-%m-%d}", reason.strip()))
+    return commit
+
+
+def _git(folder: Path, *arguments: str) -> str:
+    try:
+        done = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError) as error:
+        raise ValueError(f"suite: {str(folder)!r} is not in a clone with git: {error}") from error
+    return done.stdout.strip()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw the test seeds of a suite."""
+    parser = argparse.ArgumentParser(prog="python -m agents.suite.manifest", description=draw.__doc__)
+    parser.add_argument("suite")
+    parser.add_argument("--reason", required=True)
+    args = parser.parse_args(arguments)
+    try:
+        print(f"{args.suite}: drawn from the commit {draw(args.suite, args.reason)}; commit draws.csv.")
+    except ValueError as error:
+        parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,250 @@
+"""The benchmark: seeds that nobody can have looked at, entries, and their verification."""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import activeslam_gym
+from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
+from agents.__main__ import main
+from agents.suite import entry as entries
+from agents.suite import leaderboard, manifest
+from agents.suite.check import stale
+from agents.suite.entry import Entry
+from agents.suite.manifest import DRAWN, draw, drawn_seed, draws, suite
+
+
+def written(folder: Path, **changes: Any) -> Path:
+    """The manifest of a suite of two episodes."""
+    path = folder / "small.json"
+    told = {"behaviour": activeslam_gym.BEHAVIOUR, "scenarios": ["paper"], "episodes": 2}
+    path.write_text(json.dumps(told | {"open_loops": ["stay", "sweep"], "training_seeds": 5} | changes))
+    return path
+
+
+@pytest.fixture(scope="module")
+def entered(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The entry of `stay` in a suite of two episodes."""
+    folder = tmp_path_factory.mktemp("entries")
+    name = str(written(folder))
+    assert (
+        main(["enter", "--name", "stay", "--policies", "stay", "--suite", name, "--jobs", "1", "--out", str(folder)])
+        == 0
+    )
+    return folder / "stay.json"
+
+
+@pytest.fixture
+def edited(entered: Path, tmp_path: Path) -> Callable[[Callable[[dict[str, Any]], None]], Path]:
+    """Makes a copy of the entry, with a change."""
+
+    def make(change: Callable[[dict[str, Any]], None]) -> Path:
+        given = json.loads(entered.read_text())
+        change(given)
+        path = tmp_path / "edited.json"
+        path.write_text(json.dumps(given))
+        return path
+
+    return make
+
+
+def test_test_seeds_are_of_the_commit_and_of_no_other_range(tmp_path: Path) -> None:
+    seeds = {drawn_seed(commit, name, i) for commit in "ab" for name in ("paper", "office") for i in range(500)}
+    assert len(seeds) == 2000  # of each commit, scenario and index another
+    assert all(DRAWN[0] <= seed < DRAWN[1] for seed in seeds)
+    assert (
+        max(benchmark_seed(name, validation=True) for name in SCENARIOS) + 500_000
+        < DRAWN[0]
+        < DRAWN[1]
+        <= TRAINING_SEED
+    )
+    assert suite(str(written(tmp_path))).seeds("paper", 2) == [benchmark_seed("paper"), benchmark_seed("paper") + 1]
+
+
+def test_a_draw_is_of_the_committed_manifest_and_is_logged(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b.c"]
+    subprocess.run([*git, "init", "-q"], check=True)
+    subprocess.run([*git, "commit", "-q", "--allow-empty", "-m", "nothing"], check=True)
+    with pytest.raises(ValueError, match="not committed"):
+        draw(str(path), "first")
+    subprocess.run([*git, "add", "."], check=True)
+    subprocess.run([*git, "commit", "-q", "-m", "suite"], check=True)
+    with pytest.raises(ValueError, match="reason"):
+        draw(str(path), " ")
+    commit = draw(str(path), "first, with a comma")
+    assert [(row["suite"], row["commit"], row["reason"]) for row in draws(tmp_path)] == [
+        ("small", commit, "first, with a comma")
+    ]
+    assert suite(str(path)).seeds("paper", 2) == [drawn_seed(commit, "paper", 0), drawn_seed(commit, "paper", 1)]
+    with pytest.raises(ValueError, match="already"):
+        draw(str(path), "again")
+
+
+def test_every_shipped_draw_is_of_a_commit_that_had_the_manifest() -> None:
+    root = Path(__file__).parents[1]
+    for row in draws():
+        path = (manifest.FOLDER / f"{row['suite']}.json").relative_to(root)
+        subprocess.run(["git", "-C", str(root), "cat-file", "-e", f"{row['commit']}:{path}"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"behaviour": 1}, "of BEHAVIOUR 1"),
+        ({"scenarios": ["moon"]}, "moon"),
+        ({"more": 1}, "cannot be read"),
+    ],
+)
+def test_a_bad_manifest_is_told(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        suite(str(written(tmp_path, **changes)))
+    with pytest.raises(ValueError, match="development"):
+        suite("v0")
+
+
+def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    entry = entries.read(entered)
+    assert (entry.policies, entry.episodes, entry.training) == (("stay",), 2, ())
+    assert not entry.failed("paper").any() and (entry.gains("paper") > 0).all()
+    assert main(["verify", str(entered), "--jobs", "1"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("This runs the entrant's code: stay.") and "2 episodes played again, 0" in told
+
+
+def test_edited_scores_and_hashes_are_found(
+    edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def score(given: dict[str, Any]) -> None:
+        given["scores"]["paper"][0][1] += 0.01
+
+    def lost(given: dict[str, Any]) -> None:
+        given["lost"]["paper"][0][0] = 1
+
+    def hashes(given: dict[str, Any]) -> None:
+        given.update(contents=["0"], manifest="0")
+
+    for change, message in ((score, "episode 1"), (lost, "episode 0"), (hashes, "files are not those")):
+        assert main(["verify", str(edited(change)), "--jobs", "1"]) == 1
+        assert message in capsys.readouterr().out
+
+
+def test_a_damaged_entry_is_told(
+    edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def short(given: dict[str, Any]) -> None:
+        given["lost"]["paper"][0].pop()
+
+    def without(given: dict[str, Any]) -> None:
+        del given["commit"]
+
+    for change, message in ((short, "scores and lost"), (without, "missing or unknown: commit")):
+        assert main(["verify", str(edited(change))]) == 2
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--name", "a b", "--policies", "stay"], "letters"),
+        (["--name", "a"], "policies: none given"),
+        (["--name", "a", "--policies", "stay", "sweep"], "allowed: one"),
+        (["--name", "a", "--policies", "ppo", "sweep"], "weights of one learner"),
+        (["--name", "a", "--policies", "stay", "--suite", "v9"], "suite: 'v9'"),
+    ],
+)
+def test_bad_arguments_are_told(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        status = main(["enter", *arguments])
+    except SystemExit as exit:  # from the parsing
+        status = exit.code
+    assert status == 2
+    assert message in capsys.readouterr().err
+
+
+def of_scores(name: str, scores: Any, **changes: Any) -> Entry:
+    """An entry in two scenarios, with the same scores (P, E) in both."""
+    scores = np.asarray(scores, dtype=float)
+    names = tuple(f"{name}-{i}.npz" for i in range(len(scores))) if len(scores) > 1 else (name,)
+    training = tuple({"seconds_trained": 120.0} for _ in names) if len(scores) > 1 else ()
+    of = suite("development")
+    values: dict[str, Any] = dict.fromkeys(("contents", "sources", "versions"), ()) | {"machine": "", "note": ""}
+    values |= {"suite": of.name, "manifest": of.digest, "commit": "", "behaviour": of.behaviour}
+    values |= {"scores": {one: scores.tolist() for one in of.scenarios}}
+    values |= {"lost": {one: np.zeros(scores.shape, int).tolist() for one in of.scenarios}}
+    return Entry(**(values | {"name": name, "policies": names, "training": training} | changes))
+
+
+def test_the_board_of_made_up_scores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leaderboard, "RESAMPLES", 200)
+    episodes = np.arange(20.0)
+    loops = [of_scores("stay", [50.0 + 0.0 * episodes]), of_scores("sweep", [100.0 + 0.0 * episodes])]
+    learned = of_scores("mine", [150.0 + episodes - 9.5 + run for run in (-1.0, 0.0, 1.0)])
+    wrong = of_scores("sure", [np.where(episodes < 5, -1e6, 400.0)])  # it fails in a quarter of its episodes
+    whole, each, best = leaderboard.board(suite("development"), [*loops, learned, wrong])
+    rows = {row[0]: row[1:] for row in whole.rows}
+    assert [row[0] for row in whole.rows] == ["sure", "mine", "sweep", "stay"]
+    assert {row[1] for row in best.rows} == {"sweep"}
+    assert rows["sweep"][1:] == ["1.00 [1.00, 1.00]", "50 [50, 50]", "none"]  # ties are halves
+    assert rows["mine"][1].startswith("1.50 [1.4") and rows["mine"][2:] == [
+        "100 [100, 100]",
+        "3 seeds (few), 2 min each",
+    ]
+    assert rows["sure"][0].startswith("25.0 [") and rows["sure"][2].startswith("75 [")
+    assert dict(zip(each.header, each.rows[2]))["office"] == "100 [100, 100]"
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Normal scores, two scenarios, 40 episodes: of sixty 95 % intervals at least 52 hold the mean."""
+    monkeypatch.setattr(leaderboard, "RESAMPLES", 100)
+    rng, held = np.random.default_rng(0), 0
+    for _ in range(60):
+        found = leaderboard.aggregate({name: rng.normal(1.0, 0.3, (1, 40)) for name in "ab"})
+        held += found.low <= 1.0 <= found.high
+    assert 52 <= held
+
+
+def test_entries_that_cannot_be_compared_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leaderboard, "RESAMPLES", 10)
+    loop = of_scores("stay", [[50.0, 60.0]])
+    for others, message in (
+        ([of_scores("mine", [[1.0, 2.0]])], "none of an open loop"),
+        ([of_scores("stay", [[-1.0, -2.0]])], "gains anything"),
+        ([loop, of_scores("mine", [[1.0]])], "the same of all"),
+        ([loop, of_scores("mine", [[1.0, 2.0]], manifest="0")], "another manifest"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            leaderboard.board(suite("development"), others)
+
+
+def test_the_leaderboard_is_made_from_a_folder(
+    entered: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- generated: leaderboard -->\n<!-- end: leaderboard -->\n")
+    name = str(entered.parent / "small.json")
+    folder = tmp_path / "of"
+    folder.mkdir()
+    (folder / "stay.json").write_text(entered.read_text())
+    arguments = ["--suite", name, "--entries", str(folder), "--report", str(page), "--out", str(tmp_path)]
+    assert main(["leaderboard", *arguments]) == 0
+    assert "| stay | 0.0 [" in page.read_text() and (tmp_path / "profiles.png").stat().st_size > 1000
+    assert stale(page) == []
+    page.write_text(page.read_text().replace(f"BEHAVIOUR {activeslam_gym.BEHAVIOUR}", "BEHAVIOUR 1"))
+    assert "is of BEHAVIOUR 1" in stale(page)[0]
+    assert main(["check-results", "--pages", str(page)]) == 1
+    page.write_text("<!-- generated: a -->\n1\n<!-- end: a -->\n")
+    assert "does not say" in stale(page)[0]
+
+
+def test_a_page_of_another_manifest_is_stale(tmp_path: Path) -> None:
+    of, page = suite("development"), tmp_path / "page.md"
+    for digest, count in ((of.digest, 0), ("0" * 16, 1)):
+        text = f"{of.told} BEHAVIOUR {of.behaviour}".replace(of.digest, digest)
+        page.write_text(f"<!-- generated: a -->\n{text}\n<!-- end: a -->\n")
+        assert len(stale(page)) == count

@@ -53,6 +53,8 @@ def test_tau_counts_the_resolved_pairs_that_another_estimator_turns_round() -> N
     row, listed, worth = ranking.compared("paper", "x", base, turned)
     assert [one[2] for one in listed] == ["`a` over `b`", "`twin` over `b`"] and row[3].startswith("2 of ")
     assert worth[4].startswith("`b`")
+    twins = {"a": base["a"], "b": base["a"]}
+    assert ranking.compared("paper", "x", twins, twins)[0][2:4] == ["–", "0 of 0"]
 
 
 def test_the_commands_print_their_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

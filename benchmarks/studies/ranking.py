@@ -20,7 +20,7 @@ from activeslam_gym import config
 from activeslam_gym.slam.estimator import COMPILED, EKF, ESTIMATORS
 from activeslam_gym.slam.fixed_lag import SMOOTHER
 from agents.tools.sections import table
-from agents.tools.statistics import RESAMPLES, TAILS, estimate
+from agents.tools.statistics import MISSING, RESAMPLES, TAILS, estimate
 from benchmarks.studies import SLOW, installed, parser, played, tasks
 
 POLICIES = (
@@ -45,7 +45,9 @@ def resolved(scores: Scores) -> list[Pair]:
 
 
 def tau(scores: Scores, pairs: Sequence[Pair]) -> tuple[float, float, float]:
-    """Kendall's tau of ``scores`` over ``pairs`` in their right order, and its interval."""
+    """Kendall's tau of ``scores`` over ``pairs`` in their right order, and its interval; NaN where there are none."""
+    if not pairs:
+        return np.nan, np.nan, np.nan
     gaps = np.array([scores[a] - scores[b] for a, b in pairs])  # (pairs, episodes)
     drawn = np.random.default_rng(0).integers(gaps.shape[1], size=(RESAMPLES, gaps.shape[1]))
     taus = np.sign(trim_mean(gaps[:, drawn], 0.25, axis=2)).mean(axis=0)
@@ -62,7 +64,7 @@ def compared(name: str, estimator: str, base: Scores, own: Scores) -> tuple[list
     iqms = [[trim_mean(one[policy], 0.25) for policy in base] for one in (base, own)]
     shared = {policy: base[policy][:count] for policy in base}
     ranking = [
-        *(name, f"`{estimator}`", f"{value:.2f} [{low:.2f}, {high:.2f}]"),
+        *(name, f"`{estimator}`", f"{value:.2f} [{low:.2f}, {high:.2f}]" if pairs else MISSING),
         *(f"{len(discordant)} of {len(pairs)}", f"{kendalltau(*iqms).statistic:.2f}", str(count)),
     ]
     listed = [

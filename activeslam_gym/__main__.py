@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
         "the most. Without hardware, a simulated person in a rendered room follows it. Needs the extra `live`.",
     )
     one.set_defaults(run=_live)
-    source = f"rendered, a folder, a pattern in quotes, a video, or camera:0 {_DEFAULT}"
+    source = f"rendered, a folder, a pattern in quotes, a video, camera:0, or browser: its device's camera {_DEFAULT}"
     one.add_argument("--source", default="rendered", help=source)
     one.add_argument(
         "--calibration",

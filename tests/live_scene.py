@@ -1,5 +1,6 @@
 """A state of a live run without a run, and a page with visitors (viser, of the extra `live`)."""
 
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,6 +12,12 @@ from activeslam_gym.live.page import Page
 from activeslam_gym.live.state import About, Standing, State
 from activeslam_gym.motion import Motion
 
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
+    --disable-quic
+    --no-first-run --disable-background-networking --disable-component-update --disable-sync""".split()
+PATIENCE = 240.0
+"""Software GL on a busy machine is slow [s]."""
 ABOUT = About("a <test>", (320, 240), 195.0, 15.0, (6.0, 2.0, 6.0), True)
 
 

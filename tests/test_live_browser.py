@@ -4,7 +4,6 @@ It is the system's own chromium, headless, with GL in software: what is judged i
 """
 
 import os
-import shutil
 import subprocess
 import sys
 import threading
@@ -22,19 +21,13 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+from .live_scene import BROWSER, PATIENCE, SWITCHES, pressing, serving, until  # noqa: E402
+
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
 from activeslam_gym.live import drawing  # noqa: E402
 
-from .live_scene import pressing, serving, until  # noqa: E402
-
 ROOT = Path(__file__).resolve().parents[1]
-SWITCHES = """--no-sandbox --disable-gpu --use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader
-    --disable-quic
-    --no-first-run --disable-background-networking --disable-component-update --disable-sync""".split()
-PATIENCE = 240.0
-"""Software GL on a busy machine is slow [s]."""
 VIEW = "img:not([src^='data:image/svg'])"
 """The camera's view: the only picture but for icons."""
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}

@@ -24,7 +24,7 @@ class Adviser:
     """
 
     def __init__(self, scenario: Scenario, expected: ExpectedMap) -> None:
-        self._expected, self._motion = expected, motion_of(scenario, PERIOD)
+        self.expected, self._motion = expected, motion_of(scenario, PERIOD)
         self._frames = max(2, round(PERIOD / scenario.frame_time))
         self._plans, self._criterion = motion_plans(self._frames), CRITERIA.number(CRITERION)
         slots = min(self._frames - 1, MOTION_COUNT)
@@ -51,7 +51,7 @@ class Adviser:
 
     def score(self, motion: int) -> float:
         """Mutual information of ``motion`` [bit]; NaN where the covariance is not positive definite."""
-        out, plan, expected = np.empty(1), self._plans[motion : motion + 1], self._expected
+        out, plan, expected = np.empty(1), self._plans[motion : motion + 1], self.expected
         score_plans(expected.camera, self._motion, expected.prospect(), 0.0, plan, self._criterion, out)
         return float(out[0])
 

@@ -24,8 +24,8 @@ NAMES = dict(
 """Commands in words."""
 SIGNS = dict(zip(Motion, ("⤢", "⤡", "→", "←", "↑", "↓", "■")))
 """Commands as a character."""
-SCALE = 2
-"""Pixels of the picture for one of the image."""
+_WIDTH = 640
+"""Least width of the view [px]."""
 _SIGMAS = 3.0
 _UP = "M50 6 L88 46 L64 46 L64 94 L36 94 L36 46 L12 46 Z"
 _OUT = "M50 94 L80 62 L62 62 L57 34 L66 34 L50 8 L34 34 L43 34 L38 62 L20 62 Z"
@@ -43,19 +43,21 @@ def rgb(colour: str) -> tuple[int, int, int]:
 
 
 def view(state: State) -> np.ndarray:
-    """(2 h, 2 w, 3) uint8, RGB: the image with the 3-sigma ellipses of the searches, coloured by their outcomes.
+    """(s h, s w, 3) uint8, RGB: the image, s times as wide where it is small, with the 3-sigma ellipses of the
+    searches, coloured by their outcomes.
 
     Ellipses have a visible size; one that is not finite, or is larger than the picture, is left out.
     """
     cv2 = opencv()
-    size = (SCALE * state.image.shape[1], SCALE * state.image.shape[0])
+    scale = max(1, round(_WIDTH / state.image.shape[1]))
+    size = (scale * state.image.shape[1], scale * state.image.shape[0])
     picture = cv2.cvtColor(cv2.resize(state.image, size, interpolation=cv2.INTER_LINEAR), cv2.COLOR_GRAY2RGB)
     finite = np.isfinite(state.pixels).all(1) & np.isfinite(state.ellipses).all((1, 2))
     for i in np.flatnonzero(finite):
         marked = state.marked != 0 and state.searched[i] == state.marked
-        pixel, (squares, axes) = SCALE * (state.pixels[i] + 0.5) - 0.5, np.linalg.eigh(state.ellipses[i])
+        pixel, (squares, axes) = scale * (state.pixels[i] + 0.5) - 0.5, np.linalg.eigh(state.ellipses[i])
         if 0.0 < squares[0] and squares[1] < size[0] ** 2:
-            whole = np.maximum(2.0 * _SIGMAS * SCALE * np.sqrt(squares[::-1]), 10.0)
+            whole = np.maximum(2.0 * _SIGMAS * scale * np.sqrt(squares[::-1]), 10.0)
             box = (tuple(pixel.tolist()), tuple(whole.tolist()), math.degrees(math.atan2(axes[1, 1], axes[0, 1])))
             cv2.ellipse(picture, box, rgb(OUTCOMES[int(state.outcomes[i])][0]), 4 if marked else 2, cv2.LINE_AA)
         if marked:
@@ -108,8 +110,10 @@ def command(state: State) -> str:
     )
 
 
-def starting(seconds: float) -> str:
-    """What stands there before the first state, ``seconds`` after the page was opened."""
+def starting(seconds: float, films: bool = False) -> str:
+    """What stands there before the first state, ``seconds`` after the page was opened; whether it ``films``."""
+    if films:
+        return _strip(f"No image for {seconds:.0f} s: press Film on the device whose camera is to be used.", BLUE)
     return _strip(f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two.", BLUE)
 
 

@@ -12,7 +12,7 @@ import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 
@@ -92,9 +92,25 @@ class Guard:
         return path[len(self.prefix) :] or "/"
 
 
+class Extra(Protocol):
+    """Parts of the page beside viser's."""
+
+    head: bytes
+    """Goes to the head of the page."""
+
+    @property
+    def files(self) -> dict[str, tuple[str, bytes]]:
+        """Types and contents by paths."""
+
+    @property
+    def sockets(self) -> dict[str, Callable[[Any], Any]]:
+        """Handlers of websockets by paths."""
+
+
 @contextmanager
-def guarding(guard: Guard) -> Iterator[None]:
-    """Servers that `websockets` makes in this block ask ``guard`` before anything else is asked about a request.
+def guarding(guard: Guard, extra: Extra | None = None) -> Iterator[None]:
+    """Servers that `websockets` makes in this block ask ``guard`` before anything else is asked about a request, and
+    serve the ``extra`` parts of the page.
 
     viser takes no such function, but makes its server, of HTTP and of websockets, by this one.
 
@@ -105,9 +121,15 @@ def guarding(guard: Guard) -> Iterator[None]:
 
     plain, guarded = server.serve, []
 
-    def serve(*args: Any, process_request: Any = None, **options: Any) -> Any:
+    def serve(handler: Any, *args: Any, process_request: Any = None, **options: Any) -> Any:
         guarded.append(True)
-        return plain(*args, process_request=_asking(guard, process_request), **options)
+
+        async def of_path(connection: Any) -> None:
+            await sockets.get(guard.inner(connection.request.path), handler)(connection)
+
+        sockets = extra.sockets if extra else {}
+        answer = _with(extra, process_request) if extra else process_request
+        return plain(of_path, *args, process_request=_asking(guard, answer), **options)
 
     server.serve = serve  # type: ignore[assignment, misc]
     try:
@@ -116,6 +138,30 @@ def guarding(guard: Guard) -> Iterator[None]:
         server.serve = plain  # type: ignore[misc]
     if not guarded:
         raise OSError("this version of viser lets pages of other sites in; install another 1.x")
+
+
+def _with(extra: Extra, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """``answer`` with the ``extra`` files, and with its head in the page's."""
+
+    def first(connection: Any, request: Any) -> Any:
+        upgrade = request.headers.get("Upgrade") == "websocket"
+        if request.path in extra.files and not upgrade:
+            kind, content = extra.files[request.path]
+            response = connection.respond(200, "")
+            del response.headers["Content-Type"]
+            response.headers["Content-Type"], response.body = f"{kind}; charset=utf-8", content
+        else:
+            if request.path == "/":
+                request.headers.pop("Accept-Encoding", None)
+            response = answer(connection, request)
+            if request.path != "/" or upgrade:
+                return response
+            response.body = response.body.replace(b"<head>", b"<head>" + extra.head, 1)
+        del response.headers["Content-Length"]
+        response.headers["Content-Length"] = str(len(response.body))
+        return response
+
+    return first
 
 
 def _asking(guard: Guard, answer: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:

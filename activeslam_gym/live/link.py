@@ -12,6 +12,7 @@ from collections import deque
 from multiprocessing import get_context
 from typing import Any
 
+from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.page import serve
 from activeslam_gym.live.state import About, Request, State
 
@@ -52,11 +53,11 @@ class Link:
         ModuleNotFoundError: viser is not installed.
     """
 
-    def __init__(self, about: About, host: str, port: int) -> None:
+    def __init__(self, about: About, host: str, port: int, filming: Filming | None = None) -> None:
         check_address(host, port)
         spawn = get_context("spawn")
         self._connection, theirs = spawn.Pipe()
-        self._process = spawn.Process(target=serve, args=(theirs, about, host, port), daemon=True)
+        self._process = spawn.Process(target=serve, args=(theirs, about, host, port, filming), daemon=True)
         self._latest: deque[State] = deque(maxlen=1)
         self._messages: deque[str] = deque()
         self._new, self._closed = threading.Event(), False

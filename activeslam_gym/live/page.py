@@ -21,6 +21,7 @@ import numpy as np
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.live import drawing
 from activeslam_gym.live.drawing import BLUE, CURVES, NAMES, ORANGE, SIGNS, SKY, VERMILLION, rgb
+from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.guard import Guard, guarding
 from activeslam_gym.live.history import History
 from activeslam_gym.live.state import About, Request, State
@@ -31,6 +32,8 @@ _SIGMAS = 2.0
 """Of the ellipsoids in the map."""
 _CAPACITY = 64
 """Ellipsoids: more than there are features."""
+_FRUSTUM = 320
+"""Width of the picture in the camera's frustum [px]."""
 _LONGEST = 0.6
 """Greatest half-length of an ellipsoid [m]; a new feature's depth is hardly known."""
 _OFTEN, _SELDOM = 1.0 / 16.0, 0.5
@@ -47,20 +50,28 @@ _ON_A_PHONE = """<style>@media (max-width: 576px) {
 
 
 class Page:
-    """Serves the page at ``host`` and ``port``; a button calls ``request(name, value)``, see `Request`.
+    """Serves the page at ``host`` and ``port``, which asks for a camera if there is a ``filming``; a button calls
+    ``request(name, value)``, see `Request`.
 
     Raises:
         ModuleNotFoundError: viser is not installed.
         OSError: the installed viser cannot be guarded.
     """
 
-    def __init__(self, about: About, host: str, port: int, request: Callable[[Request, Any], None]) -> None:
-        self._about, self._request = about, request
+    def __init__(
+        self,
+        about: About,
+        host: str,
+        port: int,
+        request: Callable[[Request, Any], None],
+        filming: Filming | None = None,
+    ) -> None:
+        self._about, self._request, self._films = about, request, filming is not None
         self._paused, self._history = False, History()
         self._state: State | None = None
         self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
         guard = Guard.of(host)
-        self._server = _quiet_server(host, port, guard)
+        self._server = _quiet_server(host, port, guard, filming)
         self.address = guard.address(host, self._server.get_port())
         """Address of the page, with its token."""
         self._add_guide(self._server.gui)
@@ -82,9 +93,10 @@ class Page:
         gui.main_panel.set_width(400)
         gui.add_html(_ON_A_PHONE)
         self._command = gui.add_html(drawing.part("font-size:20px", f"{escape(self._about.name)} …"))
-        self._standing = gui.add_html(drawing.starting(0.0))
+        self._standing = gui.add_html("")
+        self.wait()
         width, height = self._about.image_size
-        self._view = gui.add_image(np.zeros((drawing.SCALE * height, drawing.SCALE * width, 3), np.uint8))
+        self._view = gui.add_image(np.zeros((height, width, 3), np.uint8))
         gui.add_html(drawing.legend())
         self._why = gui.add_html("")
 
@@ -154,7 +166,7 @@ class Page:
         self._history.add(state)
         with self._server.atomic():
             self._view.image = picture = drawing.view(state)
-            self._frustum.image = picture[:: drawing.SCALE, :: drawing.SCALE]
+            self._frustum.image = picture[:: (step := max(1, picture.shape[1] // _FRUSTUM)), ::step]
             self._standing.content = drawing.standing(state, self._paused)
             if np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all():
                 self._show_map(state)
@@ -168,7 +180,7 @@ class Page:
     def wait(self) -> None:
         """Nothing has come for a second: before the first state, tell for how long."""
         if self._state is None:
-            self._standing.content = drawing.starting(time.monotonic() - self._opened)
+            self._standing.content = drawing.starting(time.monotonic() - self._opened, self._films)
 
     def notify(self, message: str) -> None:
         """Show a message to every visitor."""
@@ -256,7 +268,7 @@ class Page:
         self._request("save", True)
 
 
-def _quiet_server(host: str, port: int, guard: Guard) -> Any:
+def _quiet_server(host: str, port: int, guard: Guard, filming: Filming | None) -> Any:
     """A server that prints nothing, opens no tunnel, and answers only requests that ``guard`` admits."""
     try:
         import viser
@@ -270,7 +282,7 @@ def _quiet_server(host: str, port: int, guard: Guard) -> Any:
             """Refuse."""
 
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # of malformed requests
-    with redirect_stdout(io.StringIO()), guarding(guard):
+    with redirect_stdout(io.StringIO()), guarding(guard, filming):
         return Private(host, port, verbose=False)
 
 
@@ -312,7 +324,7 @@ def _edges(size: tuple[float, float, float]) -> np.ndarray:
     return np.array([pair for pair in combinations(corners, 2) if np.count_nonzero(pair[0] != pair[1]) == 1])
 
 
-def serve(connection: Connection, about: About, host: str, port: int) -> None:
+def serve(connection: Connection, about: About, host: str, port: int, filming: Filming | None) -> None:
     """The page's process: sends its address or an error, then shows messages and the newest state until the end."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the tracker handles Ctrl-C
     lock = threading.Lock()
@@ -322,7 +334,7 @@ def serve(connection: Connection, about: About, host: str, port: int) -> None:
             connection.send((name, value))
 
     try:
-        page = Page(about, host, port, request)
+        page = Page(about, host, port, request, filming)
     except (ImportError, OSError) as error:
         connection.send(error)
         return

@@ -9,12 +9,14 @@ from dataclasses import replace
 from itertools import repeat, takewhile
 from pathlib import Path
 
+from activeslam_gym.live.device import BROWSER, Device
+from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.guard import is_loopback
 from activeslam_gym.live.link import Link
 from activeslam_gym.live.person import FOLLOW, NEVER
 from activeslam_gym.live.recording import Recording, check_folder, read_about, read_states
-from activeslam_gym.live.session import Session
-from activeslam_gym.live.source import RenderedRoom, Sequence, Source
+from activeslam_gym.live.session import Session, Source
+from activeslam_gym.live.source import RenderedRoom, Sequence
 from activeslam_gym.live.state import About, Standing, State
 from activeslam_gym.vision.track import interruptible
 
@@ -52,6 +54,11 @@ class Live:
             self._recording = self._recording or Recording(self._folder, self.about)
             self._recording.add(state, self.session.log)
         return state
+
+    def wait(self, seconds: float) -> bool:
+        """Whether an image comes within so many ``seconds``; only one from afar is waited for."""
+        source = self.session.source
+        return not isinstance(source, Device) or source.wait(seconds)
 
     def restart(self) -> None:
         """Finish the recording and start again."""
@@ -134,7 +141,18 @@ def show_of(args: Namespace) -> Live | Replay:
     missing = [f"--{name}" for name in ("calibration", "target") if getattr(args, name) is None]
     if missing:
         raise ValueError(f"--source {args.source} needs {' and '.join(missing)}")
+    if args.source == BROWSER:
+        return Live(Device(args.calibration, args.target, args.rate), args.seed, args.record)
     return Live(Sequence(args.source, args.calibration, args.target, args.rate), args.seed, args.record)
+
+
+def filming_of(show: Live | Replay, record: str | None) -> Filming | None:
+    """What the page of the ``show`` needs to film, or None; ``record`` is the folder of a recording."""
+    source = show.session.source if isinstance(show, Live) else None
+    if not isinstance(source, Device):
+        return None
+    kept = "They are not kept." if record is None else f"They are kept there, with the trajectory, in {record}."
+    return Filming(source.images, kept, source.side)
 
 
 def live(args: Namespace) -> str | None:
@@ -148,7 +166,7 @@ def live(args: Namespace) -> str | None:
         raise ValueError(f"--seconds must be a positive number, got {args.seconds}")
     if not 0 <= args.port <= 65535:
         raise ValueError(f"--port must be in 0 to 65535, got {args.port}")
-    with closing(show_of(args)) as show, closing(Link(show.about, args.host, args.port)) as link:
+    with closing(show_of(args)) as show, closing(_link(show, args)) as link:
         access = _HERE if is_loopback(args.host) else _AFAR
         print(f"Open {link.address} in a browser. {access} Ctrl-C ends.", flush=True)
         try:
@@ -160,16 +178,19 @@ def live(args: Namespace) -> str | None:
     return None
 
 
+def _link(show: Live | Replay, args: Namespace) -> Link:
+    return Link(show.about, args.host, args.port, filming_of(show, args.record))
+
+
 def _run(show: Live | Replay, link: Link, seconds: float) -> None:
     """Step after step, for ``seconds``."""
     clock, end = Clock(1.0 / show.about.rate, show.is_camera), time.monotonic() + seconds
-    paused = over = alone = False
+    paused = over = alone = single = False
     state: State | None = None
     for _ in interruptible(takewhile(lambda _: time.monotonic() < end, repeat(None))):
         if not link.alive and not alone:
             alone = True
             print("The page has broken down; tracking goes on. Ctrl-C ends.", file=sys.stderr, flush=True)
-        single = False
         for name, value in link.requests():
             if name == "pause":
                 paused = value
@@ -190,7 +211,9 @@ def _run(show: Live | Replay, link: Link, seconds: float) -> None:
             time.sleep(_NAP)
             clock = Clock(1.0 / show.about.rate, show.is_camera)
             continue
-        state = show.step()
+        if isinstance(show, Live) and not show.wait(_NAP):
+            continue
+        state, single = show.step(), False
         over = state.standing == Standing.OVER
         state.rate = clock.tick()
         link.show(state)

@@ -5,14 +5,16 @@ import time
 import numpy as np
 
 from activeslam_gym.live.advice import Adviser
+from activeslam_gym.live.device import Device
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.person import FOLLOW
-from activeslam_gym.live.source import Source
+from activeslam_gym.live.source import GuidanceError, RenderedRoom, Sequence
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.slam.estimate import Estimate, taken_estimate
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, Searched
 
+Source = RenderedRoom | Sequence | Device
 _FEW = 4
 """Fewer matches hardly constrain the pose."""
 _VAGUE = 0.5
@@ -72,7 +74,10 @@ class Session:
             ValueError: an image cannot be read, or the first one does not show the target.
         """
         began = time.process_time()
-        frame = self.source.next()
+        try:
+            frame = self.source.next()
+        except GuidanceError as guidance:
+            return self._state(Standing.WAITING, began, guidance)
         if frame is None:
             return self._state(Standing.OVER, began)
         self._time, self._image = frame[0] - self._zero, frame[1]
@@ -82,7 +87,7 @@ class Session:
             except ValueError as error:
                 if not self.source.is_camera:
                     raise
-                return self._state(Standing.WAITING, began, str(error))
+                return self._state(Standing.WAITING, began, error)
         else:
             self._track(self.front_end)
         self._frame += 1
@@ -112,11 +117,12 @@ class Session:
         well = log is None or log.matched >= max(_FEW, log.searched / 2)
         return Standing.TRACKING if well else Standing.UNSURE
 
-    def _state(self, standing: Standing, began: float, why: str = "") -> State:
+    def _state(self, standing: Standing, began: float, why: ValueError | None = None) -> State:
         log, person, adviser, front_end = self.log, self.source.person, self.adviser, self.front_end
         estimate = taken_estimate(front_end.estimate()) if front_end else _NO_ESTIMATE
         search = front_end.searched if front_end else _NO_SEARCH
         begun = standing == Standing.TRACKING and log is None
+        words = _BEGUN if begun else "{why}" if isinstance(why, GuidanceError) else WORDS[standing]
         matched, searched = (log.matched, log.searched) if log else (0, 0)
         P, rows = estimate.covariance, CAMERA_DIM + 3 * np.arange(len(estimate.ids))[:, None, None] + np.arange(3)
         self._mapped.update(estimate.ids[estimate.mapped].tolist())
@@ -125,7 +131,7 @@ class Session:
             time=self._time,
             image=self._image,
             standing=standing,
-            words=_BEGUN if begun else WORDS[standing].format(matched=matched, searched=searched, why=why),
+            words=words.format(matched=matched, searched=searched, why=why),
             camera=estimate.camera,
             camera_covariance=P[:3, :3],
             ids=estimate.ids,

@@ -1,5 +1,6 @@
 """Sources of images: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import camera_of
-from activeslam_gym.config import SCENARIOS
+from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.live.advice import PERIOD
 from activeslam_gym.live.person import FOLLOW, Person
 from activeslam_gym.motion import CAMERA_SIZE, motion_of
 from activeslam_gym.slam.filter import Filter
+from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
@@ -29,6 +31,8 @@ ROOM = replace(
     scripted_gaze_amplitude=0.0,  # the filter does not know the person's gaze
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
+COMPILING = "Getting ready: the first time here it compiles, for a minute or two."
+"""Guidance while kernels are compiled."""
 HELD = replace(SIGHTED, memory=0.97, trials=30, least_success=0.35, most_change=0.4, room_below=16)
 """The front end of the rendered room. A hand comes back to features that it left. So an occluded feature is kept for
 two seconds, where `SIGHTED` at 15 images a second keeps it for half of one; and no feature is searched from another
@@ -36,6 +40,23 @@ side, where it would be missed and deleted. When the map is full, the features n
 many are in view as are wanted."""
 _DESK = (3.0, 2.0, 3.0)
 """Size of the box of expected landmarks about the target of a real sequence [m]."""
+
+
+class GuidanceError(ValueError):
+    """A sentence for the person who holds the camera; the run goes on."""
+
+
+def posed(calibration: Calibration, rate: float) -> tuple[dict[str, Any], Scenario]:
+    """The fields by which the scenario before a target differs from that of `track`, and that scenario.
+
+    Raises:
+        ValueError: the ``rate`` [Hz] is not positive and finite.
+    """
+    if not 0.0 < rate < math.inf:
+        raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
+    slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
+    fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
+    return fields, calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **fields)
 
 
 class RenderedRoom:
@@ -83,9 +104,7 @@ class Sequence:
         self._calibration, self._straighten = lens_from(calibration)
         self._target, self._rate = read_target(target), rate
         self._images = open_images(images, rate)
-        slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
-        self._fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
-        self.scenario = self._calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **self._fields)
+        self._fields, self.scenario = posed(self._calibration, rate)
 
     def restart(self) -> None:
         """Start again. Raises ValueError: there is no image."""
@@ -103,6 +122,3 @@ class Sequence:
     def start(self, image: np.ndarray) -> FrontEnd:
         """A front end that has seen the first ``image``. Raises ValueError: it does not show the target."""
         return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)
-
-
-Source = RenderedRoom | Sequence

@@ -1,0 +1,96 @@
+"""The camera of the device that shows the page, as a source of images."""
+
+from multiprocessing import get_context
+from pathlib import Path
+from queue import Empty
+from threading import Thread
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from activeslam_gym.live.advice import Adviser
+from activeslam_gym.live.expected import ExpectedMap
+from activeslam_gym.live.source import COMPILING, GuidanceError, posed
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.sources import Frame
+from activeslam_gym.vision.target import read_target
+from activeslam_gym.vision.track import start
+
+BROWSER = "browser"
+"""The name of this source."""
+
+
+class Device:
+    """A device's camera with a known ``calibration`` before a known ``target``, of about ``rate`` images a second [Hz].
+
+    Raises:
+        ValueError, OSError: a file or the rate is bad.
+    """
+
+    person, is_camera, name = None, True, "the device's camera"
+
+    def __init__(self, calibration: str | Path, target: str | Path, rate: float) -> None:
+        self.images: Any = get_context("spawn").Queue(1)
+        """Times [s] and images, of the page's process."""
+        self._calibration, self._straighten = lens_from(calibration)
+        self._target, self._rate, self._frame = read_target(target), rate, None
+        self._fields, self.scenario = posed(self._calibration, rate)
+        self._warming = Thread(target=self._warm_up, daemon=True)
+        self._warming.start()
+
+    def _warm_up(self) -> None:
+        """Compile what two seconds of tracking need: with a minute between the first two images the camera is lost."""
+        texture = gaussian_filter(np.random.default_rng(0).normal(128.0, 400.0, self._calibration[1::-1]), 3.0)
+        image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
+        front_end = start(image, self._calibration, None, self._rate, scenario_fields=self._fields)
+        adviser = Adviser(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
+        for k in range(1, round(2.0 * self._rate) + 1):
+            front_end.step(image, k / self._rate)
+            adviser.expected.update()
+            adviser.consider()
+
+    @property
+    def side(self) -> int:
+        """The longest side of its images [px]."""
+        return max(self._calibration[:2])
+
+    def restart(self) -> None:
+        """Start again; the device goes on."""
+
+    def wait(self, seconds: float) -> bool:
+        """Whether an image comes within so many ``seconds``."""
+        try:
+            self._frame = self._frame or self.images.get(timeout=seconds)
+        except Empty:
+            return False
+        return True
+
+    def next(self) -> Frame:
+        """The next image.
+
+        Raises:
+            GuidanceError: it is of another size than the calibration.
+        """
+        while not self.wait(1.0):
+            pass
+        assert self._frame
+        frame, self._frame = self._frame, None
+        try:
+            frame = self._straighten(frame)
+            self._calibration.check_image(frame[1])
+        except ValueError as error:
+            raise GuidanceError(f"Turn the device: {error}.") from None
+        return frame
+
+    def start(self, image: np.ndarray) -> FrontEnd:
+        """A front end that has seen the first ``image``.
+
+        Raises:
+            GuidanceError: kernels are still compiled.
+            ValueError: the image does not show the target.
+        """
+        if self._warming.is_alive():
+            raise GuidanceError(COMPILING)
+        return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)

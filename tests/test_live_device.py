@@ -1,0 +1,170 @@
+"""A browser films with its fake camera, which plays a rendered sequence, and is tracked (`make client-live`)."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
+
+from activeslam_gym.vision.frontend import MATCHED  # noqa: E402
+from activeslam_gym.vision.target import target_from  # noqa: E402
+
+from .live_scene import BROWSER, PATIENCE, SWITCHES, until  # noqa: E402
+from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
+from .vision_scene import LENS, path  # noqa: E402
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
+
+ROOT = Path(__file__).resolve().parents[1]
+SMALL = {"width": 320, "height": 240}
+"""Of a window, for GL in software is slow."""
+POSES = path(40, 0.45, -0.002)
+
+
+def video(file: Path, images: list[np.ndarray], rate: int) -> Path:
+    """The grey ``images`` as a raw video of colours, which chromium's fake camera repeats without end."""
+    h, w = images[0].shape
+    with file.open("wb") as out:
+        out.write(f"YUV4MPEG2 W{w} H{h} F{rate}:1 Ip A1:1 C420jpeg\n".encode())
+        for image in images:
+            luminance = np.rint(16.0 + image * (219.0 / 255.0)).astype(np.uint8)  # as televisions have it
+            out.write(b"FRAME\n" + luminance.tobytes() + bytes([128]) * (h * w // 2))
+    return file
+
+
+@pytest.fixture(scope="module")
+def there_and_back(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A board on the textured plane from `POSES`, and back again."""
+    there = [board_on_the_plane(target_from(CHARUCO), pose, 2) for pose in POSES]
+    return video(tmp_path_factory.mktemp("camera") / "board.y4m", there + there[::-1], 5)
+
+
+@pytest.fixture(scope="module")
+def camera(there_and_back: Path) -> Iterator[Any]:
+    """A browser with that camera."""
+    fake = ["--use-fake-device-for-media-stream", f"--use-file-for-fake-video-capture={there_and_back}"]
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=BROWSER, args=[*SWITCHES, *fake])
+        yield opened
+        opened.close()
+
+
+@contextmanager
+def live(*options: str) -> Iterator[str]:
+    """The address of a page that films."""
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--source", "browser", "--port", "0", *options]
+    process = subprocess.Popen(line, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().split()[1]
+    finally:
+        process.terminate()
+        process.wait(30)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> list[str]:
+    (tmp_path / "lens.json").write_text(json.dumps(LENS._asdict()))
+    (tmp_path / "target.json").write_text(json.dumps(CHARUCO))
+    return ["--calibration", str(tmp_path / "lens.json"), "--target", str(tmp_path / "target.json"), "--rate", "5"]
+
+
+@pytest.fixture
+def visit(camera: Any) -> Iterator[Callable[..., Any]]:
+    """Opens a page, with a person who allows the camera or does not."""
+    contexts = []
+
+    def open_(address: str, allows: bool = True) -> Any:
+        contexts.append(camera.new_context(permissions=["camera"] if allows else [], viewport=SMALL))
+        page = contexts[-1].new_page()
+        page.set_default_timeout(1e3 * PATIENCE)
+        page.goto(address)
+        page.wait_for_selector("#device")
+        return page
+
+    yield open_
+    for context in contexts:
+        context.close()
+
+
+def states(folder: Path) -> list[dict[str, Any]]:
+    file = folder / "states.jsonl"
+    return [json.loads(line) for line in file.read_text().splitlines()[:-1]] if file.exists() else []
+
+
+def kept(run: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of a run the states soon after two that were tracked: on a busy machine a browser does not film for seconds."""
+    threes = zip(run, run[1:], run[2:])
+    soon = [three for three in threes if np.diff([state["time"] for state in three]).max() < 0.5]
+    return [now for *before, now in soon if all(state["standing"] == "tracking" for state in before)]
+
+
+def test_the_camera_of_the_browser_is_tracked_and_advised(visit: Any, files: list[str], tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    with live(*files, "--record", str(run)) as address:
+        page = visit(address)
+        asked = page.locator("#device").inner_text()
+        assert "Use this device's camera?" in asked and f"kept there, with the trajectory, in {run}" in asked
+        page.wait_for_timeout(2000)
+        assert not states(run) and "press Film" in page.locator("#standing").inner_text()
+        page.click("#film")
+        until(lambda: len(kept(states(run))) > 20 and sum(states(run)[-1]["advised"]) > 4, PATIENCE)
+        assert "Filming" in page.locator("#device").inner_text()
+        page.click("#stop")
+        assert page.locator("#film").is_visible()
+        command = page.locator("#command")
+        until(lambda: any(word in command.inner_text() for word in ("Move", "Hold still")), PATIENCE)
+    tracked = kept(states(run))
+    assert {state["standing"] for state in tracked} == {"tracking"}
+    places, truth = np.array([state["camera"][:3] for state in tracked]), np.array(POSES)[:, :3]
+    assert np.linalg.norm(places[:, None] - truth, axis=2).min(axis=1).max() < 0.01, "they are on the path ..."
+    assert np.ptp(places, axis=0)[0] > 0.5 * np.ptp(truth, axis=0)[0], "... and along it"
+    features = [np.array(state["outcomes"])[np.array(state["searched"]) > 0] for state in tracked]
+    assert np.mean([(outcomes == MATCHED).sum() for outcomes in features[-20:]]) > 8, "beside the target's corners"
+
+
+def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept(
+    visit: Any, files: list[str], tmp_path: Path
+) -> None:
+    before = set(tmp_path.rglob("*"))
+    with live(*files) as address:
+        page = visit(address, allows=False)
+        assert "They are not kept." in page.locator("#device").inner_text()
+        page.click("#film")
+        until(lambda: "The camera was not allowed." in page.locator("#trouble").inner_text(), PATIENCE)
+        assert "press Film" in page.locator("#standing").inner_text()
+        page.click("#watch")
+        other = visit(address)
+        other.click("#film")
+        until(lambda: "Tracking" in page.locator("#standing").inner_text(), PATIENCE)
+    assert set(tmp_path.rglob("*")) == before
+
+
+def test_the_device_that_films_last_films(visit: Any, files: list[str]) -> None:
+    with live(*files) as address:
+        first, second = visit(address), visit(address)
+        for page in (first, second):
+            page.click("#film")
+            page.locator("#filming").wait_for()
+        until(lambda: "Another device films now." in first.locator("#trouble").inner_text(), PATIENCE)
+        assert second.locator("#filming").is_visible()
+
+
+def test_images_of_another_size_are_told_to_the_person(visit: Any, files: list[str]) -> None:
+    lens = Path(files[1])
+    lens.write_text(json.dumps({**LENS._asdict(), "image_width": 240, "image_height": 320, "principal_x_px": 120.0}))
+    with live(*files) as address:
+        page = visit(address)
+        page.click("#film")
+        until(lambda: "Turn the device" in page.locator("#standing").inner_text(), PATIENCE)
+        assert "images of 240 x 320 pixels, got 320 x 240" in page.locator("#standing").inner_text()

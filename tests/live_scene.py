@@ -48,9 +48,9 @@ Served = tuple[Page, list[tuple[str, Any]]]
 
 
 @contextmanager
-def serving(host: str = "127.0.0.1") -> Iterator[Served]:
+def serving(host: str = "127.0.0.1", filming: Any = None) -> Iterator[Served]:
     requests: list[tuple[str, Any]] = []
-    made = Page(ABOUT, host, 0, lambda name, value: requests.append((name, value)))
+    made = Page(ABOUT, host, 0, lambda name, value: requests.append((name, value)), filming)
     try:
         yield made, requests
     finally:

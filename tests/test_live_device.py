@@ -85,7 +85,9 @@ def visit(camera: Any) -> Iterator[Callable[..., Any]]:
     contexts = []
 
     def open_(address: str, allows: bool = True) -> Any:
-        contexts.append(camera.new_context(permissions=["camera"] if allows else [], viewport=SMALL))
+        contexts.append(
+            camera.new_context(permissions=["camera"] if allows else [], viewport=SMALL, ignore_https_errors=True)
+        )
         page = contexts[-1].new_page()
         page.set_default_timeout(1e3 * PATIENCE)
         page.goto(address)
@@ -168,3 +170,13 @@ def test_images_of_another_size_are_told_to_the_person(visit: Any, files: list[s
         page.click("#film")
         until(lambda: "Turn the device" in page.locator("#standing").inner_text(), PATIENCE)
         assert "images of 240 x 320 pixels, got 320 x 240" in page.locator("#standing").inner_text()
+
+
+def test_from_afar_a_browser_films_through_the_encrypted_page(visit: Any, files: list[str]) -> None:
+    with live(*files, "--host", "0.0.0.0") as address:
+        scheme, _, host, rest = address.split("/", 3)
+        assert scheme == "https:"
+        page = visit(f"https://127.0.0.1:{host.rsplit(':', 1)[1]}/{rest}")
+        page.click("#film")
+        until(lambda: any(word in page.locator("#standing").inner_text() for word in ("Tracking", "Getting")), PATIENCE)
+        assert page.locator("#filming").is_visible()

@@ -12,6 +12,8 @@ import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from hashlib import sha256
+from ssl import PROTOCOL_TLS_SERVER, PEM_cert_to_DER_cert, SSLContext
 from typing import Any, Protocol
 
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
@@ -44,6 +46,8 @@ class Guard:
     """Under which the page is reached, without ports and in lower case, beside the address of each connection."""
     token: str
     """That addresses must hold; empty: none."""
+    scheme: str = "http"
+    """Of addresses: http, or https."""
 
     @classmethod
     def of(cls, host: str) -> "Guard":
@@ -52,6 +56,28 @@ class Guard:
         if is_loopback(host):
             return cls(frozenset(names), "")
         return cls(frozenset(names | {machine, f"{machine}.local"}), secrets.token_urlsafe(16))
+
+    def encrypted(self) -> tuple["Guard", SSLContext, str]:
+        """This guard for https, with a certificate made for its names, and the certificate's fingerprint (SHA-256).
+
+        Browsers give their camera to https alone, and warn of a certificate that nobody vouches for; so a person can
+        compare the fingerprint.
+
+        Raises:
+            ModuleNotFoundError: trustme is not installed.
+        """
+        try:
+            import trustme
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError("trustme is needed to encrypt the page: install the extra `live`") from None
+        names = [name.strip("[]") for name in self.names if name not in ("", "0")]
+        made = trustme.CA().issue_cert(
+            *names, *sorted({str(one) for one in _addresses(socket.gethostname())} - {*names})
+        )
+        context = SSLContext(PROTOCOL_TLS_SERVER)
+        made.configure_cert(context)
+        digest = sha256(PEM_cert_to_DER_cert(made.cert_chain_pems[0].bytes().decode())).hexdigest().upper()
+        return replace(self, scheme="https"), context, ":".join(map("".join, zip(digest[::2], digest[1::2])))
 
     @property
     def prefix(self) -> str:
@@ -63,7 +89,7 @@ class Guard:
         if any(address.is_unspecified for address in _addresses(host)):
             host = socket.gethostname()
         name = "localhost" if host == "127.0.0.1" else _bracketed(host)
-        return f"http://{name}:{port}{self.prefix and self.prefix + '/'}"
+        return f"{self.scheme}://{name}:{port}{self.prefix and self.prefix + '/'}"
 
     def refusal(self, path: str, hosts: Sequence[str], origins: Sequence[str], local: Sequence[Any]) -> str | None:
         """Why a request is refused, or None.
@@ -74,12 +100,14 @@ class Guard:
             local: Address and port at which it arrived.
         """
         names, port = {*self.names, _bracketed(local[0])}, local[1]
-        own = {f"{name}:{port}" for name in names} | (names if port == 80 else set())
+        own = {f"{name}:{port}" for name in names} | (
+            names if port == {"http": 80, "https": 443}[self.scheme] else set()
+        )
         if not (self.token or ipaddress.ip_address(local[0]).is_loopback):
             return "This page is served to its own machine alone."
         if len(hosts) != 1 or hosts[0].lower() not in own:
             return "The Host of this request is not an address of this page."
-        if origins and list(origins) != [f"http://{hosts[0].lower()}"]:
+        if origins and list(origins) != [f"{self.scheme}://{hosts[0].lower()}"]:
             return "A page of another site asked."
         given, rest = path[: len(self.prefix)], path[len(self.prefix) :]
         same = hmac.compare_digest(given.encode(errors="replace"), self.prefix.encode())
@@ -108,9 +136,9 @@ class Extra(Protocol):
 
 
 @contextmanager
-def guarding(guard: Guard, extra: Extra | None = None) -> Iterator[None]:
+def guarding(guard: Guard, extra: Extra | None = None, tls: SSLContext | None = None) -> Iterator[None]:
     """Servers that `websockets` makes in this block ask ``guard`` before anything else is asked about a request, and
-    serve the ``extra`` parts of the page.
+    serve the ``extra`` parts of the page, encrypted where there is a ``tls``.
 
     viser takes no such function, but makes its server, of HTTP and of websockets, by this one.
 
@@ -129,7 +157,7 @@ def guarding(guard: Guard, extra: Extra | None = None) -> Iterator[None]:
 
         sockets = extra.sockets if extra else {}
         answer = _with(extra, process_request) if extra else process_request
-        return plain(of_path, *args, process_request=_asking(guard, answer), **options)
+        return plain(of_path, *args, ssl=tls, process_request=_asking(guard, answer), **options)
 
     server.serve = serve  # type: ignore[assignment, misc]
     try:

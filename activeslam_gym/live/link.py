@@ -69,11 +69,11 @@ class Link:
         except EOFError:
             answer = None
         self._sender.start()
-        if not isinstance(answer, str):
+        if not isinstance(answer, tuple):
             self.close()
             raise answer or OSError("the page's process ended before it served")
-        self.address = answer
-        """Address of the page, with its token."""
+        self.address, self.fingerprint = answer
+        """Address of the page, with its token, and the fingerprint of its certificate, if it is encrypted."""
 
     @property
     def alive(self) -> bool:

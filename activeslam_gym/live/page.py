@@ -14,6 +14,7 @@ from contextlib import redirect_stdout
 from html import escape
 from itertools import combinations, product
 from multiprocessing.connection import Connection
+from ssl import SSLContext
 from typing import Any
 
 import numpy as np
@@ -70,8 +71,11 @@ class Page:
         self._paused, self._history = False, History()
         self._state: State | None = None
         self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
-        guard = Guard.of(host)
-        self._server = _quiet_server(host, port, guard, filming)
+        guard, tls, self.fingerprint = Guard.of(host), None, ""
+        """Of the page's certificate, if it is encrypted."""
+        if self._films and guard.token:
+            guard, tls, self.fingerprint = guard.encrypted()
+        self._server = _quiet_server(host, port, guard, filming, tls)
         self.address = guard.address(host, self._server.get_port())
         """Address of the page, with its token."""
         self._add_guide(self._server.gui)
@@ -268,7 +272,7 @@ class Page:
         self._request("save", True)
 
 
-def _quiet_server(host: str, port: int, guard: Guard, filming: Filming | None) -> Any:
+def _quiet_server(host: str, port: int, guard: Guard, filming: Filming | None, tls: SSLContext | None) -> Any:
     """A server that prints nothing, opens no tunnel, and answers only requests that ``guard`` admits."""
     try:
         import viser
@@ -282,7 +286,7 @@ def _quiet_server(host: str, port: int, guard: Guard, filming: Filming | None) -
             """Refuse."""
 
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # of malformed requests
-    with redirect_stdout(io.StringIO()), guarding(guard, filming):
+    with redirect_stdout(io.StringIO()), guarding(guard, filming, tls):
         return Private(host, port, verbose=False)
 
 
@@ -338,7 +342,7 @@ def serve(connection: Connection, about: About, host: str, port: int, filming: F
     except (ImportError, OSError) as error:
         connection.send(error)
         return
-    connection.send(page.address)
+    connection.send((page.address, page.fingerprint))
     try:
         while True:
             state = None

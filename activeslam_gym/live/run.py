@@ -25,6 +25,10 @@ _NAP = 0.02
 _RATE_IMAGES = 15
 """Images over which the rate is measured."""
 _HERE = "Only this machine can open it (see --host)."
+_ENCRYPTED = """Every holder of this whole address can open it and press its buttons. It is encrypted by a certificate \
+that was made for it; browsers warn of it, since nobody else vouches for it. Its fingerprint (SHA-256) is
+{fingerprint}.
+"""
 _AFAR = "Every holder of this whole address can open it and press its buttons; it travels unencrypted."
 
 
@@ -167,7 +171,8 @@ def live(args: Namespace) -> str | None:
     if not 0 <= args.port <= 65535:
         raise ValueError(f"--port must be in 0 to 65535, got {args.port}")
     with closing(show_of(args)) as show, closing(_link(show, args)) as link:
-        access = _HERE if is_loopback(args.host) else _AFAR
+        access = _HERE if is_loopback(args.host) else _ENCRYPTED if link.fingerprint else _AFAR
+        access = access.format(fingerprint=link.fingerprint)
         print(f"Open {link.address} in a browser. {access} Ctrl-C ends.", flush=True)
         try:
             _run(show, link, args.seconds or float("inf"))

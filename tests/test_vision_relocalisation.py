@@ -44,7 +44,7 @@ def test_after_images_that_are_missing_the_map_is_found_again(images) -> None:
     assert len(found) == 1 and SEEN + 3 <= found[0] <= SEEN + 9, found
     assert errors(done, POSES[found[0] + 1 :]).max() < 0.02
     assert errors(done, POSES)[SEEN : found[0]].min() > 0.05, "it was lost"
-    narrow = {"largest_area": 4000.0, "vague_area": 1500.0, "scout_area": 20000.0}  # so that no search reaches so far
+    narrow = {"largest_area": 2000.0, "vague_area": 750.0, "scout_area": 5000.0}  # so that no search reaches so far
     without = tracked(images, constellation=10**6, **narrow)
     assert not any(log.relocalised for log in without.logs)
     assert errors(without, POSES[-2:]).min() > 0.05, "the test is one that needs it"

@@ -14,7 +14,7 @@ from activeslam_gym.vision.drawing import drawn, printed, printed_value  # noqa:
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.target import Board, target_from  # noqa: E402
-from activeslam_gym.vision.track import UNSCALED, follow  # noqa: E402
+from activeslam_gym.vision.track import UNSCALED, follow, start  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, image_from, path, photographed, pose_at, texture  # noqa: E402
@@ -136,6 +136,14 @@ def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     assert 0.3 < spread[1] / spread[0] < 3.0
     error = spread[1] * np.sqrt(procrustes(truth, found)[2] / len(truth))  # after a rotation, shift and scale
     assert error < 0.015
+
+
+def test_the_first_features_are_apart(free) -> None:
+    """One seen twice would count twice: with two guesses of its depth that look independent."""
+    front_end = start(free[0][1], LENS, None, 30.0)
+    pixels = front_end.candidates["pixel"]
+    apart = np.abs(pixels[:, None] - pixels).max(axis=2) + 1e3 * np.eye(len(pixels))
+    assert len(pixels) > 8 and apart.min() >= 0.9 * front_end.settings.spacing
 
 
 def test_a_track_without_scale_says_so(free, tmp_path, capsys) -> None:

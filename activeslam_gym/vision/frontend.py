@@ -94,8 +94,10 @@ class FrontEnd:
         image = self._reduced(image)
         for k, corner in enumerate(corners):
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
+        self._found = []
         for _ in range(4):
-            self._give_births(image, image.astype(np.float32), corners)
+            occupied = np.concatenate((corners, *(born["pixel"] for born in self._found)))
+            self._give_births(image, image.astype(np.float32), occupied)
 
     def show(self, target: Drawn, normal: np.ndarray) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);

@@ -43,15 +43,15 @@ class FrontEndSettings:
     appearance: bool = True  # whether the score of a match counts in the association
     match_score: float = 0.8  # score at which a match and an outlier are equally likely
     score_weight: float = 25.0  # growth of the log likelihood ratio with the score
-    floor_std: float = 0.3  # pixel noise of a perfect template: lens and plane, correlated in time [px]
+    floor_std: float = 0.2  # pixel noise of a perfect template: lens and plane, correlated in time [px]
     grain: float = 10.0  # inflation of the covariance of the sub-pixel fit
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_grain: float = 10.0  # `grain` of a fiducial
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
     feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
-    lens_std: float = 1.0  # error of the lens model at half the image's width, growing with the radius squared [px]
+    lens_std: float = 0.5  # error of the lens model at half the image's width, growing with the radius squared [px]
     drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
-    residual_weight: float = 0.0  # deviation of a feature's pixel for each pixel of its mean residual
+    residual_weight: float = 3.0  # deviation of a feature's pixel for each pixel of its mean residual
     redrawn: float = 0.1  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
 
     # New features

@@ -1,73 +1,93 @@
 """`python -m agents enter`: play a suite and write the entry."""
 
 import os
-from dataclasses import dataclass, field
+import shutil
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from activeslam_gym.evaluation import Store
 from agents import pretrained
 from agents.suite import entry as entries
 from agents.suite.manifest import Suite, suite
-from agents.task import check, file_name
+from agents.task import check, file_name, play_until_interrupted, rehearse
 from agents.tools.arguments import given, within
 from agents.tools.files import alone_in, writable_folder, write_json
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Play the test episodes of a suite, and write the entry: one JSON file with the score of every episode."""
+    """Play the test episodes of a suite, and write the entry: its weights, and the score of every episode."""
 
     name: str
-    """Of the entry, on the leaderboard."""
+    """Name of the entry on the leaderboard."""
     policies: tuple[str, ...] = ()
-    """The policy, as for compare; of a learner, the weights of every training seed."""
+    """The policy, as for compare; of a learner, one for every training seed."""
     suite: str = "development"
-    """Name of the suite."""
+    """Name of the suite, or a manifest of your own (NAME.json)."""
     episodes: int | None = None
-    """The first so many episodes of each scenario; all if not given."""
+    """The first so many episodes of each scenario; all if not given, which the leaderboard asks for."""
     note: str = ""
     """A sentence about it: what it is, and what it was trained on."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
     out: Path = Path("results/entries")
-    """Folder of the entry, NAME.json, and of its episodes: an interrupted command goes on where it was."""
+    """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again."""
 
     def __post_init__(self) -> None:
         given(self, "name", "policies")
         within(self, jobs=(1, 4096))
-        if self.episodes is not None:
-            within(self, episodes=(1, 10**6))
         if file_name(self.name) != self.name:
             raise ValueError(f"name: {self.name!r}; allowed: letters, digits, '_', '.' and '-'")
 
 
 def main(args: Args) -> int:
     """Play and write; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    of = suite(args.suite)
-    count = args.episodes or of.episodes
-    check(args.policies, [{"scenario": one} for one in of.scenarios])
-    _check_training_seeds(args, of)
-    writable_folder("out", args.out)
-    wanted = entries.tasks(args.policies, of, count)
-    print(
-        f"{len(args.policies)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes."
-    )
-    with alone_in(args.out):
-        runs = entries.played(wanted, Store(args.out / "episodes"), args.jobs)
-        if len(runs) < len(wanted):
-            print("The same command goes on.")
+    of, folder = suite(args.suite), args.out / args.name
+    count = of.episodes if args.episodes is None else args.episodes
+    if not 1 <= count <= of.episodes:
+        raise ValueError(f"episodes: {count}; allowed: 1 to {of.episodes}")
+    _check_policies(args, of)
+    writable_folder("out", folder)
+    with alone_in(folder):
+        names = [_beside(policy, folder, i) for i, policy in enumerate(args.policies)]
+        environments = [of.environment(one) for one in of.scenarios]
+        check(names, environments)
+        wanted = entries.tasks(names, of, count)
+        print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
+        rehearse(names, environments, wanted[0].seed)
+        episodes = play_until_interrupted(wanted, Store(args.out / "episodes"), args.jobs)
+        if len(episodes) < len(wanted):
+            print("Run the same command to continue.")
             return 130
-        path = args.out / f"{args.name}.json"
-        write_json(path, entries.text_of(entries.made(args.name, args.policies, of, args.note, runs)))
+        found = {(one.policy, one.settings, one.seed): one for one in episodes}
+        runs = [found[task.policy, task.settings, task.seed] for task in wanted]
+        path = folder / entries.FILE
+        write_json(path, asdict(entries.made(args.name, names, of, args.note, runs)))
     print(f"Written to {path}. Check it: python -m agents verify {path}")
     return 0
 
 
-def _check_training_seeds(args: Args, of: Suite) -> None:
-    learned = [one for one in args.policies if pretrained.path_of(one)]
-    if learned and len(learned) != len(args.policies):
-        raise ValueError(f"policies: {' '.join(args.policies)}; allowed: weights of one learner, or one other policy")
-    if not learned and len(args.policies) > 1:
-        raise ValueError(f"policies: {' '.join(args.policies)}; allowed: one, or the weights of a learner's seeds")
-    if learned and len(learned) < of.training_seeds:
-        print(f"From {len(learned)} training seeds; the leaderboard marks fewer than {of.training_seeds}.")
+def _check_policies(args: Args, of: Suite) -> None:
+    """Raise ValueError unless they are one policy, or several of a learner."""
+    kinds = {"weights" if pretrained.path_of(one) else "own" if ":" in one else "baseline" for one in args.policies}
+    contents = [entries.content_of(one) for one in args.policies if pretrained.path_of(one)]
+    if len(kinds) > 1 or (kinds == {"baseline"} and len(args.policies) > 1):
+        raise ValueError(f"policies: {' '.join(args.policies)}; allowed: one, or those of one learner's training seeds")
+    if len(set(args.policies)) < len(args.policies) or len(set(contents)) < len(contents):
+        raise ValueError(f"policies: {' '.join(args.policies)}: two are the same; allowed: each training seed once")
+    if kinds != {"baseline"} and len(args.policies) < of.training_seeds:
+        print(f"{len(args.policies)} of {of.training_seeds} training seeds; the leaderboard says so of a learner.")
+
+
+def _beside(policy: str, folder: Path, index: int) -> str:
+    """The policy's name; of weights, that of their copy in the entry's folder."""
+    path = pretrained.path_of(policy)
+    if path is None:
+        return policy
+    copy = folder / f"policy-{index}.npz"
+    if path.resolve() != copy.resolve():
+        for file in filter(
+            Path.is_file, (path, path.with_suffix(".json"))
+        ):  # older weights have their card beside them
+            shutil.copyfile(file, copy.with_suffix(file.suffix))
+    return str(copy)

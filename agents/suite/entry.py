@@ -1,25 +1,30 @@
-"""An entry: a policy, or a learner's policies of several training seeds, and its score in every episode of a suite."""
+"""An entry: a policy, or a learner's policies of several training seeds, and its score in every episode of a suite.
+
+An entry is a folder of its name with ``entry.json`` and, for learned policies, their weights.
+"""
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.evaluation import Episode, Store, outcome
-from activeslam_gym.evaluation.code import LIBRARIES, package_sources, package_versions
+from activeslam_gym.evaluation import Episode, outcome
+from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LIBRARIES, digest, package_sources, package_versions
 from agents import policies, pretrained
 from agents.suite.manifest import Suite
-from agents.task import Task, play_until_interrupted
+from agents.task import Task, file_name
 from agents.tools.files import reading
 from agents.tools.machine import machine
 
-FOLDER = Path(__file__).with_name("entries")
-COST = ("command", "scenario", "seed", "steps_trained", "seconds_trained", "machine")  # of a card, what training took
-PACKAGES = ("activeslam_gym", "baselines")  # whose sources decide a score, beside the policy's own
+FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
+SOURCES = ("activeslam_gym", "baselines", "agents.learn")  # packages that decide a score, beside the policy's own files
+VERSIONS = (*LIBRARIES, *IMAGE_LIBRARIES, *policies.LEARNING_LIBRARIES)
+COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
+TUPLES = ("policies", "contents", "training")
 
 
 @dataclass(frozen=True)
@@ -31,10 +36,10 @@ class Entry:
     manifest: str  # its digest
     commit: str  # of the draw of the test seeds
     behaviour: int
-    policies: tuple[str, ...]  # P names; a file of weights beside the entry's file, or a path from where it was made
+    policies: tuple[str, ...]  # P names; of weights, the file beside the entry's
     contents: tuple[str, ...]  # P digests of the policies' own files
-    sources: dict[str, str]  # digests of `PACKAGES`
-    versions: dict[str, str]
+    sources: dict[str, str]  # digests of `SOURCES`
+    versions: dict[str, str]  # of `VERSIONS`
     machine: str
     training: tuple[dict[str, Any], ...]  # of each learned policy, `COST`
     note: str  # what the author says of it
@@ -43,7 +48,7 @@ class Entry:
 
     @property
     def episodes(self) -> int:
-        """Of each scenario."""
+        """The number of episodes of each scenario."""
         return len(next(iter(self.scores.values()))[0])
 
     def gains(self, scenario: str) -> NDArray[np.float64]:
@@ -51,90 +56,95 @@ class Entry:
         return np.array(self.scores[scenario])
 
     def failed(self, scenario: str) -> NDArray[np.bool_]:
-        """(P, E): lost, or sure and wrong, which is a score under 0."""
+        """(P, E): lost, or overconfident, which is a score under 0."""
         return (np.array(self.lost[scenario]) > 0) | (self.gains(scenario) < 0.0)
 
 
-def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: dict[Task, Episode]) -> Entry:
-    """The entry of the ``runs``, which are of `tasks`."""
-    scenarios = list(dict.fromkeys(one.settings for one in runs))
-    rows = {
-        settings: [
-            [outcome(run) for one, run in runs.items() if (one.policy, one.settings) == (policy, settings)]
-            for policy in names
-        ]
-        for settings in scenarios
-    }
-    told = {json.loads(settings)["scenario"]: row for settings, row in rows.items()}
+def tasks(names: Sequence[str], suite: Suite, episodes: int) -> list[Task]:
+    """Every episode of an entry, by scenario, policy and index."""
+    contents = [policies.content(name) for name in names]
+    return [
+        Task(policy, seed, json.dumps(suite.environment(scenario)), content=content)
+        for scenario in suite.scenarios
+        for policy, content in zip(names, contents)
+        for seed in suite.seeds(scenario, episodes)
+    ]
+
+
+def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequence[Episode]) -> Entry:
+    """The entry of the ``runs`` of all `tasks` of the policies ``names``, in their order.
+
+    Raises:
+        ValueError: a score is not finite.
+    """
+    rows = [outcome(run) for run in runs]
+    if wrong := [row for row in rows if not np.isfinite(row["log_score_gain"])]:
+        raise ValueError(f"policies: {wrong[0]['policy']!r}, seed {wrong[0]['seed']}: its score is not finite")
+
+    def by_scenario(key: str) -> dict[str, Any]:
+        values = np.reshape([row[key] for row in rows], (len(suite.scenarios), len(names), -1))
+        return dict(zip(suite.scenarios, values.tolist()))
+
     return Entry(
         name=name,
         suite=suite.name,
         manifest=suite.digest,
         commit=suite.commit,
         behaviour=suite.behaviour,
-        policies=tuple(names),
-        contents=tuple(policies.content(policy) for policy in names),
-        sources={package: package_sources(package) for package in PACKAGES},
-        versions=package_versions(LIBRARIES),
+        policies=tuple(Path(one).name if one.endswith(".npz") else one for one in names),
+        contents=tuple(map(content_of, names)),
+        sources={package: package_sources(package) for package in SOURCES},
+        versions=package_versions(VERSIONS),
         machine=machine(),
-        training=tuple(_cost(policy) for policy in names if pretrained.path_of(policy)),
+        training=tuple(map(cost_of, filter(pretrained.path_of, names))),
         note=note,
-        scores={one: [[row["log_score_gain"] for row in of_policy] for of_policy in row] for one, row in told.items()},
-        lost={one: [[row["lost"] for row in of_policy] for of_policy in row] for one, row in told.items()},
+        scores=by_scenario("log_score_gain"),
+        lost=by_scenario("lost"),
     )
 
 
-def tasks(names: Sequence[str], suite: Suite, episodes: int) -> list[Task]:
-    """Every episode of an entry: by scenario, policy and index."""
-    return [
-        Task(policy, seed, json.dumps({"scenario": scenario}))
-        for scenario in suite.scenarios
-        for policy in names
-        for seed in suite.seeds(scenario, episodes)
-    ]
+def content_of(policy: str) -> str:
+    """Digest of a policy's own files: its weights, or its module and what that imports; "" of a baseline."""
+    path = pretrained.path_of(policy)
+    return digest(path) if path else policies.content(policy).partition(" ")[0]
 
 
-def played(wanted: Sequence[Task], store: Store, jobs: int) -> dict[Task, Episode]:
-    """The tasks with their episodes, in their order; fewer where it was interrupted."""
-    episodes = play_until_interrupted(wanted, store, jobs)
-    found = {(one.policy, one.settings, one.seed): one for one in episodes}
-    keyed = {task: (task.policy, task.settings, task.seed) for task in wanted}
-    return {task: found[key] for task, key in keyed.items() if key in found}
+def cost_of(policy: str) -> dict[str, Any]:
+    """What the card of learned weights says of their training."""
+    from agents.learn.card import read_card
 
-
-def text_of(entry: Entry) -> dict[str, Any]:
-    """As a dict for JSON."""
-    return asdict(entry)
+    path = pretrained.path_of(policy)
+    assert path is not None
+    card: Mapping[str, Any] = read_card(path)
+    return {name: card[name] for name in COST if name in card}
 
 
 def read(path: Path) -> Entry:
     """The entry in a file.
 
     Raises:
-        ValueError: there is none, or it is damaged: a field is missing or unknown, or its scores do not fit together.
+        ValueError: there is none, or it is damaged: a field is missing or unknown, or what it says does not fit.
     """
     with reading(path):
         given = json.loads(path.read_text(encoding="utf-8"))
-        known = {field.name for field in fields(Entry)}
-        if wrong := sorted(known ^ given.keys()):
+        if wrong := sorted({field.name for field in fields(Entry)} ^ given.keys()):
             raise ValueError(f"missing or unknown: {', '.join(wrong)}")
         values: dict[str, Any] = {key: tuple(value) if key in TUPLES else value for key, value in given.items()}
         entry = Entry(**values)
-        shapes = {np.shape(scores) for table in (entry.scores, entry.lost) for scores in table.values()}
-        if entry.scores.keys() != entry.lost.keys() or shapes != {(len(entry.policies), entry.episodes)}:
-            raise ValueError(f"scores and lost are of {len(entry.policies)} policies, shapes {shapes}")
-        if not all(np.isfinite(entry.gains(one)).all() for one in entry.scores):
-            raise ValueError("scores are not all finite")
+        if not entry.name or file_name(entry.name) != entry.name:
+            raise ValueError(f"name: {entry.name!r}; allowed: letters, digits, '_', '.' and '-'")
+        count = len(entry.policies)
+        shapes = {np.shape(rows) for table in (entry.scores, entry.lost) for rows in table.values()}
+        if entry.scores.keys() != entry.lost.keys() or shapes != {(count, entry.episodes)}:
+            raise ValueError(f"scores and lost are of {count} policies, shapes {shapes}")
+        for scenario in entry.scores:
+            if not np.isfinite(entry.gains(scenario).astype(float)).all():
+                raise ValueError(f"scores: some of {scenario!r} are not finite")
+            if not np.isin(entry.lost[scenario], (0, 1)).all():
+                raise ValueError(f"lost: some of {scenario!r} are not 0 or 1")
+        weights = [one for one, name in zip(entry.contents, entry.policies) if name.endswith(".npz")]
+        if len(entry.contents) != count or len(set(weights)) < len(weights):
+            raise ValueError(f"contents: {len(entry.contents)} of {count} policies, or two weights are the same")
+        if not all(isinstance(one, dict) for one in entry.training):
+            raise ValueError("training: not all objects")
         return entry
-
-
-TUPLES = ("policies", "contents", "training")
-
-
-def _cost(policy: str) -> dict[str, Any]:
-    from agents.learn.card import read_card
-
-    path = pretrained.path_of(policy)
-    assert path is not None
-    card = read_card(path)
-    return {name: card[name] for name in COST if name in card}

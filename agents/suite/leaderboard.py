@@ -20,10 +20,9 @@ from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.tools.arguments import Figures, Pages
 from agents.tools.sections import Table
-from agents.tools.statistics import RESAMPLES, TAILS, Estimate, estimate
+from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate
 
 Array = NDArray[np.float64]
-Scores = dict[str, Array]  # scenario → (P, E): training seeds, episodes
 SECTION = "leaderboard"
 
 
@@ -32,9 +31,9 @@ class Args(Pages, Figures):
     """Make the leaderboard of the entries in a folder: tables, and performance profiles."""
 
     entries: Path = entries.FOLDER
-    """Folder of the entries, NAME.json."""
+    """Folder of the entries, NAME/entry.json each."""
     suite: str = "development"
-    """Name of the suite; entries of others are left out."""
+    """Name of the suite, or a manifest of your own; entries of others are left out."""
     out: Path = Path("results/leaderboard")
     """Folder of the picture."""
 
@@ -43,9 +42,12 @@ def main(args: Args) -> int:
     """Print the tables, and put them into the pages. Raises ValueError for a bad entry, or where there is none."""
     of = suite(args.suite)
     args.check_pages(SECTION)
-    found = [one for path in sorted(args.entries.glob("*.json")) if (one := entries.read(path)).suite == of.name]
+    found = [one for path in sorted(args.entries.glob(f"*/{entries.FILE}")) if (one := _read(path)).suite == of.name]
+    for short in (one for one in found if one.episodes < of.episodes):
+        print(f"Left out: {short.name}, which has {short.episodes} of {of.episodes} episodes.")
+    found = [one for one in found if one.episodes == of.episodes]
     if not found:
-        raise ValueError(f"entries: {str(args.entries)!r} has no entry of the suite {of.name!r}")
+        raise ValueError(f"entries: {str(args.entries)!r} has no whole entry of the suite {of.name!r}")
     tables = board(of, found)
     print("\n\n".join(table.aligned() for table in tables))
     text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
@@ -56,10 +58,11 @@ def main(args: Args) -> int:
 
 
 LEGEND = (
-    "Failures: episodes that were lost, or ended with a log score under 0. Normalised score: log score gained over the "
-    "interquartile mean of the best open loop in the same scenario. IQM: interquartile mean, over scenarios, training "
-    "seeds and episodes. Improvement: the probability to gain more than that open loop in the same episode, mean over "
-    "scenarios. [ ]: 95 % interval; of a share Clopper and Pearson's, of the others by a bootstrap in each scenario."
+    "Failures: episodes that were lost, or gained a log score under 0. Normalised score: the gain over the "
+    "interquartile mean of the best open-loop entry in the same scenario, which is held fixed. IQM: interquartile mean "
+    "over scenarios, training seeds and episodes. Improvement: the probability to gain more than that entry in the "
+    "same episode, mean over scenarios. [ ]: 95 % interval, by a bootstrap of training seeds, and of episodes in each "
+    "scenario; of the failures of one policy, Clopper and Pearson's. From five training seeds it is still too narrow."
 )
 
 
@@ -67,8 +70,7 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
     """The table of all scenarios, the best entry first, and the table of each scenario."""
     _check(of, found)
     best = {one: best_open_loop(of, found, one) for one in of.scenarios}
-    normalised = {entry.name: _normalised(entry, best) for entry in found}
-    means = {entry.name: aggregate(normalised[entry.name]) for entry in found}
+    means = {entry.name: aggregate(_normalised(entry, best)) for entry in found}
     order = sorted(found, key=lambda entry: -means[entry.name].value)
     whole = [
         [
@@ -77,16 +79,21 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
             means[entry.name].text(digits=2),
             improvement(entry, best).text(100.0, 0),
             _training(entry, of),
+            entry.note.replace("|", "/"),
         ]
         for entry in order
     ]
-    each = [[entry.name, *(_iqm_text(entry.gains(one)) for one in of.scenarios)] for entry in order]
-    header = ["entry", "failures, %", "normalised score (IQM)", "improvement, %", "training"]
+    each = [
+        [entry.name, *(aggregate(entry.gains(one)[None]).text(digits=0) for one in of.scenarios)] for entry in order
+    ]
+    header = ["entry", "failures, %", "normalised score (IQM)", "improvement, %", "training", "note"]
     return [
         Table(f"All scenarios: {of.told}", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
         Table(
-            "The best open loop", ["scenario", "entry"], [[scenario, entry.name] for scenario, entry in best.items()]
+            "The best open-loop entry",
+            ["scenario", "entry"],
+            [[scenario, entry.name] for scenario, entry in best.items()],
         ),
     ]
 
@@ -102,25 +109,27 @@ def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
         raise ValueError(f"entries: none of an open loop; allowed: at least one of {', '.join(of.open_loops)}")
     best = max(loops, key=lambda entry: float(_iqm(entry.gains(scenario))))
     if _iqm(best.gains(scenario)) <= 0.0:
-        raise ValueError(f"entries: no open loop gains anything in {scenario!r}")
+        raise ValueError(f"entries: no open-loop entry gains anything in {scenario!r}")
     return best
 
 
-def aggregate(scores: Scores) -> Estimate:
-    """Interquartile mean over scenarios, training seeds and episodes, with its interval."""
-    return _bootstrapped(scores, lambda tables: float(_iqm(np.concatenate([one.ravel() for one in tables]))))
+def aggregate(scores: Array) -> Estimate:
+    """The interquartile mean of ``scores`` (S, P, E) of scenarios, training seeds and episodes, with its interval."""
+    return _bootstrapped(scores, _iqm)
 
 
 def improvement(entry: Entry, best: Mapping[str, Entry]) -> Estimate:
-    """The probability to gain more than the ``best`` open loop in the same episode; ties are halves."""
-    gaps = {one: entry.gains(one) - loop.gains(one).mean(axis=0) for one, loop in best.items()}
-    ahead = {one: 0.5 * (1.0 + np.sign(gap)) for one, gap in gaps.items()}
-    return _bootstrapped(ahead, lambda tables: float(np.mean([one.mean() for one in tables])))
+    """The probability to gain more than the ``best`` open-loop entry in the same episode; ties are halves."""
+    gaps = np.stack([entry.gains(one) - loop.gains(one).mean(axis=0) for one, loop in best.items()])
+    return _bootstrapped(0.5 * (1.0 + np.sign(gaps)), lambda ahead: float(ahead.mean()))
 
 
 def failures(entry: Entry) -> Estimate:
-    """The share of all episodes that failed."""
-    return estimate(np.concatenate([entry.failed(one).ravel() for one in entry.scores]), "share")
+    """The share of all episodes that failed; those of several training seeds are not independent."""
+    failed = np.stack([entry.failed(one) for one in entry.scores]).astype(float)
+    if failed.shape[1] == 1:
+        return estimate(failed, "share")
+    return _bootstrapped(failed, lambda resampled: float(resampled.mean()))
 
 
 def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:
@@ -131,8 +140,8 @@ def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes, at = figure.subplots(), np.linspace(-0.5, 2.0, 251)
     for entry in found:
-        parts = [score.ravel() for score in _normalised(entry, best).values()]
-        shares = np.mean([(part[:, None] >= at).mean(axis=0) for part in parts], axis=0)
+        scores = _normalised(entry, best).reshape(len(best), -1, 1)
+        shares = (scores >= at).mean(axis=(0, 1))
         axes.plot(at, 100.0 * shares, label=entry.name)
     axes.set(xlabel="normalised log score x", ylabel="episodes with at least x, %", xlim=at[[0, -1]], ylim=(0.0, 100.0))
     axes.axvline(1.0, color="0.7", linewidth=0.8, zorder=0)
@@ -140,41 +149,50 @@ def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def _bootstrapped(scores: Scores, figure: Callable[[list[Array]], float]) -> Estimate:
-    """A figure of the scenarios' tables (P, E), of which training seeds and episodes are drawn anew, each by itself."""
-    tables, rng = list(scores.values()), np.random.default_rng(0)
+def _bootstrapped(scores: Array, figure: Callable[[Array], float]) -> Estimate:
+    """A figure of ``scores`` (S, P, E); its interval is NaN for fewer than `FEWEST` episodes.
 
-    def resampled(table: Array) -> Array:
-        rows, columns = (rng.integers(count, size=count) for count in table.shape)
-        return table[np.ix_(rows, columns)]
+    A training seed is resampled with all its scenarios, since the same weights play them; episodes in each scenario.
+    """
+    (S, P, E), rng = scores.shape, np.random.default_rng(0)
 
-    low, high = np.quantile([figure([resampled(one) for one in tables]) for _ in range(RESAMPLES)], TAILS)
-    return Estimate(figure(tables), float(low), float(high), sum(one.size for one in tables), "IQM")
+    def resampled() -> Array:
+        columns = rng.integers(E, size=(S, 1, E))
+        return np.take_along_axis(scores[:, rng.integers(P, size=P)], columns, axis=2)
+
+    drawn = [figure(resampled()) for _ in range(RESAMPLES)] if E >= FEWEST else [np.nan]
+    low, high = np.quantile(drawn, TAILS)
+    return Estimate(figure(scores), float(low), float(high), scores.size, "mean")
 
 
-def _normalised(entry: Entry, best: Mapping[str, Entry]) -> Scores:
-    return {one: entry.gains(one) / _iqm(loop.gains(one)) for one, loop in best.items()}
+def _normalised(entry: Entry, best: Mapping[str, Entry]) -> Array:
+    return np.stack([entry.gains(one) / _iqm(loop.gains(one)) for one, loop in best.items()])
 
 
 def _iqm(values: Array) -> float:
     return float(trim_mean(values, 0.25, axis=None))
 
 
-def _iqm_text(gains: Array) -> str:
-    return aggregate({"": gains}).text(digits=0)
-
-
 def _training(entry: Entry, of: Suite) -> str:
+    """What the entry tells of its training: of weights the cards' times, of an own policy nothing."""
+    count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
     if not entry.training:
-        return "none"
-    count, few = len(entry.training), " (few)" if len(entry.training) < of.training_seeds else ""
-    minutes = np.mean([float(one.get("seconds_trained", np.nan)) for one in entry.training]) / 60.0
-    return f"{count} seeds{few}, {minutes:.0f} min each"
+        return "not told" if any(":" in one for one in entry.policies) else "none"
+    seconds = [float(one.get("seconds_trained", one.get("seconds", np.nan))) for one in entry.training]
+    told = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
+    return f"{count} seeds{few}{told}"
+
+
+def _read(path: Path) -> Entry:
+    entry = entries.read(path)
+    if entry.name != path.parent.name:
+        raise ValueError(f"entries: {str(path)!r} is named {entry.name!r}; allowed: the name of its folder")
+    return entry
 
 
 def _check(of: Suite, found: Sequence[Entry]) -> None:
     for entry in found:
-        if (entry.manifest, entry.commit) != (of.digest, of.commit):
+        if (entry.manifest, entry.commit, tuple(entry.scores)) != (of.digest, of.commit, of.scenarios):
             raise ValueError(f"entries: {entry.name!r} is of another manifest or draw of the suite {of.name!r}")
     if len(counts := {entry.episodes for entry in found}) > 1:
         raise ValueError(f"entries: of {' and '.join(map(str, sorted(counts)))} episodes; allowed: the same of all")

@@ -1,14 +1,12 @@
-"""A suite: the scenarios, the protocol and the statistics that its entries share, and the seeds of its test episodes.
+"""A suite: the scenarios, the protocol and the baselines that its entries share, and the seeds of its test episodes.
 
 A suite is a manifest, ``manifests/NAME.json``. The seeds of its test episodes are made from the hash of the commit that
 the manifest came with, so nobody can have looked at those episodes before. That hash is drawn once, by
 
     python -m agents.suite.manifest v1 --reason "the first release"
 
-which adds a row to ``manifests/draws.csv``; every later draw needs another reason, and stays in the file. A suite
-without a draw is for development: its episodes are those of `config.benchmark_seed`, which anyone may look at.
-
-The protocol: each scenario with its own gaze period and duration, and a lost episode goes on to its end.
+which adds a row to ``manifests/draws.csv``. A manifest that has been drawn is final: a change needs another name.
+A suite without a draw is for development: anyone may look at its episodes, those of `config.benchmark_seed`.
 """
 
 import argparse
@@ -30,7 +28,7 @@ from agents.tools.files import reading
 FOLDER = Path(__file__).with_name("manifests")
 DRAWN = TRAINING_SEED // 2, TRAINING_SEED
 """Range of the test seeds: over those of development and validation, and under those of training."""
-HEADER = ("suite", "commit", "day", "reason")
+HEADER = ("suite", "manifest", "commit", "day", "reason")
 
 
 @dataclass(frozen=True)
@@ -39,23 +37,28 @@ class Suite:
 
     name: str
     digest: str  # of the manifest's file
-    commit: str  # of which the test seeds are made; "": those of development
+    commit: str  # of which the test seeds are made; "" where they are those of development
     behaviour: int  # `activeslam_gym.BEHAVIOUR` that it is played with
     scenarios: tuple[str, ...]
+    protocol: dict[str, Any]  # arguments of the environment, the same in all scenarios
     episodes: int  # of each scenario
     open_loops: tuple[str, ...]  # in each scenario the best of them has a normalised score of 1
     training_seeds: int  # how many a learned entry has at the least
 
     @property
     def told(self) -> str:
-        """What its numbers are of, for a page."""
+        """The line of a page by which `check-results` knows the suite."""
         return f"suite {self.name}, manifest {self.digest}"
 
     def seeds(self, scenario: str, episodes: int) -> list[int]:
-        """Of the first ``episodes`` test episodes of a scenario."""
+        """The seeds of the first ``episodes`` test episodes of a scenario."""
         if not self.commit:
             return list(range(benchmark_seed(scenario), benchmark_seed(scenario) + episodes))
         return [drawn_seed(self.commit, scenario, index) for index in range(episodes)]
+
+    def environment(self, scenario: str) -> dict[str, Any]:
+        """The arguments of `task.make_environment` for a scenario."""
+        return {"scenario": scenario, **self.protocol}
 
 
 def drawn_seed(commit: str, scenario: str, index: int) -> int:
@@ -65,33 +68,33 @@ def drawn_seed(commit: str, scenario: str, index: int) -> int:
     return low + int.from_bytes(drawn[:8], "big") % (high - low)
 
 
+def manifest_of(name: str) -> Path:
+    """The manifest of a suite, by the suite's name or by the file (NAME.json)."""
+    return Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
+
+
 def suite(name: str) -> Suite:
     """The suite of that name, or of a manifest of your own (NAME.json).
 
     Raises:
-        ValueError: there is none, its manifest is damaged, or it is of another `BEHAVIOUR` than this code.
+        ValueError: there is none; its manifest is damaged, has changed since its draw, or is of another `BEHAVIOUR`.
     """
     path = manifest_of(name)
     if not path.is_file():
         known = ", ".join(sorted(one.stem for one in FOLDER.glob("*.json")))
         raise ValueError(f"suite: {name!r}; allowed: {known}, a manifest of your own (NAME.json)")
+    drawn = next((row for row in draws(path.parent) if row["suite"] == path.stem), None)
     with reading(path):
         given = json.loads(path.read_text(encoding="utf-8"))
-        fields: dict[str, Any] = {
-            key: tuple(value) if isinstance(value, list) else value for key, value in given.items()
-        }
-        drawn = [row["commit"] for row in draws(path.parent) if row["suite"] == path.stem]
-        made = Suite(name=name, digest=digest(path), commit=drawn[-1] if drawn else "", **fields)
+        fields: dict[str, Any] = {key: tuple(part) if isinstance(part, list) else part for key, part in given.items()}
+        made = Suite(name=path.stem, digest=digest(path), commit=drawn["commit"] if drawn else "", **fields)
         if unknown := [one for one in made.scenarios if one not in SCENARIOS]:
             raise ValueError(f"scenarios: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
+    if drawn and drawn["manifest"] != made.digest:
+        raise ValueError(f"suite: the manifest of {made.name!r} has changed since its draw; a change needs a new name")
     if made.behaviour != BEHAVIOUR:
-        raise ValueError(f"suite: {name!r} is of BEHAVIOUR {made.behaviour}, and this code of {BEHAVIOUR}")
+        raise ValueError(f"suite: {made.name!r} is of BEHAVIOUR {made.behaviour}, and this code of {BEHAVIOUR}")
     return made
-
-
-def manifest_of(name: str) -> Path:
-    """The manifest of a suite, by its name or its file."""
-    return Path(name) if name.endswith(".json") else FOLDER / f"{name}.json"
 
 
 def draws(folder: Path = FOLDER) -> list[dict[str, str]]:
@@ -107,25 +110,24 @@ def draw(name: str, reason: str) -> str:
     """Draw the test seeds of a suite: log the commit that last changed its manifest, and return its hash.
 
     Raises:
-        ValueError: there is no reason, the suite has this draw already, or its manifest is not committed.
+        ValueError: there is no reason, the suite has been drawn, or its manifest is not committed.
     """
     if not reason.strip():
         raise ValueError("reason: none given; it stays in draws.csv")
-    suite(name)
-    path = manifest_of(name)
-    folder = path.parent
-    changed = _git(folder, "status", "--porcelain", "--", path.name)
-    commit = _git(folder, "log", "-1", "--format=%H", "--", path.name)
+    of, path = suite(name), manifest_of(name)
+    if of.commit:
+        raise ValueError(f"suite: {of.name!r} has been drawn, from the commit {of.commit}; a new draw needs a new name")
+    changed = _git(path.parent, "status", "--porcelain", "--", path.name)
+    commit = _git(path.parent, "log", "-1", "--format=%H", "--", path.name)
     if changed or not commit:
-        raise ValueError(f"suite: the manifest of {name!r} is not committed; commit it first")
-    rows = draws(folder)
-    if any((row["suite"], row["commit"]) == (path.stem, commit) for row in rows):
-        raise ValueError(f"suite: {name!r} has its draw already, of the commit {commit}")
-    with (folder / "draws.csv").open("a", encoding="utf-8", newline="") as file:
+        raise ValueError(f"suite: the manifest of {of.name!r} is not committed; commit it first")
+    log = path.parent / "draws.csv"
+    is_new = not log.exists()
+    with log.open("a", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        if not rows:
+        if is_new:
             writer.writerow(HEADER)
-        writer.writerow((path.stem, commit, f"{datetime.now(timezone.utc):%Y-%m-%d}", reason.strip()))
+        writer.writerow((of.name, of.digest, commit, f"{datetime.now(timezone.utc):%Y-%m-%d}", reason.strip()))
     return commit
 
 
@@ -139,7 +141,7 @@ def _git(folder: Path, *arguments: str) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Draw the test seeds of a suite."""
-    parser = argparse.ArgumentParser(prog="python -m agents.suite.manifest", description=draw.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m agents.suite.manifest", description=main.__doc__)
     parser.add_argument("suite")
     parser.add_argument("--reason", required=True)
     args = parser.parse_args(arguments)

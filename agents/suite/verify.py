@@ -1,6 +1,10 @@
-"""`python -m agents verify`: play an entry again, and compare every score."""
+"""`python -m agents verify`: replay an entry, and compare every score.
+
+It shows that the scores are those of the policy. That the policy keeps the rules, a reader of its code has to see.
+"""
 
 import os
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -9,27 +13,30 @@ import numpy as np
 import tyro
 
 from activeslam_gym.evaluation import Store, outcome
-from activeslam_gym.evaluation.code import package_sources
-from agents import policies
+from activeslam_gym.evaluation.code import package_sources, package_versions
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
-from agents.task import SIGHTED, Task, check
+from agents.task import SIGHTED, Task, check, play_until_interrupted, rehearse
 from agents.tools.arguments import within
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
-IMAGE_SHARE = 0.1  # of image episodes is played again
-MOST_SHOWN = 10  # differences that are told one by one
+IMAGE_SHARE = 0.1  # of the image episodes is replayed
+MOST_SHOWN = 10  # differences that are shown one by one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Args:
-    """Play an entry's point episodes again, and a tenth of its image episodes, and compare every score."""
+    """Replay an entry's point episodes, and a tenth of its image episodes, and compare every score."""
 
     entry: Annotated[Path, tyro.conf.Positional]
-    """The entry's file."""
+    """The entry's file, with weights or modules beside it."""
+    suite: str = ""
+    """The suite, if it is a manifest of your own (NAME.json)."""
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
+    out: Path = Path("results/verified")
+    """Folder of the replayed episodes, for an interrupted command."""
 
     def __post_init__(self) -> None:
         within(self, jobs=(1, 4096))
@@ -38,69 +45,96 @@ class Args:
 def main(args: Args) -> int:
     """Verify; the exit status: 0, 1 where something differs, 130 when interrupted. Raises ValueError as `read` does."""
     entry = entries.read(args.entry)
-    of, names = suite(entry.suite), [_found(name, args.entry.parent) for name in entry.policies]
-    print(f"This runs the entrant's code: {', '.join(names)}.", flush=True)
-    wrong = [*_of_another_suite(entry, of), *_changed(entry, names)]
-    check(names, [{"scenario": one} for one in entry.scores])
+    of = suite(args.suite or entry.suite)
+    if wrong := _of_another_suite(entry, of):
+        print("\n".join([*wrong, f"{args.entry}: differs; nothing was replayed."]))
+        return 1
+    names = [_beside(name, args.entry.parent) for name in entry.policies]
+    if own := [name for name in names if ":" in name]:
+        sys.path.insert(0, str(args.entry.parent.resolve()))
+        print(f"This runs the entrant's code: {', '.join(own)}.", flush=True)
+    environments = [of.environment(one) for one in of.scenarios]
+    check(names, environments)
+    wrong = _changed(entry, names)
     chosen = _chosen(entry, of, names)
-    runs = entries.played(list(chosen), Store(), args.jobs)
+    rehearse(names, environments, next(iter(chosen)).seed)
+    runs = play_until_interrupted(list(chosen), Store(args.out), args.jobs)
+    places = {(task.policy, task.settings, task.seed): place for task, place in chosen.items()}
     differences = []
-    for task, run in runs.items():
-        scenario, policy, index = chosen[task]
-        row, kept = outcome(run), entry.scores[scenario][policy][index]
+    for run in runs:
+        scenario, policy, index = places[run.policy, run.settings, run.seed]
+        row, kept, lost = outcome(run), entry.gains(scenario)[policy, index], entry.lost[scenario][policy][index]
         same = np.isclose(row["log_score_gain"], kept, rtol=TOLERANCE, atol=TOLERANCE)
-        if not same or row["lost"] != entry.lost[scenario][policy][index]:
-            told = f"{kept:.6f}, lost {entry.lost[scenario][policy][index]}"
+        if not same or row["lost"] != lost:
             now = f"{row['log_score_gain']:.6f}, lost {row['lost']}"
-            differences.append(f"{scenario}, {entry.policies[policy]}, episode {index}: {told}; played again: {now}")
-    print("\n".join([*wrong, *differences[:MOST_SHOWN]]))
-    if len(differences) > MOST_SHOWN:
-        print(f"… and {len(differences) - MOST_SHOWN} more.")
+            where = f"{scenario}, {entry.policies[policy]}, episode {index}"
+            differences.append(f"{where}: {kept:.6f}, lost {lost}; replayed: {now}")
+    more = [f"… and {len(differences) - MOST_SHOWN} more."] if len(differences) > MOST_SHOWN else []
+    done = f"{len(runs)} of {len(of.scenarios) * len(names) * entry.episodes} episodes replayed"
+    verdict = (
+        f"{done}, {len(differences)} with other scores: the entry {'differs' if wrong or differences else 'holds'}."
+    )
     if len(runs) < len(chosen):
-        print(f"Interrupted: {len(runs)} of {len(chosen)} episodes were played again.")
-        return 130
-    verdict = "differs" if wrong or differences else "is as it says"
-    print(f"{args.entry}: {verdict}; {len(runs)} episodes played again, {len(differences)} of other scores.")
-    return int(bool(wrong or differences))
+        verdict = f"{done}. Run the same command to continue."
+    print("\n".join([*wrong, *differences[:MOST_SHOWN], *more, verdict]))
+    return 130 if len(runs) < len(chosen) else int(bool(wrong or differences))
 
 
-def _found(name: str, folder: Path) -> str:
-    """A policy's name; of weights that lie beside the entry's file, their path."""
-    beside = folder / Path(name).name
-    return str(beside) if name.endswith(".npz") and beside.is_file() else name
+def _beside(name: str, folder: Path) -> str:
+    """A policy's name; of weights, their path in the entry's folder.
+
+    Raises:
+        ValueError: they are not there.
+    """
+    if not name.endswith(".npz"):
+        return name
+    path = folder / Path(name).name
+    if not path.is_file():
+        raise ValueError(f"policies: {name!r} is not in {str(folder)!r}; allowed: an entry with its weights beside it")
+    return str(path)
 
 
 def _of_another_suite(entry: Entry, of: Suite) -> list[str]:
-    """What the entry says of the suite, where the suite says something else."""
+    """The lines in which the entry differs from its suite."""
     pairs = {"manifest": of.digest, "commit": of.commit, "behaviour": of.behaviour}
-    told = [
-        f"{name}: {getattr(entry, name)!r}; of the suite {of.name!r}: {value!r}"
+    found = [
+        f"{name}: {getattr(entry, name)!r}; the suite {of.name!r} has {value!r}"
         for name, value in pairs.items()
         if getattr(entry, name) != value
     ]
-    if set(entry.scores) != set(of.scenarios):
-        told.append(f"scenarios: {', '.join(entry.scores)}; of the suite: {', '.join(of.scenarios)}")
-    return told
+    if tuple(entry.scores) != of.scenarios:
+        found.append(f"scenarios: {', '.join(entry.scores)}; the suite has {', '.join(of.scenarios)}")
+    if entry.episodes > of.episodes:
+        found.append(f"episodes: {entry.episodes}; the suite has {of.episodes}")
+    return found
 
 
 def _changed(entry: Entry, names: list[str]) -> list[str]:
-    """Digests that are not those of the files here. Another version of this code may still give the same scores."""
-    sources = {package: package_sources(package) for package in entry.sources}
-    if sources != entry.sources:
-        print("The code here is not the entry's; its scores are compared with those of the code here.")
-    pairs = zip(entry.policies, entry.contents, map(policies.content, names), strict=True)
-    return [
-        f"{name}: its files are not those of the entry ({kept} → {now})" for name, kept, now in pairs if kept != now
+    """The policies and costs that are not those of the files here. Of other code and versions a line is printed."""
+    here = {package: package_sources(package) for package in entries.SOURCES}
+    others = [f"the sources of {name}" for name, now in here.items() if entry.sources.get(name) != now]
+    versions = package_versions(entries.VERSIONS)
+    others += [
+        f"{one} {entry.versions.get(one)} → {now}" for one, now in versions.items() if entry.versions.get(one) != now
     ]
+    if others:
+        print(f"Not as on the entrant's machine: {', '.join(others)}.")
+    pairs = zip(entry.policies, entry.contents, map(entries.content_of, names))
+    wrong = [f"{name}: its files are not the entry's ({kept} → {now})" for name, kept, now in pairs if kept != now]
+    weights = [name for name in names if name.endswith(".npz")]
+    if list(entry.training) != [entries.cost_of(name) for name in weights]:
+        wrong.append("training: not that of the weights' cards")
+    return wrong
 
 
 def _chosen(entry: Entry, of: Suite, names: list[str]) -> dict[Task, tuple[str, int, int]]:
-    """The episodes to play again, each with its place in the entry: scenario, policy, index."""
-    tasks = entries.tasks(names, of, entry.episodes)
-    count, places = entry.episodes, {}
-    for i, task in enumerate(tasks):
-        scenario, policy = of.scenarios[i // (len(names) * count)], i // count % len(names)
-        if scenario in entry.scores:
-            places[task] = (scenario, policy, i % count)
-    draw = np.random.default_rng()  # drawn anew each time: an entrant cannot know them
-    return {task: place for task, place in places.items() if place[0] not in SIGHTED or draw.random() < IMAGE_SHARE}
+    """The episodes to replay, each with its place in the entry: scenario, policy, index."""
+    shape = len(of.scenarios), len(names), entry.episodes
+    tasks = np.reshape(np.array(entries.tasks(names, of, entry.episodes), dtype=object), shape)
+    rng, chosen = np.random.default_rng(), {}  # other episodes each time: an entrant cannot know them
+    for s, policy in np.ndindex(*shape[:2]):
+        scenario = of.scenarios[s]
+        count = shape[2] if scenario not in SIGHTED else max(1, round(IMAGE_SHARE * shape[2]))
+        for index in np.sort(rng.permutation(shape[2])[:count]).tolist():
+            chosen[tasks[s, policy, index]] = (scenario, policy, index)
+    return chosen

@@ -51,6 +51,9 @@ def parser() -> argparse.ArgumentParser:
         help=f"{_LENS}; of a source that is not rendered",
     )
     one.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
+    one.add_argument(
+        "--calibrate", metavar="FILE", help="of browser: calibrate it by waving a board, and write the lens"
+    )
     one.add_argument("--rate", type=float, default=30.0, help=f"its images a second {_DEFAULT}")
     one.add_argument("--seed", type=int, default=0, help=f"the rendered room {_DEFAULT}")
     follow = f"whether the simulated person follows the advice, or moves at random {_DEFAULT}"

@@ -34,7 +34,7 @@ const asWorker = () => {
 
 /** In the page: the person is asked first. */
 const inPage = () => {
-    const { side, kept } = document.currentScript.dataset;
+    const { side, kept, board } = document.currentScript.dataset;
     const here = location.href.split(/[?#]/)[0].replace(/\/?$/, "/");
     const card = document.createElement("section");
     card.id = "device";
@@ -50,11 +50,14 @@ const inPage = () => {
     </style>
     <h2 class="ask">Use this device's camera?</h2>
     <p class="ask">Its images go to the computer that serves this page, and nowhere else. <span id="kept"></span></p>
+    <p class="ask" id="wave" hidden>First the camera is calibrated: print <a href="board.svg" target="_blank">this
+        board</a> at 100 %, glue it on something flat, and wave it before the camera, as the page then says.</p>
     <p class="ask" id="trouble" role="alert"></p>
     <button class="ask" id="film">Film</button> <button class="ask" id="watch">Only watch</button>
     <span id="filming" hidden>● Filming <button id="stop">Stop</button></span>`;
     const part = (id) => card.querySelector("#" + id);
     part("kept").textContent = kept;
+    part("wave").hidden = !board;
     let stream, stop;
 
     const ask = (trouble) => {

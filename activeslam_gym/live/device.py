@@ -1,5 +1,6 @@
 """The camera of the device that shows the page, as a source of images."""
 
+import json
 from multiprocessing import get_context
 from pathlib import Path
 from queue import Empty
@@ -9,21 +10,29 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from activeslam_gym.files import demand_writable, written_whole
 from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.source import COMPILING, GuidanceError, posed
+from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.other_lenses import Straighten, lens_from
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import start
+from activeslam_gym.vision.waving import BOARD, Waving
 
 BROWSER = "browser"
 """The name of this source."""
+_ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), lambda frame: frame)
+"""A lens until the true one is known."""
 
 
 class Device:
-    """A device's camera with a known ``calibration`` before a known ``target``, of about ``rate`` images a second [Hz].
+    """A device's camera before a known ``target``, of about ``rate`` images a second [Hz].
+
+    Without a ``calibration`` it is calibrated first, by waving the board of `waving`, and the lens is written to
+    ``unknown``. Without a ``target`` that board is it.
 
     Raises:
         ValueError, OSError: a file or the rate is bad.
@@ -31,11 +40,16 @@ class Device:
 
     person, is_camera, name = None, True, "the device's camera"
 
-    def __init__(self, calibration: str | Path, target: str | Path, rate: float) -> None:
+    def __init__(
+        self, calibration: str | Path | None, target: str | Path | None, rate: float, unknown: str | Path = "lens.json"
+    ) -> None:
         self.images: Any = get_context("spawn").Queue(1)
         """Times [s] and images, of the page's process."""
-        self._calibration, self._straighten = lens_from(calibration)
-        self._target, self._rate, self._frame = read_target(target), rate, None
+        self._waving, self._file = Waving() if calibration is None else None, Path(unknown)
+        if calibration is None:
+            demand_writable(self._file.parent)
+        self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration)
+        self._target, self._rate, self._frame = BOARD if target is None else read_target(target), rate, None
         self._fields, self.scenario = posed(self._calibration, rate)
         self._warming = Thread(target=self._warm_up, daemon=True)
         self._warming.start()
@@ -50,6 +64,21 @@ class Device:
             front_end.step(image, k / self._rate)
             adviser.expected.update()
             adviser.consider()
+
+    @property
+    def calibrating(self) -> bool:
+        """Whether the lens is still unknown."""
+        return self._waving is not None
+
+    def _calibrate(self, waving: Waving, image: np.ndarray) -> None:
+        """Take a view; once the lens is known, write it and use it. Raises GuidanceError: it is not known."""
+        words = waving.add(image)
+        if waving.fit is None:
+            raise GuidanceError(f"Calibration: {words}")
+        self._calibration, self._waving = waving.fit.calibration, None
+        self._fields, self.scenario = posed(self._calibration, self._rate)
+        with written_whole(self._file) as unfinished:
+            unfinished.write_text(json.dumps(self._calibration._asdict(), indent=1) + "\n")
 
     @property
     def side(self) -> int:
@@ -79,7 +108,8 @@ class Device:
         frame, self._frame = self._frame, None
         try:
             frame = self._straighten(frame)
-            self._calibration.check_image(frame[1])
+            if not self.calibrating:
+                self._calibration.check_image(frame[1])
         except ValueError as error:
             raise GuidanceError(f"Turn the device: {error}.") from None
         return frame
@@ -88,9 +118,11 @@ class Device:
         """A front end that has seen the first ``image``.
 
         Raises:
-            GuidanceError: kernels are still compiled.
+            GuidanceError: it is being calibrated, or kernels are still compiled.
             ValueError: the image does not show the target.
         """
+        if self._waving is not None:
+            self._calibrate(self._waving, image)
         if self._warming.is_alive():
             raise GuidanceError(COMPILING)
         return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.waving import sheet
 
 SIDE = 640
 """Longest side of the images that a device is asked for [px]."""
@@ -30,17 +31,20 @@ class Filming:
         images: Of `multiprocessing`.
         kept: What is kept of the images, as the page tells it before it films.
         side: The longest side of the images [px].
+        calibrates: Whether the page shows the board to be waved.
     """
 
-    def __init__(self, images: Any, kept: str, side: int = SIDE) -> None:
+    def __init__(self, images: Any, kept: str, side: int = SIDE, calibrates: bool = False) -> None:
         self._images, self._device = images, None
-        self.head = f'<script src="device.js" data-side="{side}" data-kept="{escape(kept)}"></script>'.encode()
+        data = f'data-side="{side}" data-board="{calibrates or ""}" data-kept="{escape(kept)}"'
+        self.head = f'<script src="device.js" {data}></script>'.encode()
         """What the page's head holds for it."""
 
     @property
     def files(self) -> dict[str, tuple[str, bytes]]:
         """Types and contents of the files that the page needs, by their paths."""
-        return {"/device.js": ("text/javascript", Path(__file__).with_name("device.js").read_bytes())}
+        script = Path(__file__).with_name("device.js").read_bytes()
+        return {"/device.js": ("text/javascript", script), "/board.svg": ("image/svg+xml", sheet())}
 
     @property
     def sockets(self) -> dict[str, Callable[[Any], Any]]:

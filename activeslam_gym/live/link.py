@@ -59,7 +59,7 @@ class Link:
         self._connection, theirs = spawn.Pipe()
         self._process = spawn.Process(target=serve, args=(theirs, about, host, port, filming), daemon=True)
         self._latest: deque[State] = deque(maxlen=1)
-        self._messages: deque[str] = deque()
+        self._messages: deque[str | About] = deque()
         self._new, self._closed = threading.Event(), False
         self._sender = threading.Thread(target=self._send_all, daemon=True)
         self._process.start()
@@ -85,8 +85,8 @@ class Link:
         self._latest.append(state)
         self._new.set()
 
-    def notify(self, message: str) -> None:
-        """Show a message to every visitor; returns at once. None is dropped."""
+    def notify(self, message: str | About) -> None:
+        """Show a message to every visitor, or take facts that have changed; returns at once. None is dropped."""
         self._messages.append(message)
         self._new.set()
 

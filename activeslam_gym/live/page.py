@@ -186,6 +186,11 @@ class Page:
         if self._state is None:
             self._standing.content = drawing.starting(time.monotonic() - self._opened, self._films)
 
+    def look_through(self, about: About) -> None:
+        """Draw the camera with another lens."""
+        width, height = about.image_size
+        self._frustum.fov, self._frustum.aspect = 2.0 * np.arctan(0.5 * height / about.focal), width / height
+
     def notify(self, message: str) -> None:
         """Show a message to every visitor."""
         for client in self._server.get_clients().values():
@@ -353,6 +358,8 @@ def serve(connection: Connection, about: About, host: str, port: int, filming: F
                 received = connection.recv()
                 if isinstance(received, State):
                     state = received
+                elif isinstance(received, About):
+                    page.look_through(received)
                 else:
                     page.notify(received)
             page.show(state)

@@ -36,8 +36,18 @@ class Live:
     """A session and, with a ``folder``, its recording; each restart has a folder of its own: 2, 3, ..."""
 
     def __init__(self, source: Source, seed: int, folder: str | Path | None) -> None:
-        self.session, self.is_camera, scenario = Session(source, seed), source.is_camera, source.scenario
-        self.about = About(
+        self.session, self.is_camera = Session(source, seed), source.is_camera
+        self._home = None if folder is None else Path(folder)
+        self._folder, self._runs = self._home, 1
+        self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
+        if self._folder is not None:
+            check_folder(self._folder)
+
+    @property
+    def about(self) -> About:
+        """Facts about the run; those of the lens change with a calibration."""
+        source, scenario = self.session.source, self.session.source.scenario
+        return About(
             name=source.name,
             image_size=(scenario.image_width, scenario.image_height),
             focal=scenario.focal_px,
@@ -45,16 +55,11 @@ class Live:
             room_size=scenario.room_size,
             person=source.person is not None,
         )
-        self._home = None if folder is None else Path(folder)
-        self._folder, self._runs = self._home, 1
-        self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
-        if self._folder is not None:
-            check_folder(self._folder)
 
     def step(self) -> State:
-        """The next state, recorded."""
-        state = self.session.step()
-        if self._folder is not None:
+        """The next state, recorded, but for those of a calibration."""
+        state, source = self.session.step(), self.session.source
+        if self._folder is not None and not (isinstance(source, Device) and source.calibrating):
             self._recording = self._recording or Recording(self._folder, self.about)
             self._recording.add(state, self.session.log)
         return state
@@ -142,11 +147,15 @@ def show_of(args: Namespace) -> Live | Replay:
         if args.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
         return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record)
+    if args.calibrate is not None and (args.source != BROWSER or args.calibration is not None):
+        raise ValueError("--calibrate is for --source browser without --calibration")
+    if args.source == BROWSER and (args.calibrate or args.calibration):
+        device = Device(args.calibration, args.target, args.rate, args.calibrate)
+        return Live(device, args.seed, args.record)
     missing = [f"--{name}" for name in ("calibration", "target") if getattr(args, name) is None]
     if missing:
-        raise ValueError(f"--source {args.source} needs {' and '.join(missing)}")
-    if args.source == BROWSER:
-        return Live(Device(args.calibration, args.target, args.rate), args.seed, args.record)
+        needed = "--calibration or --calibrate" if args.source == BROWSER else " and ".join(missing)
+        raise ValueError(f"--source {args.source} needs {needed}")
     return Live(Sequence(args.source, args.calibration, args.target, args.rate), args.seed, args.record)
 
 
@@ -156,7 +165,7 @@ def filming_of(show: Live | Replay, record: str | None) -> Filming | None:
     if not isinstance(source, Device):
         return None
     kept = "They are not kept." if record is None else f"They are kept there, with the trajectory, in {record}."
-    return Filming(source.images, kept, source.side)
+    return Filming(source.images, kept, source.side, source.calibrating)
 
 
 def live(args: Namespace) -> str | None:
@@ -218,7 +227,9 @@ def _run(show: Live | Replay, link: Link, seconds: float) -> None:
             continue
         if isinstance(show, Live) and not show.wait(_NAP):
             continue
-        state, single = show.step(), False
+        about, state, single = show.about, show.step(), False
+        if show.about != about:
+            link.notify(show.about)
         over = state.standing == Standing.OVER
         state.rate = clock.tick()
         link.show(state)

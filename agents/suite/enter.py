@@ -18,7 +18,7 @@ from agents.tools.files import alone_in, writable_folder, write_json
 class Args:
     """Play the test episodes of a suite, and write the entry: its weights, and the score of every episode."""
 
-    name: str
+    name: str = ""
     """Name of the entry on the leaderboard."""
     policies: tuple[str, ...] = ()
     """The policy, as for compare; of a learner, one for every training seed."""
@@ -34,8 +34,8 @@ class Args:
     """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again."""
 
     def __post_init__(self) -> None:
+        within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
         given(self, "name", "policies")
-        within(self, jobs=(1, 4096))
         if file_name(self.name) != self.name:
             raise ValueError(f"name: {self.name!r}; allowed: letters, digits, '_', '.' and '-'")
 

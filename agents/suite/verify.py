@@ -29,7 +29,7 @@ MOST_SHOWN = 10  # differences that are shown one by one
 class Args:
     """Replay an entry's point episodes, and a tenth of its image episodes, and compare every score."""
 
-    entry: Annotated[Path, tyro.conf.Positional]
+    entry: Annotated[Path, tyro.conf.Positional] = Path("entry.json")
     """The entry's file, with weights or modules beside it."""
     suite: str = ""
     """The suite, if it is a manifest of your own (NAME.json)."""

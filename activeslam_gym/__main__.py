@@ -4,7 +4,7 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import gymnasium
 
@@ -25,6 +25,12 @@ def parser() -> argparse.ArgumentParser:
     """The commands and their options; ``run`` is the function of the chosen one."""
     top = _Parser(prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment.")
     commands = top.add_subparsers(dest="command", required=True, metavar="play | live | track | ablate | calibrate")
+    for add in (_add_play, _add_live, _add_track, _add_ablate, _add_calibrate):
+        add(commands)
+    return top
+
+
+def _add_play(commands: Any) -> None:
     one = commands.add_parser(
         "play",
         help="fly the camera by hand",
@@ -37,6 +43,9 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--scenario", default="paper", help=f"the scenario's name {_DEFAULT}")
     one.add_argument("--gaze-period", type=float, help="time of a step [s]; the scenario's if not given")
     one.add_argument("--speed", type=float, default=1.0, help=f"1 is true time {_DEFAULT}")
+
+
+def _add_live(commands: Any) -> None:
     one = commands.add_parser(
         "live",
         help="a page that tells you, once a second, where to move the camera",
@@ -63,6 +72,9 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
     one.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
     one.add_argument("--replay", metavar="DIR", help="show a recording again")
+
+
+def _add_track(commands: Any) -> None:
     one = commands.add_parser(
         "track",
         help="track a real camera through images",
@@ -76,6 +88,9 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")
+
+
+def _add_ablate(commands: Any) -> None:
     one = commands.add_parser(
         "ablate",
         help="track with parts of the front end left out, side by side",
@@ -86,6 +101,9 @@ def parser() -> argparse.ArgumentParser:
     _add_sequence(one, "", required=True)
     one.add_argument("--reference", help="a trajectory in TUM's format, to which the errors are told")
     one.add_argument("--every", type=int, default=1, help=f"use every so many-th image {_DEFAULT}")
+
+
+def _add_calibrate(commands: Any) -> None:
     one = commands.add_parser(
         "calibrate",
         help="the lens from pictures of a board",
@@ -98,7 +116,6 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
     one.add_argument("--rows", type=int, required=True, help="rows of them")
     one.add_argument("--out", required=True, help="the JSON file to write")
-    return top
 
 
 def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool) -> None:

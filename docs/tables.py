@@ -48,10 +48,10 @@ def leaderboard() -> str:
     """Every policy with its clip and, where the README's table has it, its score; in the README's order."""
     import baselines
     from agents import pretrained
+    from agents.tools.sections import sections_of
 
     root = Path(__file__).resolve().parents[1]
-    readme = (root / "README.md").read_text(encoding="utf-8")
-    table = readme.partition("<!-- generated: headline -->")[2].partition("<!-- end: headline -->")[0]
+    table = sections_of(root / "README.md")["headline"]
     found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines() if "|" in line]
     scored = {row[0]: row for row in found[2:]}
     titles = ("log score gain, bits (median)", "under 0, %", "lost, %")

@@ -1,5 +1,6 @@
-"""The benchmark: seeds that nobody can have looked at, entries, and their verification."""
+"""The benchmark: seeds that were unknown before, entries, and their verification."""
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -23,9 +24,9 @@ from agents.suite.manifest import DRAWN, draw, drawn_seed, draws, suite
 def written(folder: Path, **changes: Any) -> Path:
     """The manifest of a suite of two episodes."""
     path = folder / "small.json"
-    told = {"behaviour": activeslam_gym.BEHAVIOUR, "scenarios": ["paper"], "protocol": {"end_when_lost": False}}
-    told |= {"episodes": 2, "open_loops": ["stay", "sweep"], "training_seeds": 5}
-    path.write_text(json.dumps(told | changes))
+    given = {"behaviour": activeslam_gym.BEHAVIOUR, "scenarios": ["paper"], "protocol": {"end_when_lost": False}}
+    given |= {"episodes": 2, "open_loops": ["stay", "sweep"], "training_seeds": 5}
+    path.write_text(json.dumps(given | changes))
     return path
 
 
@@ -94,6 +95,17 @@ def test_a_draw_is_of_the_committed_manifest_and_is_logged(tmp_path: Path) -> No
         ("small", commit, "first, with a comma")
     ]
     assert suite(str(path)).seeds("paper", 2) == [drawn_seed(commit, "paper", 0), drawn_seed(commit, "paper", 1)]
+    check_draws(tmp_path)
+    digest = suite(str(path)).digest
+    log, true = tmp_path / "draws.csv", (tmp_path / "draws.csv").read_text()
+    before = subprocess.run([*git, "rev-parse", "HEAD~1"], capture_output=True, text=True, check=True).stdout.strip()
+    log.write_text(true.replace(commit, before))  # which had no manifest
+    with pytest.raises(subprocess.CalledProcessError):
+        check_draws(tmp_path)
+    log.write_text(true.replace(digest, "0" * 16))
+    with pytest.raises(AssertionError):
+        check_draws(tmp_path)
+    log.write_text(true)
     with pytest.raises(ValueError, match="has been drawn"):
         draw(str(path), "again")
     written(tmp_path, episodes=3)
@@ -101,11 +113,16 @@ def test_a_draw_is_of_the_committed_manifest_and_is_logged(tmp_path: Path) -> No
         suite(str(path))
 
 
+def check_draws(folder: Path) -> None:
+    """Every draw in a folder of a clone is of a commit that had the manifest as it was drawn."""
+    for row in draws(folder):
+        name = f"{row['commit']}:./{row['suite']}.json"
+        then = subprocess.run(["git", "-C", str(folder), "show", name], capture_output=True, check=True).stdout
+        assert hashlib.sha256(then).hexdigest()[:16] == row["manifest"], row
+
+
 def test_every_shipped_draw_is_of_a_commit_that_had_the_manifest() -> None:
-    root = Path(__file__).parents[1]
-    for row in draws():
-        path = (manifest.FOLDER / f"{row['suite']}.json").relative_to(root)
-        subprocess.run(["git", "-C", str(root), "cat-file", "-e", f"{row['commit']}:{path}"], check=True)
+    check_draws(manifest.FOLDER)
 
 
 @pytest.mark.parametrize(
@@ -315,6 +332,6 @@ def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path, mo
 def test_a_page_of_another_manifest_is_stale(tmp_path: Path) -> None:
     of, page = suite("development"), tmp_path / "page.md"
     for digest, count in ((of.digest, 0), ("0" * 16, 1)):
-        text = f"{of.told} BEHAVIOUR {of.behaviour}".replace(of.digest, digest)
+        text = f"{of.label} BEHAVIOUR {of.behaviour}".replace(of.digest, digest)
         page.write_text(f"<!-- generated: a -->\n{text}\n<!-- end: a -->\n")
         assert len(stale(page)) == count

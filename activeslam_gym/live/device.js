@@ -1,7 +1,7 @@
 // Asks for the camera of the device that shows the page, and sends its images over the page's own connection.
 // Each message is the time of the image [s], 8 bytes, and a JPEG. The answer asks for the next one.
 
-/** Sends images to `address`, no longer than `side` pixels, and tells the reason when that ends. */
+/** Sends images to `address`, no longer than `side` pixels, and calls `ended` with the reason when that ends. */
 const sender = (address, side, ended) => {
     const socket = new WebSocket(address);
     const canvas = new OffscreenCanvas(1, 1);

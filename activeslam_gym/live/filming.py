@@ -29,7 +29,7 @@ class Filming:
 
     Args:
         images: Of `multiprocessing`.
-        kept: What is kept of the images, as the page tells it before it films.
+        kept: What is kept of the images, as the page says before it films.
         side: The longest side of the images [px].
         calibrates: Whether the page shows the board to be waved.
     """

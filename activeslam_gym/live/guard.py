@@ -60,8 +60,8 @@ class Guard:
     def encrypted(self) -> tuple["Guard", SSLContext, str]:
         """This guard for https, with a certificate made for its names, and the certificate's fingerprint (SHA-256).
 
-        Browsers give their camera to https alone, and warn of a certificate that nobody vouches for; so a person can
-        compare the fingerprint.
+        Browsers give their camera to https alone, and warn of a certificate without an authority; so a
+        person can compare the fingerprint.
 
         Raises:
             ModuleNotFoundError: trustme is not installed.

@@ -26,7 +26,7 @@ _RATE_IMAGES = 15
 """Images over which the rate is measured."""
 _HERE = "Only this machine can open it (see --host)."
 _ENCRYPTED = """Every holder of this whole address can open it and press its buttons. It is encrypted by a certificate \
-that was made for it; browsers warn of it, since nobody else vouches for it. Its fingerprint (SHA-256) is
+that was made for it; browsers warn of it, since no authority has signed it. Its fingerprint (SHA-256) is
 {fingerprint}.
 """
 _AFAR = "Every holder of this whole address can open it and press its buttons; it travels unencrypted."

@@ -31,24 +31,24 @@ class Args:
 
 def main(args: Args) -> int:
     """Print what is stale; the exit status. Raises ValueError where a page or a suite is missing."""
-    found = [f"{page}: {told}" for page in args.pages for told in stale(page)]
+    found = [f"{page}: {line}" for page in args.pages for line in stale(page)]
     print("\n".join(found) or f"All generated sections are of BEHAVIOUR {BEHAVIOUR}.")
     return int(bool(found))
 
 
 def stale(page: Path) -> list[str]:
     """What a page's generated sections are of, where that is not this code."""
-    told = []
+    lines = []
     for name, text in sections_of(page).items():
         behaviours = {int(one) for one in re.findall(r"\bBEHAVIOUR (\d+)", text)}
         if behaviours - {BEHAVIOUR}:
-            told.append(
+            lines.append(
                 f"the section {name!r} is of BEHAVIOUR {min(behaviours - {BEHAVIOUR})}, this code of {BEHAVIOUR}"
             )
         elif not behaviours:
-            told.append(f"the section {name!r} does not say its BEHAVIOUR")
+            lines.append(f"the section {name!r} does not say its BEHAVIOUR")
         for of, manifest in re.findall(r"suite (\S+), manifest (\w+)", text):
             path = manifest_of(of)
             if not path.is_file() or digest(path) != manifest:
-                told.append(f"the section {name!r} is of another manifest of the suite {of!r}")
-    return told
+                lines.append(f"the section {name!r} is of another manifest of the suite {of!r}")
+    return lines

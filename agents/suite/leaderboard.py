@@ -88,7 +88,7 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
     ]
     header = ["entry", "failures, %", "normalised score (IQM)", "improvement, %", "training", "note"]
     return [
-        Table(f"All scenarios: {of.told}", header, whole),
+        Table(f"All scenarios: {of.label}", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
         Table(
             "The best open-loop entry",
@@ -174,13 +174,13 @@ def _iqm(values: Array) -> float:
 
 
 def _training(entry: Entry, of: Suite) -> str:
-    """What the entry tells of its training: of weights the cards' times, of an own policy nothing."""
+    """Training seeds and time, by the cards of weights; an own policy has no card."""
     count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
     if not entry.training:
-        return "not told" if any(":" in one for one in entry.policies) else "none"
+        return "not stated" if any(":" in one for one in entry.policies) else "none"
     seconds = [float(one.get("seconds_trained", one.get("seconds", np.nan))) for one in entry.training]
-    told = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
-    return f"{count} seeds{few}{told}"
+    time = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
+    return f"{count} seeds{few}{time}"
 
 
 def _read(path: Path) -> Entry:

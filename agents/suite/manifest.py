@@ -1,7 +1,7 @@
 """A suite: the scenarios, the protocol and the baselines that its entries share, and the seeds of its test episodes.
 
 A suite is a manifest, ``manifests/NAME.json``. The seeds of its test episodes are made from the hash of the commit that
-the manifest came with, so nobody can have looked at those episodes before. That hash is drawn once, by
+the manifest came with, so those episodes were unknown before. That hash is drawn once, by
 
     python -m agents.suite.manifest v1 --reason "the first release"
 
@@ -46,7 +46,7 @@ class Suite:
     training_seeds: int  # how many a learned entry has at the least
 
     @property
-    def told(self) -> str:
+    def label(self) -> str:
         """The line of a page by which `check-results` knows the suite."""
         return f"suite {self.name}, manifest {self.digest}"
 

@@ -1,5 +1,6 @@
 """A person who follows the guidance waves a rendered board, and the lens is known."""
 
+import json
 import re
 from pathlib import Path
 
@@ -8,9 +9,11 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
+from activeslam_gym.__main__ import parser  # noqa: E402
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.live import device  # noqa: E402
 from activeslam_gym.live.device import Device  # noqa: E402
+from activeslam_gym.live.run import Live, filming_of, show_of  # noqa: E402
 from activeslam_gym.live.source import GuidanceError  # noqa: E402
 from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
 from activeslam_gym.vision.drawing import printed, printed_value  # noqa: E402
@@ -88,3 +91,15 @@ def test_the_sheet_is_as_large_as_the_board_and_prints_its_picture() -> None:
     text = sheet().decode()
     assert 'width="272mm" height="200mm"' in text and '<image width="252" height="180"' in text
     assert re.search(r'href="data:image/png;base64,[\w+/=]+"', text)
+
+
+def test_the_command_takes_a_known_lens_or_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
+    lens = tmp_path / "lens.json"
+    lens.write_text(json.dumps(LENS._asdict()))
+    for option, calibrates in (("--calibration", False), ("--calibrate", True)):
+        live = show_of(parser().parse_args(["live", "--source", "browser", option, str(lens)]))
+        assert isinstance(live, Live) and isinstance(live.session.source, Device)
+        assert live.session.source.calibrating == calibrates
+        assert filming_of(live, None) is not None
+        live.close()

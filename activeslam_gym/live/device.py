@@ -32,7 +32,7 @@ class Device:
     """A device's camera before a known ``target``, of about ``rate`` images a second [Hz].
 
     Without a ``calibration`` it is calibrated first, by waving the board of `waving`, and the lens is written to
-    ``unknown``. Without a ``target`` that board is it.
+    ``unknown``, or lens.json. Without a ``target`` that board is it.
 
     Raises:
         ValueError, OSError: a file or the rate is bad.
@@ -41,11 +41,11 @@ class Device:
     person, is_camera, name = None, True, "the device's camera"
 
     def __init__(
-        self, calibration: str | Path | None, target: str | Path | None, rate: float, unknown: str | Path = "lens.json"
+        self, calibration: str | Path | None, target: str | Path | None, rate: float, unknown: str | Path | None = None
     ) -> None:
         self.images: Any = get_context("spawn").Queue(1)
         """Times [s] and images, of the page's process."""
-        self._waving, self._file = Waving() if calibration is None else None, Path(unknown)
+        self._waving, self._file = Waving() if calibration is None else None, Path(unknown or "lens.json")
         if calibration is None:
             demand_writable(self._file.parent)
         self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration)

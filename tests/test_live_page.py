@@ -113,6 +113,7 @@ MISTAKES = {
     "--source shots --calibration lens.json --target t.json": "No such file or directory",
     "--source browser --target t.json": "--source browser needs --calibration or --calibrate",
     "--source shots --calibrate lens.json": "--calibrate is for --source browser without --calibration",
+    "--calibrate lens.json": "--calibrate is for --source browser without --calibration",
     "--replay nowhere": "nowhere holds no live recording",
     "--replay a --record b": "give one of them",
     "--record /dev/null/x": "'/dev/null/x' is no folder to write to",

@@ -143,12 +143,12 @@ def show_of(args: Namespace) -> Live | Replay:
         if args.record is not None:
             raise ValueError("--replay shows a recording, --record makes one: give one of them")
         return Replay(args.replay)
+    if args.calibrate is not None and (args.source != BROWSER or args.calibration is not None):
+        raise ValueError("--calibrate is for --source browser without --calibration")
     if args.source == "rendered":
         if args.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
         return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record)
-    if args.calibrate is not None and (args.source != BROWSER or args.calibration is not None):
-        raise ValueError("--calibrate is for --source browser without --calibration")
     if args.source == BROWSER and (args.calibrate or args.calibration):
         device = Device(args.calibration, args.target, args.rate, args.calibrate)
         return Live(device, args.seed, args.record)

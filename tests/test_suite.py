@@ -277,6 +277,7 @@ def test_the_board_of_made_up_scores(monkeypatch: pytest.MonkeyPatch) -> None:
         "3 seeds (few), 2 min each",
         "as it is",
     ]
+    assert rows["mine"][0] == "0.0 [0.0, 2.3]"  # none of 160 failed, whatever the number of training seeds
     assert rows["sure"][0].startswith("25.0 [") and rows["sure"][2].startswith("75 [")
     assert dict(zip(each.header, each.rows[2]))["office"] == "100 [100, 100]"
 

@@ -62,7 +62,7 @@ LEGEND = (
     "interquartile mean of the best open-loop entry in the same scenario, which is held fixed. IQM: interquartile mean "
     "over scenarios, training seeds and episodes. Improvement: the probability to gain more than that entry in the "
     "same episode, mean over scenarios. [ ]: 95 % interval, by a bootstrap of training seeds, and of episodes in each "
-    "scenario; of the failures of one policy, Clopper and Pearson's. From five training seeds it is still too narrow."
+    "scenario; of failures at least Clopper and Pearson's. From five training seeds it is still too narrow."
 )
 
 
@@ -125,11 +125,17 @@ def improvement(entry: Entry, best: Mapping[str, Entry]) -> Estimate:
 
 
 def failures(entry: Entry) -> Estimate:
-    """The share of all episodes that failed; those of several training seeds are not independent."""
+    """The share of all episodes that failed.
+
+    Training seeds that play the same episodes are not independent. So the interval is the wider of the bootstrap's,
+    which is empty where none failed, and of the exact one for so many episodes as one training seed plays.
+    """
     failed = np.stack([entry.failed(one) for one in entry.scores]).astype(float)
-    if failed.shape[1] == 1:
-        return estimate(failed, "share")
-    return _bootstrapped(failed, lambda resampled: float(resampled.mean()))
+    count = failed[:, 0].size
+    exact = estimate(np.arange(count) < round(count * failed.mean()), "share")
+    drawn = _bootstrapped(failed, lambda resampled: float(resampled.mean()))
+    low, high = np.fmin(exact.low, drawn.low), np.fmax(exact.high, drawn.high)
+    return Estimate(float(failed.mean()), float(low), float(high), failed.size, "share")
 
 
 def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:

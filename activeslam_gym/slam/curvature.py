@@ -15,10 +15,10 @@ NEGLIGIBLE_PX = 0.2  # the terms of a point are left out where they cannot come 
 
 
 PRODUCT_FRAMES = 8.0
-"""So many frames tell of a product of two errors together what one does, where the commands are known.
+"""So many frames tell of a product of two errors together what one does.
 
-There the errors of a way and of an inverse depth hardly change from frame to frame, so neither does their product.
-Where the commands are not known, each frame's way is a new one.
+The errors of a way and of an inverse depth hardly change from frame to frame, so neither does their product. That of a
+way that neither commands nor fiducials measure is not a second one: way and inverse depths have one free scale.
 """
 
 

@@ -178,15 +178,16 @@ def update_by(
 ) -> None:
     """Correct by the matched things, each with the R of its own detection.
 
-    The curvature of a feature stays the same for several frames where the commands are known (see `PRODUCT_FRAMES`): as
-    many of them tell what one does, so each is given as many times that noise.
+    The curvature of a feature stays the same for several frames where commands or fiducials measure the way (see
+    `PRODUCT_FRAMES`): as many of them tell what one does, so each is given as many times that noise.
     """
     matched = np.flatnonzero(of_thing >= 0)
     if matched.shape[0] == 0:
         return
     rows = pixel_rows(matched)
     things, HP, S = sight.thing[matched], np.empty((rows.shape[0], sight.HP.shape[1])), submatrix(sight.S, rows)
-    more_frames, pixels = PRODUCT_FRAMES - 1.0 if lens.command_known else 0.0, np.empty(rows.shape[0])
+    lasts, pixels = lens.command_known or fiducials.shape[0] > 0, np.empty(rows.shape[0])
+    more_frames = PRODUCT_FRAMES - 1.0 if lasts else 0.0
     for r in range(rows.shape[0]):
         thing, detection, i = things[r // 2], detections[of_thing[matched[r // 2]]], r % 2
         copy_into(HP[r], sight.HP[rows[r]])

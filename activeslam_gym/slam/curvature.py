@@ -17,8 +17,9 @@ NEGLIGIBLE_PX = 0.2  # the terms of a point are left out where they cannot come 
 PRODUCT_FRAMES = 8.0
 """So many frames tell of a product of two errors together what one does.
 
-The errors of a way and of an inverse depth hardly change from frame to frame, so neither does their product. That of a
-way that neither commands nor fiducials measure is not a second one: way and inverse depths have one free scale.
+The errors of a way and of an inverse depth barely change from frame to frame, so neither does their product. With
+unknown commands it is counted once where there are no fiducials, as way and inverse depths then have one free scale;
+and for images, where the noise of a feature grows with its mean residual.
 """
 
 

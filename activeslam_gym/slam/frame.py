@@ -108,7 +108,8 @@ def use_detections(
         detections["match"][:] = REJECTED
         return
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
-    update_by(models.camera, belief, fiducials, sight, of_thing, detections)
+    lasts = models.camera.command_known or fiducials.shape[0] > 0
+    update_by(models.camera, belief, fiducials, sight, of_thing, detections, lasts)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
 
@@ -131,7 +132,7 @@ def use_identified(
     of_thing = associate_identified(models.filter.appearance, sight, detections, least)
     counts.rejected_matches += np.sum(detections["match"] == REJECTED)
     _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    update_by(models.camera, belief, fiducials, sight, of_thing, detections)
+    update_by(models.camera, belief, fiducials, sight, of_thing, detections, models.camera.command_known)
     counts.conversions += mature(models.filter.initialisation, belief)
 
 
@@ -174,20 +175,25 @@ def _count_misses(
 
 @compiled
 def update_by(
-    lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, of_thing: np.ndarray, detections: np.ndarray
+    lens: Record,
+    belief: Belief,
+    fiducials: np.ndarray,
+    sight: Sight,
+    of_thing: np.ndarray,
+    detections: np.ndarray,
+    lasts: bool,
 ) -> None:
     """Correct by the matched things, each with the R of its own detection.
 
-    The curvature of a feature stays the same for several frames where commands or fiducials measure the way (see
-    `PRODUCT_FRAMES`): as many of them tell what one does, so each is given as many times that noise.
+    Where the curvature of a feature ``lasts`` for several frames (see `PRODUCT_FRAMES`), as many of them tell what one
+    does, so each is given as many times that noise.
     """
     matched = np.flatnonzero(of_thing >= 0)
     if matched.shape[0] == 0:
         return
     rows = pixel_rows(matched)
     things, HP, S = sight.thing[matched], np.empty((rows.shape[0], sight.HP.shape[1])), submatrix(sight.S, rows)
-    lasts, pixels = lens.command_known or fiducials.shape[0] > 0, np.empty(rows.shape[0])
-    more_frames = PRODUCT_FRAMES - 1.0 if lasts else 0.0
+    more_frames, pixels = PRODUCT_FRAMES - 1.0 if lasts else 0.0, np.empty(rows.shape[0])
     for r in range(rows.shape[0]):
         thing, detection, i = things[r // 2], detections[of_thing[matched[r // 2]]], r % 2
         copy_into(HP[r], sight.HP[rows[r]])

@@ -215,6 +215,15 @@ def test_a_pattern_finer_than_the_pixels_is_grey() -> None:
     assert 95 <= image.mean() <= 105 and image[60:180].std() < 6.0
 
 
+@pytest.mark.parametrize("tilt", [1e-7, 1e-9, 1e-11])
+def test_a_plane_whose_horizon_is_in_a_pixel_does_not_spoil_the_picture(tilt: float) -> None:
+    """There a pixel is as long as the plane is: squares of its size on the texture once left 32 bits."""
+    level = photograph(room(3), state()).astype(int)
+    for sign in (-1.0, 1.0):
+        tilted = photograph(room(3), state(turn=(sign * tilt, 0.0, 0.0)))
+        assert np.abs(tilted - level).max() <= 1
+
+
 def test_a_picture_depends_on_its_arguments_alone() -> None:
     rng, scene = np.random.default_rng(5), room(1)
     states = [random_state(rng) for _ in range(6)]

@@ -17,6 +17,7 @@ _LEVELS = SIZE.bit_length()  # of its pyramid
 
 _ZERO, _HALF, _ONE, _QUARTER = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(0.25)
 _TINY = np.float32(1e-20)
+_LEAST = np.float32(1e-6)  # share of a pixel: less is at a plane's horizon, where squares of texels leave 32 bits
 
 # Vectors in ``floats``
 _X, _Y, _X_U, _X_V, _Y_V = range(0, 5 * TILE, TILE)  # the covered pixels' rays and their derivatives, see `Lens.rays`
@@ -104,7 +105,7 @@ def _cover(rows: tuple, limits: tuple, rays: np.ndarray, floats: np.ndarray) -> 
         across = (min(u + _HALF * wide, high_u) - max(u - _HALF * wide, low_u)) / wide
         down = (min(v + _HALF * high, high_v) - max(v - _HALF * high, low_v)) / high
         share = max(min(across, _ONE), _ZERO) * max(min(down, _ONE), _ZERO)
-        floats[_WEIGHT + i] = min(share, floats[REST + i]) if w > _ZERO else _ZERO
+        floats[_WEIGHT + i] = min(share, floats[REST + i]) if w > _ZERO and share > _LEAST else _ZERO
 
 
 @compiled

@@ -250,10 +250,11 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
         assert getattr(batch, name) == getattr(singles[0], name)
 
 
-@pytest.mark.parametrize("name", baselines.names())
+@pytest.mark.parametrize("name", [one for one in baselines.names() if one != "best-sequence"])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: AutoresetMode) -> None:
-    """Through autoreset; `random` draws for the whole batch, so is only run."""
+    """Through autoreset; `random` draws for the whole batch, so is only run. `best-sequence` plays a plan, as
+    `best-constant` does, and would search for one first."""
     kwargs = {"gaze_period": 0.5, "duration": 3.0}
     batch, single = ActiveSLAMVectorEnv(3, autoreset_mode=mode, **kwargs), gym.make("ActiveSLAM-v0", **kwargs)
     policy, alone = baselines.make(name, batch), baselines.make(name, single)

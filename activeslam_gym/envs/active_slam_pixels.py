@@ -24,8 +24,6 @@ _DEMANDED: dict[str, Any] = {
     "boxes": (),
     "box_count": (0, 0),
     "inner_walls": (0, 0),
-    "landmark_layout": UNIFORM,
-    "start": CENTRE,
     "varied": (),
     "maximum_distance": None,
     "clutter_rate": 0.0,

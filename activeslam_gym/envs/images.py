@@ -28,18 +28,21 @@ _COUNTED = ("births", "deletions", "rejected_matches", "conversions")
 
 
 class Eye:
-    """The camera of one run, and the front end that feeds the run's belief with what it finds in the images."""
+    """The camera of one run, and the front end that feeds the run's belief with what it finds in the images.
+
+    ``start`` (7,): the pose at which the belief expects the camera first.
+    """
 
     scene: Scene | None = None
 
-    def __init__(self, setting: Setting, run: Run, seed: np.random.SeedSequence) -> None:
-        self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed)
+    def __init__(self, setting: Setting, run: Run, start: np.ndarray, seed: np.random.SeedSequence) -> None:
+        self._camera = RoomCamera(setting.scenario, setting.models.true_camera, seed, start=start)
         run.world.fiducials[:] = self._camera.fiducials
         run.world.boxes[:] = self._camera.scene.boxes
         run.world.state.boxes = len(self._camera.scene.boxes)
         self._filter = Filter(setting.scenario, fiducials=self._camera.fiducials)
         self._front_end = FrontEnd(self._filter, SIGHTED)
-        introduce_target(self._front_end, self._camera.fiducials)
+        introduce_target(self._front_end, self._camera.fiducials, start)
         self._spare = run.world.landmarks.copy()
         self._scene_points: dict[int, np.ndarray] = {}
         self.newest: set[int] = set()

@@ -46,7 +46,7 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
     if setting.scenario.sensor == IMAGES:
         from activeslam_gym.envs.images import Eye
 
-        return Eye(setting, run, seed)
+        return Eye(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
     return PluggedPerception(setting, run, start, seed)

@@ -12,7 +12,7 @@ from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.geometry import followed_point
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
-from activeslam_gym.vision.room.scene import SHEET_SIZE, TARGET_SIZE, draw_scene
+from activeslam_gym.vision.room.scene import ORIGIN, SHEET_SIZE, TARGET_SIZE, draw_scene
 from activeslam_gym.vision.room.sensor import Sensor
 from activeslam_gym.vision.target import FACING, Rectangle
 
@@ -23,16 +23,22 @@ _SOFTNESS = 0.6  # deviation by which pictures of it are blurred: the lens, and 
 
 
 class RoomCamera:
-    """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one, see `lens_of`.
+    """Photographs the room of ``seed``, with noise of its own; its ``lens`` is the true one, see `lens_of`; the target
+    is before ``start`` (7,), a pose along an axis of the room.
 
     ``scene``: the room; `fiducials` (4, 3) [m]: the corners of its target.
     """
 
     def __init__(
-        self, scenario: Scenario, lens: Record, seed: np.random.SeedSequence, rays: np.ndarray | None = None
+        self,
+        scenario: Scenario,
+        lens: Record,
+        seed: np.random.SeedSequence,
+        rays: np.ndarray | None = None,
+        start: np.ndarray = ORIGIN,
     ) -> None:
         room, noise = seed.spawn(2)
-        self.scene = draw_scene(scenario, np.random.default_rng(room))
+        self.scene = draw_scene(scenario, np.random.default_rng(room), start)
         self.fiducials = self.scene.target
         self._sensor, self._lens = Sensor(), lens_of(lens, rays)
         self._key = noise.generate_state(1, np.uint64)
@@ -49,12 +55,20 @@ class RoomCamera:
         return followed_point(self.scene, state, self._lens.camera, image, pixel)
 
 
-def introduce_target(front_end: FrontEnd, fiducials: np.ndarray) -> None:
-    """Tell the front end the looks of the ``fiducials`` (4, 3) of a room: corners of the target, as it is printed."""
-    front_end.show(partial(target_seen, front_end.camera, fiducials.mean(axis=0)), _AHEAD)
+def introduce_target(front_end: FrontEnd, fiducials: np.ndarray, start: np.ndarray = ORIGIN) -> None:
+    """Tell the front end the looks of the ``fiducials`` (4, 3) of a room: corners of the target, as it is printed, that
+    hangs before ``start`` (7,)."""
+    facing = quaternion_product(FACING, start[3:] * (1, -1, -1, -1))
+    normal = rotation_matrix(start[3:]) @ _AHEAD
+    front_end.show(partial(target_seen, front_end.camera, fiducials.mean(axis=0), facing=facing), normal)
 
 
-def target_seen(camera: Record, middle: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), and its corners: `printed_rectangle`."""
-    own = np.concatenate((rotation_matrix(FACING) @ (pose[:3] - middle), quaternion_product(FACING, pose[3:])))
+def target_seen(
+    camera: Record, middle: np.ndarray, pose: np.ndarray, facing: np.ndarray = FACING
+) -> tuple[np.ndarray, np.ndarray]:
+    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), and its corners: `printed_rectangle`.
+
+    ``facing`` (4,): the turn of the world into the frame of the target.
+    """
+    own = np.concatenate((rotation_matrix(facing) @ (pose[:3] - middle), quaternion_product(facing, pose[3:])))
     return printed_rectangle(camera, _TARGET, SHEET_SIZE, own, _SOFTNESS)

@@ -4,8 +4,10 @@ from itertools import product
 
 import numpy as np
 
-from activeslam_gym.config import Scenario
+from activeslam_gym.config import CLUSTERS, Scenario
+from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record
+from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.vision.room import patterns
 from activeslam_gym.vision.room.geometry import SURFACE, Scene
 from activeslam_gym.vision.room.shading import SIZE
@@ -17,38 +19,62 @@ SHEET_SIZE = (TARGET_SIZE[0] / _SHARE, TARGET_SIZE[1] / _SHARE)
 """Width and height of the white board that it is printed on [m]."""
 BOX_COUNT = 7  # with the cabinet that bears the target
 _POSTERS = 20
+_GROUP = 6  # posters of a group
 _FREE_RADIUS = 1.3  # in plan, no box but the cabinet, which is where the fiducials are, comes nearer to the start [m]
 _GAP = 0.06  # between boxes, and between a box and a wall [m]
 _CABINET = np.array((0.62, 0.0, 0.35))  # width and depth [m]; its height is the target's
 _LIGHT = (0.86, 0.62, 1.0)  # of faces, by the axis of their normal: the lamps hang in the middle of the room
 
+ORIGIN = np.eye(1, 7, 3)[0]
+"""The pose at the room's centre, facing +Z: position and quaternion."""
+
 Rectangles = list[Record]  # of SURFACE
 
 
-def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
-    """A room of the scenario's size.
+def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray = ORIGIN) -> Scene:
+    """A room of the scenario's size, in which the camera starts at ``start`` (7,), along an axis of the room.
 
-    The camera starts at the centre, facing +Z: the target is at ``fiducial_distance`` before it, near the image's
-    middle. Nothing else is within 1.3 m of it.
+    The target is at ``fiducial_distance`` before it, or nearer where a wall is, and near the image's middle. Nothing
+    else is within 1.3 m of it. All is drawn in the camera's frame, and then turned and shifted.
     """
-    room = 0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size)
+    turn = np.round(rotation_matrix(start[QUATERNION]))
+    room = _box_of((0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size) - start[POSITION]) @ turn)
     board = np.array(SHEET_SIZE)
     boxes = _draw_boxes(room, _draw_cabinet(room, scenario.fiducial_distance, board, rng), rng)
     walls, sides = _faces(room, inside=True), [_faces(box) for box in boxes]
     target = _decal(sides[0][4], np.array([0.5 * _CABINET[0], 0.5 * board[1] + 0.05]), board)
     _paper(target, texture_range(patterns.target)[0])
-    posters = _draw_posters(walls, sides, target, rng)
+    grouped = scenario.landmark_layout == CLUSTERS
+    posters = (
+        _draw_groups(walls, scenario.cluster_count, target, rng)
+        if grouped
+        else _draw_posters(walls, sides, target, rng)
+    )
     for owner, faces in enumerate([*sides, walls]):
         for surface in faces:
             surface.owner = owner
-    _paper_walls(walls, rng)
-    for faces in sides:
-        _paper_box(faces, rng)
+    if grouped:
+        for surface in [*walls, *(surface for faces in sides for surface in faces)]:
+            _paper(surface, rng.choice(texture_range(patterns.plaster)), 2.0, surface.brightness)
+    else:
+        _paper_walls(walls, rng)
+        for faces in sides:
+            _paper_box(faces, rng)
     surfaces = [target, *posters, *(surface for faces in [*sides, walls] for surface in faces)]
     low, high = patterns.TARGET_MARGIN, 1.0 - patterns.TARGET_MARGIN
     shares = np.array([[low, low], [high, low], [low, high], [high, high]])
     corners = target.corner + shares[:, :1] * target.along + shares[:, 1:] * target.down
-    return Scene(np.array(surfaces, SURFACE), boxes, corners, texture_library(0))
+    every = np.array(surfaces, SURFACE)
+    for field in ("corner", "along", "down", "normal"):
+        every[field] = every[field] @ turn.T
+    every["corner"] += start[POSITION]
+    placed = [_box_of(box @ turn.T + start[POSITION]) for box in boxes]
+    return Scene(every, np.array(placed), corners @ turn.T + start[POSITION], texture_library(0))
+
+
+def _box_of(corners: np.ndarray) -> np.ndarray:
+    """(2, 3) the lowest and the highest corner of a box with two opposite ``corners`` (2, 3)."""
+    return np.sort(corners, axis=0)
 
 
 def _faces(box: np.ndarray, inside: bool = False) -> Rectangles:
@@ -112,8 +138,8 @@ def _draw_boxes(room: np.ndarray, cabinet: np.ndarray, rng: np.random.Generator)
             size = np.array([0.28, room[1, 1] - room[0, 1], 0.28])
         if hangs:
             size[1] = 0.35
-        reach = np.maximum(room[1] - 0.5 * size - _GAP, 0.0)
-        centre = rng.uniform(-reach, reach)
+        least, most, middle = room[0] + 0.5 * size + _GAP, room[1] - 0.5 * size - _GAP, room.mean(axis=0)
+        centre = rng.uniform(np.minimum(least, middle), np.maximum(most, middle))
         centre[1] = room[1, 1] - 0.5 * size[1] if hangs else room[0, 1] + 0.5 * size[1]
         box = np.array([centre - 0.5 * size, centre + 0.5 * size])
         if _stands_free(box, boxes):
@@ -150,12 +176,32 @@ def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rn
     return posters
 
 
-def _place(on: Record, others: Rectangles, width: float, rng: np.random.Generator) -> Record:
+def _draw_groups(walls: Rectangles, count: int, target: Record, rng: np.random.Generator) -> Rectangles:
+    """Posters in ``count`` groups on the walls of the room, as wide as it is high; the rest is bare."""
+    pictures, posters = rng.permutation(texture_range(patterns.poster)), []
+    upright = [walls[k] for k in (0, 1, 4, 5)]
+    for group in range(count):
+        on = upright[rng.choice(4, p=np.array([_sides(wall)[0] for wall in upright]) / sum(_sides(w)[0] for w in upright))]
+        middle = rng.uniform(0.5 * _sides(on)[1], _sides(on)[0] - 0.5 * _sides(on)[1])
+        for _ in range(_GROUP):
+            poster = _place(on, [target, *posters], rng.uniform(0.35, 0.7), rng, middle)
+            _paper(poster, pictures[len(posters) % len(pictures)])
+            poster.owner = BOX_COUNT
+            posters.append(poster)
+    return posters
+
+
+def _place(
+    on: Record, others: Rectangles, width: float, rng: np.random.Generator, about: float | None = None
+) -> Record:
     """A rectangle about ``width`` [m] wide somewhere on a face, clear of the others; smaller if it finds no place."""
     sides = _sides(on)
     while True:
         size = np.minimum(width * np.array([1.0, rng.uniform(0.7, 1.4)]), 0.8 * sides)
-        poster = _decal(on, rng.uniform(0.5 * size + 0.02, sides - 0.5 * size - 0.02), size)
+        least, most = 0.5 * size + 0.02, sides - 0.5 * size - 0.02
+        if about is not None:
+            least[0], most[0] = max(least[0], about - 0.5 * sides[1]), min(most[0], about + 0.5 * sides[1])
+        poster = _decal(on, rng.uniform(least, most), size)
         if all(_clear(poster, other) for other in others):
             return poster
         width *= 0.93

@@ -133,6 +133,25 @@ def test_a_scenario_that_has_no_image_is_refused(field: str, value: object) -> N
         gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))
 
 
+@pytest.mark.parametrize(("field", "value"), [("start", "anywhere"), ("landmark_layout", "surfaces")])
+def test_a_room_that_is_not_drawn_is_refused(field: str, value: str) -> None:
+    with pytest.raises(ValueError, match=f"scenario.{field} must not be '{value}' for images"):
+        gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], **{field: value}))
+
+
+@pytest.mark.parametrize("start", ["corner", "wall"])
+def test_the_camera_knows_where_it_is_from_a_start_at_a_wall(start: str) -> None:
+    env = gym.make(NAME, scenario=dataclasses.replace(SCENARIOS["pixels"], start=start, room_size=(7.0, 2.4, 7.0)))
+    for seed in range(3):
+        env.reset(seed=seed)
+        for _ in range(4):
+            env.step((Motion.STAY, Gaze.STAY))
+        core = env.unwrapped
+        assert np.linalg.norm(core.truth.position - core.belief.position) < 0.03
+        assert {-1, -2, -3, -4} <= set(core.match_errors()[:, 0].astype(int).tolist())
+        assert core.nees()["position"] < 5.0
+
+
 def test_without_opencv_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(ModuleNotFoundError, match=r"pip install -e '\.\[vision\]'"):

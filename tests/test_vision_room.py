@@ -11,22 +11,24 @@ from scipy import ndimage
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, ray_from_pixel  # noqa: E402
-from activeslam_gym.config import SCENARIOS, Scenario  # noqa: E402
+from activeslam_gym.config import CLUSTERS, CORNER, SCENARIOS, WALL, Scenario  # noqa: E402
 from activeslam_gym.geometry import quaternion_exp, rotate_left  # noqa: E402
 from activeslam_gym.vision.corners import new_corners  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera, target_seen  # noqa: E402
 from activeslam_gym.vision.room.geometry import Scene, scene_point  # noqa: E402
 from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens, lens_of  # noqa: E402
+from activeslam_gym.vision.room.patterns import plaster, poster  # noqa: E402
 from activeslam_gym.vision.room.render import render, workspace_of  # noqa: E402
-from activeslam_gym.vision.room.scene import draw_scene  # noqa: E402
+from activeslam_gym.vision.room.scene import BOX_COUNT, draw_scene  # noqa: E402
 from activeslam_gym.vision.room.sensor import Sensor, gain  # noqa: E402
 from activeslam_gym.vision.room.shading import SIZE  # noqa: E402
-from activeslam_gym.vision.room.textures import texture_library, write_pyramid  # noqa: E402
+from activeslam_gym.vision.room.textures import texture_library, texture_range, write_pyramid  # noqa: E402
 from activeslam_gym.vision.search import Findings, search  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.templates import Templates, empty_templates, store  # noqa: E402
 from activeslam_gym.vision.views import projected, view_from  # noqa: E402
+from activeslam_gym.world.room import draw_room  # noqa: E402
 
 PLAIN = Sensor(exposure=0.0, noise_std=0.0, gain_std=0.0)
 KEY = np.array([11], np.uint64)
@@ -123,6 +125,39 @@ def test_a_room_leaves_the_start_free_and_shows_its_target(seed: int) -> None:
         assert 1.2 <= corner[2] <= 2.0
     width, height = np.linalg.norm(scene.target[[1, 2]] - scene.target[0], axis=1)
     assert (width, height) == pytest.approx((0.30, 0.21))
+
+
+@pytest.mark.parametrize("start", [CORNER, WALL])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_camera_starts_in_a_corner_or_along_a_wall_before_its_target(start: str, seed: int) -> None:
+    scenario, rng = Scenario(start=start, room_size=(7.0, 2.4, 9.0)), np.random.default_rng(seed)
+    place, half = draw_room(scenario, rng).place, 0.5 * np.array(scenario.room_size)
+    scene = draw_scene(scenario, rng, place)
+    assert (np.abs(scene.boxes) <= half + 1e-9).all() and (scene.boxes[:, 0] < scene.boxes[:, 1]).all()
+    for wall in scene.surfaces[-6:]:
+        assert wall["normal"] @ wall["corner"] == pytest.approx(-np.abs(wall["normal"]) @ half)
+        np.testing.assert_allclose(np.cross(wall["down"], wall["along"]) @ wall["normal"] > 0.0, True)
+    nearest = np.clip(place[:3], scene.boxes[:, 0], scene.boxes[:, 1])
+    distances = np.linalg.norm((nearest - place[:3])[:, [0, 2]], axis=1)
+    assert distances[0] > 0.8 and (distances[1:] > 1.29).all()
+    x = np.concatenate((place, np.zeros(6)))
+    for corner in scene.target:
+        pixel = projection(x, corner)
+        assert (pixel > 20).all() and (pixel < [300, 220]).all()
+        assert np.linalg.norm(shown(scene, x, pixel)[0] - corner) < 1e-6, "something hides the target"
+    left, right = (projection(x, scene.target[k])[0] for k in (0, 1))
+    assert left < right
+
+
+def test_a_bare_room_has_posters_in_groups_and_nothing_else() -> None:
+    scenario = Scenario(room_size=(7.0, 2.4, 7.0), landmark_layout=CLUSTERS, cluster_count=3)
+    surfaces = draw_scene(scenario, np.random.default_rng(1)).surfaces
+    is_poster, plain = (np.isin(surfaces["texture"], texture_range(kind)) for kind in (poster, plaster))
+    assert is_poster.tolist() == [False] + [True] * 18 + [False] * (len(surfaces) - 19) and plain[19:].all()
+    for group in surfaces[1:19].reshape(3, 6):
+        assert (group["normal"] == group["normal"][0]).all() and (group["owner"] == BOX_COUNT).all()
+        ends = np.concatenate([group["corner"] + share * group["along"] for share in (0.0, 1.0)])
+        assert np.ptp(ends, axis=0).max() <= 2.4 + 1e-9
 
 
 def test_the_same_seed_gives_the_same_room_another_seed_another_and_a_hall_can_be_drawn() -> None:

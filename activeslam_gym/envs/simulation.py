@@ -1,11 +1,12 @@
 """The start of a run, and one frame of truth and belief together."""
 
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point, ray_from_pixel
-from activeslam_gym.config import Scenario
+from activeslam_gym.config import UNIFORM, Scenario
 from activeslam_gym.envs.disproof import VIEWS, disprove
 from activeslam_gym.envs.observation import layout_of
 from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
@@ -90,7 +91,8 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     if scenario is not setting.scenario:
         runs.models[i] = models_of(scenario, setting.task, setting.motion_period)
         run.candidate["R"] = scenario.pixel_std**2 * np.eye(2)
-    drawn = draw_room(scenario, rng)
+    anywhere = scenario.sensor == IMAGES  # landmarks stand for the parts of the room that no feature has
+    drawn = draw_room(dataclasses.replace(scenario, landmark_layout=UNIFORM) if anywhere else scenario, rng)
     put_room(run.world, drawn)
     run.world.state.noise_key[:] = noise.generate_state(1, np.uint64)
     run.expected[:] = np.zeros(1, EXPECTED)

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from activeslam_gym.kernels import Record
+from activeslam_gym.slam.curvature import PRODUCT_FRAMES
 from activeslam_gym.slam.sight import Sight
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import empty_templates, store
@@ -75,13 +76,16 @@ class Gallery:
 
     def remember_residuals(self, found: np.ndarray, sight: Sight) -> None:
         """The running mean, of each feature, of its matched pixel in ``found`` (M,) DETECTION less its pixel in the
-        ``sight`` of the updated estimate."""
-        at = dict(zip(sight.thing["id"].tolist(), sight.thing["z_hat"]))
-        keep = self._settings.memory
-        for id, pixel in zip(found["match"].tolist(), found["pixel"]):
+        ``sight`` of the updated estimate; of that the share which is noise, and not error of the linearisation, where
+        the filter counts that several times: else it would be told twice."""
+        at = {int(thing["id"]): thing for thing in sight.thing}
+        keep, frames = self._settings.memory, PRODUCT_FRAMES if self._camera.command_known else 0.0
+        for id, pixel, R in zip(found["match"].tolist(), found["pixel"], found["R"]):
             if id in at:
+                noise, neglected = np.trace(R), frames * np.trace(at[id]["curvature"])
                 self._residual[self._place[id]] *= keep
-                self._residual[self._place[id]] += (1.0 - keep) * (pixel - at[id])
+                share = noise / max(noise + neglected, 1e-12)
+                self._residual[self._place[id]] += (1.0 - keep) * share * (pixel - at[id]["z_hat"])
 
     def residuals(self, ids: Iterable[int]) -> np.ndarray:
         """(m, 2) the running mean residual of each of the features ``ids`` (m,) [px]; zero for the target."""

@@ -1,6 +1,6 @@
 """Draw a room: its boxes, the posters on its walls, and the known target before the start."""
 
-from itertools import product
+import itertools
 
 import numpy as np
 
@@ -20,6 +20,7 @@ SHEET_SIZE = (TARGET_SIZE[0] / _SHARE, TARGET_SIZE[1] / _SHARE)
 BOX_COUNT = 7  # with the cabinet that bears the target
 _POSTERS = 20
 _GROUP = 6  # posters of a group
+_UPRIGHT = (0, 1, 4, 5)  # of the faces of a box
 _FREE_RADIUS = 1.3  # in plan, no box but the cabinet, which is where the fiducials are, comes nearer to the start [m]
 _GAP = 0.06  # between boxes, and between a box and a wall [m]
 _CABINET = np.array((0.62, 0.0, 0.35))  # width and depth [m]; its height is the target's
@@ -34,8 +35,9 @@ Rectangles = list[Record]  # of SURFACE
 def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray = ORIGIN) -> Scene:
     """A room of the scenario's size, in which the camera starts at ``start`` (7,), along an axis of the room.
 
-    The target is at ``fiducial_distance`` before it, or nearer where a wall is, and near the image's middle. Nothing
-    else is within 1.3 m of it. All is drawn in the camera's frame, and then turned and shifted.
+    The target is at ``fiducial_distance`` before it, or nearer where a wall is, and near the image's middle. No other
+    box is within 1.3 m of it. Where landmarks are in clusters the room is bare, but for groups of posters on its walls.
+    All is drawn in the camera's frame, and then turned and shifted.
     """
     turn = np.round(rotation_matrix(start[QUATERNION]))
     room = _box_of((0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size) - start[POSITION]) @ turn)
@@ -44,17 +46,16 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
     walls, sides = _faces(room, inside=True), [_faces(box) for box in boxes]
     target = _decal(sides[0][4], np.array([0.5 * _CABINET[0], 0.5 * board[1] + 0.05]), board)
     _paper(target, texture_range(patterns.target)[0])
-    grouped = scenario.landmark_layout == CLUSTERS
-    posters = (
-        _draw_groups(walls, scenario.cluster_count, target, rng)
-        if grouped
-        else _draw_posters(walls, sides, target, rng)
-    )
+    bare = scenario.landmark_layout == CLUSTERS
+    if bare:
+        posters = _draw_groups(walls, scenario.cluster_count, target, rng)
+    else:
+        posters = _draw_posters(walls, sides, target, rng)
     for owner, faces in enumerate([*sides, walls]):
         for surface in faces:
             surface.owner = owner
-    if grouped:
-        for surface in [*walls, *(surface for faces in sides for surface in faces)]:
+    if bare:
+        for surface in itertools.chain(walls, *sides):
             _paper(surface, rng.choice(texture_range(patterns.plaster)), 2.0, surface.brightness)
     else:
         _paper_walls(walls, rng)
@@ -83,7 +84,7 @@ def _faces(box: np.ndarray, inside: bool = False) -> Rectangles:
     Upright faces have ``down`` = -Y. Directions obey down x along = normal.
     """
     extent, faces = box[1] - box[0], []
-    for axis, sign in product(range(3), (-1.0, 1.0)):
+    for axis, sign in itertools.product(range(3), (-1.0, 1.0)):
         normal, down, middle = np.zeros(3), np.zeros(3), 0.5 * (box[0] + box[1])
         normal[axis] = -sign if inside else sign
         down[1 if axis != 1 else 2] = -1.0
@@ -162,9 +163,9 @@ def _stands_free(box: np.ndarray, others: list[np.ndarray]) -> bool:
 
 def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rng: np.random.Generator) -> Rectangles:
     """Posters on the upright faces of the room and the boxes, none over another, and most of them different."""
-    pictures, upright = rng.permutation(texture_range(patterns.poster)), (0, 1, 4, 5)
-    on_walls = [(len(sides), walls[k], 0.45, 0.95) for k in upright] * 3
-    on_boxes = [(owner, box[k], 0.2, 0.32) for owner, box in enumerate(sides) for k in upright]
+    pictures = rng.permutation(texture_range(patterns.poster))
+    on_walls = [(len(sides), walls[k], 0.45, 0.95) for k in _UPRIGHT] * 3
+    on_boxes = [(owner, box[k], 0.2, 0.32) for owner, box in enumerate(sides) for k in _UPRIGHT]
     faces = on_walls + [on_boxes[i] for i in rng.permutation(len(on_boxes))]
     posters: Rectangles = []
     while len(posters) < _POSTERS:
@@ -177,14 +178,14 @@ def _draw_posters(walls: Rectangles, sides: list[Rectangles], target: Record, rn
 
 
 def _draw_groups(walls: Rectangles, count: int, target: Record, rng: np.random.Generator) -> Rectangles:
-    """Posters in ``count`` groups on the walls of the room, as wide as it is high; the rest is bare."""
-    pictures, posters = rng.permutation(texture_range(patterns.poster)), []
-    upright = [walls[k] for k in (0, 1, 4, 5)]
-    for group in range(count):
-        on = upright[rng.choice(4, p=np.array([_sides(wall)[0] for wall in upright]) / sum(_sides(w)[0] for w in upright))]
-        middle = rng.uniform(0.5 * _sides(on)[1], _sides(on)[0] - 0.5 * _sides(on)[1])
+    """``count`` groups of posters on the upright walls of the room, each in a square as high as the wall."""
+    pictures, upright = rng.permutation(texture_range(patterns.poster)), [walls[k] for k in _UPRIGHT]
+    lengths, posters = np.array([_sides(wall)[0] for wall in upright]), list[Record]()
+    for chosen in rng.choice(len(upright), count, p=lengths / lengths.sum()):
+        on, (length, height) = upright[chosen], _sides(upright[chosen])
+        begin = rng.uniform(0.0, max(length - height, 0.0))
         for _ in range(_GROUP):
-            poster = _place(on, [target, *posters], rng.uniform(0.35, 0.7), rng, middle)
+            poster = _place(on, [target, *posters], rng.uniform(0.35, 0.7), rng, (begin, min(begin + height, length)))
             _paper(poster, pictures[len(posters) % len(pictures)])
             poster.owner = BOX_COUNT
             posters.append(poster)
@@ -192,15 +193,18 @@ def _draw_groups(walls: Rectangles, count: int, target: Record, rng: np.random.G
 
 
 def _place(
-    on: Record, others: Rectangles, width: float, rng: np.random.Generator, about: float | None = None
+    on: Record, others: Rectangles, width: float, rng: np.random.Generator, along: tuple[float, float] | None = None
 ) -> Record:
-    """A rectangle about ``width`` [m] wide somewhere on a face, clear of the others; smaller if it finds no place."""
+    """A rectangle about ``width`` [m] wide somewhere on a face, clear of the others; smaller if it finds no place.
+
+    ``along``: the part of the face's length that it may be in [m]; None: all of it.
+    """
     sides = _sides(on)
+    begin, end = along or (0.0, sides[0])
     while True:
-        size = np.minimum(width * np.array([1.0, rng.uniform(0.7, 1.4)]), 0.8 * sides)
+        size = np.minimum(width * np.array([1.0, rng.uniform(0.7, 1.4)]), 0.8 * np.array([end - begin, sides[1]]))
         least, most = 0.5 * size + 0.02, sides - 0.5 * size - 0.02
-        if about is not None:
-            least[0], most[0] = max(least[0], about - 0.5 * sides[1]), min(most[0], about + 0.5 * sides[1])
+        least[0], most[0] = least[0] + begin, most[0] - (sides[0] - end)
         poster = _decal(on, rng.uniform(least, most), size)
         if all(_clear(poster, other) for other in others):
             return poster

@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium as gym
 
 import activeslam_gym  # noqa: F401  (registers the environment)
+from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
 from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, module_sources, package_sources, package_versions
 from activeslam_gym.evaluation.store import Arrays
@@ -19,7 +20,6 @@ from agents import policies
 from agents.places import Placed
 
 ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
-SIGHTED = ("pixels", "hand-held-pixels")  # the scenarios whose sensor is a camera in a textured room
 SAMPLE_PERIOD = 1.0  # between the samples of an episode that is not kept whole [s]
 
 
@@ -110,7 +110,8 @@ def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
     """
     given = {"end_when_lost": False, **{name: value for name, value in arguments.items() if value is not None}}
     place, scenario = given.pop("expected", None), given.get("scenario")
-    name = IMAGES if (scenario.get("name") if isinstance(scenario, dict) else scenario) in SIGHTED else ENVIRONMENT
+    named = scenario.get("name") if isinstance(scenario, dict) else scenario
+    name = IMAGES if named in IMAGE_SCENARIOS else ENVIRONMENT
     if count > 1:
         if place:
             raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")

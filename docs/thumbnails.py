@@ -7,7 +7,7 @@ from PIL import Image
 
 import activeslam_gym
 import baselines
-from activeslam_gym.config import SCENARIOS, TRAINING_SEED
+from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, TRAINING_SEED
 
 FOLDER = Path(__file__).resolve().parent / "images" / "scenarios"
 TIME = 4.0
@@ -18,7 +18,7 @@ ROOM = (20, 45, 460, 425)
 
 def thumbnail(name: str) -> Image.Image:
     """The room with the map that `mi-mi` has made; of a scenario on images, what the camera sees."""
-    images = name.endswith("pixels")
+    images = name in IMAGE_SCENARIOS
     env = gym.make(
         "ActiveSLAMPixels-v0" if images else "ActiveSLAM-v0",
         scenario=name,

@@ -89,9 +89,14 @@ _add("mixed", "generalise: each reset draws the size of the room, the boxes and 
          ("room_size", (5.0, 2.0, 5.0), (8.0, 2.8, 8.0)), ("pixel_std", 1.0, 1.5),
          ("acceleration_std", 0.05, 0.2), ("angular_acceleration_std", 0.05, 0.2)))
 _add("pixels", "images of a textured room instead of points", _PIXELS)
+_add("gallery-pixels", "20 s of images of a bare room with three groups of posters: find them, and lose none",
+     _PIXELS, room_size=(7.0, 2.4, 7.0), landmark_layout=CLUSTERS, cluster_count=3, duration=20.0,
+     plan_horizon=4.0, plan_position_std=0.05)
 _add("hand-held-pixels", "images, with a hand-held camera whose motion the filter does not know", _PIXELS, _HAND_HELD)
 # fmt: on
 
+IMAGE_SCENARIOS = tuple(name for name in SCENARIOS if name.endswith("pixels"))
+"""Those of `ActiveSLAMPixels-v0`."""
 TRAINING_SEED = 2**32
 """Seeds of training episodes start here; those of benchmarks and of validation are smaller."""
 _SEEDS = {
@@ -103,6 +108,7 @@ _SEEDS = {
     "corridor": 61,
     "mixed": 71,
     "noisy": 81,
+    "gallery-pixels": 91,
 }
 """First seed of each scenario's benchmark, in millions."""
 

@@ -12,12 +12,13 @@ from typing import Annotated
 import numpy as np
 import tyro
 
+from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Store, outcome
 from activeslam_gym.evaluation.code import package_sources, package_versions
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
-from agents.task import SIGHTED, Task, check, play_until_interrupted, rehearse
+from agents.task import Task, check, play_until_interrupted, rehearse
 from agents.tools.arguments import within
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
@@ -134,7 +135,7 @@ def _chosen(entry: Entry, of: Suite, names: list[str]) -> dict[Task, tuple[str, 
     rng, chosen = np.random.default_rng(), {}  # other episodes each time: an entrant cannot know them
     for s, policy in np.ndindex(*shape[:2]):
         scenario = of.scenarios[s]
-        count = shape[2] if scenario not in SIGHTED else max(1, round(IMAGE_SHARE * shape[2]))
+        count = shape[2] if scenario not in IMAGE_SCENARIOS else max(1, round(IMAGE_SHARE * shape[2]))
         for index in np.sort(rng.permutation(shape[2])[:count]).tolist():
             chosen[tasks[s, policy, index]] = (scenario, policy, index)
     return chosen

@@ -3,11 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from agents import task as tasks
-from benchmarks.studies import consistency, images, worlds
+from benchmarks.studies import consistency, images, rules, worlds
 from tests.test_compare import episode
 
 
@@ -65,3 +66,20 @@ def test_images_tells_nees_and_noise(capsys: pytest.CaptureFixture[str]) -> None
     images.main("--policies stay --rooms 1 --seconds 1.5".split())
     told = capsys.readouterr().out.splitlines()
     assert told[0].startswith("stay: 1 rooms") and "noise of a matched pixel: rms 0." in told[1]
+
+
+@pytest.mark.parametrize("name", ["go_back", "face", "turn_in", "spin_then_orbit", "RIGHT_LEFT"])
+def test_a_rule_does_in_a_batch_what_it_does_alone(name: str) -> None:
+    given = {"scenario": "clusters", "duration": 15.0, "gaze_period": 0.5}
+    batch, single = gym.make_vec("ActiveSLAM-v0", num_envs=2, **given), gym.make("ActiveSLAM-v0", **given)
+    policy, alone = getattr(rules, name)(batch), getattr(rules, name)(single)
+    (observations, _), (observation, _) = batch.reset(seed=3), single.reset(seed=4)
+    taken = set()
+    for _ in range(29):
+        actions, action = policy.predict(observations)[0], alone.predict(observation)[0]
+        np.testing.assert_array_equal(actions[1], action)
+        taken.add(tuple(action.tolist()))
+        observations, observation = batch.step(actions)[0], single.step(action)[0]
+    assert len(taken) == 1 if name == "RIGHT_LEFT" else len(taken) > 1
+    with pytest.raises(AttributeError, match="has no attribute 'RIGHT_DOWN'"):
+        rules.RIGHT_DOWN  # noqa: B018

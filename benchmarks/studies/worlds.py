@@ -3,7 +3,8 @@
     python -m benchmarks.studies.worlds --scenarios office rooms --rooms 100 --out results/store
 
 Open-loop policies are the baselines ``best-constant`` and ``best-sequence``, chosen in training episodes, and
-``sweep``. All figures are of the scenario's own held-out episodes. Prints a table for each scenario and one of all.
+``sweep``; ``--open`` names others, such as those of `benchmarks.studies.rules`. All figures are of the scenario's own
+held-out episodes, or of those from ``--seed`` on. Prints a table for each scenario and one of all.
 """
 
 import json
@@ -32,11 +33,11 @@ HEADER = (
 Runs = dict[str, list[Episode]]  # by policy, an episode for each room
 
 
-def tasks_of(scenario: str, name: str, rooms: int) -> list[Task]:
-    """For each room; a name that ends in `KNOWN` is a policy whose belief knows the boxes."""
+def tasks_of(scenario: str, name: str, seed: int, rooms: int) -> list[Task]:
+    """For each room from ``seed`` on; a name that ends in `KNOWN` is a policy whose belief knows the boxes."""
     fields = asdict(config.SCENARIOS[scenario]) | ({"boxes_known": True} if name.endswith(KNOWN) else {})
     settings = json.dumps({"scenario": fields, "gaze_period": PERIOD})
-    return tasks(name.removesuffix(KNOWN), settings, config.benchmark_seed(scenario), rooms)
+    return tasks(name.removesuffix(KNOWN), settings, seed, rooms)
 
 
 def log_scores(runs: Sequence[Episode]) -> np.ndarray:
@@ -52,10 +53,10 @@ def nees(run: Episode, name: str) -> float:
     return float(known.mean()) if len(known) else np.nan
 
 
-def text_of(scenario: str, table: Runs) -> str:
-    """A table of one scenario, with paired differences to the best open-loop policy, and of knowing the boxes."""
+def text_of(scenario: str, table: Runs, references: Sequence[str]) -> str:
+    """A table of one scenario, with paired differences to the best of the ``references``, and of knowing the boxes."""
     scores = {name: log_scores(runs) for name, runs in table.items()}
-    reference = max((name for name in OPEN if name in table), key=lambda name: np.median(scores[name]))
+    reference = max(references, key=lambda name: np.median(scores[name]))
     rows = []
     for name, runs in table.items():
         partner = name.removesuffix(KNOWN)
@@ -71,7 +72,7 @@ def text_of(scenario: str, table: Runs) -> str:
             ", ".join(f"{np.nanmean([nees(run, part) for run in runs]):.2f}" for part in NEES),
             f"{np.mean([run.events['wall_contacts'].sum() for run in runs]):.0f}",
         ])  # fmt: skip
-    head = f"{scenario}: {len(scores[reference])} rooms from {config.benchmark_seed(scenario)}, against {reference}"
+    head = f"{scenario}: {len(scores[reference])} rooms from {table[reference][0].seed}, against {reference}"
     return f"\n### {head}\n\n{markdown(HEADER, rows)}"
 
 
@@ -79,16 +80,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print the tables."""
     made = parser("worlds", __doc__, DECIDING, 100)
     made.add_argument("--scenarios", nargs="+", default=SCENARIOS, choices=tuple(config.SCENARIOS))
+    made.add_argument("--open", nargs="+", default=OPEN, help="policies whose best is the reference")
+    made.add_argument("--seed", type=int, help="the first room's; the scenario's own if not given")
     made.add_argument("--boxes-known", nargs="+", default=(), help="of these, also with a belief that knows the boxes")
     args = made.parse_args(arguments)
-    names = dict.fromkeys((*OPEN, *args.policies, *(name + KNOWN for name in args.boxes_known)))
+    names = dict.fromkeys((*args.open, *args.policies, *(name + KNOWN for name in args.boxes_known)))
     if unpaired := set(args.boxes_known) - set(names):
         made.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
-    groups = {(s, name): tasks_of(s, name, args.rooms) for s in args.scenarios for name in names}
+    first = {s: config.benchmark_seed(s) if args.seed is None else args.seed for s in args.scenarios}
+    groups = {(s, name): tasks_of(s, name, first[s], args.rooms) for s in args.scenarios for name in names}
     runs = played(groups, args.out)
     tables = {scenario: {name: runs[scenario, name] for name in names} for scenario in args.scenarios}
     for scenario, table in tables.items():
-        print(text_of(scenario, table))
+        print(text_of(scenario, table, args.open))
     medians = {
         scenario: {name: float(np.median(log_scores(of_name))) for name, of_name in table.items() if KNOWN not in name}
         for scenario, table in tables.items()

@@ -8,13 +8,13 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION
-from activeslam_gym.slam.association import DETECTION, REJECTED
+from activeslam_gym.slam.association import DETECTION
 from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
@@ -128,7 +128,7 @@ class FrontEnd:
         last = self._drawn_from.get(k)
         if last is None:
             return True
-        change = change_of_view(last[:3], pose[:3], self.filter.fiducials[k, None])[0]
+        change = change_of_view(last[None], pose, self.filter.fiducials[k, None])[0]
         return bool(max(change, turn_between(last[3:], pose[3:])) > self.settings.redrawn)
 
     # A frame ----------------------------------------------------------------------------------------------------------
@@ -171,7 +171,7 @@ class FrontEnd:
 
     def step(self, image: np.ndarray, time_s: float, u: np.ndarray | None = None) -> FrameLog:
         """Go on to the ``image`` (h, w) uint8 of ``time_s`` [s], under the known accelerations ``u`` (6,), if any."""
-        began = time.process_time()
+        began = time.thread_time()
         image = self._reduced(image)
         grey = image.astype(np.float32)
         self._frame += 1
@@ -188,7 +188,7 @@ class FrontEnd:
         again, metric = placed and self._blind == 0, len(self.filter.fiducials) > 0
         missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
-        return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.process_time() - began))
+        return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.thread_time() - began))
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:
         """The level of the ``image``'s pyramid that has the size of the filter's camera."""
@@ -218,7 +218,8 @@ class FrontEnd:
         if not self._views or (attempt > s.patience and attempt % 5):
             return False
         ids = np.array(self._gallery.best(s.sought), np.int64)
-        points, half = self._points(ids), 0.5 * np.array((self.camera.width, self.camera.height))
+        rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
+        points, half = self._points(rows), 0.5 * np.array((self.camera.width, self.camera.height))
         everywhere = np.tile(half, (len(ids), 1)), np.tile(np.diag(2.0 * half**2 / s.gate), (len(ids), 1, 1))
         model = replace(s, scout_area=np.inf).search(scouting=True)
         view = view_from(self.camera, self._views[-1 - attempt % len(self._views)])
@@ -240,9 +241,9 @@ class FrontEnd:
         sight, s = self.filter.sight(), self.settings
         known, scouts = sight.thing["id"].copy(), self._scouts(sight) if s.recover else []
         if scouts:
-            self._search(sight, grey, scouts, s.search(scouting=True), s.scout_share)
+            self._search(sight, grey, np.array(scouts), s.search(scouting=True), s.scout_share)
             sight = self.filter.sight()
-        others = known[~np.isin(known, scouts)]
+        others = known[~_among(known, np.array(scouts))]
         self._search(sight, grey, others, s.search(scouting=False), s.least_share)
 
     def _scouts(self, sight: Sight) -> list[int]:
@@ -255,11 +256,11 @@ class FrontEnd:
             return []
         return self._gallery.best(s.scouts, ids[known].tolist())
 
-    def _search(self, sight: Sight, grey: np.ndarray, wanted: Any, model: Record, share: float) -> None:
+    def _search(self, sight: Sight, grey: np.ndarray, wanted: np.ndarray, model: Record, share: float) -> None:
         """Search the ``wanted`` ids of ``sight``, and update the filter by the candidates, if a ``share`` agrees."""
         ids, mean = sight.thing["id"], self.filter.mean
-        places, points = np.where(np.isin(ids, wanted), self._gallery.places(ids), -1), self._points(ids)
-        places[self._gallery.change_of_view(places, points, mean[:3]) > self.settings.most_change] = -1
+        places, points = np.where(_among(ids, wanted), self._gallery.places(ids), -1), self._points(sight.thing["row"])
+        places[self._gallery.change_of_view(places, points, mean) > self.settings.most_change] = -1
         z_hat, S = np.ascontiguousarray(sight.thing["z_hat"]), _own_covariances(sight)
         findings = search(view_from(self.camera, mean), model, self._gallery.templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
@@ -267,16 +268,13 @@ class FrontEnd:
         candidates = self._candidates(ids, findings)
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
         self._found.append(candidates)
-        believed = np.isin(ids, matched[matched != REJECTED])
-        outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
+        outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = sight.thing["visibility"] == INSIDE
         self._searched.append(Searched(*(column[tried] for column in (ids, z_hat, S, outcome, inside))))
 
-    def _points(self, ids: np.ndarray) -> np.ndarray:
-        """World points (v, 3) of the features and fiducials ``ids`` (v,)."""
-        at = {id: k for k, id in enumerate(self.filter.ids.tolist())}
-        rows = [at[id] if id > 0 else len(at) - 1 - id for id in ids.tolist()]
-        return np.concatenate((self.filter.positions, self.filter.fiducials))[np.array(rows, int)]
+    def _points(self, rows: np.ndarray) -> np.ndarray:
+        """World points (v, 3) of the fiducials and features at ``rows`` (v,) of a sight."""
+        return np.concatenate((self.filter.fiducials, self.filter.positions))[rows]
 
     def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
         """The findings of the things ``ids`` (v,) as candidates (M,)."""
@@ -304,19 +302,18 @@ class FrontEnd:
     def _learn(self, clear: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
         """Judge the features, and add new ones, if the image is ``clear``: births and deletions."""
         sight, searched = self.filter.sight(), self.searched
+        points = self._points(sight.thing["row"])
         if clear:
             self._gallery.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
-            for found in self._found:
-                self._gallery.remember_residuals(found, sight)
+            self._gallery.remember_residuals(self.candidates, sight)
         failed = self._gallery.failed()
         for id in failed:
             self._forget(id)
         if not clear:
             return 0, len(failed)
-        thing = sight.thing[self._gallery.places(sight.thing["id"]) >= 0]
-        places, points = self._gallery.places(thing["id"]), self._points(thing["id"])
-        change = self._gallery.change_of_view(places, points, self.filter.mean[:3])
-        occupied = thing["z_hat"][change <= self.settings.most_change]
+        places = self._gallery.places(sight.thing["id"])
+        change = self._gallery.change_of_view(places, points, self.filter.mean)
+        occupied = sight.thing["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
         return self._give_births(image, grey, occupied), len(failed)
 
     def _forget(self, id: int) -> None:
@@ -364,6 +361,11 @@ class FrontEnd:
                 count += 1
         self._found.append(born[:count])
         return count
+
+
+def _among(ids: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(n,) whether each of the ``ids`` (n,) is one of the ``others`` (m,)."""
+    return np.any(ids[:, None] == others, axis=1)
 
 
 def _own_covariances(sight: Sight) -> np.ndarray:

@@ -1,6 +1,7 @@
 """The front end's memory of each feature: a template with the view of its first sight, and a running record."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -51,9 +52,9 @@ class Gallery:
         """Forget a feature."""
         self.templates.id[self._place.pop(id)] = 0
 
-    def places(self, ids: Iterable[int]) -> np.ndarray:
+    def places(self, ids: Any) -> np.ndarray:
         """(v,) the rows of the templates of ``ids`` (v,); -1: it has none."""
-        return np.array([self._place.get(int(id), -1) for id in ids], np.int64)
+        return np.array([self._place.get(id, -1) for id in np.asarray(ids).tolist()], np.int64)
 
     def best(self, count: int, of: Iterable[int] | None = None) -> list[int]:
         """Those ``count`` of the ids ``of`` (None: of all) that were matched most of late."""
@@ -62,7 +63,7 @@ class Gallery:
     def change_of_view(self, places: np.ndarray, points: np.ndarray, now: np.ndarray) -> np.ndarray:
         """(v,) the change of view of the features at ``places`` (v,), now at ``points`` (v, 3), from their first sight
         to ``now`` (3,); zero for the target, whose plane is known."""
-        change = change_of_view(self.templates.camera[places, :3], now, points)
+        change = change_of_view(self.templates.camera[places], now, points)
         return np.where((places < 0) | (self.templates.id[places] < 0), 0.0, change)
 
     def judge(self, ids: Iterable[int], matched: np.ndarray, inside: np.ndarray, frame: int) -> None:
@@ -78,14 +79,13 @@ class Gallery:
         """The running mean, of each feature, of its matched pixel in ``found`` (M,) DETECTION less its pixel in the
         ``sight`` of the updated estimate; of that the share which is noise, and not error of the linearisation, where
         the filter counts that several times: else it would be told twice."""
-        at = {int(thing["id"]): thing for thing in sight.thing}
+        row, k = np.nonzero(found["match"][:, None] == sight.thing["id"])
+        found, thing = found[row], sight.thing[k]
         keep, frames = self._settings.memory, PRODUCT_FRAMES if self._camera.command_known else 0.0
-        for id, pixel, R in zip(found["match"].tolist(), found["pixel"], found["R"]):
-            if id in at:
-                noise, neglected = np.trace(R), frames * np.trace(at[id]["curvature"])
-                self._residual[self._place[id]] *= keep
-                share = noise / max(noise + neglected, 1e-12)
-                self._residual[self._place[id]] += (1.0 - keep) * share * (pixel - at[id]["z_hat"])
+        noise, neglected = np.trace(found["R"], 0, 1, 2), frames * np.trace(thing["curvature"], 0, 1, 2)
+        weight = (1.0 - keep) * (noise / np.maximum(noise + neglected, 1e-12))[:, None]
+        places = self.places(found["match"])
+        self._residual[places] = keep * self._residual[places] + weight * (found["pixel"] - thing["z_hat"])
 
     def residuals(self, ids: Iterable[int]) -> np.ndarray:
         """(m, 2) the running mean residual of each of the features ``ids`` (m,) [px]; zero for the target."""

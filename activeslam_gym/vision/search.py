@@ -54,7 +54,7 @@ def search(
     v = places.shape[0]
     state, peaks, pixel = np.zeros(v, np.int64), np.zeros(v, np.int64), np.zeros((v, PEAKS, 2))
     out = Findings(state, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)))
-    sums, T = integrals(image), np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
+    T = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for a in range(v):
         if (
             places[a] >= 0
@@ -62,7 +62,7 @@ def search(
             and predict_appearance(view, templates, places[a], points[a], model.warp, T)
             and _normalise(T)
         ):
-            _search_one(model, image, sums, T, z_hat[a], S[a], a, out)
+            _search_one(model, image, T, z_hat[a], S[a], a, out)
     return out
 
 
@@ -132,9 +132,10 @@ def _cross(image: np.ndarray, T: np.ndarray, top: int, left: int, out: np.ndarra
 
 
 @compiled
-def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, row: int, column: int, out: np.ndarray) -> None:
-    """Normalised cross-correlations (n,) of ``T`` (zero mean, length 1) around the pixels (column + x, row)."""
-    top, left, n = row - TEMPLATE_HALF, column - TEMPLATE_HALF, out.shape[0]
+def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, top: int, left: int, out: np.ndarray) -> None:
+    """Normalised cross-correlations (n,) of ``T`` (zero mean, length 1) with the windows of ``image`` whose first pixel
+    is (left + x, top)."""
+    n = out.shape[0]
     _cross(image, T, top, left, out)
     bottom = top + TEMPLATE_SIDE
     for x in range(n):
@@ -147,9 +148,8 @@ def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, row: int,
 
 @compiled
 def _search_one(
-    model: Record, image: np.ndarray, sums: np.ndarray, T: np.ndarray, z: np.ndarray, S: np.ndarray, a: int,
-    out: Findings,
-) -> None:  # fmt: skip
+    model: Record, image: np.ndarray, T: np.ndarray, z: np.ndarray, S: np.ndarray, a: int, out: Findings
+) -> None:
     """Correlate ``T`` over the ellipse around ``z``; row ``a`` of ``out`` gets its peaks."""
     h, w = image.shape
     edge = TEMPLATE_HALF + 1
@@ -159,6 +159,8 @@ def _search_one(
     left, right = max(edge, int(math.ceil(z[0] - reach_x))), min(w - 1 - edge, int(math.floor(z[0] + reach_x)))
     top, bottom = max(edge, int(math.ceil(z[1] - reach_y))), min(h - 1 - edge, int(math.floor(z[1] + reach_y)))
     scores = np.full((max(bottom - top + 3, 3), max(right - left + 3, 3)), np.float32(-1.0))
+    part = image[top - TEMPLATE_HALF : bottom + TEMPLATE_HALF + 1, left - TEMPLATE_HALF : right + TEMPLATE_HALF + 1]
+    sums = integrals(part)
     for row in range(top, bottom + 1):  # the chord of the ellipse d^2 < gate at this row
         y = row - z[1]
         middle = z[0] + S[0, 1] / S[1, 1] * y
@@ -166,7 +168,7 @@ def _search_one(
         first, last = max(left, int(math.ceil(middle - half))), min(right, int(math.floor(middle + half)))
         if first <= last:
             to = scores[row - top + 1, first - left + 1 : last - left + 2]
-            _correlate_row(image, sums, T, row, first, to)
+            _correlate_row(part, sums, T, row - top, first - left, to)
     out.state[a] = MISSING
     _keep_peaks(model, scores, out, a)
     for k in range(out.peaks[a]):
@@ -208,17 +210,18 @@ def _localise(model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray
     d = -(J^T J)^-1 J^T r (inverse composition: the patch in the image is T shifted by d), and
     R = floor^2 I + grain (r^T r / n) (J^T J)^-1.
     """
-    A00, A01, A11 = 1e-6, 0.0, 1e-6
+    A00, A01, A11, gradients = 1e-6, 0.0, 1e-6, np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE, 2))
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
             gx, gy = _gradient(T, i, j)
+            gradients[i, j, 0], gradients[i, j, 1] = gx, gy
             A00 += gx * gx
             A01 += gx * gy
             A11 += gy * gy
     det = A00 * A11 - A01 * A01
     start_x, start_y, residual = pixel[0], pixel[1], 0.0
     for step in range(4):
-        g0, g1, residual = _misfit(image, T, pixel)
+        g0, g1, residual = _misfit(image, T, gradients, pixel)
         if step == 3 or not model.subpixel or math.isnan(residual):
             break
         dx, dy = (A11 * g0 - A01 * g1) / det, (A00 * g1 - A01 * g0) / det
@@ -243,7 +246,7 @@ def _gradient(T: np.ndarray, i: int, j: int) -> tuple[float, float]:
 
 
 @compiled
-def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float, float, float]:
+def _misfit(image: np.ndarray, T: np.ndarray, gradients: np.ndarray, pixel: np.ndarray) -> tuple[float, float, float]:
     """(J^T r as x and y, r^T r) of the image around ``pixel``, against ``T`` where it is seen; r^T r as of all of T."""
     total, square, seen = 0.0, 0.0, 0
     column, row = math.floor(pixel[0]), math.floor(pixel[1])
@@ -270,10 +273,9 @@ def _misfit(image: np.ndarray, T: np.ndarray, pixel: np.ndarray) -> tuple[float,
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
             if T[i, j] != 0.0:
-                gx, gy = _gradient(T, i, j)
                 r = (values[i, j] - mean) * scale - T[i, j]
-                g0 += gx * r
-                g1 += gy * r
+                g0 += gradients[i, j, 0] * r
+                g1 += gradients[i, j, 1] * r
                 residual += r * r
                 inner += 1
     return g0, g1, residual * (_INNER / max(inner, 1))

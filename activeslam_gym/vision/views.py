@@ -58,8 +58,8 @@ def turn_between(one: np.ndarray, other: np.ndarray) -> float:
 
 @compiled
 def change_of_view(first: np.ndarray, now: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(n,) how differently ``points`` (n, 3) are seen from ``first`` (n, >= 3) and from ``now`` (>= 3,): the angle [rad]
-    between the sight lines and the logarithm of the distances' quotient, as the two sides of a right angle."""
+    """(n,) how differently ``points`` (n, 3) are seen from ``first`` (n, >= 3) and from ``now`` (>= 3,): the angle
+    [rad] between the sight lines and the logarithm of the distances' quotient, as the two sides of a right angle."""
     out = np.empty(points.shape[0])
     for k in range(points.shape[0]):
         far, near = max(distance_between(points[k], first[k]), 1e-9), max(distance_between(points[k], now), 1e-9)

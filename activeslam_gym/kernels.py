@@ -94,7 +94,7 @@ else:
 
         def __getattribute__(self, name: str) -> Any:
             fields = object.__getattribute__(self, "dtype").fields
-            return self[name] if fields and name in fields else super().__getattribute__(name)
+            return np.void.__getitem__(self, name) if fields and name in fields else object.__getattribute__(self, name)
 
 
 @intrinsic

@@ -73,7 +73,7 @@ class Session:
         Raises:
             ValueError: an image cannot be read, or the first one does not show the target.
         """
-        began = time.process_time()
+        began = time.thread_time()
         try:
             frame = self.source.next()
         except GuidanceError as guidance:
@@ -152,5 +152,5 @@ class Session:
             follows=None if person is None else person.habit == FOLLOW,
             marked=self.marked,
             truth=None if person is None else person.state.copy(),
-            milliseconds=1e3 * (time.process_time() - began),
+            milliseconds=1e3 * (time.thread_time() - began),
         )

@@ -277,6 +277,15 @@ def positions_of(belief: Belief) -> np.ndarray:
 
 
 @compiled
+def mapped_of(belief: Belief, mapped_depth_ratio: float) -> np.ndarray:
+    """(n,) whether the deviation of each feature's depth over its depth is under ``mapped_depth_ratio``."""
+    out = np.empty(belief.state.count, np.bool_)
+    for k in range(out.shape[0]):
+        out[k] = depth_ratio(belief, k) < mapped_depth_ratio
+    return out
+
+
+@compiled
 def write_estimate(belief: Belief, mapped_depth_ratio: float, estimate: EstimateArrays) -> None:
     """Write the whole estimate, with the joint covariance of camera and points.
 

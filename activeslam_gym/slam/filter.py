@@ -15,6 +15,7 @@ from activeslam_gym.slam.belief import (
     MOST_BIASED,
     Belief,
     empty_beliefs,
+    mapped_of,
     positions_of,
     reset_belief,
     start_of,
@@ -237,6 +238,11 @@ class Filter:
     def positions(self) -> np.ndarray:
         """(n, 3) every feature as a point [m], oldest first: those of `points`, without the covariance."""
         return positions_of(self.belief)
+
+    @property
+    def mapped(self) -> np.ndarray:
+        """(n,) whether each feature's depth is known, oldest first: that of `estimate`."""
+        return mapped_of(self.belief, float(self.models.filter.initialisation.mapped_depth_ratio))
 
     def points(self) -> tuple[np.ndarray, np.ndarray]:
         """Every feature as a point, (n, 3) [m], and the joint covariance of camera and points (12 + 3 n)^2."""

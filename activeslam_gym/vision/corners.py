@@ -22,8 +22,7 @@ def new_corners(
     corner, and a pixel beside the feature would move otherwise than the feature where the view changes.
     """
     cv2 = opencv()
-    strength = cv2.cornerMinEigenVal(image, _BLOCK, ksize=3)
-    strength[strength < least] = 0.0
+    _, strength = cv2.threshold(cv2.cornerMinEigenVal(image, _BLOCK, ksize=3), least, 0.0, cv2.THRESH_TOZERO)
     h, w = image.shape
     strength[:border], strength[h - border :] = 0.0, 0.0
     strength[:, :border], strength[:, w - border :] = 0.0, 0.0
@@ -35,7 +34,7 @@ def new_corners(
         if 0 <= x < w and 0 <= y < h:
             crowd[int(y * _CELLS[0] / h), int(x * _CELLS[1] / w)] += 1
 
-    for pixel in occupied:
+    for pixel in occupied.tolist():
         take(*pixel)
     found: list[tuple[int, int]] = []
     while len(found) < count and (pixel := _strongest_in_thinnest(strength, crowd)) is not None:
@@ -54,7 +53,7 @@ def new_corners(
 
 def _clear(strength: np.ndarray, x: float, y: float, radius: float) -> None:
     """Leave no corner near the pixel (x, y)."""
-    top, left = (max(int(at - radius), 0) for at in (y, x))
+    top, left = max(int(y - radius), 0), max(int(x - radius), 0)
     strength[top : max(int(y + radius) + 1, 0), left : max(int(x + radius) + 1, 0)] = 0.0
 
 

@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from statistics import median
 from typing import NamedTuple
 
 import numpy as np
@@ -249,10 +250,11 @@ class FrontEnd:
     def _scouts(self, sight: Sight) -> list[int]:
         """Ids of the features to search first: none if ellipses are small, else those with the best record."""
         s, ids, z_hat = self.settings, sight.thing["id"], sight.thing["z_hat"]
-        areas = np.pi * s.gate * np.sqrt(np.maximum(np.linalg.det(_own_covariances(sight)), 0.0))
+        S = _own_covariances(sight)
+        areas = np.pi * s.gate * np.sqrt(np.maximum(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0], 0.0))
         inside = np.all((z_hat > 20) & (z_hat < (self.camera.width - 20, self.camera.height - 20)), axis=1)
         known = inside & (self._gallery.places(ids) >= 0)
-        if not known.any() or np.median(areas[known]) < s.vague_area:
+        if not known.any() or median(areas[known].tolist()) < s.vague_area:
             return []
         return self._gallery.best(s.scouts, ids[known].tolist())
 
@@ -327,8 +329,8 @@ class FrontEnd:
         as a desk's is in a room, the map's scale is soon wrong by more than it knows. Where there are no fiducials, the
         scale is free.
         """
-        weight, (mean, std), known = self.settings.depth_prior, self._prior, self.filter.estimate()
-        points = np.concatenate((known.points[known.mapped], self.filter.fiducials))
+        weight, (mean, std) = self.settings.depth_prior, self._prior
+        points = np.concatenate((self.filter.positions[self.filter.mapped], self.filter.fiducials))
         distances = np.linalg.norm(points - self.filter.mean[:3], axis=1)
         rho = 1.0 / np.maximum(distances, 1.0 / (_NEAREST * mean))
         total = weight + len(rho)

@@ -71,6 +71,7 @@ def _add_live(commands: Any) -> None:
     one.add_argument("--port", type=int, default=8080, help=f"0: any free one {_DEFAULT}")
     one.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
     one.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
+    one.add_argument("--film", action="store_true", help="write film.mp4 there too: images with searches, and the map")
     one.add_argument("--replay", metavar="DIR", help="show a recording again")
 
 

@@ -25,7 +25,7 @@ from .live_scene import BROWSER, PATIENCE, SWITCHES, pressing, serving, until  #
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
-from activeslam_gym.live import drawing  # noqa: E402
+from activeslam_gym.vision import film  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 VIEW = "img:not([src^='data:image/svg'])"
@@ -98,7 +98,7 @@ def pixels(shot: bytes) -> np.ndarray:
 def dots(page: Any) -> int:
     """Pixels of new landmarks in the curves, which stand in the upper left of the window."""
     shot = pixels(page.screenshot(clip={"x": 0, "y": 200, "width": 330, "height": 200}))
-    return int((np.abs(shot - drawing.rgb(drawing.ORANGE)).sum(axis=2) < 30).sum())
+    return int((np.abs(shot - film.rgb(film.ORANGE)).sum(axis=2) < 30).sum())
 
 
 def changed(before: np.ndarray, after: np.ndarray) -> float:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("viser", reason="the extra `live` is not installed")
 
 from msgspec.msgpack import encode  # noqa: E402
@@ -26,6 +26,7 @@ from activeslam_gym.live import drawing  # noqa: E402
 from activeslam_gym.live.link import Link, check_address  # noqa: E402
 from activeslam_gym.live.state import Standing  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
+from activeslam_gym.vision import film  # noqa: E402
 
 from .live_scene import ABOUT, Served, a_state, camera_message, serving, until, visitor  # noqa: E402
 
@@ -237,10 +238,10 @@ def test_the_view_shows_the_outcome_of_each_search() -> None:
     state = a_state(1, 3)
     state.image[:] = 90
     state.pixels = np.array([(60.0, 60.0), (160.0, 120.0), (260.0, 180.0)])
-    picture = drawing.view(state)
+    picture = film.view(state.moment)
     assert picture.shape == (480, 640, 3)
     for pixel, outcome in zip(state.pixels, state.outcomes):
-        colour = drawing.rgb(drawing.OUTCOMES[int(outcome)][0])
+        colour = film.rgb(film.OUTCOMES[int(outcome)][0])
         x, y = (2 * pixel).astype(int)
         near = picture[y - 30 : y + 30, x - 30 : x + 30].reshape(-1, 3).astype(int)
         assert (np.abs(near - colour).sum(axis=1) < 30).sum() > 20
@@ -257,8 +258,8 @@ def test_reasons_are_relative_to_holding_still_and_colours_tell_things_apart() -
     scores = np.array((3.0, 1.0, 2.0, 2.5, 2.0, 2.0, 2.0))
     told = drawing.reasons(replace(a_state(), command=Motion.FORWARD, scores=scores))
     assert ">1.0</div>" in told and ">-1.0</div>" in told and ">0.0</div>" in told and "width:50.0%" in told
-    rings = [colour for colour, _ in drawing.OUTCOMES.values()]
-    assert len({*rings, drawing.ORANGE, drawing.VERMILLION, drawing.BLUE, drawing.SKY}) == 7
+    rings = [colour for colour, _ in film.OUTCOMES.values()]
+    assert len({*rings, film.ORANGE, film.VERMILLION, film.BLUE, film.SKY}) == 7
 
 
 def test_the_page_tells_how_long_it_waits_for_the_first_state(page: Served) -> None:
@@ -293,7 +294,7 @@ def test_buttons_make_requests_and_a_click_marks_the_nearest(page: Served) -> No
 
 
 def test_ctrl_c_ends_it_and_loses_nothing(tmp_path: Path) -> None:
-    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--record", str(tmp_path / "run")]
+    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--film", "--record", str(tmp_path / "run")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stdout is not None
@@ -312,4 +313,5 @@ def test_ctrl_c_ends_it_and_loses_nothing(tmp_path: Path) -> None:
     count = len(frames.read_text().splitlines())
     assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count
     assert (tmp_path / "run" / "map.csv").stat().st_size > 100
+    assert cv2.VideoCapture(str(tmp_path / "run" / "film.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count
     assert main(["live", "--replay", str(tmp_path / "run"), "--port", "0", "--seconds", "1"]) == 0

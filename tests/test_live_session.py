@@ -298,11 +298,14 @@ def test_a_recording_becomes_an_animation(recorded: Any, tmp_path: Path, capsys:
     image = pytest.importorskip("PIL.Image", reason="the extra `plot` is not installed")
     from agents.__main__ import main
 
-    clip = tmp_path / "clip.gif"
-    line = ["watch", "--recording", str(recorded[0]), "--every", "0.25", "--width", "200", "--save", str(clip)]
-    assert main(line) == 0
+    clip, video = tmp_path / "clip.gif", tmp_path / "clip.mp4"
+    line = ["watch", "--every", "0.25", "--width", "200", "--recording", str(recorded[0])]
+    assert main([*line, "--save", str(clip)]) == 0
     with image.open(clip) as animation:
-        assert animation.n_frames == 6 and animation.size == (200, 176)
+        assert animation.n_frames == 6 and animation.size == (200, 326)
+    assert main([*line, str(recorded[0]), "--save", str(video)]) == 0, "side by side, as a video"
+    there, picture = cv2.VideoCapture(str(video)).read()
+    assert there and picture.shape == (352, 400, 3) and np.ptp(picture.astype(int), axis=2).max() > 60
     assert main(["watch", "--recording", str(tmp_path), "--save", str(clip)]) == 2
     assert main(["watch", "--recording", str(recorded[0])]) == 2
     assert "holds no live recording" in capsys.readouterr().err
@@ -317,7 +320,7 @@ def test_a_recording_becomes_one_for_rerun(recorded: Any, tmp_path: Path) -> Non
 
 
 def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Path) -> None:
-    show = Live(RenderedRoom(2), 2, tmp_path)
+    show = Live(RenderedRoom(2), 2, tmp_path, film=True)
     show.step()
     show.restart()
     show.step()
@@ -325,5 +328,7 @@ def test_a_restart_has_a_folder_of_its_own_and_none_is_written_over(tmp_path: Pa
     show.close()
     assert {path.name for path in tmp_path.iterdir()} >= {"map.csv", "trajectory.tum", "2"}
     assert (tmp_path / "2" / "map.csv").exists()
+    assert cv2.VideoCapture(str(tmp_path / "film.mp4")).read()[1].shape == (480, 1280, 3)
+    assert (tmp_path / "2" / "film.mp4").exists()
     with pytest.raises(OSError, match="holds a live recording already"):
         Live(RenderedRoom(2), 2, tmp_path)

@@ -1,4 +1,4 @@
-"""The camera's view with the searched ellipses, as a picture, and the command and its reasons, as pieces of HTML."""
+"""The command and its reasons, and the other parts of the page, as pieces of HTML."""
 
 import math
 from html import escape
@@ -7,14 +7,8 @@ import numpy as np
 
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import Motion
-from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED
-from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.film import BLUE, GREEN, GREY, ORANGE, OUTCOMES, SKY, VERMILLION
 
-# Okabe and Ito's colours, safe for colour-blind readers, as in `rendering.scene`.
-BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#D55E00", "#009E73", "#9AA0A6"
-PURPLE, YELLOW = "#CC79A7", "#F0E442"
-OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}
-"""Colour and word for each outcome of a search; none is the target's or the camera's."""
 STANDINGS = dict(zip(Standing, (BLUE, GREEN, ORANGE, VERMILLION, GREY)))
 CURVES = {"camera": VERMILLION, "map": SKY, "total": BLUE}
 """Colours of the entropies over time."""
@@ -24,9 +18,6 @@ NAMES = dict(
 """Commands in words."""
 SIGNS = dict(zip(Motion, ("⤢", "⤡", "→", "←", "↑", "↓", "■")))
 """Commands as a character."""
-_WIDTH = 640
-"""Least width of the view [px]."""
-_SIGMAS = 3.0
 _UP = "M50 6 L88 46 L64 46 L64 94 L36 94 L36 46 L12 46 Z"
 _OUT = "M50 94 L80 62 L62 62 L57 34 L66 34 L50 8 L34 34 L43 34 L38 62 L20 62 Z"
 _ROAD = f'<path d="M4 96 L36 6 M96 96 L64 6" stroke="{GREY}" stroke-width="5" fill="none"/>'
@@ -35,35 +26,6 @@ _SHAPES = dict(zip(Motion, (
     (_UP, "rotate(270 50 50)"), (_UP, ""), (_UP, "rotate(180 50 50)"), ("M22 22 H78 V78 H22 Z", ""),
 )))  # fmt: skip
 """Outlines and transforms of the arrows, in a square of 100: ahead along a road, back along it, sideways."""
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    """``#RRGGBB`` as three numbers of 0 … 255."""
-    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
-
-
-def view(state: State) -> np.ndarray:
-    """(s h, s w, 3) uint8, RGB: the image, s times as wide where it is small, with the 3-sigma ellipses of the
-    searches, coloured by their outcomes.
-
-    Ellipses have a visible size; one that is not finite, or is larger than the picture, is left out.
-    """
-    cv2 = opencv()
-    scale = max(1, round(_WIDTH / state.image.shape[1]))
-    size = (scale * state.image.shape[1], scale * state.image.shape[0])
-    picture = cv2.cvtColor(cv2.resize(state.image, size, interpolation=cv2.INTER_LINEAR), cv2.COLOR_GRAY2RGB)
-    finite = np.isfinite(state.pixels).all(1) & np.isfinite(state.ellipses).all((1, 2))
-    for i in np.flatnonzero(finite):
-        marked = state.marked != 0 and state.searched[i] == state.marked
-        pixel, (squares, axes) = scale * (state.pixels[i] + 0.5) - 0.5, np.linalg.eigh(state.ellipses[i])
-        if 0.0 < squares[0] and squares[1] < size[0] ** 2:
-            whole = np.maximum(2.0 * _SIGMAS * scale * np.sqrt(squares[::-1]), 10.0)
-            box = (tuple(pixel.tolist()), tuple(whole.tolist()), math.degrees(math.atan2(axes[1, 1], axes[0, 1])))
-            cv2.ellipse(picture, box, rgb(OUTCOMES[int(state.outcomes[i])][0]), 4 if marked else 2, cv2.LINE_AA)
-        if marked:
-            at = tuple(np.rint(pixel).astype(int).tolist())
-            cv2.drawMarker(picture, at, rgb(VERMILLION), cv2.MARKER_TILTED_CROSS, 24, 3)
-    return picture
 
 
 def middle_feature(state: State) -> int:

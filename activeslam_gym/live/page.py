@@ -21,12 +21,13 @@ import numpy as np
 
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.live import drawing
-from activeslam_gym.live.drawing import BLUE, CURVES, NAMES, ORANGE, SIGNS, SKY, VERMILLION, rgb
+from activeslam_gym.live.drawing import CURVES, NAMES, SIGNS
 from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.guard import Guard, guarding
 from activeslam_gym.live.history import History
 from activeslam_gym.live.state import About, Request, State
 from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, Motion
+from activeslam_gym.vision.film import BLUE, ORANGE, SKY, VERMILLION, rgb, view
 from activeslam_gym.vision.track import map_table
 
 _SIGMAS = 2.0
@@ -169,7 +170,7 @@ class Page:
         first, self._state = self._state is None, state
         self._history.add(state)
         with self._server.atomic():
-            self._view.image = picture = drawing.view(state)
+            self._view.image = picture = view(state.moment, state.marked)
             self._frustum.image = picture[:: (step := max(1, picture.shape[1] // _FRUSTUM)), ::step]
             self._standing.content = drawing.standing(state, self._paused)
             if np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all():

@@ -7,6 +7,7 @@ at the end and on demand.
 
 import json
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from activeslam_gym.files import Lines, demand_writable, text_of, written_whole
 from activeslam_gym.live.state import About, Standing, State, plain, record_of
+from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.track import TrackFiles
@@ -37,14 +39,14 @@ def check_folder(folder: Path) -> None:
 
 
 class Recording:
-    """Writes a run into ``folder``, which it makes.
+    """Writes a run into ``folder``, which it makes, and with ``film`` film.mp4, which is there once it is closed.
 
     Raises:
         OSError: it cannot be written to, or holds a recording already.
         ModuleNotFoundError: OpenCV is not installed.
     """
 
-    def __init__(self, folder: str | Path, about: About) -> None:
+    def __init__(self, folder: str | Path, about: About, film: bool = False) -> None:
         self.folder = Path(folder)
         self._cv2 = opencv()
         check_folder(self.folder)
@@ -53,7 +55,10 @@ class Recording:
             unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")
         self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
         self._last: State | None = None
-        self._count = 0
+        self._count, self._at_close = 0, ExitStack()
+        room = about.room_size if about.person else None
+        to = self.folder / "film.mp4"
+        self._film = self._at_close.enter_context(film_to(to, about.rate, room)) if film else None
 
     def add(self, state: State, log: FrameLog | None) -> None:
         """Write a state, its image, and the ``log`` of the image where there is one.
@@ -70,6 +75,8 @@ class Recording:
         if state.standing != Standing.WAITING:
             self._track.add(state.time, state.camera, log)
             self._last = state
+            if self._film is not None:
+                self._film(state.moment)
         self._count += 1
 
     def save(self) -> None:
@@ -82,6 +89,7 @@ class Recording:
         self.save()
         self._states.close()
         self._track.close()
+        self._at_close.close()
 
 
 def read_about(folder: str | Path) -> About:

@@ -33,12 +33,13 @@ _AFAR = "Every holder of this whole address can open it and press its buttons; i
 
 
 class Live:
-    """A session and, with a ``folder``, its recording; each restart has a folder of its own: 2, 3, ..."""
+    """A session and, with a ``folder``, its recording, and with ``film`` a film; each restart has a folder of its own:
+    2, 3, ..."""
 
-    def __init__(self, source: Source, seed: int, folder: str | Path | None) -> None:
+    def __init__(self, source: Source, seed: int, folder: str | Path | None, film: bool = False) -> None:
         self.session, self.is_camera = Session(source, seed), source.is_camera
         self._home = None if folder is None else Path(folder)
-        self._folder, self._runs = self._home, 1
+        self._folder, self._runs, self._film = self._home, 1, film
         self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
         if self._folder is not None:
             check_folder(self._folder)
@@ -60,7 +61,7 @@ class Live:
         """The next state, recorded, but for those of a calibration."""
         state, source = self.session.step(), self.session.source
         if self._folder is not None and not (isinstance(source, Device) and source.calibrating):
-            self._recording = self._recording or Recording(self._folder, self.about)
+            self._recording = self._recording or Recording(self._folder, self.about, self._film)
             self._recording.add(state, self.session.log)
         return state
 
@@ -139,6 +140,8 @@ def show_of(args: Namespace) -> Live | Replay:
         ValueError, OSError: a file, folder or number is bad.
         ModuleNotFoundError: OpenCV is not installed.
     """
+    if args.film and args.record is None:
+        raise ValueError("--film is written into the folder of --record: give both")
     if args.replay is not None:
         if args.record is not None:
             raise ValueError("--replay shows a recording, --record makes one: give one of them")
@@ -148,15 +151,15 @@ def show_of(args: Namespace) -> Live | Replay:
     if args.source == "rendered":
         if args.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
-        return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record)
+        return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record, args.film)
     if args.source == BROWSER and (args.calibrate or args.calibration):
         device = Device(args.calibration, args.target, args.rate, args.calibrate)
-        return Live(device, args.seed, args.record)
+        return Live(device, args.seed, args.record, args.film)
     missing = [f"--{name}" for name in ("calibration", "target") if getattr(args, name) is None]
     if missing:
         needed = "--calibration or --calibrate" if args.source == BROWSER else " and ".join(missing)
         raise ValueError(f"--source {args.source} needs {needed}")
-    return Live(Sequence(args.source, args.calibration, args.target, args.rate), args.seed, args.record)
+    return Live(Sequence(args.source, args.calibration, args.target, args.rate), args.seed, args.record, args.film)
 
 
 def filming_of(show: Live | Replay, record: str | None) -> Filming | None:

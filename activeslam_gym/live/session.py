@@ -12,6 +12,7 @@ from activeslam_gym.live.source import GuidanceError, RenderedRoom, Sequence
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.slam.estimate import Estimate, taken_estimate
+from activeslam_gym.vision.film import point_covariances
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, Searched
 
 Source = RenderedRoom | Sequence | Device
@@ -124,7 +125,7 @@ class Session:
         begun = standing == Standing.TRACKING and log is None
         words = _BEGUN if begun else "{why}" if isinstance(why, GuidanceError) else WORDS[standing]
         matched, searched = (log.matched, log.searched) if log else (0, 0)
-        P, rows = estimate.covariance, CAMERA_DIM + 3 * np.arange(len(estimate.ids))[:, None, None] + np.arange(3)
+        P = estimate.covariance
         self._mapped.update(estimate.ids[estimate.mapped].tolist())
         return State(
             frame=self._frame,
@@ -136,7 +137,7 @@ class Session:
             camera_covariance=P[:3, :3],
             ids=estimate.ids,
             points=estimate.points,
-            covariances=P[np.swapaxes(rows, 1, 2), rows],
+            covariances=point_covariances(P),
             mapped=estimate.mapped,
             fiducials=front_end.filter.fiducials if front_end else _NO_POINTS,
             searched=search.id,

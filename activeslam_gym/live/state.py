@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin, get_t
 import numpy as np
 
 from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
+from activeslam_gym.vision.film import Moment
+from activeslam_gym.vision.frontend import Searched
 
 Request = Literal["pause", "step", "restart", "follow", "mark", "save"]
 """Requests of a page, each with a value: whether to pause, and whether the simulated person follows; the id of a
@@ -105,6 +107,12 @@ class State:
     """Id of the marked feature, or 0."""
     truth: Annotated[np.ndarray | None, float, (CAMERA_SIZE,)] = None
     """The true camera, in a rendered room."""
+
+    @property
+    def moment(self) -> Moment:
+        """Its picture and map."""
+        searched = Searched(self.searched, self.pixels, self.ellipses, self.outcomes)
+        return Moment(self.image, searched, self.points, self.covariances, self.mapped, self.fiducials, self.camera)
 
     @property
     def motion(self) -> Motion:

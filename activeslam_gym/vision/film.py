@@ -1,49 +1,95 @@
-"""A film of a track: the image with the searches and matches, beside the map from above."""
+"""Films of a track: the image with its searches, and the map from above. Pictures are RGB."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from activeslam_gym.files import written_whole
+from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import CAMERA_DIM
-from activeslam_gym.slam.association import REJECTED
-from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.frontend import DOUBTED, MATCHED, MISSED, FrontEnd, Searched
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.views import reduced
 
-_SCALE = 2  # pixels of the film for one of the image
-_MATCHED, _MISSED, _PATH, _FEATURE = (80, 200, 80), (60, 60, 230), (0, 94, 213), (150, 150, 150)  # blue, green, red
-_CODES = {".mp4": "mp4v", ".avi": "MJPG"}
+# Okabe and Ito's colours, safe for colour-blind readers, as in `rendering.scene`.
+BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#D55E00", "#009E73", "#9AA0A6"
+PURPLE, YELLOW = "#CC79A7", "#F0E442"
+OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}
+"""Colour and word for each outcome of a search; none is the target's or the camera's."""
+CODES = {".mp4": "mp4v", ".avi": "MJPG"}
+"""Suffixes of a video and their codecs."""
+_WIDTH = 640
+"""Least width of the view [px]."""
+_SIGMAS_SEEN, _SIGMAS = 3.0, 2.0
+"""Of the ellipses in the view and in the map."""
+
+
+class Moment(NamedTuple):
+    """The state of a track after an image, as it is drawn."""
+
+    image: np.ndarray  # (h, w) uint8
+    searched: Searched
+    points: np.ndarray  # (n, 3) features [m]
+    covariances: np.ndarray  # (n, 3, 3)
+    mapped: np.ndarray  # (n,) bool
+    fiducials: np.ndarray  # (K, 3)
+    camera: np.ndarray  # (>= 7,) position and quaternion
+
+
+def moment_of(front_end: FrontEnd, image: np.ndarray) -> Moment:
+    """The moment after ``image``."""
+    filter = front_end.filter
+    points, P = filter.points()
+    parts = point_covariances(P), filter.estimate().mapped, filter.fiducials, filter.mean
+    return Moment(image, front_end.searched, points, *parts)
+
+
+def point_covariances(P: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) of the joint covariance ``P`` of a camera and n points."""
+    rows = np.arange(CAMERA_DIM, len(P)).reshape(-1, 1, 3)
+    return P[np.swapaxes(rows, 1, 2), rows]
 
 
 @contextmanager
-def film_to(path: Path, rate: float) -> Iterator[Callable[[FrontEnd, np.ndarray], None]]:
-    """A function that adds the picture of the moment after an image (h, w) to the video ``path`` (.mp4 or .avi), of
-    ``rate`` [Hz]: a context, at whose end the file is there, whole or not at all.
+def film_to(path: Path, rate: float, room: tuple[float, float, float] | None = None) -> Iterator[Callable]:
+    """A function that adds a `Moment` to the `video_to` ``path``: the `view` beside the map `from_above`."""
+    way = list[np.ndarray]()
+    with video_to(path, rate) as add_picture:
+
+        def add(moment: Moment) -> None:
+            way.append(moment.camera[:7])
+            picture = view(moment)
+            add_picture(np.hstack((picture, from_above(moment, way, picture.shape, room))))
+
+        yield add
+
+
+@contextmanager
+def video_to(path: Path, rate: float) -> Iterator[Callable[[np.ndarray], None]]:
+    """A function that adds a picture (H, W, 3) uint8 to the video ``path`` (.mp4 or .avi), of ``rate`` [Hz]: a context,
+    at whose end the file is there, whole or not at all.
 
     Raises:
         ValueError: ``path`` ends otherwise.
+        ModuleNotFoundError: OpenCV is not installed.
         OSError: at the end, the video cannot be read again: the disk is full.
     """
-    if path.suffix not in _CODES:
+    if path.suffix not in CODES:
         raise ValueError(f"a film is .mp4 or .avi, got {path}")
     cv2, pictures = opencv(), 0
-    writer, unfinished, track = None, path, list[np.ndarray]()
+    writer, unfinished = None, path
     with ExitStack() as at_close:
 
-        def add(front_end: FrontEnd, image: np.ndarray) -> None:
+        def add(picture: np.ndarray) -> None:
             nonlocal writer, unfinished, pictures
-            track.append(front_end.filter.mean[:3])
-            image = reduced(image, image.shape[1] // int(front_end.camera.width))
-            picture = np.hstack((_seen(cv2, front_end, image), _map(cv2, front_end, track, image.shape)))
             if writer is None:
                 unfinished = at_close.enter_context(written_whole(path))
-                code = cv2.VideoWriter_fourcc(*_CODES[path.suffix])
+                code = cv2.VideoWriter_fourcc(*CODES[path.suffix])
                 writer = cv2.VideoWriter(str(unfinished), code, float(rate), picture.shape[1::-1])
-            writer.write(picture)
+            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
             pictures += 1
 
         try:
@@ -56,41 +102,76 @@ def film_to(path: Path, rate: float) -> Iterator[Callable[[FrontEnd, np.ndarray]
             raise OSError(f"{path} cannot be written as a video (is the disk full?)")
 
 
-def _map(cv2: Any, front_end: FrontEnd, track: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
-    """X to the right and Z downwards, as seen from above: features with their ellipses (2 sigma), and the path."""
-    points, P = front_end.filter.points()
-    path, fiducials, points = (np.array(p)[:, [0, 2]] for p in (track, front_end.filter.fiducials, points))
-    low, high = np.percentile(np.concatenate((points, fiducials, path)), [2, 98], axis=0)
-    size = _SCALE * np.array(shape[::-1])
-    scale = 0.8 * (size / np.maximum(high - low, 0.5)).min()
-    path, fiducials, points = (scale * (p - 0.5 * (low + high)) + 0.5 * size for p in (path, fiducials, points))
-    picture = np.full((*size[::-1], 3), 255, np.uint8)
-    for k, point in enumerate(points):
-        own = CAMERA_DIM + 3 * k + np.array((0, 2))
-        _ellipse(cv2, picture, point, scale**2 * P[np.ix_(own, own)], 2.0, _FEATURE)
+def view(moment: Moment, marked: int = 0) -> np.ndarray:
+    """(s h, s w, 3) the image, s times as wide where it is small, with the 3-sigma ellipses of the searches, coloured
+    by their outcomes; the feature ``marked`` has a cross.
+
+    Ellipses have a visible size; one that is not finite, or is larger than the picture, is left out.
+    """
+    cv2, (h, w) = opencv(), moment.image.shape
+    scale = max(1, round(_WIDTH / w))
+    picture = cv2.resize(moment.image, (scale * w, scale * h), interpolation=cv2.INTER_LINEAR)
+    picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
+    for id, pixel, S, outcome in zip(*moment.searched[:4]):
+        at, is_marked = scale * (pixel + 0.5) - 0.5, marked != 0 and id == marked
+        thick, colour = 4 if is_marked else 2, OUTCOMES[int(outcome)][0]
+        _ellipse(picture, at, (scale * _SIGMAS_SEEN) ** 2 * S, colour, thick, least=10.0)
+        if is_marked and np.isfinite(at).all():
+            cv2.drawMarker(picture, _whole(at), rgb(VERMILLION), cv2.MARKER_TILTED_CROSS, 24, 3)
+    return picture
+
+
+def from_above(
+    moment: Moment, way: list[np.ndarray], shape: tuple[int, ...], room: tuple[float, float, float] | None = None
+) -> np.ndarray:
+    """The map as a picture of ``shape``: features with their 2-sigma ellipses, the target's corners, and the ``way`` of
+    poses (7,), of which the first looks upwards. The ``room`` about the origin gives the scale, if there is one.
+    """
+    cv2, picture = opencv(), np.full((*shape[:2], 3), 255, np.uint8)
+    first, ahead = (rotation_matrix(way[k][3:])[[0, 2], 2] for k in (0, -1))
+    up = -1.0 if first[1] > 0.0 else 1.0  # Z is downwards, or both axes are turned round
+    path, fiducials, points = (up * np.array(p)[:, :3:2] for p in (way, moment.fiducials, moment.points))
+    if room:
+        high = 0.5 * np.array(room)[[0, 2]]
+        low = -high
+    else:
+        low, high = np.percentile(np.concatenate((points, fiducials, path)), [2, 98], axis=0)
+    size = np.array(shape[1::-1])
+    scale = (0.9 if room else 0.8) * (size / np.maximum(high - low, 0.5)).min()
+
+    def pixel(point: np.ndarray) -> np.ndarray:
+        return scale * (point - 0.5 * (low + high)) + 0.5 * size
+
+    if room:
+        cv2.rectangle(picture, _whole(pixel(low)), _whole(pixel(high)), rgb(GREY), 1)
+    for point, covariance, mapped in zip(points, moment.covariances, moment.mapped):
+        plan = (scale * _SIGMAS) ** 2 * covariance[np.ix_((0, 2), (0, 2))]
+        _ellipse(picture, pixel(point), plan, BLUE if mapped else SKY, 2, least=4.0)
     for point in fiducials:
-        cv2.circle(picture, tuple(np.rint(point).astype(int).tolist()), 3, (0, 0, 0), -1)
-    cv2.polylines(picture, [np.rint(path).astype(np.int32)], False, _PATH, 2)
+        cv2.circle(picture, _whole(pixel(point)), 3, rgb(ORANGE), -1, cv2.LINE_AA)
+    cv2.polylines(picture, [np.rint(pixel(path)).astype(np.int32)], False, rgb(VERMILLION), 2, cv2.LINE_AA)
+    tip = pixel(path[-1]) + 0.06 * size[0] * up * ahead
+    cv2.arrowedLine(picture, _whole(pixel(path[-1])), _whole(tip), rgb(VERMILLION), 3, cv2.LINE_AA, tipLength=0.4)
     return picture
 
 
-def _seen(cv2: Any, front_end: FrontEnd, image: np.ndarray) -> np.ndarray:
-    """The image with the ellipses (3 sigma) of the features that should be in view, and a point at each match."""
-    picture = cv2.cvtColor(np.repeat(np.repeat(image, _SCALE, 0), _SCALE, 1), cv2.COLOR_GRAY2BGR)
-    sight, found = front_end.filter.sight(), front_end.candidates
-    matched = found[found["match"] != REJECTED]
-    for a, (id, z) in enumerate(zip(sight.thing["id"], sight.thing["z_hat"])):
-        S = sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
-        colour = _MATCHED if id in matched["match"] else _MISSED
-        _ellipse(cv2, picture, _SCALE * z, _SCALE**2 * S, 3.0, colour)
-    for pixel in matched["pixel"]:
-        cv2.circle(picture, tuple(np.rint(_SCALE * pixel).astype(int).tolist()), 2, _MATCHED, -1)
-    return picture
+def rgb(colour: str) -> tuple[int, int, int]:
+    """``#RRGGBB`` as three numbers of 0 … 255."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
 
 
-def _ellipse(cv2: Any, picture: np.ndarray, middle: np.ndarray, covariance: np.ndarray, sigmas: float, colour: Any):
-    """The contour of a Gaussian, unless it is larger than the picture."""
-    squares, axes = np.linalg.eigh(covariance)
-    if np.isfinite(middle).all() and 0.0 < squares[0] and squares[1] < max(picture.shape) ** 2:
-        angle, sides = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1]))), 2.0 * sigmas * np.sqrt(squares[::-1])
-        cv2.ellipse(picture, (tuple(middle.tolist()), tuple(sides.tolist()), angle), colour, 1)
+def _whole(pixel: np.ndarray) -> tuple[int, int]:
+    x, y = np.rint(pixel).astype(int).tolist()
+    return x, y
+
+
+def _ellipse(
+    picture: np.ndarray, middle: np.ndarray, squares: np.ndarray, colour: str, thick: int = 1, least: float = 0.0
+) -> None:
+    """The ellipse x' M^-1 x = 1 of ``squares`` M [px^2]; none that is not finite, or larger than the picture."""
+    if np.isfinite(middle).all() and np.isfinite(squares).all():
+        lengths, axes = np.linalg.eigh(squares)
+        if 0.0 < lengths[0] and lengths[1] < (3.0 * max(picture.shape)) ** 2:
+            sides = np.maximum(2.0 * np.sqrt(lengths[::-1]), least)
+            box = (tuple(middle.tolist()), tuple(sides.tolist()), math.degrees(math.atan2(axes[1, 1], axes[0, 1])))
+            opencv().ellipse(picture, box, rgb(colour), thick, opencv().LINE_AA)

@@ -28,7 +28,7 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.diagnosis import Diagnosis, blemish
 from activeslam_gym.vision.drawing import drawn
-from activeslam_gym.vision.film import film_to
+from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
@@ -209,7 +209,7 @@ def track(
             if hasattr(bar, "set_postfix_str"):
                 bar.set_postfix_str("lost" if log is not None and log.lost else "", refresh=False)
             if picture is not None and log is not None:
-                picture(front_end, frame[1])
+                picture(moment_of(front_end, frame[1]))
 
         whole = at_close.enter_context(closing(interruptible(bar)))
         done = follow(whole, lens, known, rate, watch=keep)

@@ -12,6 +12,7 @@ import gymnasium as gym
 from activeslam_gym.evaluation import Look, outcome
 from activeslam_gym.live.recording import read_about
 from activeslam_gym.rendering import NoScreenWarning
+from activeslam_gym.vision.opencv import opencv
 from agents.recording import Recording
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
@@ -37,7 +38,7 @@ class Args:
     duration: float | None = None
     """Seconds of the episode; the scenario's if not given."""
     save: Path | None = None
-    """An animation of all policies side by side: .gif, .webp or .png."""
+    """An animation of all policies side by side: .gif, .webp, .png or .mp4."""
     every: float = 0.5
     """Seconds of the episode between two pictures of the animation."""
     speed: float = 4.0
@@ -46,8 +47,9 @@ class Args:
     """Pixels of a policy's picture in the animation; it is two thirds as high."""
     rerun: Path | None = None
     """A recording for the Rerun viewer (.rrd); of several policies, one each, with its name."""
-    recording: Path | None = None
-    """Show a recording of `python -m activeslam_gym live` instead of a policy, with --save or --rerun."""
+    recording: tuple[Path, ...] = ()
+    """Show a recording of `python -m activeslam_gym live` instead of a policy, with --save or --rerun; several with
+    --save, side by side."""
     tum: Path | None = None
     """A folder for the true and the estimated trajectories in TUM's format."""
 
@@ -60,10 +62,15 @@ class Args:
             raise ValueError(f"speed: {self.speed!r} shows a picture for more than {LONGEST:g} s; allowed: faster")
         if self.save is not None and self.save.suffix not in SUFFIXES:
             raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
-        if self.recording is not None:
+        if self.save is not None and self.save.suffix == ".mp4":
+            opencv()
+        if self.recording:
             if self.save is None and self.rerun is None:
                 raise ValueError("recording: give --save or --rerun too; `live --replay` shows it on a page")
-            read_about(self.recording)
+            if self.rerun is not None and len(self.recording) > 1:
+                raise ValueError("recording: --rerun shows one; allowed: several with --save alone")
+            for folder in self.recording:
+                read_about(folder)
         else:
             check(self.policy, [self.environment])
         for name in ("save", "rerun"):
@@ -87,7 +94,7 @@ class Args:
 def main(args: Args) -> int:
     """Run the command; the exit status. Raises as `watch`, and ValueError for a bad argument or a damaged recording."""
     args.check()
-    if args.recording is None:
+    if not args.recording:
         for path in watch(args):
             print(f"Written to {path}")
         return 0
@@ -95,7 +102,7 @@ def main(args: Args) -> int:
         animate(args.recording, args.save, args.every, args.speed, args.width)
         print(f"Written to {args.save}")
     if args.rerun:
-        log_rerun(args.recording, args.rerun)
+        log_rerun(args.recording[0], args.rerun)
         print(f"Written to {args.rerun}")
     return 0
 

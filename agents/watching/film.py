@@ -10,8 +10,9 @@ import numpy as np
 from activeslam_gym import rendering
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.scene import TEXT
+from activeslam_gym.vision.film import video_to
 
-SUFFIXES = (".gif", ".webp", ".png")  # animations that Pillow writes
+SUFFIXES = (".gif", ".webp", ".png", ".mp4")  # animations, which Pillow writes, and a video
 COLOURS = 64  # of the palette; the pictures are flat
 STRIP_PX = 26  # height of the strip with a name
 LOST = "#D62728"
@@ -59,7 +60,13 @@ def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> li
 
 
 def write_animation(path: Path, pictures: Sequence[Picture], seconds: float) -> None:
-    """Write the pictures, each shown for so many seconds and the last for two, over and over; whole or not at all."""
+    """Write the pictures, each shown for so many seconds and the last for two; an animation over and over; whole or
+    not at all."""
+    if path.suffix == ".mp4":
+        with video_to(path, 1.0 / seconds) as add:
+            for picture in [*pictures, *[pictures[-1]] * round(2.0 / seconds)]:
+                add(picture)
+        return
     from PIL import Image
 
     images = [Image.fromarray(picture) for picture in pictures]

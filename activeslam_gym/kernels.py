@@ -336,10 +336,18 @@ def _delete_old_folders(present: Path) -> None:
 
 _PAUSE = 1.0  # seconds without compilation after which the next kernels are a batch of their own, and are announced
 _compiled_at = -_PAUSE  # time of the last beginning or end of a compilation
+_count = 0  # of compilations
+
+
+def compilations() -> int:
+    """How many kernels this process has begun to compile."""
+    return _count
 
 
 def _announce(then: str) -> None:
     """Say why a call takes long: once for all kernels that are compiled one after another."""
+    global _count
+    _count += 1
     if time.monotonic() - _compiled_at > _PAUSE:
         _say(f"compiling kernels (a minute or two), {then} ...")
     _compilation_ended()

@@ -24,6 +24,8 @@ from msgspec.msgpack import encode  # noqa: E402
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.live import drawing  # noqa: E402
 from activeslam_gym.live.link import Link, check_address  # noqa: E402
+from activeslam_gym.live.model import model_of  # noqa: E402
+from activeslam_gym.live.source import RenderedRoom  # noqa: E402
 from activeslam_gym.live.state import Standing  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
 from activeslam_gym.vision import film  # noqa: E402
@@ -271,6 +273,38 @@ def test_the_page_tells_how_long_it_waits_for_the_first_state(page: Served) -> N
     served.show(a_state())
     served.wait()
     assert "Tracking." in served._standing.content
+
+
+def test_the_page_tells_that_kernels_are_compiled_between_two_states(page: Served) -> None:
+    served, _ = page
+    served.show(a_state())
+    served.wait()
+    assert "Tracking." in served._standing.content
+    served._shown -= 9.0
+    served.compiling(3)
+    assert "for 9 s" in served._standing.content and "kernels so far: 3" in served._standing.content
+    served.show(a_state(2))
+    served.wait()
+    assert "Tracking." in served._standing.content
+    served._set_paused(True)
+    served.compiling(4)
+    assert "Paused." in served._standing.content
+
+
+def test_the_model_of_a_room_shows_its_walls_from_inside_with_their_textures(page: Served) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    scene = RenderedRoom(3).camera.scene
+    model = trimesh.load_scene(trimesh.util.wrap_as_stream(data := model_of(scene)), file_type="glb")
+    walls = [model.geometry[name] for name in sorted(model.geometry, key=lambda name: int(name.split("_")[1]))]
+    assert len(walls) == len(scene.surfaces)
+    for wall, surface in zip(walls, scene.surfaces):
+        np.testing.assert_allclose(wall.face_normals, [surface["normal"]] * 2, atol=1e-6)
+        assert np.abs((wall.vertices - surface["corner"]) @ surface["normal"]).max() < 0.02
+    target = np.asarray(walls[0].visual.material.baseColorTexture.convert("L")).astype(int)
+    h, w = target.shape
+    assert target[h // 2, w // 2] < 160 < target[1, 1], "the black rectangle on its white sheet"
+    page[0].show_room(data)
+    assert not page[0]._floor.visible
 
 
 def test_buttons_make_requests_and_a_click_marks_the_nearest(page: Served) -> None:

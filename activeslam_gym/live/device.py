@@ -11,9 +11,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.files import demand_writable, written_whole
+from activeslam_gym.kernels import compilations
 from activeslam_gym.live.advice import Adviser
 from activeslam_gym.live.expected import ExpectedMap
-from activeslam_gym.live.source import COMPILING, GuidanceError, posed
+from activeslam_gym.live.source import GuidanceError, posed
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.other_lenses import Straighten, lens_from
@@ -24,6 +25,7 @@ from activeslam_gym.vision.waving import BOARD, Waving
 
 BROWSER = "browser"
 """The name of this source."""
+_COMPILING = "Getting ready: the first time here it compiles, for a minute or two"
 _ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), lambda frame: frame)
 """A lens until the true one is known."""
 
@@ -124,5 +126,5 @@ class Device:
         if self._waving is not None:
             self._calibrate(self._waving, image)
         if self._warming.is_alive():
-            raise GuidanceError(COMPILING)
+            raise GuidanceError(f"{_COMPILING} (kernels so far: {compilations()}).")
         return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)

@@ -72,11 +72,12 @@ def command(state: State) -> str:
     )
 
 
-def starting(seconds: float, films: bool = False) -> str:
-    """What stands there before the first state, ``seconds`` after the page was opened; whether it ``films``."""
-    if films:
+def waiting(seconds: float, films: bool, kernels: int) -> str:
+    """The words on ``seconds`` without a state: whether the page ``films``, and how many ``kernels`` were compiled."""
+    if films and not kernels:
         return _strip(f"No image for {seconds:.0f} s: press Film on the device whose camera is to be used.", BLUE)
-    return _strip(f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two.", BLUE)
+    words = f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two"
+    return _strip(f"{words} (kernels so far: {kernels})." if kernels else f"{words}.", BLUE)
 
 
 def standing(state: State, paused: bool) -> str:

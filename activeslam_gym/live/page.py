@@ -71,6 +71,8 @@ class Page:
         self._about, self._request, self._films = about, request, filming is not None
         self._paused, self._history = False, History()
         self._state: State | None = None
+        self._kernels = 0
+        """Compiled since the last state, if any."""
         self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
         guard, tls, self.fingerprint = Guard.of(host), None, ""
         """Of the page's certificate, if it is encrypted."""
@@ -138,12 +140,14 @@ class Page:
 
         scene.set_up_direction("+y")
         x, y, z = self._about.room_size
-        scene.add_grid(
+        self._floor = scene.add_grid(
             "/floor", width=x, height=z, plane="xz", position=(0, -y / 2, 0), cell_size=0.5, section_size=1.0
         )
         thin, red = {"thickness_units": "screen", "thickness": 1.0}, rgb(VERMILLION)
         if self._about.person:
-            scene.add_line_segments("/room", _edges(self._about.room_size), (190, 195, 200), **thin)
+            scene.add_line_segments(
+                "/floor/room", _edges(self._about.room_size) + (0, y / 2, 0), (190, 195, 200), **thin
+            )
         ball, flat = trimesh.creation.icosphere(subdivisions=2), {"cast_shadow": False, "receive_shadow": False}
         self._ellipsoids = scene.add_batched_meshes_simple(
             "/features", ball.vertices, ball.faces, **_ellipsoids(None), opacity=0.55, lod="off", **flat
@@ -167,7 +171,7 @@ class Page:
         """Show a state; waits while the last one is younger than the least time between pictures."""
         time.sleep(max(0.0, self._shown + _OFTEN - time.monotonic()))
         self._shown = time.monotonic()
-        first, self._state = self._state is None, state
+        first, self._state, self._kernels = self._state is None, state, 0
         self._history.add(state)
         with self._server.atomic():
             self._view.image = picture = view(state.moment, state.marked)
@@ -183,9 +187,20 @@ class Page:
         self._server.flush()
 
     def wait(self) -> None:
-        """Nothing has come for a second: before the first state, tell for how long."""
-        if self._state is None:
-            self._standing.content = drawing.starting(time.monotonic() - self._opened, self._films)
+        """No state has come for a second: before the first one, and while kernels are compiled, tell for how long."""
+        if self._state is None or (self._kernels and not self._paused):
+            seconds = time.monotonic() - (self._shown or self._opened)
+            self._standing.content = drawing.waiting(seconds, self._films, self._kernels)
+
+    def compiling(self, kernels: int) -> None:
+        """So many kernels were compiled so far."""
+        self._kernels = kernels
+        self.wait()
+
+    def show_room(self, model: bytes) -> None:
+        """Show the model of a rendered room in the place of its edges."""
+        self._floor.visible = False
+        self._server.scene.add_glb("/walls", model, cast_shadow=False, receive_shadow=False)
 
     def look_through(self, about: About) -> None:
         """Draw the camera with another lens."""
@@ -361,6 +376,10 @@ def serve(connection: Connection, about: About, host: str, port: int, filming: F
                     state = received
                 elif isinstance(received, About):
                     page.look_through(received)
+                elif isinstance(received, bytes):
+                    page.show_room(received)
+                elif isinstance(received, int):
+                    page.compiling(received)
                 else:
                     page.notify(received)
             page.show(state)

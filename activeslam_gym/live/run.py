@@ -13,6 +13,7 @@ from activeslam_gym.live.device import BROWSER, Device
 from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.guard import is_loopback
 from activeslam_gym.live.link import Link
+from activeslam_gym.live.model import model_of
 from activeslam_gym.live.person import FOLLOW, NEVER
 from activeslam_gym.live.recording import Recording, check_folder, read_about, read_states
 from activeslam_gym.live.session import Session, Source
@@ -186,6 +187,8 @@ def live(args: Namespace) -> str | None:
         access = _HERE if is_loopback(args.host) else _ENCRYPTED if link.fingerprint else _AFAR
         access = access.format(fingerprint=link.fingerprint)
         print(f"Open {link.address} in a browser. {access} Ctrl-C ends.", flush=True)
+        if isinstance(show, Live) and isinstance(show.session.source, RenderedRoom):
+            link.notify(model_of(show.session.source.camera.scene))
         try:
             _run(show, link, args.seconds or float("inf"))
         except KeyboardInterrupt:

@@ -47,7 +47,7 @@ def _picture(state: State, way: list[np.ndarray], room: tuple[float, float, floa
     seen = view(state.moment)
     both = Image.fromarray(np.vstack((seen, from_above(state.moment, way, seen.shape, room))))
     command = "" if state.follows is False else f"{drawing.NAMES[state.motion]}   "
-    words = f"{state.time:.1f} s   {command}entropy {state.log2_dets[2]:.0f} bits"
+    words = f"{state.time:.1f} s   {command}entropy {state.log2_dets[2]:.0f}"
     both = both.resize((width, round(width * both.height / both.width)))
     return np.vstack((strip(words, width), np.asarray(both)))
 

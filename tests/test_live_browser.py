@@ -136,8 +136,7 @@ def test_every_control_does_what_it_says(visit: Any, served: Served) -> None:
     count = until(lambda: _settled(served), PATIENCE)
     press(page, "Single step")
     until(lambda: len(served.states()) == count + 1, PATIENCE)
-    press(page, "Mark what is in the middle")
-    press(page, "Single step")
+    press(page, "Mark what is in the middle")  # it is paused
     until(lambda: "m away" in page.locator("#marked").inner_text(), PATIENCE)
     with page.expect_download() as download:
         press(page, "Save")

@@ -16,11 +16,15 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
+from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
 from activeslam_gym.vision.frontend import MATCHED  # noqa: E402
 from activeslam_gym.vision.target import target_from  # noqa: E402
 
+from . import vision_scene  # noqa: E402
 from .live_scene import BROWSER, PATIENCE, SWITCHES, until  # noqa: E402
 from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
+from .test_vision_waving import LENS as WIDE  # noqa: E402
+from .test_vision_waving import PLACES, TILTS, board_from, held  # noqa: E402
 from .vision_scene import LENS, path  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
@@ -50,13 +54,25 @@ def there_and_back(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def camera(there_and_back: Path) -> Iterator[Any]:
-    """A browser with that camera."""
-    fake = ["--use-fake-device-for-media-stream", f"--use-file-for-fake-video-capture={there_and_back}"]
+def launch() -> Iterator[Callable[[Path], Any]]:
+    """Opens a browser whose camera plays a video."""
     with playwright.sync_playwright() as driver:
-        opened = driver.chromium.launch(executable_path=BROWSER, args=[*SWITCHES, *fake])
-        yield opened
-        opened.close()
+        opened = []
+
+        def open_(played: Path) -> Any:
+            fake = ["--use-fake-device-for-media-stream", f"--use-file-for-fake-video-capture={played}"]
+            opened.append(driver.chromium.launch(executable_path=BROWSER, args=[*SWITCHES, *fake]))
+            return opened[-1]
+
+        yield open_
+        for browser in opened:
+            browser.close()
+
+
+@pytest.fixture(scope="module")
+def camera(there_and_back: Path, launch: Callable[[Path], Any]) -> Any:
+    """A browser with that camera."""
+    return launch(there_and_back)
 
 
 @contextmanager
@@ -170,6 +186,28 @@ def test_images_of_another_size_are_told_to_the_person(visit: Any, files: list[s
         page.click("#film")
         until(lambda: "Turn the device" in page.locator("#standing").inner_text(), PATIENCE)
         assert "images of 240 x 320 pixels, got 320 x 240" in page.locator("#standing").inner_text()
+
+
+def test_a_board_waved_before_the_browser_calibrates_its_camera(
+    launch: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(vision_scene, "LENS", WIDE)
+    rng, asked = np.random.default_rng(1), [*PLACES, *(f"its {side}" for side in TILTS), *[""] * 12]
+    poses = [board_from(held(words, rng)) for words in asked]
+    played = video(tmp_path / "waved.y4m", [pose for pose in poses for _ in range(3)], 3)  # each is held for a second
+    with live("--calibrate", str(tmp_path / "lens.json"), "--rate", "5") as address:
+        page = launch(played).new_page(viewport=SMALL, permissions=["camera"])
+        page.set_default_timeout(1e3 * PATIENCE)
+        page.goto(address)
+        assert page.locator("#wave").is_visible()
+        page.click("#film")
+        standing = page.locator("#standing")
+        until(lambda: "Calibration:" in standing.inner_text() and "views so far" in standing.inner_text(), PATIENCE)
+        until((tmp_path / "lens.json").exists, PATIENCE)
+        until(lambda: "Calibration:" not in standing.inner_text(), PATIENCE)
+    fit = read_calibration(tmp_path / "lens.json")
+    assert fit.focal_px == pytest.approx(WIDE.focal_px, rel=0.02)
+    assert fit.distortion == pytest.approx(WIDE.distortion, rel=0.2)
 
 
 def test_from_afar_a_browser_films_through_the_encrypted_page(visit: Any, files: list[str]) -> None:

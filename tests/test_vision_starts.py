@@ -1,6 +1,7 @@
 """Starts from boards of markers, and without any target."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,14 +10,19 @@ from scipy.spatial import procrustes
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main  # noqa: E402
-from activeslam_gym.geometry import rotation_error  # noqa: E402
+from activeslam_gym.camera import camera_of  # noqa: E402
+from activeslam_gym.geometry import quaternion_exp, rotation_error  # noqa: E402
+from activeslam_gym.live.source import ROOM  # noqa: E402
+from activeslam_gym.vision.diagnosis import TURNED  # noqa: E402
 from activeslam_gym.vision.drawing import drawn, printed, printed_value  # noqa: E402
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose  # noqa: E402
+from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.target import Board, target_from  # noqa: E402
-from activeslam_gym.vision.track import UNSCALED, follow, start  # noqa: E402
+from activeslam_gym.vision.track import UNSCALED, follow, start, summary  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
+from .test_vision_sizes import enlarged  # noqa: E402
 from .vision_scene import CAMERA, LENS, image_from, path, photographed, pose_at, texture  # noqa: E402
 
 CHARUCO = {"kind": "charuco", "columns": 5, "rows": 4, "square": 0.06, "marker": 0.045, "dictionary": "4x4_50"}
@@ -135,7 +141,7 @@ def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     spread = [np.linalg.norm(one - one.mean(axis=0)) for one in (found, truth)]
     assert 0.3 < spread[1] / spread[0] < 3.0
     error = spread[1] * np.sqrt(procrustes(truth, found)[2] / len(truth))  # after a rotation, shift and scale
-    assert error < 0.015
+    assert error < 0.015 and TURNED not in summary(done)
 
 
 def test_the_first_features_are_apart(free) -> None:
@@ -144,6 +150,25 @@ def test_the_first_features_are_apart(free) -> None:
     pixels = front_end.candidates["pixel"]
     apart = np.abs(pixels[:, None] - pixels).max(axis=2) + 1e3 * np.eye(len(pixels))
     assert len(pixels) > 8 and apart.min() >= 0.9 * front_end.settings.spacing
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_told(n) -> None:
+    lens = enlarged(LENS, n)
+    scenario = replace(ROOM, **lens._asdict())
+    room = RoomCamera(scenario, camera_of(scenario), np.random.SeedSequence(1))
+    states, images = np.zeros((50, 13)), []
+    for k, state in enumerate(states):
+        angle, state[11] = 0.3 * (1.0 - np.cos(0.1 * k)), 0.9 * np.sin(0.1 * k)
+        state[3:7] = quaternion_exp(np.array((0.0, angle, 0.0)))
+        images.append((k / 30.0, room.photograph(state, k)))
+    done = follow(images, lens, None, 30.0)
+    places, variances = done.cameras[:, :3], np.trace(done.covariances[:, :3, :3], axis1=1, axis2=2)
+    assert not done.lost.any() and (np.sum(places**2, axis=1) < 9.0 * variances + 1e-8).all()
+    turned = [rotation_error(q, done.cameras[0, 3:7]) for q in done.cameras[:, 3:7]]
+    truth = [rotation_error(state[3:7], states[0, 3:7]) for state in states]
+    assert np.abs(np.linalg.norm(turned, axis=1) - np.linalg.norm(truth, axis=1)).max() < np.radians(0.3)
+    assert TURNED in summary(done)
 
 
 def test_a_track_without_scale_says_so(free, tmp_path, capsys) -> None:

@@ -15,6 +15,7 @@ _LOOKED_AT = 60  # lost images whose reason is sought
 _TURNING = 0.2  # share of the map with a known depth, under which the camera has moved sideways too little
 
 DARK = "is dark (99 % of its pixels have {level} of 255 or less): more light, or a longer exposure, would help"
+TURNED = "the camera had moved sideways by next to nothing, and turning gives no depth"
 BLANK = "has no corners (a blank wall, or blur): keep things with texture in view"
 
 
@@ -63,7 +64,7 @@ class Diagnosis:
         reason, advice = self._reasons.most_common(1)[0][0], []
         if not reason.startswith("a lost image"):
             if self._mapped < _TURNING:
-                advice.append("the camera had moved sideways by next to nothing, and turning gives no depth")
+                advice.append(TURNED)
             if not target:
                 advice.append("a target in the first image may help")
         return "; ".join([reason, *advice])

@@ -26,7 +26,7 @@ from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
-from activeslam_gym.vision.diagnosis import Diagnosis, blemish
+from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
 from activeslam_gym.vision.drawing import drawn
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
@@ -62,6 +62,7 @@ Step = TypeVar("Step")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
 _ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
+_SURELY = 3.0  # deviations of its position by which a camera has moved for sure
 _BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
 _HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))  # quaternion of diag(-1, -1, 1)
 
@@ -260,7 +261,10 @@ def summary(done: Track) -> str:
         line += f"; lost in {done.lost.sum()} images, first at {done.times[done.lost.argmax()]:.2f} s"
     if again := sum(log.relocalised for log in done.logs):
         line += f"; found again {again} times"
-    return line if done.metric else f"{line}; {FREE}"
+    if done.metric:
+        return line
+    way, variance = np.ptp(done.cameras[:, :3], axis=0), np.trace(done.covariances[-1, :3, :3])
+    return "; ".join([line, FREE, *([TURNED] if way @ way < _SURELY**2 * variance else [])])
 
 
 class TrackFiles:

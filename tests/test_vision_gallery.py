@@ -36,9 +36,12 @@ def search(gallery: Gallery, matched: set[int], frame: int, inside: bool = True)
     gallery.judge(ids, np.isin(ids, list(matched)), np.full(3, inside), frame)
 
 
-def seen_at(gallery: Gallery, id: int, error: tuple[float, float], match: int | None = None) -> None:
-    """One match of ``id``, so far [px] from where the updated estimate has it."""
+def seen_at(
+    gallery: Gallery, id: int, error: tuple[float, float], match: int | None = None, curvature: float = 0.0
+) -> None:
+    """One match of ``id``, so far [px] from where the updated estimate has it, with a noise of 0.1 px^2."""
     found, thing = np.zeros(1, DETECTION), np.zeros(1, THING)
+    found["R"], thing["curvature"] = 0.1 * np.eye(2), curvature * np.eye(2)
     found["id"], found["match"], found["pixel"] = id, id if match is None else match, PIXEL + error
     thing["id"], thing["z_hat"] = id, PIXEL
     gallery.remember_residuals(found, Sight(thing, np.zeros((2, 12)), np.eye(2)))
@@ -99,3 +102,13 @@ def test_new_looks_keep_the_record(gallery, grey) -> None:
     assert gallery.places([-1]) == places and gallery.best(1) == [-1] and gallery.features == 2
     assert not np.array_equal(gallery.templates.patch[places], before)
     np.testing.assert_array_equal(gallery.templates.camera[places[0]], there)
+
+
+def test_a_residual_that_the_linearisation_explains_counts_in_part(gallery) -> None:
+    """The filter counts the terms that it leaves out 8 times, so 0.1 px^2 of them leave a ninth to the noise."""
+    assert CAMERA.command_known
+    seen_at(gallery, 7, (0.9, -1.8), curvature=0.1)
+    np.testing.assert_allclose(gallery.residuals([7]), [(0.01, -0.02)], rtol=1e-12)
+    for _ in range(200):
+        seen_at(gallery, 7, (0.0, 5.0), curvature=0.1)
+    assert gallery.failed() == []

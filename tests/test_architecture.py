@@ -73,7 +73,7 @@ SECRETS = {
 
 PUBLIC = {
     *("config", "evaluation", "files", "geometry", "information", "metrics", "motion", "rendering", "live"),
-    *("envs.snapshot", "envs.imagination"),
+    *("envs.snapshot", "envs.imagination", "vision.film"),
 }
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
@@ -90,8 +90,9 @@ PANELS = "activeslam_gym.rendering.panels"
 DRAWING = {"matplotlib", "PIL", "pygame", "cv2"}
 """Imported by ``activeslam_gym.rendering`` alone within ``activeslam_gym``, inside functions too."""
 
-OPENCV = "activeslam_gym.vision.opencv"
-"""The exception: OpenCV, which `vision` reads images with, and says the extra's name where it is missing."""
+PICTURES = {"activeslam_gym.vision.opencv": {"cv2"}, "activeslam_gym.live.model": {"PIL"}}
+"""The exceptions: OpenCV, which `vision` reads images with, and says the extra's name where it is missing; and Pillow,
+whose images are the textures of trimesh."""
 
 
 class Import(NamedTuple):
@@ -161,7 +162,7 @@ def wrong(found: Import, modules: set[str]) -> list[str]:
         and is_under(target, *slow),
         "draws, which only rendering does": here == GYM
         and not painter
-        and is_under(target, *DRAWING - ({"cv2"} if importer == OPENCV else set())),
+        and is_under(target, *DRAWING - PICTURES.get(importer, set())),
     }
     return [f"{importer}:{found.line}, {target}: {rule}" for rule, broken in rules.items() if broken]
 

@@ -73,12 +73,10 @@ def video_to(path: Path, rate: float) -> Iterator[Callable[[np.ndarray], None]]:
     at whose end the file is there, whole or not at all.
 
     Raises:
-        ValueError: ``path`` ends otherwise.
-        ModuleNotFoundError: OpenCV is not installed.
+        ValueError, ModuleNotFoundError: as `check_video`.
         OSError: at the end, the video cannot be read again: the disk is full.
     """
-    if path.suffix not in CODES:
-        raise ValueError(f"a film is .mp4 or .avi, got {path}")
+    check_video(path)
     cv2, pictures = opencv(), 0
     writer, unfinished = None, path
     with ExitStack() as at_close:
@@ -100,6 +98,18 @@ def video_to(path: Path, rate: float) -> Iterator[Callable[[np.ndarray], None]]:
         # OpenCV does not tell that it could not write a picture
         if pictures and cv2.VideoCapture(str(unfinished)).get(cv2.CAP_PROP_FRAME_COUNT) < pictures:
             raise OSError(f"{path} cannot be written as a video (is the disk full?)")
+
+
+def check_video(path: Path) -> None:
+    """Check that a video ``path`` can be made.
+
+    Raises:
+        ValueError: it ends neither in .mp4 nor in .avi.
+        ModuleNotFoundError: OpenCV is not installed.
+    """
+    if path.suffix not in CODES:
+        raise ValueError(f"a film is .mp4 or .avi, got {path}")
+    opencv()
 
 
 def view(moment: Moment, marked: int = 0) -> np.ndarray:

@@ -12,7 +12,7 @@ import gymnasium as gym
 from activeslam_gym.evaluation import Look, outcome
 from activeslam_gym.live.recording import read_about
 from activeslam_gym.rendering import NoScreenWarning
-from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.film import check_video
 from agents.recording import Recording
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
@@ -63,7 +63,7 @@ class Args:
         if self.save is not None and self.save.suffix not in SUFFIXES:
             raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
         if self.save is not None and self.save.suffix == ".mp4":
-            opencv()
+            check_video(self.save)
         if self.recording:
             if self.save is None and self.rerun is None:
                 raise ValueError("recording: give --save or --rerun too; `live --replay` shows it on a page")

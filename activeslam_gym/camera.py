@@ -128,6 +128,22 @@ def distance_between(p: np.ndarray, y: np.ndarray) -> float:
 
 
 @borrowing
+def change_of_view(first: np.ndarray, now: np.ndarray, point: np.ndarray) -> float:
+    """How differently ``point`` (3,) is seen from ``first`` (>= 3,) and from ``now`` (>= 3,) [rad].
+
+    The angle between the lines of sight, and the logarithm of the ratio of the distances, as the two sides of a right
+    angle. 0 where ``first`` is NaN.
+    """
+    if math.isnan(first[0]):
+        return 0.0
+    far, near = max(distance_between(first, point), 1e-9), max(distance_between(now, point), 1e-9)
+    product = 0.0
+    for i in range(3):
+        product += (point[i] - first[i]) * (point[i] - now[i])
+    return math.hypot(math.acos(min(max(product / (far * near), -1.0), 1.0)), math.log(near / far))
+
+
+@borrowing
 def hidden(boxes: np.ndarray, p: np.ndarray, y: Vector) -> bool:
     """Whether one of the ``boxes`` (B, 2, 3), lowest and highest corner [m], cuts the way from ``p`` to ``y`` (>= 3,).
 

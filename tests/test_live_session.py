@@ -10,10 +10,9 @@ import pytest
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
-from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E402
+from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point  # noqa: E402
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.candidates import foresee  # noqa: E402
-from activeslam_gym.information.foresight import change_of_view  # noqa: E402
 from activeslam_gym.live import run  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, Adviser, best  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402

@@ -68,7 +68,7 @@ def test_images_tells_nees_and_noise(capsys: pytest.CaptureFixture[str]) -> None
     assert told[0].startswith("stay: 1 rooms") and "noise of a matched pixel: rms 0." in told[1]
 
 
-@pytest.mark.parametrize("name", ["go_back", "face", "turn_in", "spin_then_orbit", "RIGHT_LEFT"])
+@pytest.mark.parametrize("name", ["GoBack", "Face", "TurnIn", "SpinThenOrbit", "RIGHT_LEFT"])
 def test_a_rule_does_in_a_batch_what_it_does_alone(name: str) -> None:
     given = {"scenario": "clusters", "duration": 15.0, "gaze_period": 0.5}
     batch, single = gym.make_vec("ActiveSLAM-v0", num_envs=2, **given), gym.make("ActiveSLAM-v0", **given)

@@ -10,7 +10,7 @@ from activeslam_gym.vision.frontend import FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.relocalisation import locate, remember  # noqa: E402
 from activeslam_gym.vision.target import target_from  # noqa: E402
 from activeslam_gym.vision.track import Track, follow  # noqa: E402
-from activeslam_gym.vision.views import change_of_view, projected  # noqa: E402
+from activeslam_gym.vision.views import changes_of_view, projected  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, image_from, pose_at, target_fields  # noqa: E402
 
@@ -87,5 +87,5 @@ def test_views_are_the_newest_and_some_that_lie_apart() -> None:
 def test_change_of_view_is_the_angle_and_the_logarithm_of_the_distance() -> None:
     first, points = np.zeros((3, 3)), np.array([(0.0, 0.0, 1.0)] * 3)
     now = np.array((np.sin(0.3), 0.0, 1.0 - np.cos(0.3)))
-    np.testing.assert_allclose(change_of_view(first, now, points), 0.3, rtol=1e-9)
-    np.testing.assert_allclose(change_of_view(first, np.array((0.0, 0.0, 0.5)), points), np.log(2.0), rtol=1e-9)
+    np.testing.assert_allclose(changes_of_view(first, now, points), 0.3, rtol=1e-9)
+    np.testing.assert_allclose(changes_of_view(first, np.array((0.0, 0.0, 0.5)), points), np.log(2.0), rtol=1e-9)

@@ -136,7 +136,7 @@ def test_a_camera_starts_in_a_corner_or_along_a_wall_before_its_target(start: st
     assert (np.abs(scene.boxes) <= half + 1e-9).all() and (scene.boxes[:, 0] < scene.boxes[:, 1]).all()
     for wall in scene.surfaces[-6:]:
         assert wall["normal"] @ wall["corner"] == pytest.approx(-np.abs(wall["normal"]) @ half)
-        np.testing.assert_allclose(np.cross(wall["down"], wall["along"]) @ wall["normal"] > 0.0, True)
+        assert np.cross(wall["down"], wall["along"]) @ wall["normal"] > 0.0
     nearest = np.clip(place[:3], scene.boxes[:, 0], scene.boxes[:, 1])
     distances = np.linalg.norm((nearest - place[:3])[:, [0, 2]], axis=1)
     assert distances[0] > 0.8 and (distances[1:] > 1.29).all()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
-from activeslam_gym.config import ANYWHERE, INVERSE_DEPTH, SURFACES, Scenario, scenario_from
+from activeslam_gym.config import CENTRE, CLUSTERS, CORNER, INVERSE_DEPTH, UNIFORM, WALL, Scenario, scenario_from
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.geometry import rotation_matrix
@@ -31,8 +31,8 @@ _DEMANDED: dict[str, Any] = {
     "labelled_first_match": False,
 }
 """Fields of a scenario, as images need them."""
-_REFUSED = {"start": ANYWHERE, "landmark_layout": SURFACES}
-"""Values of fields that images cannot have."""
+_ALLOWED = {"start": (CENTRE, CORNER, WALL), "landmark_layout": (UNIFORM, CLUSTERS)}
+"""Values that images may have."""
 _UNUSED = "association", "restarts", "maximum_misses", "miss_spacing", "inverse_depth_memory"
 """Fields that the front end does not read: it associates and deletes features by their looks."""
 _DEMANDED |= {name: getattr(Scenario(), name) for name in _UNUSED}
@@ -53,9 +53,8 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
       detections and no labelled first match: the image has its own. The start is not ``anywhere``; the layout of the
       landmarks is ``uniform``, a furnished room whose walls, floor and boxes have textures, or ``clusters``: a bare
       room with ``cluster_count`` groups of posters on its walls. The greatest distance stays as in ``paper``, and
-      nothing is varied. The front end associates and deletes features by their
-      looks, so that ``association``, ``restarts``, ``maximum_misses``, ``miss_spacing`` and ``inverse_depth_memory``
-      must keep their defaults.
+      nothing is varied. The front end associates and deletes features by their looks, so that ``association``,
+      ``restarts``, ``maximum_misses``, ``miss_spacing`` and ``inverse_depth_memory`` must keep their defaults.
     - ``landmark_count``, N, bounds the map (N + 13 features) instead of telling how many points the room has.
     - Truth of a landmark is the scene point that its feature follows, by ray-casting. Of the N slots of the log
       score, one without a feature scores a random point of the room by the prior.
@@ -114,7 +113,7 @@ def _checked(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
     for name, value in _DEMANDED.items():
         if getattr(resolved, name) != value:
             raise ValueError(f"scenario.{name} must be {value!r} for images, got {getattr(resolved, name)!r}")
-    for name, value in _REFUSED.items():
-        if getattr(resolved, name) == value:
-            raise ValueError(f"scenario.{name} must not be {value!r} for images")
+    for name, allowed in _ALLOWED.items():
+        if (value := getattr(resolved, name)) not in allowed:
+            raise ValueError(f"scenario.{name} must be one of {', '.join(allowed)} for images, got {value!r}")
     return dataclasses.replace(resolved, sensor=IMAGES)

@@ -118,13 +118,13 @@ class Link:
 
     def _send_all(self) -> None:
         """In a thread of its own: send messages, then the newest state; only this thread waits for a slow page."""
-        told = compilations()
+        shown = compilations()
         while not self._closed:
             self._new.wait(_TICK)
             self._new.clear()
-            if told != compilations():
-                told = compilations()
-                self._messages.append(told)
+            if shown != compilations():
+                shown = compilations()
+                self._messages.append(shown)
             while (waiting := self._messages or self._latest) and not self._closed:
                 try:
                     self._connection.send(waiting.popleft())

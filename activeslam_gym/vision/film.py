@@ -43,7 +43,7 @@ def moment_of(front_end: FrontEnd, image: np.ndarray) -> Moment:
     """The moment after ``image``."""
     filter = front_end.filter
     points, P = filter.points()
-    parts = point_covariances(P), filter.estimate().mapped, filter.fiducials, filter.mean
+    parts = point_covariances(P), filter.mapped, filter.fiducials, filter.mean
     return Moment(image, front_end.searched, points, *parts)
 
 

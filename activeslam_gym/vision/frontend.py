@@ -25,7 +25,7 @@ from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
 from activeslam_gym.vision.search import FOUND, PEAKS, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
-from activeslam_gym.vision.views import change_of_view, reduced, turn_between, view_from
+from activeslam_gym.vision.views import changes_of_view, reduced, turn_between, view_from
 
 
 class FrameLog(NamedTuple):
@@ -129,7 +129,7 @@ class FrontEnd:
         last = self._drawn_from.get(k)
         if last is None:
             return True
-        change = change_of_view(last[None], pose, self.filter.fiducials[k, None])[0]
+        change = changes_of_view(last[None], pose, self.filter.fiducials[k, None])[0]
         return bool(max(change, turn_between(last[3:], pose[3:])) > self.settings.redrawn)
 
     # A frame ----------------------------------------------------------------------------------------------------------

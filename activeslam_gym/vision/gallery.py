@@ -10,7 +10,7 @@ from activeslam_gym.slam.curvature import PRODUCT_FRAMES
 from activeslam_gym.slam.sight import Sight
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import empty_templates, store
-from activeslam_gym.vision.views import change_of_view, view_from
+from activeslam_gym.vision.views import changes_of_view, view_from
 
 
 class Gallery:
@@ -63,7 +63,7 @@ class Gallery:
     def change_of_view(self, places: np.ndarray, points: np.ndarray, now: np.ndarray) -> np.ndarray:
         """(v,) the change of view of the features at ``places`` (v,), now at ``points`` (v, 3), from their first sight
         to ``now`` (3,); zero for the target, whose plane is known."""
-        change = change_of_view(self.templates.camera[places], now, points)
+        change = changes_of_view(self.templates.camera[places], now, points)
         return np.where((places < 0) | (self.templates.id[places] < 0), 0.0, change)
 
     def judge(self, ids: Iterable[int], matched: np.ndarray, inside: np.ndarray, frame: int) -> None:
@@ -78,7 +78,7 @@ class Gallery:
     def remember_residuals(self, found: np.ndarray, sight: Sight) -> None:
         """The running mean, of each feature, of its matched pixel in ``found`` (M,) DETECTION less its pixel in the
         ``sight`` of the updated estimate; of that the share which is noise, and not error of the linearisation, where
-        the filter counts that several times: else it would be told twice."""
+        the filter counts that several times: else it would count twice."""
         row, k = np.nonzero(found["match"][:, None] == sight.thing["id"])
         found, thing = found[row], sight.thing[k]
         keep, frames = self._settings.memory, PRODUCT_FRAMES if self._camera.command_known else 0.0

@@ -1,11 +1,9 @@
 """Views: from a pose, of points and of the plane Z = 0 of the target's frame; and the difference of two views."""
 
-import math
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import View, distance_between, pixel_from_camera_point
+from activeslam_gym.camera import View, change_of_view, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.vision.opencv import opencv
@@ -57,15 +55,9 @@ def turn_between(one: np.ndarray, other: np.ndarray) -> float:
 
 
 @compiled
-def change_of_view(first: np.ndarray, now: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(n,) how differently ``points`` (n, 3) are seen from ``first`` (n, >= 3) and from ``now`` (>= 3,): the angle
-    [rad] between the sight lines and the logarithm of the distances' quotient, as the two sides of a right angle."""
+def changes_of_view(first: np.ndarray, now: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) the `change_of_view` of each of ``points`` (n, 3) from ``first`` (n, >= 3) to ``now`` (>= 3,) [rad]."""
     out = np.empty(points.shape[0])
-    for k in range(points.shape[0]):
-        far, near = max(distance_between(points[k], first[k]), 1e-9), max(distance_between(points[k], now), 1e-9)
-        inner = 0.0
-        for i in range(3):
-            inner += (points[k, i] - first[k, i]) * (points[k, i] - now[i])
-        angle = math.acos(min(max(inner / (far * near), -1.0), 1.0))
-        out[k] = math.hypot(angle, math.log(near / far))
+    for k in range(out.shape[0]):
+        out[k] = change_of_view(first[k], now, points[k])
     return out

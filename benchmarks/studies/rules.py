@@ -1,6 +1,6 @@
 """Policies of a few lines, which a policy that decides has to beat: the constants, and rules that look at the map.
 
-They are named as any policy from outside: ``benchmarks.studies.rules:go_back``, and a constant action by its motion and
+They are named as any policy from outside: ``benchmarks.studies.rules:GoBack``, and a constant action by its motion and
 its gaze: ``benchmarks.studies.rules:RIGHT_LEFT``.
 """
 
@@ -14,9 +14,9 @@ from activeslam_gym import Gaze, Motion
 from baselines.fixed import Planned, Sweep
 from baselines.policy import Actions, Environment
 
-UNCERTAIN = 0.06  # standard deviation of the position from which `go_back` does [m]
-ENOUGH = 24  # mapped landmarks from which `face` does not turn on
-PATIENCE = 3.0  # seconds without a new landmark after which `spin_then_orbit` does [s]
+UNCERTAIN = 0.06  # standard deviation of the position from which `GoBack` does [m]
+ENOUGH = 24  # mapped landmarks from which `Face` does not turn on
+PATIENCE = 3.0  # seconds without a new landmark after which `SpinThenOrbit` does [s]
 _AHEAD = 0.08  # what is nearer than that to the middle of the view is ahead [rad]
 
 
@@ -85,11 +85,6 @@ def gaze_to(belief: Any, point: np.ndarray) -> int:
     way = point - belief.position
     off = (math.atan2(way[0], way[2]) - heading + math.pi) % (2.0 * math.pi) - math.pi
     return Gaze.STAY if abs(off) < _AHEAD else Gaze.LEFT if off > 0.0 else Gaze.RIGHT
-
-
-go_back, face, turn_in, spin_then_orbit = GoBack, Face, TurnIn, SpinThenOrbit
-RULES = tuple(f"{__name__}:{name}" for name in ("go_back", "face", "turn_in", "spin_then_orbit"))
-CONSTANTS = tuple(f"{__name__}:{motion.name}_{gaze.name}" for motion in Motion for gaze in Gaze)
 
 
 def __getattr__(name: str) -> Callable[[Environment], Planned]:

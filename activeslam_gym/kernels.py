@@ -7,6 +7,7 @@ its own, and going back to the old content finds the old kernels again. Edits of
 
 import contextlib
 import functools
+import gc
 import hashlib
 import os
 import pickle
@@ -337,6 +338,10 @@ def _delete_old_folders(present: Path) -> None:
 _PAUSE = 1.0  # seconds without compilation after which the next kernels are a batch of their own, and are announced
 _compiled_at = -_PAUSE  # time of the last beginning or end of a compilation
 _count = 0  # of compilations
+_RARELY = 50_000, 20, 20
+"""When Python looks for garbage while a kernel is compiled: Numba makes millions of objects, and it takes a tenth of
+the time to look at them each time; see `gc.set_threshold`."""
+_as_before = gc.get_threshold()
 
 
 def compilations() -> int:
@@ -346,16 +351,20 @@ def compilations() -> int:
 
 def _announce(then: str) -> None:
     """Say why a call takes long: once for all kernels that are compiled one after another."""
-    global _count
+    global _as_before, _compiled_at, _count
     _count += 1
+    if gc.get_threshold() != _RARELY:
+        _as_before = gc.get_threshold()
+        gc.set_threshold(*_RARELY)
     if time.monotonic() - _compiled_at > _PAUSE:
         _say(f"compiling kernels (a minute or two), {then} ...")
-    _compilation_ended()
+    _compiled_at = time.monotonic()
 
 
 def _compilation_ended() -> None:
     global _compiled_at
     _compiled_at = time.monotonic()
+    gc.set_threshold(*_as_before)
 
 
 def _say(message: str) -> None:

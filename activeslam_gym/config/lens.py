@@ -10,7 +10,7 @@ class LensSettings(bounds.Settings):
     """The sensor, its calibration, and errors of its detections."""
 
     sensor: bounds.String = "points"
-    """The sensor: `points`, `images`, or the name of a registered one (`sensors`)."""
+    """The sensor: `points`, `images`, `corners` (images' rooms without the images), or a registered one's name."""
     image_width: bounds.PositiveInt = 320
     """[px]"""
     image_height: bounds.PositiveInt = 240

@@ -7,35 +7,12 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
-from activeslam_gym.config import CENTRE, CLUSTERS, CORNER, INVERSE_DEPTH, UNIFORM, WALL, Scenario, scenario_from
+from activeslam_gym.config import Scenario, scenario_from
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.sensors.sensor import IMAGES
-from activeslam_gym.slam.estimator import EKF
-from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.room.camera import TARGET_CORNERS
-
-_DEMANDED: dict[str, Any] = {
-    "fiducial_count": TARGET_CORNERS,
-    "initialisation": INVERSE_DEPTH,
-    "estimator": EKF,
-    "boxes": (),
-    "box_count": (0, 0),
-    "inner_walls": (0, 0),
-    "varied": (),
-    "maximum_distance": None,
-    "clutter_rate": 0.0,
-    "missed_detection_probability": 0.0,
-    "labelled_first_match": False,
-}
-"""Fields of a scenario, as images need them."""
-_ALLOWED = {"start": (CENTRE, CORNER, WALL), "landmark_layout": (UNIFORM, CLUSTERS)}
-"""Values that images may have."""
-_UNUSED = "association", "restarts", "maximum_misses", "miss_spacing", "inverse_depth_memory"
-"""Fields that the front end does not read: it associates and deletes features by their looks."""
-_DEMANDED |= {name: getattr(Scenario(), name) for name in _UNUSED}
 
 
 class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
@@ -68,7 +45,7 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     """
 
     def __init__(self, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any) -> None:
-        super().__init__(_checked(scenario), **arguments)
+        super().__init__(_on_images(scenario), **arguments)
 
     @property
     def image(self) -> np.ndarray:
@@ -98,22 +75,9 @@ class ActiveSLAMPixelsVectorEnv(ActiveSLAMVectorEnv):
     def __init__(
         self, num_envs: int = 1, scenario: str | Mapping[str, Any] | Scenario = "pixels", **arguments: Any
     ) -> None:
-        super().__init__(num_envs, _checked(scenario), **arguments)
+        super().__init__(num_envs, _on_images(scenario), **arguments)
 
 
-def _checked(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
-    """The scenario, if images can be made of it.
-
-    Raises:
-        ValueError: a field is not as `ActiveSLAMPixelsEnv` says.
-        ModuleNotFoundError: OpenCV is not installed.
-    """
-    opencv()
-    resolved = scenario_from(scenario)
-    for name, value in _DEMANDED.items():
-        if getattr(resolved, name) != value:
-            raise ValueError(f"scenario.{name} must be {value!r} for images, got {getattr(resolved, name)!r}")
-    for name, allowed in _ALLOWED.items():
-        if (value := getattr(resolved, name)) not in allowed:
-            raise ValueError(f"scenario.{name} must be one of {', '.join(allowed)} for images, got {value!r}")
-    return dataclasses.replace(resolved, sensor=IMAGES)
+def _on_images(scenario: str | Mapping[str, Any] | Scenario) -> Scenario:
+    """The scenario with the sensor `images`."""
+    return dataclasses.replace(scenario_from(scenario), sensor=IMAGES)

@@ -16,7 +16,7 @@ from activeslam_gym.envs.simulation import Start, account, begin_motion, box_sce
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import POSITION
 from activeslam_gym.sensors.points import PointModel
-from activeslam_gym.sensors.sensor import IMAGES, POINTS, SENSORS
+from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, SENSORS
 from activeslam_gym.slam.estimate import put_estimate
 from activeslam_gym.slam.estimator import COMPILED, ESTIMATORS, Measurements
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
@@ -47,6 +47,10 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
         from activeslam_gym.envs.images import Eye
 
         return Eye(setting, run, start.mean[:7], seed)
+    if setting.scenario.sensor == CORNERS:
+        from activeslam_gym.envs.corners import Glance
+
+        return Glance(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
     return PluggedPerception(setting, run, start, seed)

@@ -8,7 +8,6 @@ from typing import Any
 import activeslam_gym.slam.filter  # noqa: F401  (registers the estimator "ekf")
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
-    BOXES,
     KNOWN,
     MOST_HELD_FRAMES,
     Scenario,
@@ -24,7 +23,7 @@ from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.motion import motion_of
-from activeslam_gym.sensors.sensor import IMAGES, SENSORS
+from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
 from activeslam_gym.slam.estimator import ESTIMATORS
 from activeslam_gym.slam.frame import filter_of
 from activeslam_gym.world.scenes import SCENES
@@ -89,8 +88,10 @@ def resolve(
     SENSORS.require(resolved.sensor)
     SCENES.require(resolved.scene)
     CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")
-    if resolved.sensor == IMAGES and resolved.has_registered_scene:
-        raise ValueError(f"scenario.scene must be {BOXES!r} with the sensor {IMAGES!r}, got {resolved.scene!r}")
+    if resolved.sensor in TEXTURED:
+        from activeslam_gym.envs.textured import require_textured
+
+        require_textured(resolved)
     task = filled(
         TASK,
         frames_per_step=frames_per_step,
@@ -148,7 +149,7 @@ def models_of(scenario: Scenario, task: Record, motion_period: float) -> Record:
 
 def sensor_limits(scenario: Scenario) -> SensorLimits:
     """The limits of the scenario's sensor."""
-    if scenario.sensor == IMAGES:
+    if scenario.sensor in TEXTURED:
         from activeslam_gym.vision.settings import SIGHTED
 
         return SensorLimits(SIGHTED.most_change, SIGHTED.visible)

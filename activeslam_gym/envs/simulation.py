@@ -17,7 +17,7 @@ from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, find
 from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import POSITION, QUATERNION, accelerations, goal_by, turn_by
-from activeslam_gym.sensors.sensor import IMAGES
+from activeslam_gym.sensors.sensor import TEXTURED
 from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
     empty_beliefs,
@@ -46,9 +46,10 @@ from activeslam_gym.world.simulator import (
 
 def empty_runs(scenario: Scenario, count: int) -> Run:
     """``count`` runs of the scenario's capacity: arrays with a leading axis. `reset_run` fills one of them."""
-    features, detections, images = feature_capacity(scenario), detection_capacity(scenario), scenario.sensor == IMAGES
+    features, detections = feature_capacity(scenario), detection_capacity(scenario)
+    textured = scenario.sensor in TEXTURED
     box_count = scenario.box_capacity
-    if images:  # their rooms have boxes of their own
+    if textured:  # their rooms have boxes of their own
         from activeslam_gym.vision.room.scene import BOX_COUNT
 
         box_count = BOX_COUNT
@@ -63,7 +64,7 @@ def empty_runs(scenario: Scenario, count: int) -> Run:
         viewpoint=np.zeros((count, VIEWS if scenario.negative_information else 0), VIEW),
         candidate=candidate,
         label=np.zeros((count, detections), np.int64),
-        first_seen=np.zeros((count, features if images else 0, 3)),
+        first_seen=np.zeros((count, features if textured else 0, 3)),
         owner=np.zeros((count, features), OWNER),
         episode=np.zeros(count, EPISODE),
         observation=np.zeros((count, layout_of(scenario).size), np.float32),
@@ -91,7 +92,7 @@ def reset_run(setting: Setting, runs: Run, i: int, key: int) -> Start:
     if scenario is not setting.scenario:
         runs.models[i] = models_of(scenario, setting.task, setting.motion_period)
         run.candidate["R"] = scenario.pixel_std**2 * np.eye(2)
-    anywhere = scenario.sensor == IMAGES  # landmarks stand for the parts of the room that no feature has
+    anywhere = scenario.sensor in TEXTURED  # landmarks stand for the parts of the room that no feature has
     drawn = draw_room(dataclasses.replace(scenario, landmark_layout=UNIFORM) if anywhere else scenario, rng)
     put_room(run.world, drawn)
     run.world.state.noise_key[:] = noise.generate_state(1, np.uint64)

@@ -1,7 +1,8 @@
 """The seam of sensors. A sensor sees the ground truth; its model never does, and is all that a policy has of it.
 
-`points` (simulated detections) is compiled; `images` runs the front end of `vision`. Another sensor is a class with the
-methods of `Sensor` in one file of its own, entered by ``@SENSORS.register("mine")``.
+`points` (simulated detections) is compiled; `images` runs the front end of `vision`, and `corners` is what that would
+find in the same room, without an image. Another sensor is a class with the methods of `Sensor` in one file of its own,
+entered by ``@SENSORS.register("mine")``.
 """
 
 from typing import Any, NamedTuple, Protocol
@@ -13,7 +14,9 @@ from activeslam_gym.registry import Registry
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.world.truth import Truth
 
-POINTS, IMAGES = "points", "images"
+POINTS, IMAGES, CORNERS = "points", "images", "corners"
+TEXTURED = IMAGES, CORNERS
+"""Those that see a textured room instead of points."""
 
 
 class Detections(NamedTuple):
@@ -52,6 +55,6 @@ class Sensor(Protocol):
         """The model."""
 
 
-SENSORS: Registry[Any] = Registry("scenario.sensor", {POINTS: None, IMAGES: None})
-"""The sensors by name; the two of this package are made by the environment itself."""
+SENSORS: Registry[Any] = Registry("scenario.sensor", dict.fromkeys((POINTS, IMAGES, CORNERS)))
+"""The sensors by name; the three of this package are made by the environment itself."""
 SENSORS.seal()

@@ -1,5 +1,6 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -16,9 +17,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from activeslam_gym import observation_layout
+from activeslam_gym import config, observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
 from activeslam_gym.files import written_whole
+from activeslam_gym.sensors.sensor import CORNERS
 from agents.learn.recipe import Recipe
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
@@ -44,9 +46,16 @@ def held_out_seed(recipe: Recipe) -> int:
 
 
 def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
-    """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are."""
-    same: dict[str, Any] = {name: getattr(recipe, name) for name in ("scenario", "duration", "reward")}
-    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", gaze_period=recipe.decision_period, **same)
+    """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are.
+
+    Of a scenario of images it has the rooms and the corners, without the images.
+    """
+    scenario = config.SCENARIOS[recipe.scenario]
+    if recipe.scenario in config.IMAGE_SCENARIOS:
+        scenario = dataclasses.replace(scenario, sensor=CORNERS)
+    same: dict[str, Any] = {name: getattr(recipe, name) for name in ("duration", "reward")}
+    discrete, period = recipe.algorithm == "dqn", recipe.decision_period
+    env = ActiveSLAMVecEnv(num_envs, discrete=discrete, scenario=scenario, gaze_period=period, **same)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), recipe.reward_scale, recipe.reward_clip)
 

@@ -20,7 +20,7 @@ class Recipe:
     reward: str = "entropy"
     """Reward of the environment."""
     scenario: str = "paper"
-    """Name of the scenario whose rooms are trained in."""
+    """Name of the scenario whose rooms are trained in; one of images is trained in with the sensor `corners`."""
     warm_start: float = 0.8
     """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
     0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,

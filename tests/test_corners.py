@@ -1,0 +1,103 @@
+"""The sensor `corners`: the rooms of images, and the front end's rules, without an image."""
+
+import dataclasses
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import activeslam_gym  # noqa: F401
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.config import SCENARIOS
+from activeslam_gym.geometry import rotation_matrix
+from activeslam_gym.vision.settings import SIGHTED
+
+GALLERY = dataclasses.replace(SCENARIOS["gallery-pixels"], sensor="corners")
+ACTIONS = [[1, 1]] * 8 + [[2, 1]] * 12 + [[0, 0]] * 8
+SEED = 2**32 + 5
+
+
+@pytest.fixture(scope="module")
+def flown() -> Any:
+    """An environment after 7 s, with the matches of each step's last frame: id, pixel, R, and the camera's truth."""
+    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.25)
+    env.reset(seed=SEED)
+    run, perception = env.unwrapped._run, env.unwrapped._perceptions[0]
+    frames = []
+    for action in ACTIONS:
+        env.step(action)
+        found = run.candidate[: int(run.episode.detections)].copy()
+        memory = perception._memory[perception._memory["id"] > 0].copy()
+        frames.append((run.world.state.camera.copy(), found, memory, perception._corners[memory["corner"]]))
+    return env, frames
+
+
+def test_the_room_is_that_of_images(flown: Any) -> None:
+    env, _ = flown
+    images = gym.make("ActiveSLAMPixels-v0", scenario="gallery-pixels", gaze_period=0.25)
+    images.reset(seed=SEED)
+    for ours, theirs in zip(env.unwrapped._run.world[1:], images.unwrapped._run.world[1:]):
+        if ours.shape != env.unwrapped._run.world.landmarks.shape:  # those of the score, which moves with the map
+            np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(env.observation_space.low, images.observation_space.low)
+
+
+def test_a_match_is_the_pixel_of_its_corner_and_its_noise(flown: Any) -> None:
+    squares = []
+    for pose, found, memory, corners in flown[1]:
+        for match, pixel, R in zip(found["match"], found["pixel"], found["R"]):
+            own = np.flatnonzero(memory["id"] == match)
+            if len(own):
+                z = np.empty(2)
+                p_C = camera_point(rotation_matrix(pose[3:7]), pose, corners[own[0]])
+                assert pixel_from_camera_point(flown[0].unwrapped._run.models.true_camera, p_C, z)
+                squares.append((pixel - z) @ np.linalg.solve(R, pixel - z))
+    mean, n = np.mean(squares), len(squares)
+    assert n > 100
+    assert abs(mean - 2.0) < 5.0 * 2.0 / np.sqrt(n)  # chi^2 of two degrees of freedom has a variance of 4
+
+
+def test_a_feature_is_matched_until_its_view_has_changed_too_much() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
+    env.reset(seed=SEED)
+    for _ in range(10):
+        env.step([6, 2])
+    run, perception = env.unwrapped._run, env.unwrapped._perceptions[0]
+    matched = set(run.candidate["match"][: int(run.episode.detections)].tolist())
+    entry = next(entry for entry in perception._memory if entry["id"] in matched)
+    way = run.world.state.camera[:3] - perception._corners[entry["corner"]]
+    for share, found in ((np.exp(SIGHTED.most_change - 0.1), True), (np.exp(SIGHTED.most_change + 0.1), False)):
+        entry["first_seen"] = perception._corners[entry["corner"]] + share * way
+        env.step([6, 2])
+        assert (entry["id"] in run.candidate["match"][: int(run.episode.detections)]) == found
+
+
+def test_new_features_are_added_while_few_are_in_view() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
+    env.reset(seed=SEED)
+    run, births = env.unwrapped._run, []
+    for action in np.repeat(ACTIONS, 5, axis=0):
+        info = env.step(action)[-1]
+        found = run.candidate["id"][: int(run.episode.detections)]
+        births.append((np.sum(found == 0), info["events"]["births"], np.sum(found != 0)))
+        assert info["events"]["wrong_matches"] == 0
+    born, counted, matched = np.array(births).T
+    np.testing.assert_array_equal(born, counted)
+    assert born.max() == SIGHTED.births
+    assert not born[matched >= SIGHTED.visible].any()
+
+
+def test_a_batch_does_what_each_does_alone() -> None:
+    batch = gym.make_vec("ActiveSLAM-v0", 2, "vector_entry_point", scenario=GALLERY, gaze_period=0.25)
+    seen, _ = batch.reset(seed=[SEED, SEED + 1])
+    rows = [seen, *(batch.step(np.tile(action, (2, 1)))[0] for action in ACTIONS[:6])]
+    for i in range(2):
+        env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.25)
+        alone = [env.reset(seed=SEED + i)[0], *(env.step(action)[0] for action in ACTIONS[:6])]
+        np.testing.assert_array_equal(np.array(alone), np.array([row[i] for row in rows]))
+
+
+def test_a_room_without_textures_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^scenario.fiducial_count must be 4 for corners, got 6$"):
+        gym.make("ActiveSLAM-v0", scenario={"sensor": "corners"})

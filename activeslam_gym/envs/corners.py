@@ -16,12 +16,12 @@ from activeslam_gym.envs.run import Run, present
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.slam.belief import positions_of
+from activeslam_gym.slam.belief import feature_capacity, positions_of
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.frame import use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
-from activeslam_gym.slam.map import remove_feature
+from activeslam_gym.slam.map import remove_id
 from activeslam_gym.slam.sight import INSIDE, sight_of_belief
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.room import patterns
@@ -80,7 +80,7 @@ class Glance:
         order = noise.permutation(len(points))
         self._corners, self._normals = points[order], normals[order]
         self._rules = filled(RULES, s, enough=(1.0 - s.memory**s.trials) / (1.0 - s.memory))
-        self._memory = np.zeros(len(run.ekf.feature), MEMORY)
+        self._memory = np.zeros(feature_capacity(setting.scenario), MEMORY)
         self._spare = run.world.landmarks.copy()
 
     def begin(self, run: Run) -> None:
@@ -109,7 +109,8 @@ def glance(
     found = _search(run, rules, corners, normals, memory, luck)
     for entry in memory:
         if entry.id > 0 and entry.tried >= rules.enough and entry.matched < rules.least_success * entry.tried:
-            _forget(run, entry)
+            remove_id(run.ekf, entry.id)
+            entry.id = 0
             run.episode.events.deletions += 1
     run.episode.detections = found + _give_births(run, rules, corners, normals, memory, luck[2 * things :], found)
     present(run)
@@ -221,7 +222,7 @@ def _give_births(
             m = _longest_unseen(memory, frame - 3)
             if m < 0 or in_view + born >= rules.room_below:
                 break
-            _forget(run, memory[m])
+            remove_id(belief, memory[m].id)
         first, second = normal_pair(luck[4 * born + 2], luck[4 * born + 3])
         spread, _ = normal_pair(luck[4 * born + 4], luck[4 * born + 5])
         entry, one = memory[m], run.candidate[found + born]
@@ -260,17 +261,6 @@ def _longest_unseen(memory: np.ndarray, since: int) -> int:
         if memory[m].id > 0 and memory[m].seen < earliest:
             best, earliest = m, memory[m].seen
     return best
-
-
-@compiled
-def _forget(run: Run, entry: Record) -> None:
-    """Delete a feature."""
-    belief = run.ekf
-    for k in range(belief.state.count):
-        if belief.feature[k].serial == entry.id:
-            remove_feature(belief, k)
-            break
-    entry.id = 0
 
 
 @functools.lru_cache(maxsize=1)

@@ -95,6 +95,15 @@ def remove_feature(belief: Belief, k: int) -> None:
         belief.feature[i] = belief.feature[i + 1]
 
 
+@borrowing
+def remove_id(belief: Belief, id: int) -> None:
+    """Forget the feature of that ``id``, if there is one."""
+    for k in range(belief.state.count):
+        if belief.feature[k].serial == id:
+            remove_feature(belief, k)
+            break
+
+
 @compiled
 def convert_to_point(belief: Belief, k: int) -> None:
     """Turn a RAY or INVERSE_DEPTH feature into a POINT through its Jacobian T (with a ray's depth variance)."""

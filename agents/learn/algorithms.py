@@ -20,7 +20,6 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 from activeslam_gym import config, observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
 from activeslam_gym.files import written_whole
-from activeslam_gym.sensors.sensor import CORNERS
 from agents.learn.recipe import Recipe
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
@@ -52,7 +51,7 @@ def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
     """
     scenario = config.SCENARIOS[recipe.scenario]
     if recipe.scenario in config.IMAGE_SCENARIOS:
-        scenario = dataclasses.replace(scenario, sensor=CORNERS)
+        scenario = dataclasses.replace(scenario, sensor="corners")
     same: dict[str, Any] = {name: getattr(recipe, name) for name in ("duration", "reward")}
     discrete, period = recipe.algorithm == "dqn", recipe.decision_period
     env = ActiveSLAMVecEnv(num_envs, discrete=discrete, scenario=scenario, gaze_period=period, **same)

@@ -195,28 +195,27 @@ def _draw_groups(walls: Rectangles, count: int, target: Record, rng: np.random.G
 def _place(
     on: Record, others: Rectangles, width: float, rng: np.random.Generator, along: tuple[float, float] | None = None
 ) -> Record:
-    """A rectangle about ``width`` [m] wide somewhere on a face, clear of the others; smaller if it finds no place.
+    """A rectangle about ``width`` [m] wide on a face, a centimetre from the others; smaller where there is no place.
 
     ``along``: the part of the face's length that it may be in [m]; None: all of it.
     """
     sides = _sides(on)
     begin, end = along or (0.0, sides[0])
+    taken = np.array([_bounding_box(other) for other in others])
     while True:
         size = np.minimum(width * np.array([1.0, rng.uniform(0.7, 1.4)]), 0.8 * np.array([end - begin, sides[1]]))
         least, most = 0.5 * size + 0.02, sides - 0.5 * size - 0.02
         least[0], most[0] = least[0] + begin, most[0] - (sides[0] - end)
         poster = _decal(on, rng.uniform(least, most), size)
-        if all(_clear(poster, other) for other in others):
+        low, high = _bounding_box(poster)
+        if np.all(np.any((low > taken[:, 1] + 0.01) | (taken[:, 0] > high + 0.01), axis=1)):
             return poster
         width *= 0.93
 
 
-def _clear(a: Record, b: Record) -> bool:
-    """Whether the bounding boxes of two rectangles are apart by a centimetre along some axis."""
-    (low_a, high_a), (low_b, high_b) = (
-        np.sort([one.corner, one.corner + one.along + one.down], axis=0) for one in (a, b)
-    )
-    return bool(np.any((low_a > high_b + 0.01) | (low_b > high_a + 0.01)))
+def _bounding_box(surface: Record) -> np.ndarray:
+    """(2, 3) lowest and highest corner of a rectangle."""
+    return np.sort([surface.corner, surface.corner + surface.along + surface.down], axis=0)
 
 
 def _paper_walls(walls: Rectangles, rng: np.random.Generator) -> None:

@@ -23,13 +23,13 @@ def flown() -> Any:
     """An environment after 7 s, with the matches of each step's last frame: id, pixel, R, and the camera's truth."""
     env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.25)
     env.reset(seed=SEED)
-    run, perception = env.unwrapped._run, env.unwrapped._perceptions[0]
+    run, corners = env.unwrapped._run, env.unwrapped._perceptions[0].corners
     frames = []
     for action in ACTIONS:
         env.step(action)
         found = run.candidate[: int(run.episode.detections)].copy()
-        memory = perception._memory[perception._memory["id"] > 0].copy()
-        frames.append((run.world.state.camera.copy(), found, memory, perception._corners[memory["corner"]]))
+        memory = corners.memory[corners.memory["id"] > 0]
+        frames.append((run.world.state.camera.copy(), found, memory, corners.points[memory["corner"]]))
     return env, frames
 
 
@@ -63,12 +63,12 @@ def test_a_feature_is_matched_until_its_view_has_changed_too_much() -> None:
     env.reset(seed=SEED)
     for _ in range(10):
         env.step([6, 2])
-    run, perception = env.unwrapped._run, env.unwrapped._perceptions[0]
+    run, corners = env.unwrapped._run, env.unwrapped._perceptions[0].corners
     matched = set(run.candidate["match"][: int(run.episode.detections)].tolist())
-    entry = next(entry for entry in perception._memory if entry["id"] in matched)
-    way = run.world.state.camera[:3] - perception._corners[entry["corner"]]
+    entry = next(entry for entry in corners.memory if entry["id"] in matched)
+    way = run.world.state.camera[:3] - corners.points[entry["corner"]]
     for share, found in ((np.exp(SIGHTED.most_change - 0.1), True), (np.exp(SIGHTED.most_change + 0.1), False)):
-        entry["first_seen"] = perception._corners[entry["corner"]] + share * way
+        entry["first_seen"] = corners.points[entry["corner"]] + share * way
         env.step([6, 2])
         assert (entry["id"] in run.candidate["match"][: int(run.episode.detections)]) == found
 

@@ -7,6 +7,7 @@ ones are initialised as there. So a policy is trained at many times the speed of
 import functools
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -62,6 +63,16 @@ MEMORY = record(
 """What the front end would remember of a feature."""
 
 
+class Corners(NamedTuple):
+    """What can be seen in one run's room, and what is remembered of it."""
+
+    points: np.ndarray  # (n, 3) [m], in random order
+    normals: np.ndarray  # (n, 3) of the surfaces that they are on
+    memory: np.ndarray  # (F,) of MEMORY
+    spare: np.ndarray  # (N, 3) the truth of the slots of the score that have no feature [m]
+    noise_key: np.ndarray  # (1,) uint64 the stream of the noise, of which frame k uses its own part
+
+
 class Glance:
     """The corners of one run's room, and what the front end remembers of the features.
 
@@ -71,17 +82,16 @@ class Glance:
     scene: Scene | None = None
 
     def __init__(self, setting: Setting, run: Run, start: np.ndarray, seed: np.random.SeedSequence) -> None:
-        room, noise = (np.random.default_rng(child) for child in seed.spawn(2))
-        scene, s = draw_scene(setting.scenario, room, start), SIGHTED
+        room, noise = seed.spawn(2)
+        scene, s = draw_scene(setting.scenario, np.random.default_rng(room), start), SIGHTED
         run.world.fiducials[:] = scene.target
         run.world.boxes[:] = scene.boxes
         run.world.state.boxes = len(scene.boxes)
         points, normals = corners_of(scene)
-        order = noise.permutation(len(points))
-        self._corners, self._normals = points[order], normals[order]
+        order = np.random.default_rng(noise).permutation(len(points))
+        memory, key = np.zeros(feature_capacity(setting.scenario), MEMORY), noise.generate_state(1, np.uint64)
+        self.corners = Corners(points[order], normals[order], memory, run.world.landmarks.copy(), key)
         self._rules = filled(RULES, s, enough=(1.0 - s.memory**s.trials) / (1.0 - s.memory))
-        self._memory = np.zeros(feature_capacity(setting.scenario), MEMORY)
-        self._spare = run.world.landmarks.copy()
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
@@ -89,47 +99,41 @@ class Glance:
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Search the features in view, under the known accelerations ``u`` (6,), and initialise others."""
-        glance(run, self._rules, self._corners, self._normals, self._memory, self._spare, u, contact)
+        glance(run, self._rules, self.corners, u, contact)
 
 
 @compiled
-def glance(
-    run: Run, rules: Record, corners: np.ndarray, normals: np.ndarray, memory: np.ndarray, spare: np.ndarray,
-    u: np.ndarray, contact: bool,
-) -> None:  # fmt: skip
+def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bool) -> None:
     """A frame after the camera has moved: predict, search, forget, initialise, and account for it."""
-    motion, belief, state = run.models.motion, run.ekf, run.world.state
+    motion, belief, memory, frame = run.models.motion, run.ekf, corners.memory, run.world.state.frame + 1
     if contact:
         feel_contact(belief, u, motion.dt)
     predict(motion, belief, u, motion.dt)
     wander(belief, rules.drift / run.models.camera.focal, motion.dt)
-    features, room = memory.shape[0], run.candidate.shape[0]
-    things = features + run.world.fiducials.shape[0]
-    luck = uniforms(state.noise_key, (state.frame + 1) * 8 * (things + room), 2 * things + 4 * room + 2)
-    found = _search(run, rules, corners, normals, memory, luck)
+    things, most = memory.shape[0] + run.world.fiducials.shape[0], 2 + 4 * rules.births
+    luck = uniforms(corners.noise_key, frame * (2 * things + most), 2 * things + most)
+    found = _search(run, rules, corners, luck)
     for entry in memory:
         if entry.id > 0 and entry.tried >= rules.enough and entry.matched < rules.least_success * entry.tried:
             remove_id(run.ekf, entry.id)
             entry.id = 0
             run.episode.events.deletions += 1
-    run.episode.detections = found + _give_births(run, rules, corners, normals, memory, luck[2 * things :], found)
+    run.episode.detections = found + _give_births(run, rules, corners, luck[2 * things :], found)
     present(run)
     estimate = run.estimate
     points = np.empty((estimate.state.count, 3))
     for entry in memory:
         k = index_of(estimate, entry.id) if entry.id > 0 else -1
         if k >= 0:
-            copy_into(points[k], corners[entry.corner])
+            copy_into(points[k], corners.points[entry.corner])
             copy_into(run.first_seen[k], entry.first_seen)
-    account_scene(run, points, spare)
+    account_scene(run, points, corners.spare)
 
 
 @compiled
-def _search(
-    run: Run, rules: Record, corners: np.ndarray, normals: np.ndarray, memory: np.ndarray, luck: np.ndarray
-) -> int:
+def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
     """Search what is in view of the belief, and update it; returns how many candidates were found."""
-    models, belief, fiducials = run.models, run.ekf, run.world.fiducials
+    models, belief, fiducials, memory = run.models, run.ekf, run.world.fiducials, corners.memory
     K, pose, frame = fiducials.shape[0], run.world.state.camera, run.world.state.frame + 1
     sight = sight_of_belief(models.camera, belief, fiducials, run.world.boxes[:0])
     view = view_of(models.true_camera, pose, boxes_of(run.world))
@@ -149,10 +153,10 @@ def _search(
             continue
         tried[i] = True
         searched += 1
-        point = corners[memory[m].corner] if m >= 0 else fiducials[-1 - thing.id]
+        point = corners.points[memory[m].corner] if m >= 0 else fiducials[-1 - thing.id]
         if not visible(view, point, -_EDGE, z) or found == run.candidate.shape[0]:
             continue
-        if m >= 0 and not faces(normals[memory[m].corner], point, pose, _FACING):
+        if m >= 0 and not faces(corners.normals[memory[m].corner], point, pose, _FACING):
             continue
         x, y = z[0] - thing.z_hat[0], z[1] - thing.z_hat[1]
         if (d * x * x - 2.0 * b * x * y + a * y * y) / det > rules.gate:
@@ -182,11 +186,9 @@ def _search(
 
 
 @compiled
-def _give_births(
-    run: Run, rules: Record, corners: np.ndarray, normals: np.ndarray, memory: np.ndarray, luck: np.ndarray, found: int
-) -> int:
+def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, found: int) -> int:
     """Initialise features where few are in view, as candidates behind those ``found``; returns how many."""
-    models, belief, state = run.models, run.ekf, run.world.state
+    models, belief, state, memory = run.models, run.ekf, run.world.state, corners.memory
     K, pose, camera, frame = run.world.fiducials.shape[0], state.camera, models.camera, state.frame + 1
     sight = sight_of_belief(camera, belief, run.world.fiducials, run.world.boxes[:0])
     believed, v, crowd, in_view = positions_of(belief), sight.thing.shape[0], 0, 0
@@ -204,13 +206,14 @@ def _give_births(
     wanted = min(rules.births, rules.visible - in_view)
     if wanted <= 0 or not (frame % rules.births_every == 0 or 2 * in_view < rules.visible):
         return 0
-    view, z, n, born = view_of(models.true_camera, pose, boxes_of(run.world)), np.empty(2), corners.shape[0], 0
+    view, z, n, born = view_of(models.true_camera, pose, boxes_of(run.world)), np.empty(2), corners.points.shape[0], 0
     begin = int(luck[0] * n)
     for k in range(n):
         c = (begin + k) % n
         if born == wanted or found + born == run.candidate.shape[0]:
             break
-        if not faces(normals[c], corners[c], pose, _FACING) or not visible(view, corners[c], -_BIRTH_EDGE, z):
+        point = corners.points[c]
+        if not faces(corners.normals[c], point, pose, _FACING) or not visible(view, point, -_BIRTH_EDGE, z):
             continue
         free = True
         for i in range(crowd):

@@ -140,7 +140,7 @@ def _landmarks(
 
 def _is_apart(point: np.ndarray, others: list[np.ndarray], spacing: float) -> bool:
     """Whether a ``point`` (>= 3,) is at least ``spacing`` [m] from each of the ``others``."""
-    return all(np.linalg.norm(point[:3] - other[:3]) >= spacing for other in others)
+    return spacing == 0.0 or all(math.dist(point[:3], other[:3]) >= spacing for other in others)
 
 
 def _draw_place(scenario: Scenario, boxes: np.ndarray, rng: np.random.Generator) -> np.ndarray:

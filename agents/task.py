@@ -110,8 +110,8 @@ def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
     """
     given = {"end_when_lost": False, **{name: value for name, value in arguments.items() if value is not None}}
     place, scenario = given.pop("expected", None), given.get("scenario")
-    named = scenario.get("name") if isinstance(scenario, dict) else scenario
-    name = IMAGES if named in IMAGE_SCENARIOS else ENVIRONMENT
+    fields = scenario if isinstance(scenario, dict) else {"name": scenario}
+    name = IMAGES if fields.get("name") in IMAGE_SCENARIOS and fields.get("sensor") != "corners" else ENVIRONMENT
     if count > 1:
         if place:
             raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")

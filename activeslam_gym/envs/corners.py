@@ -50,7 +50,7 @@ RULES = record(
     drift="f8", most_change="f8", scout_area="f8", gate="f8", least_share="f8", memory="f8", least_success="f8",
     enough="f8", spacing="f8", births="i8", births_every="i8", visible="i8", room_below="i8",
 )  # fmt: skip
-"""The front end's rules of what is searched, believed, forgotten and initialised; see `FrontEndSettings`."""
+"""The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
 MEMORY = record(
     id="i8",  # of the feature; 0: none
     corner="i8",  # that it follows
@@ -226,6 +226,7 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
             if m < 0 or in_view + born >= rules.room_below:
                 break
             remove_id(belief, memory[m].id)
+            memory[m].id = 0
         first, second = normal_pair(luck[4 * born + 2], luck[4 * born + 3])
         spread, _ = normal_pair(luck[4 * born + 4], luck[4 * born + 5])
         entry, one = memory[m], run.candidate[found + born]

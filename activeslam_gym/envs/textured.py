@@ -37,13 +37,13 @@ def require_textured(scenario: Scenario) -> None:
     """
     opencv()
     if scenario.has_registered_scene:
-        told = f"scenario.scene must be {BOXES!r} with the sensor {scenario.sensor!r}"
-        raise ValueError(f"{told}, got {scenario.scene!r}")
+        message = f"scenario.scene must be {BOXES!r} with the sensor {scenario.sensor!r}"
+        raise ValueError(f"{message}, got {scenario.scene!r}")
     for name, value in _DEMANDED.items():
         if getattr(scenario, name) != value:
             got = getattr(scenario, name)
             raise ValueError(f"scenario.{name} must be {value!r} for {scenario.sensor}, got {got!r}")
     for name, allowed in _ALLOWED.items():
         if (value := getattr(scenario, name)) not in allowed:
-            told = f"scenario.{name} must be one of {', '.join(allowed)} for {scenario.sensor}"
-            raise ValueError(f"{told}, got {value!r}")
+            message = f"scenario.{name} must be one of {', '.join(allowed)} for {scenario.sensor}"
+            raise ValueError(f"{message}, got {value!r}")

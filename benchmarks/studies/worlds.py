@@ -10,6 +10,7 @@ held-out episodes, or of those from ``--seed`` on. Prints a table for each scena
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +34,10 @@ HEADER = (
 Runs = dict[str, list[Episode]]  # by policy, an episode for each room
 
 
-def tasks_of(scenario: str, name: str, seed: int, rooms: int) -> list[Task]:
-    """For each room from ``seed`` on; a name that ends in `KNOWN` is a policy whose belief knows the boxes."""
-    fields = asdict(config.SCENARIOS[scenario]) | ({"boxes_known": True} if name.endswith(KNOWN) else {})
+def tasks_of(scenario: str, name: str, seed: int, rooms: int, **fields: Any) -> list[Task]:
+    """For each room from ``seed`` on, with these ``fields`` of the scenario; a name that ends in `KNOWN` is a policy
+    whose belief knows the boxes."""
+    fields = asdict(config.SCENARIOS[scenario]) | fields | ({"boxes_known": True} if name.endswith(KNOWN) else {})
     settings = json.dumps({"scenario": fields, "gaze_period": PERIOD})
     return tasks(name.removesuffix(KNOWN), settings, seed, rooms)
 
@@ -83,12 +85,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made.add_argument("--open", nargs="+", default=OPEN, help="policies whose best is the reference")
     made.add_argument("--seed", type=int, help="the first room's; the scenario's own if not given")
     made.add_argument("--boxes-known", nargs="+", default=(), help="of these, also with a belief that knows the boxes")
+    made.add_argument("--corners", action="store_true", help="the sensor `corners` in the place of images")
     args = made.parse_args(arguments)
+    fields = {"sensor": "corners"} if args.corners else {}
     names = dict.fromkeys((*args.open, *args.policies, *(name + KNOWN for name in args.boxes_known)))
     if unpaired := set(args.boxes_known) - set(names):
         made.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
     first = {s: config.benchmark_seed(s) if args.seed is None else args.seed for s in args.scenarios}
-    groups = {(s, name): tasks_of(s, name, first[s], args.rooms) for s in args.scenarios for name in names}
+    groups = {(s, name): tasks_of(s, name, first[s], args.rooms, **fields) for s in args.scenarios for name in names}
     runs = played(groups, args.out)
     tables = {scenario: {name: runs[scenario, name] for name in names} for scenario in args.scenarios}
     for scenario, table in tables.items():

@@ -86,6 +86,7 @@ def _add_track(commands: Any) -> None:
     one.set_defaults(run=_track)
     _add_sequence(one, "; without one the scale is free", required=False)
     one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
+    one.add_argument("--features", type=int, default=49, help=f"most features of the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")
@@ -172,7 +173,7 @@ def _track(args: argparse.Namespace) -> Ending:
     from activeslam_gym.vision.track import summary, track
 
     files = args.images, args.calibration, args.target, args.rate, args.out
-    done, advice = track(*files, args.film, args.covariance, args.keep_lost)
+    done, advice = track(*files, args.film, args.covariance, args.keep_lost, args.features)
     print(f"{summary(done)}; results in {args.out}")
     tracked, early = len(done.lost) - int(done.lost.sum()), done.trouble and f"ended early: {done.trouble}"
     if 2 * tracked < len(done.lost):

@@ -82,8 +82,9 @@ def test_a_feature_whose_pixels_stay_beside_the_estimate_fails_and_one_that_shak
 def test_the_longest_unseen_makes_room_unless_all_were_seen_of_late(gallery) -> None:
     search(gallery, {8}, 3)
     search(gallery, {7}, 5)
-    assert gallery.longest_unseen(4) == 8
-    assert gallery.longest_unseen(3) is None
+    both = np.array((7, 8))
+    assert gallery.longest_unseen(both, 4) == 8 and gallery.longest_unseen(both[:1], 6) == 7
+    assert gallery.longest_unseen(both, 3) is None and gallery.longest_unseen(both[:0], 9) is None
 
 
 def test_the_mean_residual_is_of_the_matches_and_zero_for_the_target(gallery) -> None:

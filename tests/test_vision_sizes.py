@@ -51,6 +51,16 @@ def test_a_reduced_image_is_the_mean_of_its_pixels_and_cuts_what_is_left_over() 
     assert reduced(image, 1) is image
 
 
+def test_a_small_image_is_enlarged_about_the_same_rays_and_tracked() -> None:
+    assert scale_of(131.0, 160) == scale_of(300.0, 239) == 0.5 and scale_of(131.0, 240) == 1
+    lens, small = LENS.reduced(2), [reduced(image, 2) for image in IMAGES]
+    assert lens.scale == 0.5 and lens.reduced(0.5) == pytest.approx(LENS)
+    found = follow(zip(count(0.0, 1 / 30), small), lens, None, 30.0)
+    large = follow(zip(count(0.0, 1 / 30), IMAGES), LENS, None, 30.0)
+    assert not found.lost.any() and found.filter.camera.width == LENS.image_width
+    np.testing.assert_allclose(found.cameras[:, :7], large.cameras[:, :7], atol=0.02)
+
+
 def test_areas_are_angles_and_times_are_seconds() -> None:
     s = FrontEndSettings()
     assert s.seen_through(195.0) == s and s.seen_through(390.0).largest_area == 4.0 * s.largest_area

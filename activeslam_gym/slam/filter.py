@@ -13,6 +13,7 @@ from activeslam_gym.motion import CAMERA_DIM, MOTION, motion_of
 from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
     MOST_BIASED,
+    POINT,
     Belief,
     empty_beliefs,
     mapped_of,
@@ -228,6 +229,11 @@ class Filter:
     def ids(self) -> np.ndarray:
         """(n,) of the features, oldest first."""
         return self.belief.feature["serial"][: self.belief.state.count].copy()
+
+    @property
+    def vague(self) -> np.ndarray:
+        """(n,) whether each feature has more numbers than a point, since its depth is unknown, oldest first."""
+        return self.belief.feature["kind"][: self.belief.state.count] != POINT
 
     @property
     def capacity(self) -> int:

@@ -24,15 +24,15 @@ class Calibration(NamedTuple):
     distortion: float  # K_d [1/px^2]
 
     @property
-    def scale(self) -> int:
+    def scale(self) -> float:
         """Pixels of an image, along a side, to one of the pyramid's level that is searched."""
         return scale_of(self.focal_px, max(self.image_width, self.image_height))
 
-    def reduced(self, scale: int) -> "Calibration":
+    def reduced(self, scale: float) -> "Calibration":
         """The same lens in pixels that are ``scale`` times as wide, see `views.reduced`."""
         width, height, focal, x, y, distortion = self
         middle = ((x + 0.5) / scale - 0.5, (y + 0.5) / scale - 0.5)
-        return Calibration(width // scale, height // scale, focal / scale, *middle, distortion * scale**2)
+        return Calibration(int(width / scale), int(height / scale), focal / scale, *middle, distortion * scale**2)
 
     def scenario(self, **fields: Any) -> Scenario:
         """A scenario with this camera, at the level that is searched; ``fields`` are other fields of `Scenario`."""

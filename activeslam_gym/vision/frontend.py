@@ -23,6 +23,7 @@ from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.gallery import Gallery
 from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
 from activeslam_gym.vision.search import FOUND, PEAKS, UNSEARCHED, Findings, search
+from activeslam_gym.vision.selection import most_telling
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
 from activeslam_gym.vision.views import changes_of_view, reduced, turn_between, view_from
@@ -69,20 +70,25 @@ class Searched(NamedTuple):
     inside: np.ndarray = np.zeros(0, bool)  # (m,) well inside the image, where a miss counts
 
 
+_NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
+
+
 class FrontEnd:
     """Feeds a filter with the matches that it finds in images."""
 
     def __init__(self, filter: Filter, settings: FrontEndSettings | None = None) -> None:
         self.filter, self.camera = filter, filter.camera
-        self.settings = (settings or FrontEndSettings()).seen_through(float(self.camera.focal))
+        self._focal, self._width, self._height = (float(self.camera[name]) for name in ("focal", "width", "height"))
+        self._centre = np.array((self.camera.u0, self.camera.v0))
+        self.settings = (settings or FrontEndSettings()).seen_through(self._focal)
         self._prior = filter.expected_inverse_depth
         self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
         self._found: list[np.ndarray] = []
-        self._searched: list[Searched] = []
+        self._searched = _NOTHING
         self._views: list[np.ndarray] = []
         self._blind = 0  # images in a row without the map
-        self._scale = 1  # pixels of an image, along a side, to one of the filter's
+        self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
         self._target: tuple[Drawn, np.ndarray] | None = None
         self._drawn_from: dict[int, np.ndarray] = {}  # the camera's pose (7,) at the last drawing of each fiducial
 
@@ -142,8 +148,7 @@ class FrontEnd:
     @property
     def searched(self) -> Searched:
         """The searches of the last image, in its pixels; none before the second image."""
-        none = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
-        own, n = Searched(*map(np.concatenate, zip(none, *self._searched))), self._scale
+        own, n = self._searched, self._scale
         return own if n == 1 else own._replace(pixel=n * (own.pixel + 0.5) - 0.5, covariance=n**2 * own.covariance)
 
     def first_seen(self, ids: np.ndarray) -> np.ndarray:
@@ -161,7 +166,7 @@ class FrontEnd:
         own = estimate.landmark[:n]
         distance = np.linalg.norm(own["point"] - self.first_seen(own["id"]), axis=1)
         rows = CAMERA_DIM + np.arange(3 * n)
-        var = (self.settings.feature_bias_std / self.camera.focal * np.nan_to_num(distance)) ** 2
+        var = (self.settings.feature_bias_std / self._focal * np.nan_to_num(distance)) ** 2
         estimate.covariance[rows, rows] += np.repeat(var, 3)
 
     def estimate(self) -> EstimateArrays:
@@ -176,13 +181,13 @@ class FrontEnd:
         image = self._reduced(image)
         grey = image.astype(np.float32)
         self._frame += 1
-        self._found, self._searched = [np.zeros(0, DETECTION)], []
+        self._found, self._searched = [np.zeros(0, DETECTION)], _NOTHING
         dt, self._time = time_s - self._time, time_s
-        self.filter.predict(u, dt, self.settings.drift / self.camera.focal)
+        self.filter.predict(u, dt, self.settings.drift / self._focal)
         lost = self._blind >= self.settings.lost_after
         placed = lost and self.settings.recover and self._relocalise(grey)
         self._look(grey)
-        outcome = self.searched.outcome
+        outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
         clear = self._notice(searched, matched)
         births, deletions = self._learn(clear, image, grey)
@@ -193,7 +198,8 @@ class FrontEnd:
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:
         """The level of the ``image``'s pyramid that has the size of the filter's camera."""
-        self._scale = image.shape[1] // int(self.camera.width)
+        ratio = image.shape[1] / self._width
+        self._scale = math.floor(ratio) if ratio >= 1.0 else ratio
         return reduced(image, self._scale)
 
     def _notice(self, searched: int, matched: int) -> bool:
@@ -220,7 +226,7 @@ class FrontEnd:
             return False
         ids = np.array(self._gallery.best(s.sought), np.int64)
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
-        points, half = self._points(rows), 0.5 * np.array((self.camera.width, self.camera.height))
+        points, half = self._points(rows), 0.5 * np.array((self._width, self._height))
         everywhere = np.tile(half, (len(ids), 1)), np.tile(np.diag(2.0 * half**2 / s.gate), (len(ids), 1, 1))
         model = replace(s, scout_area=np.inf).search(scouting=True)
         view = view_from(self.camera, self._views[-1 - attempt % len(self._views)])
@@ -244,15 +250,23 @@ class FrontEnd:
         if scouts:
             self._search(sight, grey, np.array(scouts), s.search(scouting=True), s.scout_share)
             sight = self.filter.sight()
-        others = known[~_among(known, np.array(scouts))]
+        others = self._most_telling(sight, known[~_among(known, np.array(scouts))])
         self._search(sight, grey, others, s.search(scouting=False), s.least_share)
+
+    def _most_telling(self, sight: Sight, wanted: np.ndarray) -> np.ndarray:
+        """Of the ``wanted`` ids of ``sight``, those that there is time to search: see `selection.most_telling`."""
+        thing = sight.thing
+        allowed = _among(thing["id"], wanted) & (self._gallery.places(thing["id"]) >= 0)
+        if np.count_nonzero(allowed) <= self.settings.searched:
+            return wanted
+        return thing["id"][most_telling(sight.S, thing["R"] + thing["curvature"], allowed, self.settings.searched)]
 
     def _scouts(self, sight: Sight) -> list[int]:
         """Ids of the features to search first: none if ellipses are small, else those with the best record."""
         s, ids, z_hat = self.settings, sight.thing["id"], sight.thing["z_hat"]
         S = _own_covariances(sight)
         areas = np.pi * s.gate * np.sqrt(np.maximum(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0], 0.0))
-        inside = np.all((z_hat > 20) & (z_hat < (self.camera.width - 20, self.camera.height - 20)), axis=1)
+        inside = np.all((z_hat > 20) & (z_hat < (self._width - 20, self._height - 20)), axis=1)
         known = inside & (self._gallery.places(ids) >= 0)
         if not known.any() or median(areas[known].tolist()) < s.vague_area:
             return []
@@ -272,7 +286,8 @@ class FrontEnd:
         self._found.append(candidates)
         outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = sight.thing["visibility"] == INSIDE
-        self._searched.append(Searched(*(column[tried] for column in (ids, z_hat, S, outcome, inside))))
+        now = (column[tried] for column in (ids, z_hat, S, outcome, inside))
+        self._searched = Searched(*map(np.concatenate, zip(self._searched, now)))
 
     def _points(self, rows: np.ndarray) -> np.ndarray:
         """World points (v, 3) of the fiducials and features at ``rows`` (v,) of a sight."""
@@ -282,14 +297,15 @@ class FrontEnd:
         """The findings of the things ``ids`` (v,) as candidates (M,)."""
         s, (row, peak) = self.settings, np.nonzero(np.arange(PEAKS) < findings.peaks[:, None])
         out = np.zeros(row.shape[0], DETECTION)
-        out["id"], out["pixel"], out["R"] = ids[row], findings.pixel[row, peak], findings.R[row, peak]
-        fiducial = out["id"] < 0
-        out["R"][fiducial] = self._noise_of_fiducials(out["R"][fiducial])
-        radius = np.hypot(out["pixel"][:, 0] - self.camera.u0, out["pixel"][:, 1] - self.camera.v0)
-        lens = s.lens_std * (2.0 * radius / self.camera.width) ** 2
-        out["R"] += (lens**2)[:, None, None] * np.eye(2)
-        astray = s.residual_weight * self._gallery.residuals(out["id"])
-        out["R"] += astray[:, :, None] * astray[:, None, :]
+        id, pixel, R = ids[row], findings.pixel[row, peak], findings.R[row, peak]
+        fiducial = id < 0
+        if fiducial.any():
+            R[fiducial] = self._noise_of_fiducials(R[fiducial])
+        lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
+        astray = s.residual_weight * self._gallery.residuals(id)
+        R += (lens**2)[:, None, None] * np.eye(2)
+        R += astray[:, :, None] * astray[:, None, :]
+        out["id"], out["pixel"], out["R"] = id, pixel, R
         out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score) if s.appearance else 0.0
         return out
 
@@ -303,7 +319,7 @@ class FrontEnd:
 
     def _learn(self, clear: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
         """Judge the features, and add new ones, if the image is ``clear``: births and deletions."""
-        sight, searched = self.filter.sight(), self.searched
+        sight, searched = self.filter.sight(), self._searched
         points = self._points(sight.thing["row"])
         if clear:
             self._gallery.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
@@ -340,7 +356,8 @@ class FrontEnd:
         self.filter.expected_inverse_depth = centre, spread
 
     def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray) -> int:
-        """New features where the image has few; when the map is full, those not seen for longest make room."""
+        """New features where the image has few; when the map is full, or of unknown depths, those not seen for longest
+        make room."""
         s, (h, w), edge = self.settings, image.shape, TEMPLATE_HALF + 2
         in_view = int(np.all((occupied >= edge) & (occupied < (w - edge, h - edge)), axis=1).sum())
         wanted = min(s.births, s.visible - in_view)
@@ -351,8 +368,10 @@ class FrontEnd:
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
         for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner, s.least_ratio):
-            if self._gallery.features >= self.filter.capacity:
-                oldest = self._gallery.longest_unseen(self._frame - 3)
+            ids, full = self.filter.ids, self._gallery.features >= self.filter.capacity
+            rivals = ids if full else ids[self.filter.vague]
+            if full or len(rivals) >= s.most_vague:
+                oldest = self._gallery.longest_unseen(rivals, self._frame - 3)
                 if oldest is None or in_view + count >= s.room_below:
                     break
                 self._forget(oldest)

@@ -100,7 +100,7 @@ class Gallery:
         astray = np.hypot(*self._residual.T) > s.most_residual
         return self.templates.id[(seldom | astray) & (self.templates.id > 0)].tolist()
 
-    def longest_unseen(self, since: int) -> int | None:
-        """The feature that was not seen for longest; None if all were after the frame ``since``, or there is none."""
-        known = np.flatnonzero((self.templates.id > 0) & (self._seen < since))
-        return int(self.templates.id[known[self._seen[known].argmin()]]) if len(known) else None
+    def longest_unseen(self, ids: np.ndarray, since: int) -> int | None:
+        """The one of the features ``ids`` (n,) that was not seen for longest; None: all were after frame ``since``."""
+        seen = self._seen[self.places(ids)]
+        return int(ids[seen.argmin()]) if len(ids) and seen.min() < since else None

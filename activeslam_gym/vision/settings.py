@@ -10,12 +10,12 @@ FOCAL_PX, RATE_HZ = 195.0, 30.0  # the lens and the rate for which the settings 
 LEAST_SIDE = 240  # pixels along an image that leave room for features
 
 
-def scale_of(focal: float, side: int) -> int:
+def scale_of(focal: float, side: int) -> float:
     """The power of two by which an image is reduced before it is searched: that brings its ``focal`` length [px]
     nearest to FOCAL_PX, so that templates have the same angle in images of every size. Of a narrow lens, the longer
-    ``side`` of the image [px] keeps LEAST_SIDE pixels."""
-    halvings = min(round(math.log2(focal / FOCAL_PX)), math.floor(math.log2(side / LEAST_SIDE)))
-    return 2 ** max(0, halvings)
+    ``side`` of the image [px] keeps LEAST_SIDE pixels. An image whose longer side has fewer is enlarged, once."""
+    halvings = min(max(0, round(math.log2(focal / FOCAL_PX))), math.floor(math.log2(side / LEAST_SIDE)))
+    return 2.0 ** max(-1, halvings)
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,7 @@ class FrontEndSettings:
     most_change: float = 2.0  # a feature whose view has changed more is not searched, and may get a neighbour [rad]
     vague_area: float = 3000.0  # where the median ellipse is larger, scouts are searched first [px^2]
     scouts: int = 10  # how many go first
+    searched: int = 32  # most features that follow, those that tell most together
     scout_area: float = 40000.0  # of a larger ellipse, a scout searches the middle part of this size [px^2]
 
     # Noise and association
@@ -63,13 +64,14 @@ class FrontEndSettings:
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
     least_depth_spread: float = 0.7  # deviation of that inverse depth, at least so many times its mean
+    most_vague: int = 49  # features of unknown depth, which take the filter the most time: so many are a full map, too
     room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
 
     # Deletion: a feature is judged by its running record
     trials: int = 10  # after so many searches it is judged ...
     least_success: float = 0.5  # ... and deleted where a smaller share of them was matched
-    most_residual: float = 1.0  # deleted where its pixels are that far from the updated estimate, in the mean [px]
-    memory: float = 0.9  # share of the record that is left after one more search
+    most_residual: float = 0.5  # deleted where its pixels are that far from the updated estimate, in the mean [px]
+    memory: float = 0.85  # share of the record that is left after one more search
     clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or born
     least_clear: int = 3  # and so is one in which fewer are matched
 
@@ -99,6 +101,6 @@ SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05,
     grain=25.0, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2,
     residual_weight=3.0, most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22, largest_area=4000.0,
-    vague_area=1500.0, scout_area=20000.0,
+    vague_area=1500.0, scout_area=20000.0, memory=0.9, searched=100,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

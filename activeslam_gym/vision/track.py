@@ -24,6 +24,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.files import Lines, argument, demand_writable, written_whole
 from activeslam_gym.geometry import quaternion_product
 from activeslam_gym.motion import CAMERA_DIM
+from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
@@ -39,7 +40,6 @@ from activeslam_gym.vision.views import reduced
 
 HAND_HELD: dict[str, Any] = {
     "name": "track",
-    "landmark_count": 36,  # with its spare places, a map of 49: "fewer than 50"
     "pixel_std": 1.0,
     "filter_acceleration_std": 2.0,  # 95 % of a hand's are under 1.2 m/s^2 ...
     "filter_angular_acceleration_std": 3.0,  # ... and under 3.5 rad/s^2
@@ -58,6 +58,8 @@ COVARIANCE = (
     "[rad]: R = Exp(rotation) R_file\n"
 )
 """The first line of a file of covariances."""
+FEATURES, FEWEST, MOST = 49, 20, 500
+"""Features of a map: those of the paper, "fewer than 50", and the least and the most that may be asked for."""
 Step = TypeVar("Step")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
@@ -91,14 +93,21 @@ def start(
     rate: float,
     settings: FrontEndSettings | None = None,
     scenario_fields: dict[str, Any] | None = None,
+    features: int = FEATURES,
 ) -> FrontEnd:
     """A front end that stands before ``target`` and has seen the first ``image``; None: anywhere, and scale is free.
 
+    The map has room for so many ``features``.
+
     Raises:
-        ValueError: the image does not fit the calibration, or the target is not where it is said to be.
+        ValueError: the image does not fit the calibration, the target is not where it is said to be, or ``features``
+            is out of range.
     """
     calibration.check_image(image)
-    fields = {**HAND_HELD, **(UNSCALED if target is None else {}), **(scenario_fields or {})}
+    if not (isinstance(features, int) and FEWEST <= features <= MOST):
+        raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
+    size = {"landmark_count": features - SPARE_FEATURES}
+    fields = {**HAND_HELD, **size, **(UNSCALED if target is None else {}), **(scenario_fields or {})}
     scenario = calibration.scenario(frame_time=1.0 / rate, **fields)
     whole, fiducials = camera_of(Scenario(**calibration._asdict())), np.zeros((0, 3))
     pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
@@ -127,17 +136,20 @@ def follow(
     rate: float,
     settings: FrontEndSettings | None = None,
     watch: Callable[[FrontEnd, Frame, FrameLog | None], None] = lambda front_end, frame, log: None,
+    features: int = FEATURES,
 ) -> Track:
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
     Without a ``target`` the scale is free; see the module. ``watch`` is called after each image; the first has no log.
+    The map has room for so many ``features``.
 
     Raises:
-        SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target.
+        SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target, or
+            ``features`` is out of range.
     """
     source = iter(images)
     frame: Frame = next(source)
-    front_end = start(frame[1], calibration, target, rate, settings)
+    front_end = start(frame[1], calibration, target, rate, settings, features=features)
     filter, trouble, log = front_end.filter, None, None
     times, cameras, covariances, logs = [], [], [], []
     blank = len(filter.ids) + len(filter.fiducials) < 3
@@ -170,6 +182,7 @@ def track(
     film: bool = False,
     covariance: str | Path | None = None,
     keep_lost: bool = False,
+    features: int = FEATURES,
 ) -> tuple[Track, str]:
     """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
     the images with their ellipses beside the map, film.mp4. Returns the track and advice on what was lost.
@@ -213,7 +226,7 @@ def track(
                 picture(moment_of(front_end, frame[1]))
 
         whole = at_close.enter_context(closing(interruptible(bar)))
-        done = follow(whole, lens, known, rate, watch=keep)
+        done = follow(whole, lens, known, rate, watch=keep, features=features)
         if files is not None:
             points, P = done.filter.points()
             files.save(done.filter.ids, points, np.sqrt(np.diag(P)[CAMERA_DIM:]).reshape(-1, 3))

@@ -9,12 +9,14 @@ from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.vision.opencv import opencv
 
 
-def reduced(image: np.ndarray, scale: int) -> np.ndarray:
-    """The ``image`` (h, w) with the mean of each ``scale`` x ``scale`` pixels as one; what is left over is cut off."""
+def reduced(image: np.ndarray, scale: float) -> np.ndarray:
+    """The ``image`` (h, w) with the mean of each ``scale`` x ``scale`` pixels as one; what is left over is cut off. A
+    ``scale`` of 1/2 makes it twice as large, linearly between the pixels."""
     if scale == 1:
         return np.ascontiguousarray(image)
-    cv2, (h, w) = opencv(), np.array(image.shape) // scale
-    return cv2.resize(image[: h * scale, : w * scale], (int(w), int(h)), interpolation=cv2.INTER_AREA)
+    cv2, (h, w) = opencv(), (int(side / scale) for side in image.shape)
+    kept = image if scale < 1 else image[: int(h * scale), : int(w * scale)]
+    return cv2.resize(kept, (w, h), interpolation=cv2.INTER_AREA if scale > 1 else cv2.INTER_LINEAR)
 
 
 def view_from(camera: Record, pose: np.ndarray) -> View:

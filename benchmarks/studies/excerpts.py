@@ -31,7 +31,7 @@ from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.room.scene import TARGET_SIZE
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import Rectangle
-from activeslam_gym.vision.track import follow
+from activeslam_gym.vision.track import FEATURES, follow
 from activeslam_gym.vision.views import projected
 from agents.tools.sections import table
 
@@ -105,8 +105,8 @@ def rays_of(lens: Lens) -> np.ndarray:
     return -rays.reshape(height, width, 2)
 
 
-def flown(cameras: np.ndarray, lens: Lens | None, seed: int) -> Flown | None:
-    """The excerpt through a lens and a room of ``seed``; None: no room has it."""
+def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEATURES) -> Flown | None:
+    """The excerpt through a lens and a room of ``seed``, with a map of so many ``features``; None: no room has it."""
     calibration, straighten, rays = OURS, None, None
     if lens is not None:
         calibration, rays = fitted(lens, "the study")[0], rays_of(lens)
@@ -123,9 +123,8 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int) -> Flown | None:
     true[:, 3:7] = np.roll((turn * Rotation.from_quat(np.roll(cameras[:, 3:7], -1, axis=1))).as_quat(), 1, axis=1)
     corners = projected(camera_of(Scenario(**calibration._asdict())), true[0], target.fiducials)
     images: Iterator[Frame] = ((k / RATE, room.photograph(camera, k)) for k, camera in enumerate(cameras))
-    done = follow(
-        map(straighten, images) if straighten else images, calibration, target._replace(corners_px=corners), RATE
-    )
+    images, target = map(straighten, images) if straighten else images, target._replace(corners_px=corners)
+    done = follow(images, calibration, target, RATE, features=features)
     errors = [camera_error(a, b) for a, b in zip(true, done.cameras)]
     ratios = [[nees(e[p], P[p, p]) / 3.0 for p in (slice(0, 3), slice(3, 6))] for e, P in zip(errors, done.covariances)]
     length = np.linalg.norm(np.diff(true[:, :3], axis=0), axis=1).sum()
@@ -143,12 +142,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made.add_argument("--seconds", type=float, default=20.0)
     made.add_argument("--excerpts", type=int, default=6, help="of each file at most")
     made.add_argument("--seed", type=int, default=config.TRAINING_SEED, help="of the rooms")
+    made.add_argument("--features", type=int, default=FEATURES, help="of the map")
     args = made.parse_args(arguments)
     rows = []
     for name, lens in LENSES.items():
         runs = []
         for path in args.paths:
-            tried = (flown(cameras, lens, args.seed + k) for k, cameras in enumerate(excerpts(path, args.seconds)))
+            paths = enumerate(excerpts(path, args.seconds))
+            tried = (flown(cameras, lens, args.seed + k, args.features) for k, cameras in paths)
             runs += list(islice(filter(None, tried), args.excerpts))
         print(name, *runs, sep="\n", flush=True)
         if not runs:

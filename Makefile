@@ -56,7 +56,7 @@ stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random one
 	$(RUN) -m benchmarks.stress
 
 test: lint ## lint, then every test but the slow ones, and the notebooks
-	NOTEBOOK_STEPS=2240 NOTEBOOK_ROOMS=2 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks
+	NOTEBOOK_STEPS=2240 NOTEBOOK_ROOMS=2 NOTEBOOK_SECONDS=10 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks
 
 test-oldest: ## the tests without those of learning, with the lowest versions that pyproject.toml allows and Python 3.10, if installed (10 minutes or more)
 test-newest: ## the same with the newest releases and Python 3.14 or 3.13, if installed

@@ -35,7 +35,7 @@ class FrontEndSettings:
     most_change: float = 2.0  # a feature whose view has changed more is not searched, and may get a neighbour [rad]
     vague_area: float = 3000.0  # where the median ellipse is larger, scouts are searched first [px^2]
     scouts: int = 10  # how many go first
-    searched: int = 32  # most features that follow, those that tell most together
+    searched: int = 40  # most features that follow, those that tell most together
     scout_area: float = 40000.0  # of a larger ellipse, a scout searches the middle part of this size [px^2]
 
     # Noise and association
@@ -70,8 +70,8 @@ class FrontEndSettings:
     # Deletion: a feature is judged by its running record
     trials: int = 10  # after so many searches it is judged ...
     least_success: float = 0.5  # ... and deleted where a smaller share of them was matched
-    most_residual: float = 0.5  # deleted where its pixels are that far from the updated estimate, in the mean [px]
-    memory: float = 0.85  # share of the record that is left after one more search
+    most_residual: float = 1.0  # deleted where its pixels are that far from the updated estimate, in the mean [px]
+    memory: float = 0.9  # share of the record that is left after one more search
     clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or born
     least_clear: int = 3  # and so is one in which fewer are matched
 
@@ -101,6 +101,6 @@ SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05,
     grain=25.0, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2,
     residual_weight=3.0, most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22, largest_area=4000.0,
-    vague_area=1500.0, scout_area=20000.0, memory=0.9, searched=100,
+    vague_area=1500.0, scout_area=20000.0, searched=100,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -112,7 +112,7 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
     slots, _ = session.expected.factored()
     landmarks, variance = evaluator._spare.copy(), np.array(ROOM.landmark_prior_variance)
     counting = slots[slots >= 0]
-    landmarks[slots >= 0] = [evaluator._scene_points[id] for id in estimate.ids[counting].tolist()]
+    landmarks[slots >= 0] = evaluator._followed.of(estimate.ids[counting])
     rows = np.r_[:12, (12 + 3 * counting[:, None] + np.arange(3)).ravel()]
     error = np.r_[camera_error(truth, estimate.camera), (landmarks[slots >= 0] - estimate.points[counting]).ravel()]
     density = multivariate_normal(cov=estimate.covariance[np.ix_(rows, rows)]).logpdf(error)

@@ -17,6 +17,7 @@ from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
+from activeslam_gym.vision.room.followed import FollowedPoints
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import CLUTTER_LABEL
@@ -44,7 +45,7 @@ class Eye:
         self._front_end = FrontEnd(self._filter, SIGHTED)
         introduce_target(self._front_end, self._camera.fiducials, start)
         self._spare = run.world.landmarks.copy()
-        self._scene_points: dict[int, np.ndarray] = {}
+        self._followed = FollowedPoints(self._camera)
         self.newest: set[int] = set()
         """Ids of the features that the last image initialised."""
         self.image = self._camera.photograph(run.world.state.camera, 0)
@@ -74,8 +75,7 @@ class Eye:
         found, events = self._front_end.candidates, run.episode.events
         born = found[len(found) - log.births :]
         self.newest = set(born["match"].tolist())
-        for id, pixel in zip(born["match"].tolist(), born["pixel"]):
-            self._scene_points[id] = self._camera.point(state, pixel, self.image)
+        self._followed.look(state, self.image, found)
         for name, count in zip(_COUNTED, (log.births, log.deletions, log.rejected, int(counts["conversions"]))):
             events[name] += count
         believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
@@ -84,7 +84,7 @@ class Eye:
 
     def scene_points(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) of the features ``ids`` (n,): the scene point that each follows [m]."""
-        return np.array([self._scene_points[id] for id in ids.tolist()]).reshape(-1, 3)
+        return self._followed.of(ids)
 
 
 @compiled

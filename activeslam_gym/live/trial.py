@@ -18,6 +18,7 @@ from activeslam_gym.metrics import (
     nees,
 )
 from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.room.followed import FollowedPoints
 
 
 class Second(NamedTuple):
@@ -71,7 +72,7 @@ class Evaluator:
     def __init__(self, room: RenderedRoom, seed: int) -> None:
         self._room = room
         self._spare = points_anywhere(room.scenario, np.random.SeedSequence((seed, 2)))
-        self._scene_points: dict[int, np.ndarray] = {}
+        self._followed = FollowedPoints(room.camera)
         self._loops, self._lost = LoopClosures(), False
         self._first_density: float | None = None
         self._images: list[tuple[float, ...]] = []
@@ -81,9 +82,8 @@ class Evaluator:
         """Take in an image."""
         assert session.front_end and session.expected and state.truth is not None
         self._expected, self._state, self._truth = session.expected, state, state.truth
-        if state.births:
-            for one in session.front_end.candidates[-state.births :]:
-                self._scene_points[int(one["match"])] = self._room.camera.point(self._truth, one["pixel"], state.image)
+        if session.log is not None:
+            self._followed.look(self._truth, state.image, session.front_end.candidates)
         if self._first_density is None:
             self._first_density = self._log2_density()
         matched = state.searched[state.outcomes == MATCHED].tolist()
@@ -119,7 +119,7 @@ class Evaluator:
 
     def _points(self) -> np.ndarray:
         """(n, 3) the scene points of the features [m]."""
-        return np.array([self._scene_points[id] for id in self._state.ids.tolist()]).reshape(-1, 3)
+        return self._followed.of(self._state.ids)
 
     def _log2_density(self) -> float | None:
         """log2 N(truth | estimate) [bit], or None where the covariance is not positive definite."""

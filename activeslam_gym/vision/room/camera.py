@@ -9,7 +9,7 @@ from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.drawing import printed_rectangle
 from activeslam_gym.vision.frontend import FrontEnd
-from activeslam_gym.vision.room.geometry import followed_point
+from activeslam_gym.vision.room.geometry import pixels_of, points_in_sight
 from activeslam_gym.vision.room.lens import lens_of
 from activeslam_gym.vision.room.render import render, workspace_of
 from activeslam_gym.vision.room.scene import ORIGIN, SHEET_SIZE, TARGET_SIZE, draw_scene
@@ -50,9 +50,14 @@ class RoomCamera:
         render(self.scene, self._lens, self._sensor, state, frame, self._key, self._work, image)
         return image
 
-    def point(self, state: np.ndarray, pixel: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """(3,) the scene point that a feature at ``pixel`` (2,) of the ``image`` from ``state`` follows [m]."""
-        return followed_point(self.scene, state, self._lens.camera, image, pixel)
+    def points(self, state: np.ndarray, pixel: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """(m, 3) the scene points that a feature at ``pixel`` (2,) of the ``image`` from ``state`` may follow [m], the
+        likeliest first."""
+        return points_in_sight(self.scene, state, self._lens.camera, image, pixel)
+
+    def pixels(self, state: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """(m, 2) the pixels of ``points`` (m, 3) from ``state``; NaN of one behind the camera."""
+        return pixels_of(self._lens.camera, state, points)
 
 
 def introduce_target(front_end: FrontEnd, fiducials: np.ndarray, start: np.ndarray = ORIGIN) -> None:

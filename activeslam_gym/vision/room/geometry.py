@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import distance_between, ray_from_pixel
+from activeslam_gym.camera import camera_point, distance_between, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.motion import QUATERNION
@@ -30,6 +30,7 @@ SURFACE = record(
 _COPLANAR = 1e-9  # depths that differ by less [m] are equal: a poster's and its wall's
 
 _STEP = 0.05  # what is nearer than its surroundings by such a share is in front of them
+_LEAST = 0.05  # a plane that has a smaller share of a template is not followed
 _REACH = 4.0  # deviation of the Gaussian by which the contrast around a feature's pixel counts [px]
 
 
@@ -60,11 +61,14 @@ def scene_point(scene: Scene, state: np.ndarray, camera: Record, pixel: np.ndarr
 
 
 @compiled
-def followed_point(scene: Scene, state: np.ndarray, camera: Record, image: np.ndarray, pixel: np.ndarray) -> np.ndarray:
-    """The scene point (3,) [m] that a template of ``image`` around ``pixel`` (2,) follows, on the ray of the pixel.
+def points_in_sight(
+    scene: Scene, state: np.ndarray, camera: Record, image: np.ndarray, pixel: np.ndarray
+) -> np.ndarray:
+    """(m, 3) the scene points that a template of ``image`` around ``pixel`` (2,) may follow, on the ray of the pixel:
+    one for each plane in it, first that of the plane with most contrast.
 
-    It lies in the plane that has most of the template's contrast: of the squared gradient, weighted by a Gaussian of
-    the distance from the pixel. The contrast of an edge is that of what is in front, and moves with it.
+    The contrast is that of the squared gradient, weighted by a Gaussian of the distance from the pixel. That of an edge
+    is what is in front's, and moves with it; but along the edge the template holds on to what is behind.
     """
     side, (h, w) = 2 * TEMPLATE_HALF + 1, image.shape
     surface, depth = np.full((side, side), -1), np.full((side, side), np.inf)
@@ -74,8 +78,14 @@ def followed_point(scene: Scene, state: np.ndarray, camera: Record, image: np.nd
             point, surface[i, j], hit = scene_point(scene, state, camera, at)
             if hit:
                 depth[i, j] = distance_between(state, point)
-    contrast = np.zeros(scene.surfaces.shape[0])
+    own = scene_point(scene, state, camera, pixel)[0]
+    plane = _planes_of(scene, surface)
+    contrast, size = np.zeros(scene.surfaces.shape[0]), np.zeros(scene.surfaces.shape[0])  # of each plane
     column, row = round(pixel[0]) - TEMPLATE_HALF, round(pixel[1]) - TEMPLATE_HALF
+    for i in range(side):
+        for j in range(side):
+            if surface[i, j] >= 0:
+                size[plane[surface[i, j]]] += 1.0
     for i in range(1, side - 1):
         for j in range(1, side - 1):
             y, x, front = row + i, column + j, (i, j)
@@ -89,28 +99,49 @@ def followed_point(scene: Scene, state: np.ndarray, camera: Record, image: np.nd
                 g_x = 0.5 * (float(image[y, x + 1]) - float(image[y, x - 1]))
                 g_y = 0.5 * (float(image[y + 1, x]) - float(image[y - 1, x]))
                 square = (i - TEMPLATE_HALF) ** 2 + (j - TEMPLATE_HALF) ** 2
-                contrast[surface[front]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
-    own = scene_point(scene, state, camera, pixel)[0]
-    best, most = -1, 0.0
-    for a in range(contrast.shape[0]):
-        if contrast[a] > 0.0:
-            total = 0.0
-            for b in range(contrast.shape[0]):
-                if contrast[b] > 0.0 and _coplanar(scene.surfaces[a], scene.surfaces[b]):
-                    total += contrast[b]
-            if total > most:
-                best, most = a, total
-    if best < 0:
-        return own
-    least, largest = np.inf, 0.0  # of the plane in the window
-    for i in range(side):
-        for j in range(side):
-            if surface[i, j] >= 0 and _coplanar(scene.surfaces[best], scene.surfaces[surface[i, j]]):
-                least, largest = min(least, depth[i, j]), max(largest, depth[i, j])
-    height, approach = _height_and_approach(scene.surfaces[best], state, own - state[:3])
-    share = height / approach if approach > 0.0 else np.inf
-    middle = distance_between(state, own)
-    return state[:3] + min(max(share * middle, least), largest) / middle * (own - state[:3])
+                contrast[plane[surface[front]]] += (g_x * g_x + g_y * g_y) * math.exp(-0.5 * square / _REACH**2)
+    contrast[size < _LEAST * side**2] = -1.0
+    count = int(np.sum(contrast >= 0.0))
+    out = np.empty((max(count, 1), 3))
+    out[0] = own
+    for m in range(count):
+        best = int(np.argmax(contrast))
+        contrast[best] = -1.0
+        least, largest = np.inf, 0.0  # of the plane in the window
+        for i in range(side):
+            for j in range(side):
+                if surface[i, j] >= 0 and plane[surface[i, j]] == best:
+                    least, largest = min(least, depth[i, j]), max(largest, depth[i, j])
+        height, approach = _height_and_approach(scene.surfaces[best], state, own - state[:3])
+        share = height / approach if approach > 0.0 else np.inf
+        middle = distance_between(state, own)
+        out[m] = state[:3] + min(max(share * middle, least), largest) / middle * (own - state[:3])
+    return out
+
+
+@compiled
+def _planes_of(scene: Scene, surface: np.ndarray) -> np.ndarray:
+    """(S,) of each surface in the window ``surface``, the first surface there that lies in its plane; else its own."""
+    plane, seen = np.arange(scene.surfaces.shape[0]), np.zeros(scene.surfaces.shape[0], np.bool_)
+    for k in surface.ravel():
+        if k >= 0:
+            seen[k] = True
+    for a in range(plane.shape[0]):
+        for b in range(a):
+            if seen[a] and seen[b] and plane[b] == b and _coplanar(scene.surfaces[a], scene.surfaces[b]):
+                plane[a] = b
+                break
+    return plane
+
+
+@compiled
+def pixels_of(camera: Record, state: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(m, 2) the pixels of ``points`` (m, 3) from ``state``; NaN of one behind the camera."""
+    R_WC, out = rotation_matrix(state[QUATERNION]), np.full((points.shape[0], 2), np.nan)
+    for k in range(points.shape[0]):
+        if not pixel_from_camera_point(camera, camera_point(R_WC, state, points[k]), out[k]):
+            out[k] = np.nan
+    return out
 
 
 @borrowing

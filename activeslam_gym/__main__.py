@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 import gymnasium
 
 from activeslam_gym.play import HELP, play
+from activeslam_gym.vision.settings import FEATURES
 
 _DEFAULT = "(default: %(default)s)"
 _LENS = "the lens: JSON, or a calibration of OpenCV, ROS, Kalibr or COLMAP"
@@ -86,7 +87,7 @@ def _add_track(commands: Any) -> None:
     one.set_defaults(run=_track)
     _add_sequence(one, "; without one the scale is free", required=False)
     one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
-    one.add_argument("--features", type=int, default=49, help=f"most features of the map {_DEFAULT}")
+    one.add_argument("--features", type=int, default=FEATURES, help=f"most features of the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")

@@ -7,6 +7,8 @@ from activeslam_gym.kernels import Record, filled
 from activeslam_gym.vision.search import SEARCH
 
 FOCAL_PX, RATE_HZ = 195.0, 30.0  # the lens and the rate for which the settings are stated
+FEATURES, FEWEST, MOST = 49, 20, 500
+"""Features of a map: those of the paper, "fewer than 50", and the fewest and the most that may be asked for."""
 LEAST_SIDE = 240  # pixels along an image that leave room for features
 
 
@@ -64,7 +66,9 @@ class FrontEndSettings:
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
     least_depth_spread: float = 0.7  # deviation of that inverse depth, at least so many times its mean
-    most_vague: int = 49  # features of unknown depth, which take the filter the most time: so many are a full map, too
+    most_vague: int = (
+        FEATURES  # features of unknown depth, which take the filter the most time: so many are a full map, too
+    )
     room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
 
     # Deletion: a feature is judged by its running record
@@ -101,6 +105,6 @@ SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.05,
     grain=25.0, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.018, feature_bias_std=0.2,
     residual_weight=3.0, most_change=0.7, least_score=0.87, most_residual=0.22, least_ratio=0.22, largest_area=4000.0,
-    vague_area=1500.0, scout_area=20000.0, searched=100,
+    vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -35,6 +35,7 @@ from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, sta
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
 from activeslam_gym.vision.target import FACING, Target, read_target
 from activeslam_gym.vision.views import reduced
@@ -59,8 +60,6 @@ COVARIANCE = (
     "[rad]: R = Exp(rotation) R_file\n"
 )
 """The first line of a file of covariances."""
-FEATURES, FEWEST, MOST = 49, 20, 500
-"""Features of a map: those of the paper, "fewer than 50", and the least and the most that may be asked for."""
 Step = TypeVar("Step")
 _SEARCHED_OF_MANY = 28  # features that are searched in an image, where the map is larger than usual
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]

@@ -29,9 +29,10 @@ from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.other_lenses import Lens, fitted, straightening
 from activeslam_gym.vision.room.camera import RoomCamera
 from activeslam_gym.vision.room.scene import TARGET_SIZE
+from activeslam_gym.vision.settings import FEATURES
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import Rectangle
-from activeslam_gym.vision.track import FEATURES, follow
+from activeslam_gym.vision.track import follow
 from activeslam_gym.vision.views import projected
 from agents.tools.sections import table
 

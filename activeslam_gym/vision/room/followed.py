@@ -4,7 +4,7 @@ import numpy as np
 
 from activeslam_gym.vision.room.camera import RoomCamera
 
-_TELLING = 2.0  # two points are told apart by a match where they are seen so far apart [px]: it has a lasting error
+_TELLING = 2.0  # a match distinguishes points that are seen so far apart [px]: it has a lasting error of its own
 _GROSS = 16.0  # a match that is farther off [px^2] says no more of a point than this
 
 

@@ -66,9 +66,7 @@ class FrontEndSettings:
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
     least_depth_spread: float = 0.7  # deviation of that inverse depth, at least so many times its mean
-    most_vague: int = (
-        FEATURES  # features of unknown depth, which take the filter the most time: so many are a full map, too
-    )
+    most_vague: int = FEATURES  # so many of unknown depth are a full map, too: they take the filter the most time
     room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
 
     # Deletion: a feature is judged by its running record

@@ -1,7 +1,7 @@
 """`python -m agents train`: PPO, A2C or DQN from Stable-Baselines3 on the native batch."""
 
 import json
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -22,9 +22,9 @@ class Args(Recipe):
     period: int = 10_000
     """Decisions between checkpoints, and between visits to the held-out rooms."""
     held_out_rooms: int = 64
-    """Rooms that choose the best weights."""
+    """Rooms, of each scenario, that choose the best weights."""
     unseen_rooms: int = 32
-    """Rooms for the results on the card, of neither training nor choice; none: 0."""
+    """Rooms, of each scenario, for the results on the card, of neither training nor choice; none: 0."""
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
@@ -58,10 +58,12 @@ def train(args: Args) -> bool:
     from agents.learn.keeper import Keeper
 
     args.check()
-    env = algorithms.make_batch(args, args.num_envs, algorithms.training_seed(args))
-    rooms = algorithms.make_batch(args, args.held_out_rooms, algorithms.held_out_seed(args))
+    env = algorithms.make_training(args)
+    rooms = algorithms.make_held_out(args, args.held_out_rooms)
     writable_folder("out", args.out)
-    with alone_in(args.out), closing(env), closing(rooms):
+    with alone_in(args.out), closing(env), ExitStack() as stack:
+        for batch in rooms.values():
+            stack.enter_context(closing(batch))
         _require_same(args)
         learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs")
         write_json(args.out / ARGUMENTS, args.recipe())

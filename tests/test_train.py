@@ -171,7 +171,7 @@ def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
 
 @pytest.mark.parametrize(("scenario", "sensor"), [("paper", "points"), ("gallery-pixels", "corners")])
 def test_a_scenario_of_images_is_trained_in_without_images(scenario: str, sensor: str) -> None:
-    env = algorithms.make_batch(Recipe(scenario=scenario), 1, 0)
+    env = algorithms.make_training(Recipe(scenario=scenario, num_envs=1))
     assert env.unwrapped.scenario.sensor == sensor
     assert env.unwrapped.scenario.name == scenario
 
@@ -179,7 +179,7 @@ def test_a_scenario_of_images_is_trained_in_without_images(scenario: str, sensor
 @pytest.mark.parametrize(("algorithm", "scenario"), [("ppo", "paper"), ("a2c", "sprint")])
 def test_training_begins_near_the_action_that_the_best_sequence_holds_longest(algorithm: Any, scenario: str) -> None:
     recipe = Recipe(algorithm=algorithm, scenario=scenario, num_envs=2, warm_start=0.7)
-    env = algorithms.make_batch(recipe, 2, algorithms.training_seed(recipe))
+    env = algorithms.make_training(recipe)
     policy = algorithms.make_learner(recipe, env, None).policy
     drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
     longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.DOWN, Gaze.STAY)}[scenario]

@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 
 from activeslam_gym.config import MOST_HELD_FRAMES
+from activeslam_gym.envs.context import context_of
 from activeslam_gym.envs.episode import play, settle_registered
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
 from activeslam_gym.envs.planning import frames_left, net_of_runs, prospect, score_runs
@@ -156,6 +157,11 @@ class Reads:
     def time(self) -> Any:
         """Time since the reset [s]."""
         return self._given(self._runs.episode["steps"] * self.gaze_period)
+
+    @property
+    def context(self) -> Any:
+        """What a policy for several scenarios needs beside the observation; `envs.context.CONTEXT_FEATURES`."""
+        return self._given(context_of(self._runs, self.duration))
 
     def scores(self, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
         """(A,) what each of ``plans`` (A, L) of `information.candidates.ACTION` would teach.

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -19,8 +19,11 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from activeslam_gym import config, observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
+from activeslam_gym.envs.observation import layout_of
 from activeslam_gym.files import written_whole
+from activeslam_gym.motion import CAMERA_DIM
 from agents.learn.recipe import Recipe
+from agents.learn.several import SeveralScenarios
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
@@ -39,30 +42,54 @@ def training_seed(recipe: Recipe) -> int:
     return TRAINING_SEED + recipe.num_envs * recipe.seed
 
 
-def held_out_seed(recipe: Recipe) -> int:
+def held_out_seed(scenario: str) -> int:
     """The first seed of the rooms that choose the best weights: none of training, none of a benchmark."""
-    return benchmark_seed(recipe.scenario, validation=True)
+    return benchmark_seed(scenario, validation=True)
 
 
-def make_batch(recipe: Recipe, num_envs: int, seed: int) -> ScaledReward:
-    """A batch behind SB3's interface; its rewards are clipped and scaled, its episodes recorded as they are.
+def make_training(recipe: Recipe) -> VecEnv:
+    """What is trained in: a batch, or one of several scenarios. Its rewards are clipped and scaled, its episodes
+    recorded as they are."""
+    batches = [_make_batch(recipe, name, recipe.num_envs, training_seed(recipe)) for name in recipe.scenarios]
+    return batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(recipe))
 
-    Of a scenario of images it has the rooms and the corners, without the images.
-    """
-    scenario = config.SCENARIOS[recipe.scenario]
-    if recipe.scenario in config.IMAGE_SCENARIOS:
+
+def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
+    """Of each scenario a batch of ``rooms`` that choose the best weights, observed as those of `make_training`."""
+    batches = {name: _make_batch(recipe, name, rooms, held_out_seed(name)) for name in recipe.scenarios}
+    if len(batches) == 1:
+        return dict(batches)
+    tokens = _most_tokens(recipe)
+    return {name: SeveralScenarios([batch], tokens) for name, batch in batches.items()}
+
+
+def dimensions(scenario: str) -> int:
+    """Estimated dimensions: of the camera, and of all expected landmarks."""
+    return CAMERA_DIM + 3 * config.SCENARIOS[scenario].landmark_count
+
+
+def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int) -> ScaledReward:
+    """A batch behind SB3's interface. Of a scenario of images it has the rooms and the corners, without the images."""
+    scenario, scale = config.SCENARIOS[name], recipe.reward_scale
+    if name in config.IMAGE_SCENARIOS:
         scenario = dataclasses.replace(scenario, sensor="corners")
-    same: dict[str, Any] = {name: getattr(recipe, name) for name in ("duration", "reward")}
-    discrete, period = recipe.algorithm == "dqn", recipe.decision_period
-    env = ActiveSLAMVecEnv(num_envs, discrete=discrete, scenario=scenario, gaze_period=period, **same)
+    if len(recipe.scenarios) > 1:
+        scale *= dimensions("paper") / dimensions(name)
+    discrete, times = recipe.algorithm == "dqn", {"duration": recipe.duration, "gaze_period": recipe.decision_period}
+    env = ActiveSLAMVecEnv(num_envs, discrete=discrete, scenario=scenario, reward=recipe.reward, **times)
     env.seed(seed)
-    return ScaledReward(VecMonitor(env), recipe.reward_scale, recipe.reward_clip)
+    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip)
+
+
+def _most_tokens(recipe: Recipe) -> int:
+    """The most tokens that an observation of any of the scenarios has."""
+    return max(layout_of(config.SCENARIOS[name]).token_shape[0] for name in recipe.scenarios)
 
 
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
     """A new learner. PPO's rollout is one episode of every environment."""
-    steps, entropy = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}
-    rollout = {"n_steps": steps, "batch_size": max(2, steps * recipe.num_envs // 5), "gae_lambda": 0.95}
+    steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
+    rollout = {"n_steps": steps, "batch_size": max(2, steps * env.num_envs // 5), "gae_lambda": 0.95}
     own: dict[str, dict[str, Any]] = {
         "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs, "target_kl": recipe.target_kl},
         "a2c": entropy,
@@ -73,13 +100,13 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         env,
         learning_rate=lambda left: recipe.learning_rate * max(left, LAST_RATE),
         gamma=recipe.gamma,
-        policy_kwargs=policy_arguments(observation_layout(env.unwrapped), recipe.width),
+        policy_kwargs=policy_arguments(env.layout if several else observation_layout(env.unwrapped), recipe.width),
         tensorboard_log=str(logs) if logs else None,
         seed=recipe.seed,
         device="cpu",
         **own[recipe.algorithm],
     )
-    if recipe.warm_start and recipe.algorithm != "dqn":
+    if recipe.warm_start and recipe.algorithm != "dqn" and not several:
         _prefer(learner, best_sequence(env.unwrapped).longest(), recipe.warm_start)
     return learner
 
@@ -99,7 +126,7 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
     """
     told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
     recipe = Recipe(**(told | {"warm_start": 0.0}))
-    env = make_batch(recipe, 1, TRAINING_SEED)
+    env = make_training(replace(recipe, num_envs=1))
     try:
         learner = make_learner(recipe, env, None)
         learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.learn.algorithms import held_out_seed, save_learner
+from agents.learn.algorithms import dimensions, held_out_seed, save_learner
 from agents.learn.card import FLOOR, REFERENCES, card_of, read_card, results
 from agents.learn.recipe import CHECKPOINT, WEIGHTS
 from agents.learn.weights import save
@@ -26,10 +27,11 @@ class Keeper(BaseCallback):
     """Keeps checkpoints of a learner, and its best weights and their card.
 
     Every `period` decisions, and at the end, the deterministic policy plays an episode in each of the held-out
-    ``rooms``. The mean return, in the reward's own unit and at least `FLOOR` a room, chooses the weights.
+    ``rooms`` of each scenario. The mean return, in the reward's own unit and at least `FLOOR` a room, chooses the
+    weights; of several scenarios, each mean is divided by the number of estimated dimensions, relative to `paper`.
     """
 
-    def __init__(self, args: Args, learner: Any, rooms: VecEnv) -> None:
+    def __init__(self, args: Args, learner: Any, rooms: Mapping[str, VecEnv]) -> None:
         super().__init__()
         self.args, self.learner, self.rooms = args, learner, rooms
         self.weights, self.visited = args.out / WEIGHTS, 0
@@ -105,16 +107,23 @@ class Keeper(BaseCallback):
         def note(locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
             lost.extend([locals_["info"]["lost"]] if locals_["done"] else [])
 
-        self.visited, rooms = self.num_timesteps, self.rooms.num_envs
-        self.bar.set_description_str(f"{rooms} held-out rooms")
-        self.rooms.seed(held_out_seed(self.args))
-        returns, _ = evaluate_policy(self.model, self.rooms, rooms, callback=note, return_episode_rewards=True)
-        self.logger.record("eval/mean_reward", float(np.mean(returns)))
+        self.visited, means = self.num_timesteps, {}
+        for name, batch in self.rooms.items():
+            rooms = batch.num_envs
+            self.bar.set_description_str(f"{rooms} held-out rooms")
+            batch.seed(held_out_seed(name))
+            returns, _ = evaluate_policy(self.model, batch, rooms, callback=note, return_episode_rewards=True)
+            self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
+            means[name] = float(np.maximum(returns, FLOOR).mean())
+        several = len(means) > 1
+        units = [dimensions(name) / dimensions("paper") if several else 1.0 for name in means]
+        found = float(np.mean(np.array(list(means.values())) / units))
+        self.logger.record("eval/mean_reward", found)
         self.logger.dump(self.num_timesteps)
-        found = float(np.maximum(returns, FLOOR).mean())
         if better := found > self.best:
             self.best = found
             self.keep(found)
-        told = f"mean return {found:.0f}, median {np.median(returns):.0f}, lost in {100 * np.mean(lost):.0f} %"
+        each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
+        told = f"mean return {found:.0f}{f' ({each})' if several else ''}, lost in {100 * np.mean(lost):.0f} %"
         self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
         self.bar.set_description_str("flying")

@@ -1,13 +1,17 @@
 """The arguments of training, apart from PyTorch and its slow import."""
 
+import statistics
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from activeslam_gym.config import scenario_from, whole_multiple
+from activeslam_gym.config import SCENARIOS, scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
 
 Algorithm = Literal["ppo", "a2c", "dqn"]
 CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"  # files of a training
+EVERY = "all"
+REPLICATIONS = ("paper-literal", "paper-2006")
+"""Named scenarios that are not among all: they repeat the paper's numbers."""
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 
@@ -20,7 +24,8 @@ class Recipe:
     reward: str = "entropy"
     """Reward of the environment."""
     scenario: str = "paper"
-    """Name of the scenario whose rooms are trained in; one of images is trained in with the sensor `corners`."""
+    """Name of the scenario whose rooms are trained in, several with + between them, or all; a policy of several reads
+    the context too. One of images is trained in with the sensor `corners`."""
     warm_start: float = 0.8
     """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
     0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,
@@ -32,7 +37,7 @@ class Recipe:
     duration: float | None = None
     """Time of an episode [s]; the scenario's if not given."""
     num_envs: int = 32
-    """Environments in the batch."""
+    """Environments in the batch, of each scenario."""
     seed: int = 2
     """Seed of the rooms and the learner; 2 was the best of 0 to 4 in the rooms for validation of `paper`."""
     gamma: float = 0.98
@@ -46,7 +51,8 @@ class Recipe:
     target_kl: float = 0.02
     """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
     reward_scale: float = 0.05
-    """Constant factor of the reward; it is not normalised, which would clip the failure penalty."""
+    """Constant factor of the reward, which is not normalised: that would clip the failure penalty. Of several scenarios
+    the rewards are divided by the number of estimated dimensions, relative to that of `paper`."""
     reward_clip: float = 600.0
     """Most that one decision may gain or lose in training, in the reward's unit: above the failure penalty, below the
     thousands of bits of log_score that a rare gross error costs. Held-out rooms are judged without it."""
@@ -55,11 +61,11 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
-        scenario = scenario_from(self.scenario)
         positive(self, "total_steps", "num_envs", "width", "decision_period", "gamma")
         positive(self, *(["duration"] if self.duration is not None else []))
-        whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
-        whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
+        for scenario in map(scenario_from, self.scenarios):
+            whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
+            whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
         within(self, warm_start=(0.0, 0.99))
         positive(self, "learning_rate", "reward_scale", "reward_clip", "target_kl")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
@@ -70,6 +76,13 @@ class Recipe:
             raise ValueError(f"algorithm: {self.algorithm!r}; allowed: {', '.join(ALGORITHMS)}")
 
     @property
+    def scenarios(self) -> tuple[str, ...]:
+        """Names of the scenarios."""
+        every = tuple(name for name in SCENARIOS if name not in REPLICATIONS)
+        return every if self.scenario == EVERY else tuple(self.scenario.split("+"))
+
+    @property
     def steps_per_episode(self) -> int:
-        """Decisions of a whole episode."""
-        return round((self.duration or scenario_from(self.scenario).duration) / self.decision_period)
+        """Decisions of a whole episode, of several scenarios in the median."""
+        durations = [self.duration or scenario_from(name).duration for name in self.scenarios]
+        return round(statistics.median(durations) / self.decision_period)

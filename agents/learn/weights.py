@@ -6,7 +6,6 @@ beside it; the network is rebuilt for the environment at hand.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,13 @@ from stable_baselines3.dqn.policies import DQNPolicy
 from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation_layout
 from activeslam_gym.config import whole_multiple
 from activeslam_gym.files import written_whole
-from activeslam_gym.motion import MOTION_COUNT
 from agents import pretrained
 from agents.learn.card import CARD, read_card
 from agents.learn.encoder import SetEncoder
+from agents.learn.inputs import Inputs
 from agents.tools.files import json_text, reading, write_json
 from baselines.policy import Environment
 
-FREE = -1  # no column: a range finder that an observation lacks, as if nothing were within its range
 Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
 """Observations (B, D) -> for each part of the action its preferences (B, choices)."""
 
@@ -92,8 +90,9 @@ class LearnedPolicy:
         self._env = core_of(env)
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
-        layout, self._columns = _known_part(observation_layout(env), weights)
-        self._logits = _network(layout, weights, card)
+        first = weights.get("features_extractor.globals.0.weight")
+        self._inputs = Inputs(observation_layout(env), None if first is None else first.shape[1])
+        self._logits = _network(self._inputs.layout, weights, card)
         space = getattr(self._env, "single_action_space", self._env.action_space)
         self._is_discrete = isinstance(space, spaces.Discrete)
 
@@ -106,36 +105,20 @@ class LearnedPolicy:
         due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
         if due.any():
             state = np.zeros((len(observations), 2), dtype=np.int64) if state is None else state.copy()
-            state[due] = self._decide(observations[due], deterministic)
+            context = np.atleast_2d(self._env.context) if self._inputs.contextual else observations
+            state[due] = self._decide(self._inputs(observations[due], context[due]), deterministic)
         actions = len(Gaze) * state[:, 0] + state[:, 1] if self._is_discrete else state
         return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
 
-    def _decide(self, observations: np.ndarray, deterministic: bool) -> np.ndarray:
+    def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
-        known = np.where(self._columns == FREE, np.float32(1.0), observations[:, self._columns])
         with torch.inference_mode(), _one_thread():
-            logits = self._logits(torch.as_tensor(known))
+            logits = self._logits(torch.as_tensor(inputs))
             if deterministic or len(logits) == 1:  # values are no probabilities
                 parts = [part.argmax(dim=1).numpy() for part in logits]
             else:
                 parts = [torch.multinomial(part.softmax(dim=1), 1)[:, 0].numpy() for part in logits]
         return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
-
-
-def _known_part(layout: ObservationLayout, weights: Mapping[str, np.ndarray]) -> tuple[ObservationLayout, np.ndarray]:
-    """The observation as weights know it, and of each of its numbers the column that has it, or `FREE`.
-
-    Where there are boxes, range finders stand behind the other global features. Weights of a room without them read on
-    without; to weights of a room with them, all is free where there are none.
-    """
-    start = layout.tokens.start
-    known = weights.get("features_extractor.globals.0.weight", np.empty((0, start))).shape[1]
-    more, sensed = known - start, layout.global_slices.get("clearance", slice(start, start))
-    own = sensed.stop - sensed.start  # range finders here
-    if more not in (-own, MOTION_COUNT - own):
-        return layout, np.arange(layout.size)
-    columns = np.r_[0 : min(known, start), np.full(max(more, 0), FREE), start : layout.size]
-    return replace(layout, tokens=slice(known, layout.tokens.stop + more), size=layout.size + more), columns
 
 
 @contextmanager

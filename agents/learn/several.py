@@ -1,0 +1,81 @@
+"""One batch of several scenarios, in the common layout of their observations."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+from activeslam_gym import observation_layout
+from agents.learn.inputs import COMMON_GLOBALS, Inputs
+
+
+class SeveralScenarios(VecEnv):
+    """Batches of different scenarios as one, with the context behind the global features (`agents.learn.inputs`).
+
+    Episodes of different durations run beside each other. Empty tokens fill the rooms with fewer landmarks.
+
+    Args:
+        batches: One for each scenario, with the same actions.
+        tokens: Tokens of an observation, at least as many as any of them has.
+    """
+
+    def __init__(self, batches: Sequence[VecEnv], tokens: int) -> None:
+        self.batches = tuple(batches)
+        self.inputs = [Inputs(observation_layout(one.unwrapped), COMMON_GLOBALS, tokens) for one in self.batches]
+        self.layout = self.inputs[0].layout
+        ends = np.cumsum([one.num_envs for one in self.batches]).tolist()
+        self._rows = [slice(end - one.num_envs, end) for end, one in zip(ends, self.batches)]
+        space = spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
+        super().__init__(ends[-1], space, self.batches[0].action_space)
+
+    def reset(self) -> np.ndarray:
+        """Reset all."""
+        return np.concatenate([self._laid_out(i, one.reset()) for i, one in enumerate(self.batches)])
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Of the first environment of each scenario; the others have the following ones."""
+        return [own for one in self.batches for own in one.seed(seed)]
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Take the actions for `step_wait`."""
+        for rows, one in zip(self._rows, self.batches):
+            one.step_async(actions[rows])
+
+    def step_wait(self) -> VecEnvStepReturn:
+        """One decision of every environment."""
+        each = [one.step_wait() for one in self.batches]
+        observations = np.concatenate([self._laid_out(i, step[0]) for i, step in enumerate(each)])
+        infos = [info for step in each for info in step[3]]
+        return observations, np.concatenate([s[1] for s in each]), np.concatenate([s[2] for s in each]), infos
+
+    def close(self) -> None:
+        """Close the batches."""
+        for one in self.batches:
+            one.close()
+
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+        """An attribute of each environment, or of the batch."""
+        each = [own for one in self.batches for own in one.get_attr(attr_name)]
+        return [each[i] for i in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+        """Set an attribute of all. Raises ValueError where ``indices`` are not all of them."""
+        for one in self.batches:
+            one.set_attr(attr_name, value)
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **kwargs: Any
+    ) -> list[Any]:
+        """Call a method that reads single environments."""
+        return [method(*method_args, **kwargs) for method in self.get_attr(method_name, indices)]
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
+        """Whether episodes are recorded, as each batch does it; other wrappers of single environments there are none."""
+        return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
+
+    def _laid_out(self, index: int, observations: np.ndarray) -> np.ndarray:
+        return self.inputs[index](observations, self.batches[index].unwrapped.context)

@@ -9,26 +9,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from agents.pretrained import FOLDER
-
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
-    from agents.learn.weights import LearnedPolicy
+    from activeslam_gym.evaluation import Predictor
     from baselines.policy import Environment
 
 
-def load(name: str, env: Environment, folder: Path = FOLDER) -> LearnedPolicy:
-    """The learned policy of that name, bound to ``env``; it needs PyTorch, which is imported here.
+def load(name: str, env: Environment, folder: Path | None = None, seed: int | Sequence[int] = 0) -> Predictor:
+    """The policy of that name, bound to ``env``. Learned ones need PyTorch, which is imported here.
 
     Args:
-        name: Stem of a file of weights in ``folder``.
-        env: The environment, single or a batch, whose time the policy follows.
-        folder: Of the weights; the shipped ones if not given.
+        name: A baseline, shipped weights, a file of weights (policy.npz) or the user's own 'package.module:factory'.
+        env: The environment, single or a batch, whose belief or time the policy follows.
+        folder: Where ``name`` is the stem of a file of weights; if not given, all names are known.
+        seed: Of a random policy; in a batch one for each environment.
 
     Raises:
         ValueError: there is no such policy, or its weights do not fit the environment's observation.
     """
-    from agents.learn.weights import LearnedPolicy, read
+    from agents import policies
 
-    return LearnedPolicy(env, *read(name, folder))
+    return policies.resolve(name, env, seed) if folder is None else policies.learned(name, env, folder)

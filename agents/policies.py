@@ -10,7 +10,7 @@ from typing import Any
 import baselines
 from activeslam_gym.evaluation import Predictor
 from activeslam_gym.evaluation.code import digest, module_sources, package_versions
-from agents import load, pretrained
+from agents import pretrained
 from baselines.policy import Environment
 
 Factory = Callable[[Environment, int | Sequence[int]], Predictor]
@@ -36,7 +36,7 @@ def factory(name: str) -> Factory:
     if name in baselines.names():
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
     if path := pretrained.path_of(name):
-        return lambda env, seed: load(path.stem, env, path.parent)
+        return lambda env, seed: learned(path.stem, env, path.parent)
     if name.endswith(".npz"):
         raise ValueError(f"policy: {name!r} is no file of weights")
     known = ", ".join([*baselines.names(), *pretrained.names()])
@@ -45,12 +45,19 @@ def factory(name: str) -> Factory:
     )
 
 
+def learned(name: str, env: Environment, folder: Path) -> Predictor:
+    """The policy of the weights ``name``.npz in a folder. ValueError where there are none, or they do not fit."""
+    from agents.learn.weights import LearnedPolicy, read
+
+    return LearnedPolicy(env, *read(name, folder))
+
+
 def content(name: str) -> str:
     """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports."""
     if ":" in name:
         made_of = module_sources(name.partition(":")[0])
     elif path := pretrained.path_of(name):
-        network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "weights")]
+        network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "inputs", "weights")]
         made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)
     else:
         return ""

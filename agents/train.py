@@ -55,6 +55,7 @@ def train(args: Args) -> bool:
             that goes on, or weights that are no longer finite.
     """
     from agents.learn import algorithms
+    from agents.learn.imitation import imitate
     from agents.learn.keeper import Keeper
 
     args.check()
@@ -69,6 +70,9 @@ def train(args: Args) -> bool:
         write_json(args.out / ARGUMENTS, args.recipe())
         keeper = Keeper(args, learner, rooms)
         try:
+            if args.teachers and not learner.num_timesteps:
+                for told in imitate(learner, args, env):
+                    print(told, flush=True)
             if (left := args.total_steps - learner.num_timesteps) > 0:
                 learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
             finished = True

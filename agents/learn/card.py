@@ -43,7 +43,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
     """
     best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms, {FLOOR:g} bits the least"
     return {
-        "command": " ".join(["python -m agents train", *(f"--{k.replace('_', '-')} {v}" for k, v in recipe.items())]),
+        "command": " ".join(["python -m agents train", *_arguments(recipe)]),
         **recipe,
         "behaviour": BEHAVIOUR,
         "steps": steps,
@@ -53,6 +53,13 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
         "versions": versions(PACKAGES),
         "limits": LIMITS,
     }
+
+
+def _arguments(recipe: dict[str, Any]) -> list[str]:
+    """The recipe as arguments of the command."""
+    lists = {name: " ".join(map(str, value)) for name, value in recipe.items() if isinstance(value, tuple)}
+    told = {name: value for name, value in (recipe | lists).items() if value != ""}
+    return [f"--{name.replace('_', '-')} {value}" for name, value in told.items()]
 
 
 def read_card(weights: Path) -> dict[str, Any]:

@@ -79,6 +79,8 @@ class Keeper(BaseCallback):
         left = -(-(self.args.total_steps - self.num_timesteps) // rollout) * rollout
         total = self.num_timesteps + left
         self.bar = tqdm(total=total, initial=self.num_timesteps, unit="decision", unit_scale=True)
+        if self.args.teachers and not self.num_timesteps:
+            self._visit()  # what imitation has reached may be the best
 
     def _on_rollout_start(self) -> None:
         self.bar.set_description_str("flying")

@@ -30,6 +30,10 @@ class Recipe:
     """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
     0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,
     A2C)."""
+    teachers: tuple[str, ...] = ()
+    """Policies to imitate before learning by reward, one for each scenario, each as scenario=policy (PPO, A2C)."""
+    imitated_steps: int = 40_000
+    """Decisions of imitation, beside those of learning; in the end they are the learner's own."""
     total_steps: int = 100_000
     """Decisions in all, rounded up to whole rollouts (PPO: an episode of every environment)."""
     decision_period: float = 1.0
@@ -70,8 +74,12 @@ class Recipe:
         positive(self, "learning_rate", "reward_scale", "reward_clip", "target_kl")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13), epochs=(1, 1000))
+        within(self, imitated_steps=(1, 2**40))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
+        if self.teachers and (self.algorithm == "dqn" or self._taught != set(self.scenarios)):
+            given, allowed = " ".join(self.teachers), f"scenario=policy for each of {', '.join(self.scenarios)}"
+            raise ValueError(f"teachers: {given!r} for {self.algorithm}; allowed: ppo or a2c, and {allowed}")
         if self.algorithm not in ALGORITHMS:
             raise ValueError(f"algorithm: {self.algorithm!r}; allowed: {', '.join(ALGORITHMS)}")
 
@@ -80,6 +88,11 @@ class Recipe:
         """Names of the scenarios."""
         every = tuple(name for name in SCENARIOS if name not in REPLICATIONS)
         return every if self.scenario == EVERY else tuple(self.scenario.split("+"))
+
+    @property
+    def _taught(self) -> set[str]:
+        """The scenarios that have a teacher."""
+        return {one.partition("=")[0] for one in self.teachers if one.partition("=")[2]}
 
     @property
     def steps_per_episode(self) -> int:

@@ -25,16 +25,18 @@ class SeveralScenarios(VecEnv):
 
     def __init__(self, batches: Sequence[VecEnv], tokens: int) -> None:
         self.batches = tuple(batches)
-        self.inputs = [Inputs(observation_layout(one.unwrapped), COMMON_GLOBALS, tokens) for one in self.batches]
-        self.layout = self.inputs[0].layout
+        self._inputs = [Inputs(observation_layout(one.unwrapped), COMMON_GLOBALS, tokens) for one in self.batches]
+        self.layout = self._inputs[0].layout
         ends = np.cumsum([one.num_envs for one in self.batches]).tolist()
+        self.observed: list[np.ndarray] = []
+        """The last observations of each batch, in its own layout."""
         self._rows = [slice(end - one.num_envs, end) for end, one in zip(ends, self.batches)]
         space = spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         super().__init__(ends[-1], space, self.batches[0].action_space)
 
     def reset(self) -> np.ndarray:
         """Reset all."""
-        return np.concatenate([self._laid_out(i, one.reset()) for i, one in enumerate(self.batches)])
+        return self._laid_out([one.reset() for one in self.batches])
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Of the first environment of each scenario; the others have the following ones."""
@@ -48,9 +50,9 @@ class SeveralScenarios(VecEnv):
     def step_wait(self) -> VecEnvStepReturn:
         """One decision of every environment."""
         each = [one.step_wait() for one in self.batches]
-        observations = np.concatenate([self._laid_out(i, step[0]) for i, step in enumerate(each)])
-        infos = [info for step in each for info in step[3]]
-        return observations, np.concatenate([s[1] for s in each]), np.concatenate([s[2] for s in each]), infos
+        observations, rewards, dones, infos = zip(*each)
+        told = [info for of_batch in infos for info in of_batch]
+        return self._laid_out(observations), np.concatenate(rewards), np.concatenate(dones), told
 
     def close(self) -> None:
         """Close the batches."""
@@ -74,8 +76,10 @@ class SeveralScenarios(VecEnv):
         return [method(*method_args, **kwargs) for method in self.get_attr(method_name, indices)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
-        """Whether episodes are recorded, as each batch does it; other wrappers of single environments there are none."""
+        """True of the one that records episodes, as each batch does; there are no single environments to wrap."""
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
-    def _laid_out(self, index: int, observations: np.ndarray) -> np.ndarray:
-        return self.inputs[index](observations, self.batches[index].unwrapped.context)
+    def _laid_out(self, observed: Sequence[np.ndarray]) -> np.ndarray:
+        self.observed = list(observed)
+        parts = zip(self._inputs, observed, self.batches)
+        return np.concatenate([inputs(own, batch.unwrapped.context) for inputs, own, batch in parts])

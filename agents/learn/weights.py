@@ -105,10 +105,20 @@ class LearnedPolicy:
         due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
         if due.any():
             state = np.zeros((len(observations), 2), dtype=np.int64) if state is None else state.copy()
-            context = np.atleast_2d(self._env.context) if self._inputs.contextual else observations
-            state[due] = self._decide(self._inputs(observations[due], context[due]), deterministic)
+            state[due] = self._decide(self._read(observations, due), deterministic)
         actions = len(Gaze) * state[:, 0] + state[:, 1] if self._is_discrete else state
         return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
+
+    def probabilities(self, observations: np.ndarray) -> list[np.ndarray]:
+        """(B, D) of all environments -> (B, 7) of each motion and (B, 3) of each gaze, of an actor-critic."""
+        with torch.inference_mode(), _one_thread():
+            logits = self._logits(torch.as_tensor(self._read(observations, np.full(len(observations), True))))
+            return [part.softmax(dim=1).numpy() for part in logits]
+
+    def _read(self, observations: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """The inputs of the network, of the ``chosen`` environments."""
+        context = np.atleast_2d(self._env.context) if self._inputs.contextual else observations
+        return self._inputs(observations[chosen], context[chosen])
 
     def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""

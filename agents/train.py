@@ -32,8 +32,9 @@ class Args(Recipe):
         within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
 
     def recipe(self) -> dict[str, Any]:
-        """The arguments that decide what is learned."""
-        return {field.name: getattr(self, field.name) for field in fields(Recipe)}
+        """The arguments that decide what is learned, as they stand in a file."""
+        told = {field.name: getattr(self, field.name) for field in fields(Recipe)}
+        return told | {"teachers": list(self.teachers)}
 
 
 def main(args: Args) -> int:

@@ -64,7 +64,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     (PLAY, "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     (PLAY, "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
     ("export", "--out", "TMP/file/a.zip /dev/null/a.zip", "is no folder to write to"),
-    ("export", "--out", "TMP a.npz a", "out must end in .zip"),
+    ("export", "--out", "TMP a.npz a", "out must end in .zip or .onnx"),
     ("export", "--policy", "nobody absent.npz mi-fisher", "has no weights; allowed: ppo"),
     ("export", "--policy", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     # policies

@@ -12,7 +12,6 @@ import shutil
 import signal
 import sys
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -78,6 +77,23 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
     assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
 
 
+def test_an_exported_onnx_network_answers_alike(tmp_path: Path, capsys: Any) -> None:
+    runtime = pytest.importorskip("onnxruntime")
+    pytest.importorskip("onnxscript")
+    assert main(["export", "--policy", "ppo-office", "--out", str(tmp_path / "office.onnx")]) == 0
+    assert "`input` (B, 776) every 1.0 s" in capsys.readouterr().out
+    session = runtime.InferenceSession(tmp_path / "office.onnx")
+    assert json.loads(session.get_modelmeta().custom_metadata_map["card"])["scenario"] == "office"
+    env = gym.make_vec("ActiveSLAM-v0", num_envs=3, scenario="office", gaze_period=1.0)
+    policy, observations = agents.load("ppo-office", env), env.reset(seed=5)[0]
+    for _ in range(8):
+        actions, _ = policy.predict(observations)
+        for rows in (slice(0, 3), slice(1, 2)):
+            answers = session.run(["motion", "gaze"], {"input": observations[rows]})
+            np.testing.assert_array_equal(np.stack([part.argmax(axis=1) for part in answers], 1), actions[rows])
+        observations = env.step(actions)[0]
+
+
 def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
     """Old weights stay where those of a new run are no better in the rooms for validation: docs/LEARNING.md."""
     for name in pretrained.names():
@@ -85,7 +101,7 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
         measured = card.get("measured_behaviour", card["behaviour"])
         current = measured == activeslam_gym.BEHAVIOUR
         assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
-        recipe = Recipe(**{field.name: card[field.name] for field in fields(Recipe)})
+        recipe = Recipe.of(card)
         of_its_own = ["reward", "scenario", "seed", "total_steps"]
         if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/LEARNING.md
             of_its_own += ["warm_start", "entropy_bonus"]

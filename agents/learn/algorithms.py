@@ -1,10 +1,9 @@
 """The training batches, and the learners of Stable-Baselines3 on them."""
 
-import dataclasses
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from pickle import UnpicklingError
 from typing import Any
@@ -72,7 +71,7 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int) -> ScaledRe
     """A batch behind SB3's interface. Of a scenario of images it has the rooms and the corners, without the images."""
     scenario, scale = config.SCENARIOS[name], recipe.reward_scale
     if name in config.IMAGE_SCENARIOS:
-        scenario = dataclasses.replace(scenario, sensor="corners")
+        scenario = replace(scenario, sensor="corners")
     if len(recipe.scenarios) > 1:
         scale *= dimensions("paper") / dimensions(name)
     discrete, times = recipe.algorithm == "dqn", {"duration": recipe.duration, "gaze_period": recipe.decision_period}
@@ -124,9 +123,8 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
 
     Raises ValueError where they do not fit each other.
     """
-    told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
-    recipe = Recipe(**(told | {"warm_start": 0.0}))
-    env = make_training(replace(recipe, num_envs=1))
+    recipe = replace(Recipe.of(card), warm_start=0.0, num_envs=1)
+    env = make_training(recipe)
     try:
         learner = make_learner(recipe, env, None)
         learner.policy.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})

@@ -54,8 +54,9 @@ def imitate(learner: Any, recipe: Recipe, env: VecEnv) -> Iterator[str]:
         data = [torch.as_tensor(np.concatenate(parts)) for parts in zip(*known)]
         first, last = RATES
         optimiser.param_groups[0]["lr"] = first + (last - first) * k / max(1, rounds - 1)
+        size = min(BATCH, len(data[0]))
         updates = LAST_UPDATES if k == rounds - 1 else UPDATES
-        losses = [_update(learner, optimiser, data, rng.integers(len(data[0]), size=BATCH)) for _ in range(updates)]
+        losses = [_update(learner, optimiser, data, rng.integers(len(data[0]), size=size)) for _ in range(updates)]
         yield f"{len(data[0]):,} imitated decisions: {np.mean(losses[-UPDATES:]):.2f} nats from the teachers"
 
 

@@ -126,6 +126,7 @@ class Keeper(BaseCallback):
             self.best = found
             self.keep(found)
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
-        told = f"mean return {found:.0f}{f' ({each})' if several else ''}, lost in {100 * np.mean(lost):.0f} %"
+        more = f" ({each})" if several else f", median {np.median(returns):.0f}"
+        told = f"mean return {found:.0f}{more}, lost in {100 * np.mean(lost):.0f} %"
         self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
         self.bar.set_description_str("flying")

@@ -1,8 +1,9 @@
 """The arguments of training, apart from PyTorch and its slow import."""
 
 import statistics
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Literal, get_args
 
 from activeslam_gym.config import SCENARIOS, scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
@@ -62,6 +63,12 @@ class Recipe:
     thousands of bits of log_score that a rare gross error costs. Held-out rooms are judged without it."""
     width: int = 64
     """Units of each layer."""
+
+    @classmethod
+    def of(cls, card: Mapping[str, Any]) -> "Recipe":
+        """The recipe on a card; what the card does not name was not yet there, and is at its default."""
+        told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
+        return Recipe(**(told | {"teachers": tuple(card.get("teachers", ()))}))
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""

@@ -4,7 +4,7 @@ Weights are kept as plain arrays (``.npz``, read without unpickling) with their 
 beside it; the network is rebuilt for the environment at hand.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,6 @@ from agents.learn.encoder import SetEncoder
 from agents.learn.inputs import Inputs
 from agents.tools.files import json_text, reading, write_json
 from baselines.policy import Environment
-
-Logits = Callable[[torch.Tensor], Sequence[torch.Tensor]]
-"""Observations (B, D) -> for each part of the action its preferences (B, choices)."""
 
 
 def policy_arguments(layout: ObservationLayout, width: int) -> dict[str, Any]:
@@ -92,7 +89,7 @@ class LearnedPolicy:
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
         first = weights.get("features_extractor.globals.0.weight")
         self._inputs = Inputs(observation_layout(env), None if first is None else first.shape[1])
-        self._logits = _network(self._inputs.layout, weights, card)
+        self._actor = _actor(self._inputs.layout, weights, card)
         space = getattr(self._env, "single_action_space", self._env.action_space)
         self._is_discrete = isinstance(space, spaces.Discrete)
 
@@ -112,7 +109,7 @@ class LearnedPolicy:
     def probabilities(self, observations: np.ndarray) -> list[np.ndarray]:
         """(B, D) of all environments -> (B, 7) of each motion and (B, 3) of each gaze, of an actor-critic."""
         with torch.inference_mode(), _one_thread():
-            logits = self._logits(torch.as_tensor(self._read(observations, np.full(len(observations), True))))
+            logits = self._actor(torch.as_tensor(self._read(observations, np.full(len(observations), True))))
             return [part.softmax(dim=1).numpy() for part in logits]
 
     def _read(self, observations: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -123,7 +120,7 @@ class LearnedPolicy:
     def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
         """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
         with torch.inference_mode(), _one_thread():
-            logits = self._logits(torch.as_tensor(inputs))
+            logits = self._actor(torch.as_tensor(inputs))
             if deterministic or len(logits) == 1:  # values are no probabilities
                 parts = [part.argmax(dim=1).numpy() for part in logits]
             else:
@@ -142,11 +139,24 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> Logits:
-    """The network for a layout with these weights, as a function from observations to preferences.
+class Actor(torch.nn.Module):
+    """Of a network the part that decides, without the critic and the distributions of SB3's `predict`: a third of its
+    time."""
 
-    Of an actor-critic it is the actor alone, without the critic and the distributions of SB3's `predict`: a third of
-    its time. Of DQN it gives the joint actions' values.
+    def __init__(self, network: BasePolicy) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, observations: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """(B, D) -> preferences of motions (B, 7) and gazes (B, 3); of DQN the values of the joint actions (B, 21)."""
+        if isinstance(self.network, DQNPolicy):
+            return (self.network.q_net(observations),)
+        latent = self.network.mlp_extractor.forward_actor(self.network.extract_features(observations))
+        return self.network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
+
+
+def _actor(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict[str, Any]) -> Actor:
+    """The network for a layout with these weights.
 
     Raises:
         ValueError: the weights do not fit the observation.
@@ -166,11 +176,4 @@ def _network(layout: ObservationLayout, weights: dict[str, np.ndarray], card: di
             f"{layout.token_shape[1]}: {error}"
         ) from error
     network.set_training_mode(False)
-
-    def logits(observations: torch.Tensor) -> Sequence[torch.Tensor]:
-        if isinstance(network, DQNPolicy):
-            return (network.q_net(observations),)
-        latent = network.mlp_extractor.forward_actor(network.extract_features(observations))
-        return network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
-
-    return logits
+    return Actor(network)

@@ -11,6 +11,7 @@ from activeslam_gym.envs.active_slam_vector import (
     ActiveSLAMDiscreteVectorEnv,
     ActiveSLAMVectorEnv,
 )
+from activeslam_gym.envs.context import CONTEXT_FEATURES
 from activeslam_gym.envs.observation import ObservationLayout
 from activeslam_gym.motion import Gaze, Motion
 
@@ -21,6 +22,7 @@ BEHAVIOUR = 11
 
 __all__ = [
     "BEHAVIOUR",
+    "CONTEXT_FEATURES",
     "SCENARIOS",
     "ActiveSLAMContinuousEnv",
     "ActiveSLAMContinuousVectorEnv",

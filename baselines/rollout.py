@@ -11,6 +11,10 @@ errors of the difference.
 Runs are judged by the log score, which tells a belief that is confidently wrong from one that is right; the entropy,
 which does not, was tried. One such run in a hundred would outweigh all others, so that none counts as more than `WORST`
 bits below the best beside it.
+
+In place of the sequence the plan may be a policy, which decides in the imagined runs too: the policy is then improved
+by one step of policy iteration (the rollout algorithm; Bertsekas, Tsitsiklis and Wu, 1997). A change is an action that
+is held for some time before the policy decides again.
 """
 
 import math
@@ -20,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.envs.imagination import Imagination
+from activeslam_gym.envs.imagination import DECIDED, Decide, Imagination
 
 from .policy import Actions, Environment, Policy
 from .sequences import Sequence, best_sequence, constant
@@ -43,7 +47,8 @@ class Rollout(Policy):
     """The first action of the best plan found, once a motion period; its gaze is held for the whole period.
 
     ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: the plan with which an episode
-    begins, a sequence, or motion and gaze of a constant (None: the scenario's best sequence). ``seed``: of all that is
+    begins, a sequence, or motion and gaze of a constant (None: the scenario's best sequence); or a policy that decides
+    once a motion period. ``seed``: of all that is
     drawn. ``threads`` share the imagined runs (None: one for each core).
 
     Raises:
@@ -56,7 +61,7 @@ class Rollout(Policy):
         self,
         env: Environment,
         budget: int = 64,
-        base: Sequence | tuple[int, int] | None = None,
+        base: Sequence | tuple[int, int] | Decide | None = None,
         seed: int = 0,
         threads: int | None = None,
     ) -> None:
@@ -65,7 +70,7 @@ class Rollout(Policy):
             raise ValueError(f"budget: {budget} imagined runs a decision; allowed: {FEWEST_RUNS} or more")
         imaginations = [self.imagination(self.env, i, seed, threads) for i in range(self.num_envs)]
         begun = base or best_sequence(self.env)
-        begun = begun if isinstance(begun, Sequence) else constant(begun)
+        begun = begun if isinstance(begun, Sequence) or callable(begun) else constant(begun)
         self._searches = [Search(one, budget, begun, seed) for one in imaginations]
         self._gaze = self.always(Gaze.STAY)
 
@@ -89,10 +94,11 @@ class Rollout(Policy):
 class Search:
     """The plan of one environment, and how it is bettered."""
 
-    def __init__(self, imagination: Imagination, budget: int, base: Sequence, seed: int) -> None:
+    def __init__(self, imagination: Imagination, budget: int, base: Sequence | Decide, seed: int) -> None:
         self.imagination = imagination
         self.plan: Plan = np.zeros((0, 2), np.int64)
         self._budget, self._base, self._seed = budget, base, seed
+        self._decide = None if isinstance(base, Sequence) else base
         self._rng = np.random.default_rng(seed)
 
     def next_action(self, first: bool) -> NDArray[np.int64]:
@@ -102,13 +108,17 @@ class Search:
         self.plan = self._rest(self.plan[:0] if first else self.plan)
         if self.imagination.possible:
             challengers = [self._changed() for _ in range(self._budget // RUNS_PER_PLAN - 1)]
+            if self._decide and (self.plan != DECIDED).any():
+                challengers[0] = np.full_like(self.plan, DECIDED)
             self.plan = self._best(np.stack([self.plan, *challengers]))
-        return self.plan[0]
+        return self.imagination.decided(self._decide) if self._decide and DECIDED in self.plan[0] else self.plan[0]
 
     def _rest(self, plan: Plan) -> Plan:
         """What is left of a plan, one action for each period to come; of an empty one, the base's."""
         periods = self.imagination.periods
-        return _as_long(plan if len(plan) else self._base.plan(periods), periods)[-periods:]
+        if not len(plan):
+            plan = self._base.plan(periods) if isinstance(self._base, Sequence) else np.full((periods, 2), DECIDED)
+        return _as_long(plan, periods)[-periods:]
 
     def _changed(self) -> Plan:
         """The plan with one change."""
@@ -116,6 +126,10 @@ class Search:
         start = 0 if rng.random() < NOW else int(rng.integers(len(plan)))
         held = min(int(rng.choice(HELD)), len(plan) - start)
         end, new = start + held, np.array([rng.integers(len(Motion)), rng.integers(len(Gaze))])
+        if self._decide:
+            plan[:] = DECIDED
+            plan[:held] = new
+            return plan
         kind = rng.choice(list(KINDS), p=list(KINDS.values()))
         if kind == "mirror":
             plan[start:, 0], plan[start:, 1] = MIRRORED[0][plan[start:, 0]], MIRRORED[1][plan[start:, 1]]
@@ -146,7 +160,7 @@ class Search:
     def _worths(self, plans: NDArray[np.int64], rooms: NDArray[np.int64]) -> NDArray[np.float64]:
         """(n, m) the log density of what is true, at the end of each of ``plans`` in each of ``rooms`` (m,) [bit]."""
         each = np.repeat(plans, len(rooms), axis=0)
-        outcome = self.imagination.play(np.tile(rooms, len(plans)), each)
+        outcome = self.imagination.play(np.tile(rooms, len(plans)), each, self._decide)
         worths = outcome.log_density.reshape(len(plans), len(rooms))
         return np.maximum(worths, worths.max() - WORST)
 

@@ -3,7 +3,8 @@
 An imagined run begins with a copy of the belief, in a room drawn from it: the camera and the features stand where
 N(mean, P) has them, and the landmarks that no feature stands for where a reset of the scenario might put them and none
 was found by looking. Its noise is its own. Nothing of the truth enters: neither true places nor labels, nor the stream
-of noise that the real run will meet, nor boxes that the belief does not know, nor what is wrong with the calibration.
+of noise that the real run will meet, nor boxes that the belief does not know (others are drawn), nor what is wrong with
+the calibration.
 
 It is the environment's own simulation, made cheap by longer frames with as much noise in a second (see `slowed`). Its
 detections are unlabelled, so that what is bad for the matching is bad in it too.
@@ -11,12 +12,13 @@ detections are unlabelled, so that what is bad for the matching is bad in it too
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from activeslam_gym.camera import View, visible
+from activeslam_gym.envs.context import TIME_LEFT, context_of, time_left
 from activeslam_gym.envs.disproof import WELL_INSIDE_PX
 from activeslam_gym.envs.episode import REST, STEP, play
 from activeslam_gym.envs.referee import NOBODY
@@ -24,7 +26,7 @@ from activeslam_gym.envs.run import Run, known_boxes
 from activeslam_gym.envs.simulation import empty_runs
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, row
-from activeslam_gym.motion import COMMANDS, QUATERNION
+from activeslam_gym.motion import COMMANDS, POSITION, QUATERNION
 from activeslam_gym.slam.draws import count_in_longer_frames, drawn_from
 from activeslam_gym.slam.estimate import taken_estimate
 from activeslam_gym.slam.estimator import COMPILED
@@ -32,12 +34,20 @@ from activeslam_gym.threads import Workers
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
-LONGEST_FRAME = 0.25  # imagined frames are at most so long [s]
+LONGEST_FRAME = 0.1  # imagined frames are at most so long [s]
 LOOK_PERIOD = 0.25  # places where a landmark may be are looked at so often [s]
 OVERLOOKED = 0.1  # chance that a landmark in view of a look gets no feature
 PLACES = 600  # places in the room where a landmark may be; two for each landmark, where that is more
 LEAST_CHANCE = 1e-9  # of a place, against all others
+CLEAR = 0.1  # a box that is drawn is so far from the camera and from features, at least [m]
 ROWS = 32  # runs played at a time
+
+
+DECIDED = -1
+"""In a plan: an action that a policy chooses when its time has come."""
+
+Decide = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""A policy: observations (R, D) and contexts (R, C) -> actions (R, 2)."""
 
 
 class Outcome(NamedTuple):
@@ -116,25 +126,40 @@ class Imagination:
         own = slice(self._i, self._i + 1)
         _copy(row(self._env._runs.ekf, own), self._rooms.ekf)
         _copy(row(self._env._runs.estimate, own), self._rooms.estimate)
+        self._rooms.observation[:] = run.observation
         for m in range(count):
             self._furnish(run, row(self._rooms, m), stride)
 
-    def play(self, rooms: Sequence[int] | np.ndarray, plans: np.ndarray) -> Outcome:
-        """Play ``plans`` (R, T, 2), an action for each motion period, each in that of the ``rooms`` (R,) drawn."""
+    def play(self, rooms: Sequence[int] | np.ndarray, plans: np.ndarray, decide: Decide | None = None) -> Outcome:
+        """Play ``plans`` (R, T, 2), an action for each motion period, each in that of the ``rooms`` (R,) drawn.
+
+        Where an action of a plan is `DECIDED`, ``decide`` chooses one.
+        """
         rooms, entropy, density = np.asarray(rooms), np.empty(len(plans)), np.empty(len(plans))
         for start in range(0, len(plans), ROWS):
             part = slice(start, start + ROWS)
-            end = self._played(rooms[part], np.asarray(plans[part], np.int64))
+            end = self._played(rooms[part], np.asarray(plans[part], np.int64), decide)
             entropy[part], density[part] = end["entropy"], end["log_density"]
         return Outcome(entropy, density)
 
-    def _played(self, rooms: np.ndarray, plans: np.ndarray) -> np.ndarray:
+    def decided(self, decide: Decide) -> np.ndarray:
+        """(2,) what ``decide`` chooses at present."""
+        own = row(self._env._runs, slice(self._i, self._i + 1))
+        return decide(own.observation, context_of(own, self._env.duration))[0]
+
+    def _played(self, rooms: np.ndarray, plans: np.ndarray, decide: Decide | None) -> np.ndarray:
         """(R,) EVALUATION at the end of at most ROWS runs."""
         at = np.arange(len(plans)) * ROWS // len(plans)  # spread over the threads
         _copy(self._rooms, self._batch, rooms, at)
         phases, commands = np.full(ROWS, REST), np.zeros((ROWS, 4))
         phases[at] = STEP
+        contexts = np.tile(
+            context_of(row(self._env._runs, slice(self._i, self._i + 1)), self._env.duration), (len(at), 1)
+        )
         for actions in plans.transpose(1, 0, 2):
+            if decide is not None and (actions == DECIDED).any():
+                contexts[:, TIME_LEFT] = time_left(self._batch, self._env.duration)[at]
+                actions = np.where(actions == DECIDED, decide(self._batch.observation[at], contexts), actions)
             commands[at] = COMMANDS[actions[:, 0], actions[:, 1]]
             self._workers.call(play, self._batch, phases, commands)
         return self._batch.episode["evaluation"][at]
@@ -151,7 +176,8 @@ class Imagination:
             boxes = tuple((tuple(low), tuple(high)) for low, high in known_boxes(run).tolist())
             scenario = dataclasses.replace(scenario, boxes=boxes, box_count=(0, 0), inner_walls=(0, 0))
         rooms = math.ceil(max(PLACES, 2 * len(run.expected)) / len(run.expected))
-        self._places = np.concatenate([draw_room(scenario, self._rng).landmarks for _ in range(rooms)])
+        self._drawn = [draw_room(scenario, self._rng) for _ in range(rooms)]
+        self._places = np.concatenate([room.landmarks for room in self._drawn])
         self._chances = np.ones(len(self._places))
         self._looked_at = -math.inf
 
@@ -164,18 +190,38 @@ class Imagination:
         world = room.world
         world.state.noise_key[:] = self._rng.integers(2**63)
         world.fiducials[:] = run.world.fiducials  # which are known
-        world.state.boxes = len(known_boxes(run))
-        world.boxes[: world.state.boxes] = known_boxes(run)
         world.state.camera[:], points = drawn_from(room.ekf, run.models.motion.half, self._rng)
         N, K, n = len(world.landmarks), len(world.fiducials), len(points)
         own = min(n, N)  # the features are the first landmarks; further ones are of nothing, as some must be
         world.landmarks[:own] = points[:N]
         room.owner["label"][:n] = np.where(np.arange(n) < N, K + np.arange(n), CLUTTER_LABEL)
         room.owner["landmark"][:n] = np.where(np.arange(n) < N, np.arange(n), NOBODY)
-        chances = self._chances / self._chances.sum()
-        world.landmarks[own:] = self._rng.choice(self._places, N - own, replace=False, p=chances)
+        boxes, places, chances = known_boxes(run), self._places, self._chances
+        if len(world.boxes) and not run.models.boxes_known:  # one room, whose landmarks are on its boxes
+            each = chances.reshape(len(self._drawn), -1)
+            index = self._rng.choice(len(each), p=each.sum(axis=1) / each.sum())
+            boxes = _possible(self._drawn[index].boxes, run.models.camera, world.state.camera, points, world.fiducials)
+            places, chances = self._drawn[index].landmarks, each[index]
+        world.state.boxes = len(boxes)
+        world.boxes[: len(boxes)] = boxes
+        world.landmarks[own:] = self._rng.choice(places, N - own, replace=False, p=chances / chances.sum())
         count_in_longer_frames(room.ekf, stride)
         world.state.frame = run.world.state.frame // stride
+
+
+def _possible(
+    boxes: np.ndarray, camera: Record, pose: np.ndarray, features: np.ndarray, fiducials: np.ndarray
+) -> np.ndarray:
+    """Those of ``boxes`` (n, 2, 3) that hold neither the camera nor a feature, and hide nothing that is in its view."""
+    points, z = np.vstack((pose[POSITION], features)), np.empty(2)
+    known, R_WC = np.vstack((features, fiducials)), rotation_matrix(pose[QUATERNION])
+
+    def in_view(these: np.ndarray) -> np.ndarray:
+        return np.array([visible(View(camera, pose, R_WC, these), point, 0.0, z) for point in known])
+
+    seen = in_view(boxes[:0])
+    clear = [not ((low - CLEAR < points) & (points < high + CLEAR)).all(axis=1).any() for low, high in boxes]
+    return boxes[[free and bool((in_view(box[None]) == seen).all()) for free, box in zip(clear, boxes)]]
 
 
 class Hindsight(Imagination):
@@ -184,6 +230,7 @@ class Hindsight(Imagination):
     def _furnish(self, run: Run, room: Run, stride: int) -> None:
         super()._furnish(run, room, stride)
         room.world.state.camera[:], room.world.landmarks[:] = run.world.state.camera, run.world.landmarks
+        room.world.boxes[:], room.world.state.boxes = run.world.boxes, run.world.state.boxes
         room.owner[:] = run.owner
 
 

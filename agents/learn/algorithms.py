@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from pickle import UnpicklingError
@@ -18,7 +18,6 @@ from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
 from activeslam_gym import config, observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
-from activeslam_gym.envs.observation import layout_of
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import CAMERA_DIM
 from agents.learn.recipe import Recipe
@@ -50,7 +49,7 @@ def make_training(recipe: Recipe) -> VecEnv:
     """What is trained in: a batch, or one of several scenarios. Its rewards are clipped and scaled, its episodes
     recorded as they are."""
     batches = [_make_batch(recipe, name, recipe.num_envs, training_seed(recipe)) for name in recipe.scenarios]
-    return batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(recipe))
+    return batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(batches))
 
 
 def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
@@ -58,7 +57,7 @@ def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
     batches = {name: _make_batch(recipe, name, rooms, held_out_seed(name)) for name in recipe.scenarios}
     if len(batches) == 1:
         return dict(batches)
-    tokens = _most_tokens(recipe)
+    tokens = _most_tokens(batches.values())
     return {name: SeveralScenarios([batch], tokens) for name, batch in batches.items()}
 
 
@@ -80,9 +79,9 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int) -> ScaledRe
     return ScaledReward(VecMonitor(env), scale, recipe.reward_clip)
 
 
-def _most_tokens(recipe: Recipe) -> int:
-    """The most tokens that an observation of any of the scenarios has."""
-    return max(layout_of(config.SCENARIOS[name]).token_shape[0] for name in recipe.scenarios)
+def _most_tokens(batches: Iterable[VecEnv]) -> int:
+    """The most tokens that an observation of any of the batches has."""
+    return max(observation_layout(one.unwrapped).token_shape[0] for one in batches)
 
 
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:

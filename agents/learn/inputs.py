@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from activeslam_gym import ObservationLayout
-from activeslam_gym.envs.context import CONTEXT_SIZE
+from activeslam_gym import CONTEXT_FEATURES, ObservationLayout
 from activeslam_gym.motion import MOTION_COUNT
 
+CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
 COMMON_GLOBALS = 32 + MOTION_COUNT + CONTEXT_SIZE
 """Numbers before the tokens in the input of a network for several scenarios: all global features, and the context."""
 _FREE, _EMPTY = -2, -1  # columns that an observation lacks: nothing within reach, and no token

@@ -11,7 +11,6 @@ from activeslam_gym.slam.filter import ESTIMATORS  # with its entries
 from activeslam_gym.slam.fixed_lag import FIXED_LAG, SMOOTHER
 from agents.task import Task, results
 
-PERIOD = 0.25  # gaze period of the studies [s]
 SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 NEES = ("position_nees", "orientation_nees", "landmark_nees")
 SLOW = (FIXED_LAG, SMOOTHER)  # estimators of which fewer episodes are played

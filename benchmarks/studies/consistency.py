@@ -18,7 +18,7 @@ from activeslam_gym import config
 from activeslam_gym.evaluation import Episode, honesty, matched_ids
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, PERIOD, SCENARIOS, parser, played, tasks
+from benchmarks.studies import NEES, SCENARIOS, parser, played, tasks
 
 POLICIES = (
     "orbit mi-mi mi-fisher joint-mi fisher-fisher variance-reduction lookahead-2 mi-constant sweep random stay".split()
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for policy in args.policies:
         for association, told in ((config.UNKNOWN, ""), (config.KNOWN, ", labels known")):
             scenario = replace(config.SCENARIOS[args.scenario], association=association, restarts=args.restarts)
-            settings = json.dumps({"scenario": asdict(scenario), "gaze_period": PERIOD})
+            settings = json.dumps({"scenario": asdict(scenario)})
             groups[f"`{policy}`{told}"] = tasks(policy, settings, args.seed, args.rooms, Matches)
     rows = [row_of(name, runs) for name, runs in played(groups, args.out).items()]
     print(table(HEADER, rows, "|---" + "|---:" * 7 + "|---|"))

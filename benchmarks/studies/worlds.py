@@ -20,7 +20,7 @@ from agents.compare.generalise import shares_of_best
 from agents.task import Task
 from agents.tools.sections import table as markdown
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, PERIOD, SCENARIOS, parser, played, tasks
+from benchmarks.studies import NEES, SCENARIOS, parser, played, tasks
 
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
 OPEN = ("best-constant", "sweep", "best-sequence")
@@ -38,7 +38,7 @@ def tasks_of(scenario: str, name: str, seed: int, rooms: int, **fields: Any) -> 
     """For each room from ``seed`` on, with these ``fields`` of the scenario; a name that ends in `KNOWN` is a policy
     whose belief knows the boxes."""
     fields = asdict(config.SCENARIOS[scenario]) | fields | ({"boxes_known": True} if name.endswith(KNOWN) else {})
-    settings = json.dumps({"scenario": fields, "gaze_period": PERIOD})
+    settings = json.dumps({"scenario": fields})
     return tasks(name.removesuffix(KNOWN), settings, seed, rooms)
 
 

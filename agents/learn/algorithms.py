@@ -48,7 +48,8 @@ def held_out_seed(scenario: str) -> int:
 def make_training(recipe: Recipe) -> VecEnv:
     """What is trained in: a batch, or one of several scenarios. Its rewards are clipped and scaled, its episodes
     recorded as they are."""
-    batches = [_make_batch(recipe, name, recipe.num_envs, training_seed(recipe)) for name in recipe.scenarios]
+    seed, threads = training_seed(recipe), None if len(recipe.scenarios) == 1 else 1
+    batches = [_make_batch(recipe, name, recipe.num_envs, seed, threads) for name in recipe.scenarios]
     return batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(batches))
 
 
@@ -66,15 +67,16 @@ def dimensions(scenario: str) -> int:
     return CAMERA_DIM + 3 * config.SCENARIOS[scenario].landmark_count
 
 
-def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int) -> ScaledReward:
+def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: int | None = None) -> ScaledReward:
     """A batch behind SB3's interface. Of a scenario of images it has the rooms and the corners, without the images."""
     scenario, scale = config.SCENARIOS[name], recipe.reward_scale
     if name in config.IMAGE_SCENARIOS:
         scenario = replace(scenario, sensor="corners")
     if len(recipe.scenarios) > 1:
         scale *= dimensions("paper") / dimensions(name)
-    discrete, times = recipe.algorithm == "dqn", {"duration": recipe.duration, "gaze_period": recipe.decision_period}
-    env = ActiveSLAMVecEnv(num_envs, discrete=discrete, scenario=scenario, reward=recipe.reward, **times)
+    times = {"duration": recipe.duration, "gaze_period": recipe.decision_period}
+    task: dict[str, Any] = {"scenario": scenario, "reward": recipe.reward, "num_threads": threads, **times}
+    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", **task)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), scale, recipe.reward_clip)
 

@@ -1,6 +1,8 @@
 """One batch of several scenarios, in the common layout of their observations."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,8 @@ from agents.learn.inputs import COMMON_GLOBALS, Inputs
 class SeveralScenarios(VecEnv):
     """Batches of different scenarios as one, with the context behind the global features (`agents.learn.inputs`).
 
-    Episodes of different durations run beside each other. Empty tokens fill the rooms with fewer landmarks.
+    Episodes of different durations run beside each other. Empty tokens fill the rooms with fewer landmarks. Each core
+    plays one batch at a time.
 
     Args:
         batches: One for each scenario, with the same actions.
@@ -31,6 +34,7 @@ class SeveralScenarios(VecEnv):
         self.observed: list[np.ndarray] = []
         """The last observations of each batch, in its own layout."""
         self._rows = [slice(end - one.num_envs, end) for end, one in zip(ends, self.batches)]
+        self._pool = ThreadPoolExecutor(os.cpu_count())
         space = spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         super().__init__(ends[-1], space, self.batches[0].action_space)
 
@@ -49,13 +53,14 @@ class SeveralScenarios(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """One decision of every environment."""
-        each = [one.step_wait() for one in self.batches]
+        each = self._pool.map(lambda one: one.step_wait(), self.batches)
         observations, rewards, dones, infos = zip(*each)
         told = [info for of_batch in infos for info in of_batch]
         return self._laid_out(observations), np.concatenate(rewards), np.concatenate(dones), told
 
     def close(self) -> None:
-        """Close the batches."""
+        """Close the batches, and end the threads."""
+        self._pool.shutdown()
         for one in self.batches:
             one.close()
 

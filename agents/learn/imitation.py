@@ -13,7 +13,7 @@ from agents.learn.recipe import Recipe
 from agents.learn.weights import LearnedPolicy
 
 TEACHER_ROUNDS = 4  # in which a falling share of the decisions is the teacher's; then all are the learner's own
-UPDATES, LAST_UPDATES = 60, 400  # of the network, after each round and after the last
+UPDATES, LAST_UPDATES = 60, 1600  # of the network, after each round and after the last
 BATCH = 1024  # decisions of an update
 RATES = (1e-3, 1e-4)  # learning rate, of the first round and of the last
 VALUE_WEIGHT = 0.01  # of the squared error of the value, in the loss

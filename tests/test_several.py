@@ -16,13 +16,13 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 import agents  # noqa: E402
-from agents.learn import algorithms  # noqa: E402
+from agents.learn import algorithms, imitation  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
-from agents.learn.imitation import imitate  # noqa: E402
 from agents.learn.inputs import COMMON_GLOBALS, Inputs  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
 from agents.train import Args, train  # noqa: E402
 
+returns = imitation._with_returns
 SHORT: dict[str, Any] = {"duration": 2.0, "num_envs": 2, "width": 16, "warm_start": 0.0}
 STARTS = dict(zip(CONTEXT_FEATURES, np.cumsum([0, *CONTEXT_FEATURES.values()])))
 
@@ -114,22 +114,47 @@ def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
         one.close()
 
 
-def test_imitation_teaches_each_scenario_its_own_teacher() -> None:
-    teachers = ("sprint=orbit", "noisy=stay")
-    recipe = Recipe(
-        scenario="sprint+noisy", teachers=teachers, imitated_steps=192, **(SHORT | {"num_envs": 8, "width": 64})
-    )
+def test_each_scenario_has_its_own_teacher() -> None:
+    recipe = Recipe(scenario="sprint+office", teachers=("office=ppo-office", "sprint=orbit"), **SHORT)
     env = algorithms.make_training(recipe)
-    learner = algorithms.make_learner(recipe, env, None)
-    lines = list(imitate(learner, recipe, env))
-    assert len(lines) == 6 and lines[-1].startswith("192 imitated decisions")
-    motion, gaze = learner.policy.get_distribution(torch.as_tensor(env.reset())).distribution  # of rooms not seen
-    for rows, move, turn in ((slice(0, 8), Motion.RIGHT, Gaze.LEFT), (slice(8, 16), Motion.STAY, Gaze.STAY)):
-        assert motion.probs[rows, move].mean() > 0.8 and gaze.probs[rows, turn].mean() > 0.8
+    env.reset()
+    motion, gaze = imitation.Teachers(recipe, env).probabilities(env.observed)
+    np.testing.assert_array_equal(motion[:2], np.tile(np.eye(7)[Motion.RIGHT], (2, 1)))
+    np.testing.assert_array_equal(gaze[:2], np.tile(np.eye(3)[Gaze.LEFT], (2, 1)))
+    own = env.batches[1].unwrapped
+    chosen = agents.load("ppo-office", own).predict(env.observed[1])[0]
+    np.testing.assert_array_equal(np.stack([motion[2:].argmax(axis=1), gaze[2:].argmax(axis=1)], axis=1), chosen)
+    np.testing.assert_allclose(motion.sum(axis=1), 1.0, rtol=1e-5)
     env.close()
 
 
-def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path) -> None:
+def test_imitation_learns_what_the_teacher_does_and_what_it_returns(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(imitation, "LAST_UPDATES", 200)
+    recipe = Recipe(scenario="sprint", teachers=("sprint=orbit",), imitated_steps=64, **(SHORT | {"num_envs": 8}))
+    env = algorithms.make_training(recipe)
+    learner = algorithms.make_learner(recipe, env, None)
+    before, seen = learner.policy.predict_values(torch.as_tensor(env.reset())), []
+    monkeypatch.setattr(imitation, "_with_returns", lambda *given: seen.append(returns(*given)) or seen[-1])
+    lines = list(imitation.imitate(learner, recipe, env))
+    assert len(lines) == 4 and lines[-1].startswith("64 imitated decisions")
+    observations = torch.as_tensor(env.reset())  # of rooms that were not among them
+    motion, gaze = learner.policy.get_distribution(observations).distribution
+    assert motion.probs[:, Motion.RIGHT].mean() > 0.9 and gaze.probs[:, Gaze.LEFT].mean() > 0.9
+    first = np.concatenate([one[3][:8] for one in seen]).mean()  # return from the start of an episode
+    values = learner.policy.predict_values(observations)
+    assert abs(values.mean().item() - first) < abs(before.mean().item() - first)
+    env.close()
+
+
+def test_returns_are_discounted_and_end_with_the_episode() -> None:
+    part, none, over = np.zeros((2, 1)), np.array([False, False]), np.array([True, False])
+    course = [(part, part, part, np.array([1.0, 1.0]), none), (part, part, part, np.array([2.0, 2.0]), over)]
+    *_, returned = imitation._with_returns(course, np.array([8.0, 8.0]), 0.5)
+    np.testing.assert_allclose(returned, [1.0 + 0.5 * 2.0, 1.0 + 0.5 * 6.0, 2.0, 2.0 + 0.5 * 8.0])
+
+
+def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
     pytest.importorskip("tensorboard")
     small = SHORT | {"period": 8, "held_out_rooms": 1, "unseen_rooms": 0}
     teachers = ("sprint=stay", "office=stay")

@@ -35,7 +35,7 @@ def imitate(learner: Any, recipe: Recipe, env: VecEnv) -> Iterator[str]:
     Yields:
         A line about each round.
     """
-    teacher, rng = _Teacher(recipe, env), np.random.default_rng(recipe.seed)
+    teacher, rng = Teachers(recipe, env), np.random.default_rng(recipe.seed)
     optimiser = torch.optim.Adam(learner.policy.parameters())
     rounds = max(1, round(recipe.imitated_steps / (recipe.steps_per_episode * env.num_envs)))
     known: list[tuple[Any, ...]] = []
@@ -60,7 +60,7 @@ def imitate(learner: Any, recipe: Recipe, env: VecEnv) -> Iterator[str]:
         yield f"{len(data[0]):,} imitated decisions: {np.mean(losses[-UPDATES:]):.2f} nats from the teachers"
 
 
-class _Teacher:
+class Teachers:
     """The teachers of all scenarios, bound to their batches."""
 
     def __init__(self, recipe: Recipe, env: VecEnv) -> None:

@@ -1,5 +1,6 @@
 """One policy for several scenarios: context, common layout, batch of batches, imitation."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -156,9 +157,11 @@ def test_returns_are_discounted_and_end_with_the_episode() -> None:
 def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
     pytest.importorskip("tensorboard")
-    small = SHORT | {"period": 8, "held_out_rooms": 1, "unseen_rooms": 0}
+    small = SHORT | {"period": 8, "held_out_rooms": 1, "unseen_rooms": 1}
     teachers = ("sprint=stay", "office=stay")
     train(Args(out=tmp_path, scenario="sprint+office", teachers=teachers, imitated_steps=8, total_steps=8, **small))
+    results = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))["results"]
+    assert results.keys() == {"sprint", "office"} and results["office"]["lost"]["rooms"] == 1
     for name in ("paper", "office", "mixed", "hand-held"):
         single = gym.make("ActiveSLAM-v0", scenario=name, gaze_period=1.0)
         batch = gym.make_vec("ActiveSLAM-v0", num_envs=2, scenario=name, gaze_period=1.0)

@@ -19,7 +19,7 @@ from agents.tools.files import write_json, write_text
 from agents.tools.sections import Table
 from agents.tools.statistics import estimate, shares
 
-BASE, SEQUENCE, GENERAL = "best-constant", "best-sequence", "ppo-mixed"
+BASE, SEQUENCE, GENERAL = "best-constant", "best-sequence", "generalist"
 CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
 PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]
@@ -34,10 +34,10 @@ class Args(Rooms, Pages, Figures):
 
     scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "noisy", "corner")
     """Names of scenarios, each in rooms of its own: `seed` counts from its first, and 1 000 000 is that one."""
-    greedy: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "joint-mi", "lookahead-2")
+    greedy: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "joint-mi", "lookahead-2", "greedy-plus")
     """Greedy policies, of which the best counts."""
     learned: tuple[str, ...] = ()
-    """Learned policies; those trained in the scenario, and `ppo-mixed`, if none is given."""
+    """Learned policies; those trained in the scenario, and `generalist`, if none is given."""
     episodes: int = 50
     gaze_period: float | None = None
     """Seconds between gaze commands; the scenario's if not given."""

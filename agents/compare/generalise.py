@@ -29,7 +29,7 @@ CONDITIONS: dict[str, str] = {
 class Args(Rooms, Pages):
     """Run policies where they were not trained: denser and larger rooms, clutter, other noise; write one table."""
 
-    policies: tuple[str, ...] = ("ppo", "ppo-mixed", "orbit", "mi-constant", "mi-fisher", "sweep")
+    policies: tuple[str, ...] = ("ppo", "generalist", "orbit", "mi-constant", "mi-fisher", "sweep")
     """Names of policies, as for compare."""
     episodes: int = 50
     out: Path = Path("results/generalise")

@@ -20,7 +20,7 @@ from activeslam_gym import config, observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import CAMERA_DIM
-from agents.learn.recipe import Recipe
+from agents.learn.recipe import Recipe, trained_scenario
 from agents.learn.several import SeveralScenarios
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
@@ -68,10 +68,8 @@ def dimensions(scenario: str) -> int:
 
 
 def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: int | None = None) -> ScaledReward:
-    """A batch behind SB3's interface. Of a scenario of images it has the rooms and the corners, without the images."""
-    scenario, scale = config.SCENARIOS[name], recipe.reward_scale
-    if name in config.IMAGE_SCENARIOS:
-        scenario = replace(scenario, sensor="corners")
+    """A batch behind SB3's interface."""
+    scenario, scale = trained_scenario(name), recipe.reward_scale
     if len(recipe.scenarios) > 1:
         scale *= dimensions("paper") / dimensions(name)
     times = {"duration": recipe.duration, "gaze_period": recipe.decision_period}

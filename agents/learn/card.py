@@ -11,7 +11,7 @@ from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import benchmark_seed
 from activeslam_gym.evaluation import Store
 from agents import task
-from agents.learn.recipe import ALGORITHMS, Recipe
+from agents.learn.recipe import ALGORITHMS, Recipe, trained_scenario
 from agents.summary import Summary, summarise
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
@@ -31,8 +31,8 @@ COLUMNS = (
 CARD = "card"  # name of the card among the arrays of a file of weights
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
-    "Trained in this scenario alone: other rooms, noise, motions and durations are outside what it has seen. "
-    "It knows the belief, never the truth, and holds each decision for decision_period seconds."
+    "Trained in the scenarios of the recipe alone: other rooms, noise, motions and durations are outside what it has "
+    "seen. It knows the belief, never the truth, and holds each decision for decision_period seconds."
 )
 
 
@@ -85,14 +85,16 @@ def _held_card(weights: Path) -> str:
         return str(file[CARD])
 
 
-def results(weights: Path, rooms: int, recipe: Recipe) -> tuple[dict[str, Any], Summary]:
-    """Figures of the weights and of `REFERENCES` in the same rooms for a card, with their intervals; and the summary.
+def results(
+    weights: Path, rooms: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
+) -> tuple[dict[str, Any], Summary]:
+    """Figures of the weights and of references in the same rooms for a card, with their intervals; and the summary.
 
     The rooms are of neither training, nor the choice of weights, nor a benchmark.
     """
-    first = benchmark_seed(recipe.scenario, validation=True) + 250_000
-    settings = json.dumps({"scenario": recipe.scenario, "duration": recipe.duration})
-    names, seeds = (str(weights), *REFERENCES), range(first, first + rooms)
+    first = benchmark_seed(scenario, validation=True) + 250_000
+    settings = json.dumps({"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration})
+    names, seeds = (str(weights), *references), range(first, first + rooms)
     tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
     summary = summarise([episode for _, episode in task.results(tasks, Store())])
     figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}

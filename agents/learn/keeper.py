@@ -67,10 +67,22 @@ class Keeper(BaseCallback):
         """Complete the card: the training's length and time, and results in held-out episodes; print those."""
         card, rooms = read_card(self.weights), self.args.unseen_rooms
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
-        print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
-        card["results"], summary = results(self.weights, rooms, self.args)
+        scenarios = self.args.scenarios
+        if len(scenarios) == 1:
+            print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
+            card["results"], summary = results(self.weights, rooms, self.args, *scenarios)
+            print(f"\n{text(summary)}\n")
+        else:
+            card["results"] = {}
+            for name in scenarios:
+                own, _ = results(self.weights, rooms, self.args, name, ())
+                card["results"][name] = {column: own[column] for column in ("log_score_gain_median", "lost")}
+                median, lost = (own[column]["value"] for column in ("log_score_gain_median", "lost"))
+                print(
+                    f"{name}: median log score gain {median:.0f} in {rooms} unseen rooms, lost in {lost:.0%}",
+                    flush=True,
+                )
         write_json(self.weights.with_suffix(".json"), card)
-        print(f"\n{text(summary)}\n")
 
     def _on_training_start(self) -> None:
         from tqdm import tqdm

@@ -2,10 +2,10 @@
 
 import statistics
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
-from activeslam_gym.config import SCENARIOS, scenario_from, whole_multiple
+from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, Scenario, scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
 
 Algorithm = Literal["ppo", "a2c", "dqn"]
@@ -14,6 +14,12 @@ EVERY = "all"
 REPLICATIONS = ("paper-literal", "paper-2006")
 """Named scenarios that are not among all: they repeat the paper's numbers."""
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
+
+
+def trained_scenario(name: str) -> Scenario:
+    """The named scenario as it is trained in: one of images with the sensor `corners`, without the images."""
+    scenario = scenario_from(name)
+    return replace(scenario, sensor="corners") if name in IMAGE_SCENARIOS else scenario
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     (PLAY, "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
     ("export", "--out", "TMP/file/a.zip /dev/null/a.zip", "is no folder to write to"),
     ("export", "--out", "TMP a.npz a", "out must end in .zip or .onnx"),
-    ("export", "--policy", "nobody absent.npz mi-fisher", "has no weights; allowed: ppo"),
+    ("export", "--policy", "nobody absent.npz mi-fisher", "has no weights; allowed: generalist"),
     ("export", "--policy", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     # policies
     (PLAY, "--policies", "nobody MI-FISHER ppo2", UNKNOWN),

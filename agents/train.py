@@ -33,8 +33,8 @@ class Args(Recipe):
 
     def recipe(self) -> dict[str, Any]:
         """The arguments that decide what is learned, as they stand in a file."""
-        told = {field.name: getattr(self, field.name) for field in fields(Recipe)}
-        return told | {"teachers": list(self.teachers)}
+        arguments = {field.name: getattr(self, field.name) for field in fields(Recipe)}
+        return arguments | {"teachers": list(self.teachers)}
 
 
 def main(args: Args) -> int:
@@ -72,8 +72,8 @@ def train(args: Args) -> bool:
         keeper = Keeper(args, learner, rooms)
         try:
             if args.teachers and not learner.num_timesteps:
-                for told in imitate(learner, args, env):
-                    print(told, flush=True)
+                for line in imitate(learner, args, env):
+                    print(line, flush=True)
             if (left := args.total_steps - learner.num_timesteps) > 0:
                 learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
             finished = True

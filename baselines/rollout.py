@@ -48,8 +48,7 @@ class Rollout(Policy):
 
     ``budget``: imagined runs, to the end of the episode, for each decision. ``base``: the plan with which an episode
     begins, a sequence, or motion and gaze of a constant (None: the scenario's best sequence); or a policy that decides
-    once a motion period. ``seed``: of all that is
-    drawn. ``threads`` share the imagined runs (None: one for each core).
+    once a motion period. ``seed``: of all that is drawn. ``threads`` share the imagined runs (None: one for each core).
 
     Raises:
         ValueError: the budget is under 8 runs.
@@ -123,13 +122,13 @@ class Search:
     def _changed(self) -> Plan:
         """The plan with one change."""
         plan, rng = self.plan.copy(), self._rng
+        if self._decide:
+            plan[:] = DECIDED
+            plan[: int(rng.choice(HELD))] = rng.integers(len(Motion)), rng.integers(len(Gaze))
+            return plan
         start = 0 if rng.random() < NOW else int(rng.integers(len(plan)))
         held = min(int(rng.choice(HELD)), len(plan) - start)
         end, new = start + held, np.array([rng.integers(len(Motion)), rng.integers(len(Gaze))])
-        if self._decide:
-            plan[:] = DECIDED
-            plan[:held] = new
-            return plan
         kind = rng.choice(list(KINDS), p=list(KINDS.values()))
         if kind == "mirror":
             plan[start:, 0], plan[start:, 1] = MIRRORED[0][plan[start:, 0]], MIRRORED[1][plan[start:, 1]]

@@ -22,14 +22,16 @@ ORBIT = (int(Motion.RIGHT), int(Gaze.LEFT))
 SHORT: dict[str, Any] = {"gaze_period": 0.5, "end_when_lost": False}
 
 
-def flown(seconds: float = 4.0, seed: int = 3, **arguments: Any) -> tuple[ActiveSLAMEnv, Imagination]:
-    """An orbit flown for some seconds, and what could be imagined from then on."""
+def flown(
+    seconds: float = 4.0, seed: int = 3, action: tuple[int, int] = ORBIT, **arguments: Any
+) -> tuple[ActiveSLAMEnv, Imagination]:
+    """An action, such as an orbit, held for some seconds, and what could be imagined from then on."""
     env = ActiveSLAMEnv(**{"duration": 8.0, **SHORT, **arguments})
     env.reset(seed=seed)
     imagination = Imagination(env, seed=1, threads=1)
     imagination.look()
     for _ in range(round(seconds / env.gaze_period)):
-        env.step(ORBIT)
+        env.step(action)
         imagination.look()
     return env, imagination
 
@@ -160,24 +162,28 @@ def test_a_plan_may_leave_its_actions_to_a_policy() -> None:
         10.0 ** (2.0 * np.array([times[0] for _, times in seen])) - 1.0, np.arange(6, 0, -1), rtol=1e-5
     )
     policy = Rollout(env, budget=8, base=circles, threads=1)
-    assert policy.predict(env._runs.observation[0])[0] in env.action_space
+    env._run.estimate.covariance[3, 3] = np.nan  # nothing can be drawn: the policy alone decides
+    assert tuple(policy.predict(env._runs.observation[0])[0].tolist()) == ORBIT
 
 
 @pytest.mark.parametrize(
-    ("scenario", "action"), [("paper", ORBIT), ("corner", (int(Motion.BACKWARDS), int(Gaze.LEFT)))]
+    ("scenario", "action", "begun_at", "duration", "least", "most"),
+    [("paper", ORBIT, 4.0, 16.0, 0.9, 1.25), ("corner", (int(Motion.BACKWARDS), int(Gaze.LEFT)), 1.0, 12.0, 0.75, 1.1)],
 )
-def test_imagined_runs_come_to_what_real_ones_do(scenario: str, action: tuple[int, int]) -> None:
-    """By entropy, over rooms: long frames are a model. With frames of 0.25 s a turning camera lost half of it."""
+def test_imagined_runs_come_to_what_real_ones_do(
+    scenario: str, action: tuple[int, int], begun_at: float, duration: float, least: float, most: float
+) -> None:
+    """By entropy, over rooms: long frames are a model. With frames of 0.25 s it is 0.63 in `corner`."""
     offsets = []
     for seed in range(4):
-        env, imagination = flown(4.0, seed=seed, duration=12.0, scenario=scenario)
+        env, imagination = flown(begun_at, seed, action, duration=duration, scenario=scenario)
         imagination.draw(6)
-        imagined = imagination.play(range(6), np.tile(ORBIT, (6, imagination.periods, 1))).entropy
+        imagined = imagination.play(range(6), np.tile(action, (6, imagination.periods, 1))).entropy
         over, begun = False, float(env._runs.episode["evaluation"]["entropy"][0])
         while not over:
-            *_, over, info = env.step(ORBIT)
+            *_, over, info = env.step(action)
         offsets.append((imagined.mean() - begun) / (info["entropy"] - begun))
-    assert 0.9 < np.mean(offsets) < 1.25
+    assert least < np.mean(offsets) < most
 
 
 def test_long_frames_tell_and_disturb_as_much_in_a_second() -> None:

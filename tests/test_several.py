@@ -19,7 +19,7 @@ pytest.importorskip("stable_baselines3")
 import agents  # noqa: E402
 from agents.learn import algorithms, imitation  # noqa: E402
 from agents.learn.encoder import SetEncoder  # noqa: E402
-from agents.learn.inputs import COMMON_GLOBALS, Inputs  # noqa: E402
+from agents.learn.inputs import Inputs, common_size  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
 from agents.train import Args, train  # noqa: E402
 
@@ -57,8 +57,9 @@ def test_the_context_is_of_the_episode_where_the_scenario_varies() -> None:
 @pytest.mark.parametrize("name", Recipe(scenario="all").scenarios)
 def test_every_scenario_has_the_common_layout(name: str) -> None:
     layout = layout_of(config.SCENARIOS[name])
-    inputs = Inputs(layout, COMMON_GLOBALS, 150)
-    assert (inputs.layout.tokens.start, inputs.layout.token_shape) == (COMMON_GLOBALS, (150, layout.token_shape[1]))
+    size = common_size(layout)
+    inputs = Inputs(layout, size, 150)
+    assert (inputs.layout.tokens.start, inputs.layout.token_shape) == (size, (150, layout.token_shape[1]))
     seen = np.random.default_rng(0).uniform(-1.0, 1.0, (2, layout.size)).astype(np.float32)
     context = np.full((2, CONTEXT_SIZE), 0.5, np.float32)
     read = inputs(seen, context)
@@ -66,10 +67,10 @@ def test_every_scenario_has_the_common_layout(name: str) -> None:
     np.testing.assert_array_equal(read[:, :32], seen[:, :32])
     finders = seen[:, layout.global_slices["clearance"]] if "clearance" in layout.global_slices else np.ones((2, 7))
     np.testing.assert_array_equal(read[:, 32:39], finders)
-    np.testing.assert_array_equal(read[:, 39:COMMON_GLOBALS], context)
+    np.testing.assert_array_equal(read[:, 39:size], context)
     tokens = seen[:, layout.tokens]
-    np.testing.assert_array_equal(read[:, COMMON_GLOBALS : COMMON_GLOBALS + tokens.shape[1]], tokens)
-    assert not read[:, COMMON_GLOBALS + tokens.shape[1] :].any()
+    np.testing.assert_array_equal(read[:, size : size + tokens.shape[1]], tokens)
+    assert not read[:, size + tokens.shape[1] :].any()
 
 
 def test_the_encoder_leaves_empty_tokens_out() -> None:
@@ -111,6 +112,8 @@ def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
         dimensions = np.repeat([algorithms.dimensions(name) for name in ("sprint", "office")], 2)
         per_dimension = np.concatenate([step[1] for step in steps]) * algorithms.dimensions("paper") / dimensions
         np.testing.assert_allclose(rewards, per_dimension, rtol=1e-6)
+    with pytest.raises(ValueError, match="indices must be None"):
+        together.set_attr("render_mode", None, indices=[0])
     for one in (together, *alone):
         one.close()
 
@@ -171,7 +174,7 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
 
 
 @pytest.mark.parametrize(
-    "given, told",
+    "given, message",
     [
         ({"scenario": "sprint+nowhere"}, "nowhere"),
         ({"scenario": "sprint+office", "teachers": ("sprint=stay",)}, "scenario=policy for each of sprint, office"),
@@ -179,6 +182,6 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
         ({"scenario": "sprint", "teachers": ("sprint=stay",), "algorithm": "dqn"}, "allowed: ppo or a2c"),
     ],
 )
-def test_bad_recipes_are_refused(given: dict[str, Any], told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_bad_recipes_are_refused(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         Recipe(**given).check()

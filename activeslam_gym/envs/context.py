@@ -13,7 +13,7 @@ CONTEXT_FEATURES |= {"angular_acceleration": 1, "landmarks": 1, "inverse_depth":
 CONTEXT_FEATURES |= {"reach": 1, "command_known": 1}
 """Name and length of each part of the context, in order; `context_of` says what each is, and its scale."""
 CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
-TIME_LEFT = 4
+TIME_LEFT = CONTEXT_FEATURES["half_room"] + CONTEXT_FEATURES["duration"]
 """Where the only number of it stands that changes during an episode."""
 _FARTHEST = 10.0  # the range of a sensor without a limit is observed as this [m]
 

@@ -144,8 +144,7 @@ class Imagination:
 
     def decided(self, decide: Decide) -> np.ndarray:
         """(2,) what ``decide`` chooses at present."""
-        own = row(self._env._runs, slice(self._i, self._i + 1))
-        return decide(own.observation, context_of(own, self._env.duration))[0]
+        return decide(self._own().observation[None], self._context())[0]
 
     def _played(self, rooms: np.ndarray, plans: np.ndarray, decide: Decide | None) -> np.ndarray:
         """(R,) EVALUATION at the end of at most ROWS runs."""
@@ -153,16 +152,18 @@ class Imagination:
         _copy(self._rooms, self._batch, rooms, at)
         phases, commands = np.full(ROWS, REST), np.zeros((ROWS, 4))
         phases[at] = STEP
-        contexts = np.tile(
-            context_of(row(self._env._runs, slice(self._i, self._i + 1)), self._env.duration), (len(at), 1)
-        )
+        contexts = np.tile(self._context(), (len(at), 1)) if decide else np.empty(0)
         for actions in plans.transpose(1, 0, 2):
-            if decide is not None and (actions == DECIDED).any():
+            if decide and (actions == DECIDED).any():
                 contexts[:, TIME_LEFT] = time_left(self._batch, self._env.duration)[at]
                 actions = np.where(actions == DECIDED, decide(self._batch.observation[at], contexts), actions)
             commands[at] = COMMANDS[actions[:, 0], actions[:, 1]]
             self._workers.call(play, self._batch, phases, commands)
         return self._batch.episode["evaluation"][at]
+
+    def _context(self) -> np.ndarray:
+        """(1, C) the context of the environment; long frames have other noise than it says."""
+        return context_of(row(self._env._runs, slice(self._i, self._i + 1)), self._env.duration)
 
     def _own(self) -> Run:
         return self._env._at(self._i)
@@ -214,14 +215,14 @@ def _possible(
 ) -> np.ndarray:
     """Those of ``boxes`` (n, 2, 3) that hold neither the camera nor a feature, and hide nothing that is in its view."""
     points, z = np.vstack((pose[POSITION], features)), np.empty(2)
-    known, R_WC = np.vstack((features, fiducials)), rotation_matrix(pose[QUATERNION])
-
-    def in_view(these: np.ndarray) -> np.ndarray:
-        return np.array([visible(View(camera, pose, R_WC, these), point, 0.0, z) for point in known])
-
-    seen = in_view(boxes[:0])
-    clear = [not ((low - CLEAR < points) & (points < high + CLEAR)).all(axis=1).any() for low, high in boxes]
-    return boxes[[free and bool((in_view(box[None]) == seen).all()) for free, box in zip(clear, boxes)]]
+    view = View(camera, pose, rotation_matrix(pose[QUATERNION]), boxes[:0])
+    seen = [point for point in np.vstack((features, fiducials)) if visible(view, point, 0.0, z)]
+    kept = [
+        not ((box[0] - CLEAR < points) & (points < box[1] + CLEAR)).all(axis=1).any()
+        and all(visible(view._replace(boxes=box[None]), point, 0.0, z) for point in seen)
+        for box in boxes
+    ]
+    return boxes[np.array(kept, bool)]
 
 
 class Hindsight(Imagination):

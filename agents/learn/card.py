@@ -58,8 +58,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
 def _arguments(recipe: dict[str, Any]) -> list[str]:
     """The recipe as arguments of the command."""
     lists = {name: " ".join(value) for name, value in recipe.items() if isinstance(value, list)}
-    told = {name: value for name, value in (recipe | lists).items() if value != ""}
-    return [f"--{name.replace('_', '-')} {value}" for name, value in told.items()]
+    return [f"--{name.replace('_', '-')} {value}" for name, value in (recipe | lists).items() if value != ""]
 
 
 def read_card(weights: Path) -> dict[str, Any]:

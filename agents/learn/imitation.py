@@ -65,9 +65,8 @@ class Teachers:
 
     def __init__(self, recipe: Recipe, env: VecEnv) -> None:
         batches: Sequence[VecEnv] = getattr(env, "batches", (env,))
-        names = dict(one.split("=", 1) for one in recipe.teachers)
         self._teachers = [
-            policies.resolve(names[scenario], batch.unwrapped, [recipe.seed] * batch.num_envs)
+            policies.resolve(recipe.teacher_of[scenario], batch.unwrapped, [recipe.seed] * batch.num_envs)
             for scenario, batch in zip(recipe.scenarios, batches)
         ]
 

@@ -8,15 +8,27 @@ from activeslam_gym import CONTEXT_FEATURES, ObservationLayout
 from activeslam_gym.motion import MOTION_COUNT
 
 CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
-COMMON_GLOBALS = 32 + MOTION_COUNT + CONTEXT_SIZE
-"""Numbers before the tokens in the input of a network for several scenarios: all global features, and the context."""
 _FREE, _EMPTY = -2, -1  # columns that an observation lacks: nothing within reach, and no token
+
+
+def common_size(layout: ObservationLayout) -> int:
+    """Numbers before the tokens in the input of a network for several scenarios: all global features, and the context.
+
+    ``layout`` is that of any scenario.
+    """
+    return _general_size(layout) + MOTION_COUNT + CONTEXT_SIZE
+
+
+def _general_size(layout: ObservationLayout) -> int:
+    """Global features that every observation has: all but the range finders."""
+    sensed = layout.global_slices.get("clearance", slice(0, 0))
+    return layout.tokens.start - (sensed.stop - sensed.start)
 
 
 class Inputs:
     """From observations to the inputs of a network whose weights read ``known`` numbers before the tokens.
 
-    With `COMMON_GLOBALS` of them the context stands behind the global features. Where there are bodies, range finders
+    With `common_size` of them the context stands behind the global features. Where there are bodies, range finders
     stand behind the other global features: weights of a room without them read on without, and to weights of a room
     with them all is free where there are none.
 
@@ -27,10 +39,9 @@ class Inputs:
     """
 
     def __init__(self, layout: ObservationLayout, known: int | None = None, tokens: int | None = None) -> None:
-        start = layout.tokens.start
-        sensed = layout.global_slices.get("clearance", slice(start, start))
-        own, general = sensed.stop - sensed.start, start - (sensed.stop - sensed.start)
-        self.contextual = known == COMMON_GLOBALS
+        start, general = layout.tokens.start, _general_size(layout)
+        own = start - general
+        self.contextual = known == common_size(layout)
         width = known - CONTEXT_SIZE * self.contextual if known is not None else start
         if width not in (general, general + MOTION_COUNT):
             width, self.contextual = start, False  # weights of another observation, which will say so

@@ -78,10 +78,7 @@ class Keeper(BaseCallback):
                 own, _ = results(self.weights, rooms, self.args, name, ())
                 card["results"][name] = {column: own[column] for column in ("log_score_gain_median", "lost")}
                 median, lost = (own[column]["value"] for column in ("log_score_gain_median", "lost"))
-                print(
-                    f"{name}: median log score gain {median:.0f} in {rooms} unseen rooms, lost in {lost:.0%}",
-                    flush=True,
-                )
+                print(f"{name}: median log score gain {median:.0f} in {rooms} rooms, lost in {lost:.0%}", flush=True)
         write_json(self.weights.with_suffix(".json"), card)
 
     def _on_training_start(self) -> None:

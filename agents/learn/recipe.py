@@ -36,7 +36,7 @@ class Recipe:
     warm_start: float = 0.8
     """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
     0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,
-    A2C)."""
+    A2C). Several scenarios have no sequence in common: there it has no effect."""
     teachers: tuple[str, ...] = ()
     """Policies to imitate before learning by reward, one for each scenario, each as scenario=policy (PPO, A2C)."""
     imitated_steps: int = 40_000
@@ -73,8 +73,8 @@ class Recipe:
     @classmethod
     def of(cls, card: Mapping[str, Any]) -> "Recipe":
         """The recipe on a card; what the card does not name was not yet there, and is at its default."""
-        told = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
-        return Recipe(**(told | {"teachers": tuple(card.get("teachers", ()))}))
+        named = {field.name: card[field.name] for field in fields(Recipe) if field.name in card}
+        return Recipe(**(named | {"teachers": tuple(card.get("teachers", ()))}))
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
@@ -90,7 +90,7 @@ class Recipe:
         within(self, imitated_steps=(1, 2**40))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
-        if self.teachers and (self.algorithm == "dqn" or self._taught != set(self.scenarios)):
+        if self.teachers and (self.algorithm == "dqn" or self.teacher_of.keys() != set(self.scenarios)):
             given, allowed = " ".join(self.teachers), f"scenario=policy for each of {', '.join(self.scenarios)}"
             raise ValueError(f"teachers: {given!r} for {self.algorithm}; allowed: ppo or a2c, and {allowed}")
         if self.algorithm not in ALGORITHMS:
@@ -103,9 +103,10 @@ class Recipe:
         return every if self.scenario == EVERY else tuple(self.scenario.split("+"))
 
     @property
-    def _taught(self) -> set[str]:
-        """The scenarios that have a teacher."""
-        return {one.partition("=")[0] for one in self.teachers if one.partition("=")[2]}
+    def teacher_of(self) -> dict[str, str]:
+        """Of each scenario the name of its teacher."""
+        pairs = (one.partition("=") for one in self.teachers)
+        return {scenario: policy for scenario, _, policy in pairs if policy}
 
     @property
     def steps_per_episode(self) -> int:

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from activeslam_gym import observation_layout
-from agents.learn.inputs import COMMON_GLOBALS, Inputs
+from agents.learn.inputs import Inputs, common_size
 
 
 class SeveralScenarios(VecEnv):
@@ -28,7 +28,8 @@ class SeveralScenarios(VecEnv):
 
     def __init__(self, batches: Sequence[VecEnv], tokens: int) -> None:
         self.batches = tuple(batches)
-        self._inputs = [Inputs(observation_layout(one.unwrapped), COMMON_GLOBALS, tokens) for one in self.batches]
+        layouts = [observation_layout(one.unwrapped) for one in self.batches]
+        self._inputs = [Inputs(layout, common_size(layout), tokens) for layout in layouts]
         self.layout = self._inputs[0].layout
         ends = np.cumsum([one.num_envs for one in self.batches]).tolist()
         self.observed: list[np.ndarray] = []
@@ -55,8 +56,8 @@ class SeveralScenarios(VecEnv):
         """One decision of every environment."""
         each = self._pool.map(lambda one: one.step_wait(), self.batches)
         observations, rewards, dones, infos = zip(*each)
-        told = [info for of_batch in infos for info in of_batch]
-        return self._laid_out(observations), np.concatenate(rewards), np.concatenate(dones), told
+        every_info = [info for of_batch in infos for info in of_batch]
+        return self._laid_out(observations), np.concatenate(rewards), np.concatenate(dones), every_info
 
     def close(self) -> None:
         """Close the batches, and end the threads."""
@@ -70,7 +71,9 @@ class SeveralScenarios(VecEnv):
         return [each[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of all. Raises ValueError where ``indices`` are not all of them."""
+        """Set an attribute that all environments share. Raises ValueError where ``indices`` are not all of them."""
+        if set(self._get_indices(indices)) != set(range(self.num_envs)):
+            raise ValueError(f"indices must be None: the environments share their attributes, got {indices!r}")
         for one in self.batches:
             one.set_attr(attr_name, value)
 

@@ -27,7 +27,7 @@ OPEN = ("best-constant", "sweep", "best-sequence")
 NEES_PERIOD = 5.0  # the NEES is the mean over samples at multiples of this [s], while the belief is not lost
 KNOWN = ", boxes known"
 HEADER = (
-    *("policy", "log score [bit]", "paired difference [bit]", "of its score", "landmarks", "lost"),
+    *("policy", "log score [bit]", "paired difference [bit]", "of its score", "landmarks", "lost, under 0"),
     *("NEES/dof: position, orientation, landmarks", "contacts"),
 )
 
@@ -70,7 +70,7 @@ def text_of(scenario: str, table: Runs, references: Sequence[str]) -> str:
             difference.text(1.0, 0),
             f"{difference.value / abs(np.median(against)):+.0%}",
             f"{np.mean([run.distinct_landmarks[-1] for run in runs]):.1f}",
-            f"{np.mean([run.lost for run in runs]):.0%}",
+            f"{np.mean([run.lost for run in runs]):.0%}, {np.mean(scores[name] < 0.0):.0%}",
             ", ".join(f"{np.nanmean([nees(run, part) for run in runs]):.2f}" for part in NEES),
             f"{np.mean([run.events['wall_contacts'].sum() for run in runs]):.0f}",
         ])  # fmt: skip

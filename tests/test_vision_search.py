@@ -107,3 +107,18 @@ def test_an_edge_bears_no_feature_and_a_corner_does() -> None:
     found = new_corners(edge, NOTHING, 4, 13.0, 15, 4e-4, 0.15)
     meeting = np.array([(60, 100), (99, 100), (60, 139), (99, 139)])
     assert len(found) == 4 and np.abs(meeting[:, None] - found).max(axis=2).min(axis=0).max() <= 2
+
+
+@pytest.mark.parametrize("step", [0.0, 0.003])
+def test_halves_of_a_template_move_together_on_a_plane_and_apart_at_an_edge_in_depth(step) -> None:
+    image, pixel = image_from(FIRST), np.array((160.0, 120.0))
+    templates, point = stored(pixel, image)
+    pose = pose_at((FIRST[0] + step, FIRST[1], FIRST[2]))
+    now, z = image_from(pose), projected(CAMERA, pose, point[None])[0]
+    other = image_from(pose_at((FIRST[0] + step + 0.002, FIRST[1], FIRST[2])))  # the right half is of what is nearer
+    moved = z - projected(CAMERA, pose_at((FIRST[0] + step + 0.002, FIRST[1], FIRST[2])), point[None])[0]
+    edge = np.where(np.arange(now.shape[1]) < z[0], now, other)
+    plane = searched(pose, templates, point, now, z, 2.0).strain[0, 0]
+    torn = searched(pose, templates, point, edge, z, 2.0).strain[0, 0]
+    assert np.abs(plane).max() < 0.06
+    assert np.linalg.norm(moved) > 0.4 and np.dot(torn[:2] - plane[:2], moved) > 0.3 * np.dot(moved, moved)

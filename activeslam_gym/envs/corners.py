@@ -36,7 +36,7 @@ from activeslam_gym.world.noise import normal_pair, uniforms
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of, faces
 
-FEATURE_STD, FIDUCIAL_STD = 0.15, 0.05
+FEATURE_STD, FIDUCIAL_STD = 0.035, 0.05
 """Deviations of the matches of images [px]: the medians of two episodes of `gallery-pixels`."""
 _SPREAD = 0.4  # deviation of the logarithm of a feature's
 _EDGE = TEMPLATE_HALF + 2.0  # what is nearer to the image's border is not found [px]

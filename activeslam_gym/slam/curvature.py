@@ -14,12 +14,14 @@ from activeslam_gym.slam.belief import KIND_DIM, POINT, RHO
 NEGLIGIBLE_PX = 0.2  # the terms of a point are left out where they cannot come to about so much [px]
 
 
-PRODUCT_FRAMES = 8.0
-"""So many frames tell of a product of two errors together what one does.
+PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 8.0, 3.0
+"""So many frames tell of a product of two errors together what one does; and of images.
 
-The errors of a way and of an inverse depth barely change from frame to frame, so neither does their product. With
-unknown commands it is counted once where there are no fiducials, as way and inverse depths then have one free scale;
-and for images, where the noise of a feature grows with its mean residual.
+The errors of a way and of an inverse depth barely change from frame to frame, so neither does their product. But noise
+that is overstated makes the filter follow the camera too slowly, and what it lags behind counts as parallax: a camera
+that turns on the spot believes its features too near. In images, whose pixels are nearly exact, it is 3 frames for that
+reason. With unknown commands the product is counted once in images, where the noise of a feature grows with its mean
+residual, and where there are no fiducials, as way and inverse depths then have one free scale.
 """
 
 

@@ -14,7 +14,7 @@ from activeslam_gym.slam.appearance import appearance_of, associate_identified
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.correction import correct
-from activeslam_gym.slam.curvature import PRODUCT_FRAMES
+from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES, PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays, particles_of
 from activeslam_gym.slam.initialisation import delete_failed, follow_tracks, give_birth, initialisation_of, mature
 from activeslam_gym.slam.kalman import predict
@@ -109,7 +109,7 @@ def use_detections(
         return
     _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
     lasts = models.camera.command_known or fiducials.shape[0] > 0
-    update_by(models.camera, belief, fiducials, sight, of_thing, detections, lasts)
+    update_by(models.camera, belief, fiducials, sight, of_thing, detections, PRODUCT_FRAMES if lasts else 1.0)
     counts.conversions += mature(model.initialisation, belief)
     counts.deletions += delete_failed(model.initialisation, belief)
 
@@ -132,7 +132,8 @@ def use_identified(
     of_thing = associate_identified(models.filter.appearance, sight, detections, least)
     counts.rejected_matches += np.sum(detections["match"] == REJECTED)
     _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
-    update_by(models.camera, belief, fiducials, sight, of_thing, detections, models.camera.command_known)
+    frames = IMAGE_PRODUCT_FRAMES if models.camera.command_known else 1.0
+    update_by(models.camera, belief, fiducials, sight, of_thing, detections, frames)
     counts.conversions += mature(models.filter.initialisation, belief)
 
 
@@ -181,19 +182,19 @@ def update_by(
     sight: Sight,
     of_thing: np.ndarray,
     detections: np.ndarray,
-    lasts: bool,
+    frames: float,
 ) -> None:
     """Correct by the matched things, each with the R of its own detection.
 
-    Where the curvature of a feature ``lasts`` for several frames (see `PRODUCT_FRAMES`), as many of them tell what one
-    does, so each is given as many times that noise.
+    So many ``frames`` tell of the curvature of a feature what one does (see `PRODUCT_FRAMES`), so each is given as many
+    times that noise.
     """
     matched = np.flatnonzero(of_thing >= 0)
     if matched.shape[0] == 0:
         return
     rows = pixel_rows(matched)
     things, HP, S = sight.thing[matched], np.empty((rows.shape[0], sight.HP.shape[1])), submatrix(sight.S, rows)
-    more_frames, pixels = PRODUCT_FRAMES - 1.0 if lasts else 0.0, np.empty(rows.shape[0])
+    more_frames, pixels = frames - 1.0, np.empty(rows.shape[0])
     for r in range(rows.shape[0]):
         thing, detection, i = things[r // 2], detections[of_thing[matched[r // 2]]], r % 2
         copy_into(HP[r], sight.HP[rows[r]])

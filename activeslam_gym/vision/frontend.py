@@ -22,7 +22,7 @@ from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.gallery import Gallery
 from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
-from activeslam_gym.vision.search import FOUND, PEAKS, UNSEARCHED, Findings, search
+from activeslam_gym.vision.search import FOUND, UNSEARCHED, Findings, search
 from activeslam_gym.vision.selection import most_telling
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
@@ -231,7 +231,7 @@ class FrontEnd:
         model = replace(s, scout_area=np.inf).search(scouting=True)
         view = view_from(self.camera, self._views[-1 - attempt % len(self._views)])
         found = search(view, model, self._gallery.templates, grey, self._gallery.places(ids), points, *everywhere)
-        row, peak = np.nonzero(np.arange(PEAKS) < found.peaks[:, None])
+        row, peak = found.candidates
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is None:
             return False
@@ -283,6 +283,7 @@ class FrontEnd:
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
         candidates = self._candidates(ids, findings)
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
+        self._gallery.remember_strain(matched[matched > 0], findings.strain[findings.candidates][matched > 0])
         self._found.append(candidates)
         outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = sight.thing["visibility"] == INSIDE
@@ -295,7 +296,7 @@ class FrontEnd:
 
     def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
         """The findings of the things ``ids`` (v,) as candidates (M,)."""
-        s, (row, peak) = self.settings, np.nonzero(np.arange(PEAKS) < findings.peaks[:, None])
+        s, (row, peak) = self.settings, findings.candidates
         out = np.zeros(row.shape[0], DETECTION)
         id, pixel, R = ids[row], findings.pixel[row, peak], findings.R[row, peak]
         fiducial = id < 0
@@ -324,13 +325,14 @@ class FrontEnd:
         if clear:
             self._gallery.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
             self._gallery.remember_residuals(self.candidates, sight)
-        failed = self._gallery.failed()
-        for id in failed:
+        places = self._gallery.places(sight.thing["id"])
+        change = self._gallery.change_of_view(places, points, self.filter.mean)
+        failed = {*self._gallery.failed(), *sight.thing["id"][self._gallery.strained(places, change)].tolist()}
+        for id in sorted(failed):
             self._forget(id)
         if not clear:
             return 0, len(failed)
         places = self._gallery.places(sight.thing["id"])
-        change = self._gallery.change_of_view(places, points, self.filter.mean)
         occupied = sight.thing["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
         return self._give_births(image, grey, occupied), len(failed)
 

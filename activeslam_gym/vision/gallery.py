@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym.kernels import Record
-from activeslam_gym.slam.curvature import PRODUCT_FRAMES
+from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES
 from activeslam_gym.slam.sight import Sight
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import empty_templates, store
 from activeslam_gym.vision.views import changes_of_view, view_from
+
+_LONG = 0.98  # share of the mean of long that is left after one more match: it spans fifty
 
 
 class Gallery:
@@ -28,6 +30,7 @@ class Gallery:
         self._place: dict[int, int] = {}
         self._tried, self._matched, self._residual = np.zeros(rows), np.zeros(rows), np.zeros((rows, 2))
         self._seen = np.zeros(rows, np.int64)
+        self._strain = np.zeros((rows, 3, 4))  # mean of late, of long, and mean square of their difference
 
     @property
     def features(self) -> int:
@@ -42,7 +45,7 @@ class Gallery:
         that hangs already gets new looks, and keeps its record."""
         if id not in self._place:
             self._place[id] = place = int(np.flatnonzero(self.templates.id == 0)[0])
-            for record in (self._tried, self._matched, self._residual):
+            for record in (self._tried, self._matched, self._residual, self._strain):
                 record[place] = 0.0
             self._seen[place] = frame
         view = view_from(self._camera, camera)
@@ -81,11 +84,29 @@ class Gallery:
         the filter counts that several times: else it would count twice."""
         row, k = np.nonzero(found["match"][:, None] == sight.thing["id"])
         found, thing = found[row], sight.thing[k]
-        keep, frames = self._settings.memory, PRODUCT_FRAMES if self._camera.command_known else 0.0
+        keep, frames = self._settings.memory, IMAGE_PRODUCT_FRAMES if self._camera.command_known else 0.0
         noise, neglected = np.trace(found["R"], 0, 1, 2), frames * np.trace(thing["curvature"], 0, 1, 2)
         weight = (1.0 - keep) * (noise / np.maximum(noise + neglected, 1e-12))[:, None]
         places = self.places(found["match"])
         self._residual[places] = keep * self._residual[places] + weight * (found["pixel"] - thing["z_hat"])
+
+    def remember_strain(self, ids: np.ndarray, strain: np.ndarray) -> None:
+        """How differently the halves of the matched ``ids`` (m,) have moved: ``strain`` (m, 4) [px]."""
+        places, late = self.places(ids), self._settings.memory
+        own = self._strain[places]
+        first = ~own.any(axis=(1, 2))
+        own[first, :2] = strain[first, None]
+        own[:, 0] = late * own[:, 0] + (1.0 - late) * strain
+        own[:, 1] = _LONG * own[:, 1] + (1.0 - _LONG) * own[:, 0]
+        own[:, 2] = _LONG * own[:, 2] + (1.0 - _LONG) * (own[:, 0] - own[:, 1]) ** 2
+        self._strain[places] = own
+
+    def strained(self, places: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """(v,) which of the features at ``places`` (v,) show an edge in depth: the halves of their templates move more
+        differently than those of a plane, whose view has changed by ``change`` (v,) [rad], can."""
+        s, std = self._settings, np.sqrt(self._strain[places, 2].max(axis=1, initial=0.0))
+        own = (places >= 0) & (self.templates.id[places] > 0)
+        return own & (std > s.most_strain + s.tilt * change * self._camera.focal)
 
     def residuals(self, ids: Iterable[int]) -> np.ndarray:
         """(m, 2) the running mean residual of each of the features ``ids`` (m,) [px]; zero for the target."""

@@ -17,6 +17,7 @@ from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templa
 PEAKS = 3  # most candidates of a feature
 UNSEARCHED, MISSING, FOUND = 0, 1, 2
 """States of a row: it was not searched; nothing there is similar; it has a candidate."""
+_EASE = 0.02  # a half has at least this share of the template's J^T J in every direction
 _COUNT, _INNER = TEMPLATE_SIDE**2, (TEMPLATE_SIDE - 2) ** 2  # pixels of a template, and those that have a gradient
 
 SEARCH = record(
@@ -40,6 +41,13 @@ class Findings(NamedTuple):
     pixel: np.ndarray  # (v, 3, 2) [px]
     R: np.ndarray  # (v, 3, 2, 2) [px^2]
     score: np.ndarray  # (v, 3) normalised cross-correlation
+    strain: np.ndarray  # (v, 3, 4) how much farther the left half moved than the right, the upper than the lower [px]
+
+    @property
+    def candidates(self) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) the row and the peak of each candidate."""
+        row, peak = np.nonzero(np.arange(PEAKS) < self.peaks[:, None])
+        return row, peak
 
 
 @compiled
@@ -53,7 +61,7 @@ def search(
     """
     v = places.shape[0]
     state, peaks, pixel = np.zeros(v, np.int64), np.zeros(v, np.int64), np.zeros((v, PEAKS, 2))
-    out = Findings(state, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)))
+    out = Findings(state, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)), np.zeros((v, PEAKS, 4)))
     T = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for a in range(v):
         if (
@@ -175,7 +183,7 @@ def _search_one(
         out.state[a] = FOUND
         out.pixel[a, k, 0] += left - 1
         out.pixel[a, k, 1] += top - 1
-        _localise(model, image, T, out.pixel[a, k], out.R[a, k])
+        _localise(model, image, T, out.pixel[a, k], out.R[a, k], out.strain[a, k])
 
 
 @compiled
@@ -203,27 +211,32 @@ def _keep_peaks(model: Record, scores: np.ndarray, out: Findings, a: int) -> Non
 
 
 @compiled
-def _localise(model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray, R: np.ndarray) -> None:
-    """Refine ``pixel`` (2,) by Gauss-Newton and write its covariance ``R`` (2, 2) [px^2].
+def _localise(
+    model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray, R: np.ndarray, strain: np.ndarray
+) -> None:
+    """Refine ``pixel`` (2,) by Gauss-Newton and write its covariance ``R`` (2, 2) [px^2] and its ``strain`` (4,) [px].
 
     With J = [dT/dx, dT/dy] and the residual r = (I - mean I) / |I - mean I| - T, both of length about 1:
     d = -(J^T J)^-1 J^T r (inverse composition: the patch in the image is T shifted by d), and
     R = floor^2 I + grain (r^T r / n) (J^T J)^-1.
     """
-    A00, A01, A11, gradients = 1e-6, 0.0, 1e-6, np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE, 2))
+    gradients, parts, pulls = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE, 2)), np.zeros((4, 3)), np.zeros((4, 2))
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
             gx, gy = _gradient(T, i, j)
             gradients[i, j, 0], gradients[i, j, 1] = gx, gy
-            A00 += gx * gx
-            A01 += gx * gy
-            A11 += gy * gy
+            part = parts[2 * (i // (TEMPLATE_HALF + 1)) + j // (TEMPLATE_HALF + 1)]
+            part[0] += gx * gx
+            part[1] += gx * gy
+            part[2] += gy * gy
+    A00, A01, A11 = 1e-6 + np.sum(parts[:, 0]), np.sum(parts[:, 1]), 1e-6 + np.sum(parts[:, 2])
     det = A00 * A11 - A01 * A01
     start_x, start_y, residual = pixel[0], pixel[1], 0.0
     for step in range(4):
-        g0, g1, residual = _misfit(image, T, gradients, pixel)
+        residual = _misfit(image, T, gradients, pixel, pulls)
         if step == 3 or not model.subpixel or math.isnan(residual):
             break
+        g0, g1 = np.sum(pulls[:, 0]), np.sum(pulls[:, 1])
         dx, dy = (A11 * g0 - A01 * g1) / det, (A00 * g1 - A01 * g0) / det
         pixel[0] -= dx
         pixel[1] -= dy
@@ -231,6 +244,11 @@ def _localise(model: Record, image: np.ndarray, T: np.ndarray, pixel: np.ndarray
             break
     if math.isnan(residual) or abs(pixel[0] - start_x) > 1.0 or abs(pixel[1] - start_y) > 1.0:
         pixel[0], pixel[1], residual = start_x, start_y, 0.5
+    for k in range(2):  # quarters 0 and 1 are the upper half, 0 and 2 the left one
+        beside = 2 if k == 0 else 1
+        one = _shift(parts[0] + parts[beside], pulls[0] + pulls[beside], _EASE * (A00 + A11))
+        other = _shift(parts[3 - beside] + parts[3], pulls[3 - beside] + pulls[3], _EASE * (A00 + A11))
+        strain[2 * k], strain[2 * k + 1] = other[0] - one[0], other[1] - one[1]
     fit = model.grain * residual / _COUNT / det
     floor = model.floor_std**2 + (0.0 if model.subpixel else 1.0 / 12.0)
     R[0, 0], R[0, 1], R[1, 1] = floor + fit * A11, -fit * A01, floor + fit * A00
@@ -246,14 +264,24 @@ def _gradient(T: np.ndarray, i: int, j: int) -> tuple[float, float]:
 
 
 @compiled
-def _misfit(image: np.ndarray, T: np.ndarray, gradients: np.ndarray, pixel: np.ndarray) -> tuple[float, float, float]:
-    """(J^T r as x and y, r^T r) of the image around ``pixel``, against ``T`` where it is seen; r^T r as of all of T."""
+def _shift(part: np.ndarray, pull: np.ndarray, ease: float) -> tuple[float, float]:
+    """(A + ease I)^-1 J^T r [px] of a part of the template, which has moved by as much less: A = J^T J as (xx, xy, yy)
+    and ``pull`` (2,) = J^T r."""
+    a, b, c = part[0] + ease, part[1], part[2] + ease
+    det = a * c - b * b
+    return (c * pull[0] - b * pull[1]) / det, (a * pull[1] - b * pull[0]) / det
+
+
+@compiled
+def _misfit(image: np.ndarray, T: np.ndarray, gradients: np.ndarray, pixel: np.ndarray, pulls: np.ndarray) -> float:
+    """r^T r of the image around ``pixel``, against ``T`` where it is seen, as of all of T; J^T r of each quarter into
+    ``pulls`` (4, 2)."""
     total, square, seen = 0.0, 0.0, 0
     column, row = math.floor(pixel[0]), math.floor(pixel[1])
     h, w = image.shape
     edge = TEMPLATE_HALF + 1
     if not (edge <= column < w - 1 - edge and edge <= row < h - 1 - edge):
-        return 0.0, 0.0, np.nan
+        return np.nan
     values = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE))
     a, b = pixel[0] - column, pixel[1] - row
     w00, w01, w10, w11 = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
@@ -269,13 +297,15 @@ def _misfit(image: np.ndarray, T: np.ndarray, gradients: np.ndarray, pixel: np.n
                 seen += 1
     mean = total / max(seen, 1)
     scale = 1.0 / math.sqrt(max(square - total * mean, 1.0))
-    g0, g1, residual, inner = 0.0, 0.0, 0.0, 0
+    residual, inner = 0.0, 0
+    pulls[:] = 0.0
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
             if T[i, j] != 0.0:
                 r = (values[i, j] - mean) * scale - T[i, j]
-                g0 += gradients[i, j, 0] * r
-                g1 += gradients[i, j, 1] * r
+                pull = pulls[2 * (i // (TEMPLATE_HALF + 1)) + j // (TEMPLATE_HALF + 1)]
+                pull[0] += gradients[i, j, 0] * r
+                pull[1] += gradients[i, j, 1] * r
                 residual += r * r
                 inner += 1
-    return g0, g1, residual * (_INNER / max(inner, 1))
+    return residual * (_INNER / max(inner, 1))

@@ -63,9 +63,12 @@ def test_worlds_tells_a_policy_beside_the_best_open_loop(capsys: pytest.CaptureF
 
 def test_images_tells_nees_and_noise(capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("cv2")
-    images.main("--policies stay --rooms 1 --seconds 1.5".split())
-    told = capsys.readouterr().out.splitlines()
-    assert told[0].startswith("stay: 1 rooms") and "noise of a matched pixel: rms 0." in told[1]
+    images.main("--policies stay --rooms 1 --seconds 5".split())
+    *_, row, _, noise = capsys.readouterr().out.splitlines()
+    name, score, _, pose, landmarks, depths, *_ = (cell.strip() for cell in row.strip("|").split(" | "))
+    assert name == "stay, 1 rooms" and float(score) > 0.0 and 0.0 < float(pose) < 30.0
+    assert 0.0 < float(landmarks.split()[0]) < 30.0 and 0.5 < float(depths) < 2.0
+    assert noise.startswith("noise of a matched pixel: rms 0.")
 
 
 @pytest.mark.parametrize("name", ["GoBack", "Face", "TurnIn", "SpinThenOrbit", "RIGHT_LEFT"])

@@ -2,7 +2,8 @@
 
     python -m benchmarks.studies.images --rooms 100 --seed 3000000 --out results/store
 
-Prints, for each policy, the NEES of the pose, lost runs and wrong matches; and the noise of all matched pixels.
+Prints, for each policy, the log score, the NEES of the pose and of the landmarks, their depths, lost runs and wrong
+matches; and the noise of all matched pixels.
 """
 
 import json
@@ -14,16 +15,22 @@ import numpy as np
 from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
+from agents.tools.sections import table as markdown
 from benchmarks.studies import parser, played, tasks
 
 TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
 LAGS = (1, 5, 20)  # frames, of the correlation of a feature's errors
+HEADER = (
+    *("policy", "log score, median [bit]", "under 0, lost", "NEES/dof at 5 / 15 / 35 s: pose", "landmarks (greatest)"),
+    *("depths, estimated over true", "wrong matches", "position error, median [cm]", "landmarks mapped", "ms a step"),
+)
 
 
 class PixelErrors:
-    """A measure: errors of the matched pixels in every step, and the NEES of the pose.
+    """A measure: errors of the matched pixels in every step, the NEES of the pose, and the depths of the landmarks.
 
-    It adds ``matches``, their number; ``nees`` over 6 at `TIMES`, NaN where the run is over; ``square``, ``bias``,
+    It adds ``matches``, their number; at `TIMES`, NaN where the run is over, ``nees`` over 6 and ``depth``, the median
+    of estimated over true distance; ``square``, ``bias``,
     ``ratio`` and ``lag1`` …, means over the matches within 4 px: squared error, squared mean of a feature that is seen
     20 times or more, error squared over R, and products of errors at lags.
     """
@@ -32,14 +39,16 @@ class PixelErrors:
 
     def __init__(self) -> None:
         self._errors: list[np.ndarray] = []
-        self._nees = np.full(len(TIMES), np.nan)
+        self._nees, self._depth = np.full((2, len(TIMES)), np.nan)
 
     def look(self, core: Any, info: dict[str, Any]) -> None:
         """Take the errors of the step's last frame."""
         if core.time > 0.0:
             self._errors.append(core.match_errors())
-        if not info["lost"]:
+        if not info["lost"] and np.isclose(TIMES, core.time).any():
+            ratios = core.depth_ratios()
             self._nees[np.isclose(TIMES, core.time)] = pose_nees(core)
+            self._depth[np.isclose(TIMES, core.time)] = np.median(ratios) if len(ratios) else np.nan
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """The means."""
@@ -53,6 +62,7 @@ class PixelErrors:
         return {
             "matches": len(rows),
             "nees": self._nees,
+            "depth": self._depth,
             "square": _mean(errors**2),
             "bias": _mean(np.array([np.nanmean(one, axis=0) for one in often]) ** 2),
             "ratio": _mean((c * u * u - 2 * b * u * v + a * v * v) / (a * c - b * b) / 2.0),
@@ -74,29 +84,52 @@ def pose_nees(core: Any) -> float:
     return nees(camera_error(*ends)[:6], core.belief.covariance[:6, :6]) / 6.0
 
 
+def landmark_nees(run: Episode) -> np.ndarray:
+    """Mean over the mapped landmarks at `TIMES`; NaN where the run is over or lost."""
+    held = [run.times[-1] >= t - 0.5 and not run.lost_from <= t for t in TIMES]
+    nearest = np.abs(run.times[:, None] - TIMES).argmin(axis=0)
+    return np.where(held, run.landmark_nees[nearest], np.nan)
+
+
+def _means(rows: np.ndarray) -> str:
+    """Of each column of ``rows`` (n, 3) with a number."""
+    return " / ".join(f"{np.nanmean(column):.2f}" for column in rows.T if not np.isnan(column).all())
+
+
+def _greatest(rows: np.ndarray) -> float:
+    """The greatest number of ``rows``; NaN where there is none."""
+    return float(np.nanmax(rows)) if not np.isnan(rows).all() else np.nan
+
+
 def summary(by_policy: dict[str, list[Episode]]) -> str:
     """The table, and the noise over all runs."""
-    lines = []
+    rows = []
     for policy, runs in by_policy.items():
-        at = np.array([run.notes["nees"] for run in runs])
-        ratios = [f"{np.nanmean(column):.2f}" for column in at.T if not np.isnan(column).all()]
+        scores = np.array([run.log_score[-1] for run in runs])
+        landmarks = np.array([landmark_nees(run) for run in runs])
+        pose, depth = (_means(np.array([run.notes[name] for run in runs])) for name in ("nees", "depth"))
         wrong = sum(run.events["wrong_matches"].sum() for run in runs) / sum(run.notes["matches"] for run in runs)
-        lines.append(
-            f"{policy}: {len(runs)} rooms, NEES of the pose per dof at {'/'.join(f'{t:g}' for t in TIMES)} s "
-            f"{' / '.join(ratios)}, lost {sum(run.lost for run in runs)}, wrong matches {wrong:.2%}, "
-            f"position error {100 * np.median([run.position_error[-1] for run in runs]):.1f} cm (median), "
-            f"{np.median([run.distinct_landmarks[-1] for run in runs]):.0f} landmarks, "
-            f"{np.median([run.step_us.mean() / 1e3 for run in runs]):.1f} ms a step"
-        )
+        rows.append([
+            f"{policy}, {len(runs)} rooms",
+            f"{np.median(scores):.0f}",
+            f"{np.mean(scores < 0.0):.0%}, {np.mean([run.lost for run in runs]):.0%}",
+            pose,
+            f"{_means(landmarks)} ({_greatest(landmarks):.1f})",
+            depth,
+            f"{wrong:.2%}",
+            f"{100 * np.median([run.position_error[-1] for run in runs]):.1f}",
+            f"{np.mean([run.distinct_landmarks[-1] for run in runs]):.1f}",
+            f"{np.median([run.step_us.mean() / 1e3 for run in runs]):.1f}",
+        ])  # fmt: skip
     names = ("square", "bias", "ratio", *(f"lag{lag}" for lag in LAGS))
     every = [run.notes for runs in by_policy.values() for run in runs]
-    square, bias, ratio, *products = (np.nanmean([one[name] for one in every]) for name in names)
-    lines.append(
+    square, bias, ratio, *products = (_mean(np.array([one[name] for one in every])) for name in names)
+    noise = (
         f"noise of a matched pixel: rms {square**0.5:.3f} px, of a feature's own mean {bias**0.5:.3f} px, correlation "
         f"after {', '.join(map(str, LAGS))} frames {', '.join(f'{one / square:.2f}' for one in products)}; "
         f"square over R {ratio:.2f}"
     )
-    return "\n".join(lines)
+    return f"{markdown(HEADER, rows)}\n\n{noise}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -105,9 +138,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made.add_argument("--seed", type=int, default=3_000_000, help="R was fitted on rooms from 4000000 on")
     made.add_argument("--scenario", default="pixels", help="a name, or fields as JSON")
     made.add_argument("--seconds", type=float, default=35.0)
+    made.add_argument(
+        "--gaze-period", type=float, help="of a step, whose last frame is looked at; a frame if not given"
+    )
     args = made.parse_args(arguments)
     scenario = json.loads(args.scenario) if args.scenario.startswith("{") else args.scenario
-    times = {"gaze_period": scenario_from(scenario).frame_time, "duration": args.seconds}
+    times = {"gaze_period": args.gaze_period or scenario_from(scenario).frame_time, "duration": args.seconds}
     settings = json.dumps({"scenario": scenario, "end_when_lost": True, **times})
     groups = {policy: tasks(policy, settings, args.seed, args.rooms, PixelErrors) for policy in args.policies}
     print(summary(played(groups, args.out, batch=1)))

@@ -36,9 +36,9 @@ from activeslam_gym.world.noise import normal_pair, uniforms
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of, faces
 
-FEATURE_STD, FIDUCIAL_STD = 0.035, 0.05
+FEATURE_STD, FIDUCIAL_STD = 0.04, 0.04
 """Deviations of the matches of images [px]: the medians of two episodes of `gallery-pixels`."""
-_SPREAD = 0.4  # deviation of the logarithm of a feature's
+_SPREAD = 0.6  # deviation of the logarithm of a feature's
 _EDGE = TEMPLATE_HALF + 2.0  # what is nearer to the image's border is not found [px]
 _BIRTH_EDGE = _EDGE + 6.0
 _FACING = 0.26  # cosine of the greatest angle at which a corner is seen

@@ -125,9 +125,9 @@ def test_a_product_of_errors_counts_less_in_images(known, frames) -> None:
     rng, models = np.random.default_rng(8), models_of(PAPER)
     models.camera.command_known = known
     belief = random_belief(PAPER, [INVERSE_DEPTH] * 3, rng)
-    sight, before, nu = sight_of(belief, np.empty((0, 3))), copied(belief), 0.1 * rng.standard_normal((3, 2))
+    sight, before, nu = sight_of(belief, support.NO_FIDUCIALS), copied(belief), 0.1 * rng.standard_normal((3, 2))
     detections = detections_at(sight.thing["z_hat"] + nu, ids=sight.thing["id"])
-    use_identified(models, belief, np.empty((0, 3)), sight, detections, 1, counters())
+    use_identified(models, belief, support.NO_FIDUCIALS, sight, detections, 1, counters())
     R = VAR * np.eye(6) + frames * block_diag(*sight.thing["curvature"])
     assert_updated(belief, before, dense_H(sight), R, nu.ravel())
 
@@ -309,7 +309,7 @@ def frame(belief, pixels, scenario: Scenario = PAPER):
     """Counters of one frame of a camera that stays."""
     counts, quiet = counters(), replace(scenario, acceleration_std=1e-3, angular_acceleration_std=1e-3)
     detections, in_parts = detections_at(pixels), uncompiled(filter_frame)  # the parts are compiled for others
-    in_parts(models_of(quiet), belief, support.np.empty((0, 3)), NO_BOXES, np.zeros(6), detections, False, counts)
+    in_parts(models_of(quiet), belief, support.NO_FIDUCIALS, NO_BOXES, np.zeros(6), detections, False, counts)
     return counts
 
 
@@ -366,7 +366,5 @@ def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() 
     assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]
     assert sight_of(belief).thing["id"].tolist() == [1, 2]
     sight = sight_of(belief, boxes=wall)
-    use_detections(
-        models_of(PAPER), belief, support.np.empty((0, 3)), wall, sight, detections_at([]), False, counters()
-    )
+    use_detections(models_of(PAPER), belief, support.NO_FIDUCIALS, wall, sight, detections_at([]), False, counters())
     assert belief.feature["misses"][:2].tolist() == [1, 0]

@@ -113,11 +113,10 @@ def test_an_edge_bears_no_feature_and_a_corner_does() -> None:
 def test_halves_of_a_template_move_together_on_a_plane_and_apart_at_an_edge_in_depth(step) -> None:
     image, pixel = image_from(FIRST), np.array((160.0, 120.0))
     templates, point = stored(pixel, image)
-    pose = pose_at((FIRST[0] + step, FIRST[1], FIRST[2]))
+    pose, beside = (pose_at((FIRST[0] + x, FIRST[1], FIRST[2])) for x in (step, step + 0.002))
     now, z = image_from(pose), projected(CAMERA, pose, point[None])[0]
-    other = image_from(pose_at((FIRST[0] + step + 0.002, FIRST[1], FIRST[2])))  # the right half is of what is nearer
-    moved = z - projected(CAMERA, pose_at((FIRST[0] + step + 0.002, FIRST[1], FIRST[2])), point[None])[0]
-    edge = np.where(np.arange(now.shape[1]) < z[0], now, other)
+    moved = z - projected(CAMERA, beside, point[None])[0]
+    edge = np.where(np.arange(now.shape[1]) < z[0], now, image_from(beside))  # what is right is nearer
     plane = searched(pose, templates, point, now, z, 2.0).strain[0, 0]
     torn = searched(pose, templates, point, edge, z, 2.0).strain[0, 0]
     assert np.abs(plane).max() < 0.06

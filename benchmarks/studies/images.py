@@ -143,7 +143,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     args = made.parse_args(arguments)
     scenario = json.loads(args.scenario) if args.scenario.startswith("{") else args.scenario
-    times = {"gaze_period": args.gaze_period or scenario_from(scenario).frame_time, "duration": args.seconds}
+    period = scenario_from(scenario).frame_time if args.gaze_period is None else args.gaze_period
+    times = {"gaze_period": period, "duration": args.seconds}
     settings = json.dumps({"scenario": scenario, "end_when_lost": True, **times})
     groups = {policy: tasks(policy, settings, args.seed, args.rooms, PixelErrors) for policy in args.policies}
     print(summary(played(groups, args.out, batch=1)))

@@ -10,6 +10,7 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.slam.association import DETECTION, REJECTED  # noqa: E402
 from activeslam_gym.slam.sight import THING, Sight  # noqa: E402
 from activeslam_gym.vision.gallery import Gallery  # noqa: E402
+from activeslam_gym.vision.search import FOUND, PEAKS, Findings  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 
 from .vision_scene import CAMERA, image_from, pose_at  # noqa: E402
@@ -117,13 +118,25 @@ def test_a_residual_that_the_linearisation_explains_counts_in_part(gallery) -> N
     assert gallery.failed() == []
 
 
+def look(gallery: Gallery, ids: list[int], strain: float = 0.0, slope: float = 0.0, x: float = 0.0) -> None:
+    """One image from ``x`` metres beside `HERE` in which ``ids`` were matched a metre before it."""
+    n = len(ids)
+    found = Findings(
+        state=np.full(n, FOUND), peaks=np.full(n, 1), pixel=np.zeros((n, PEAKS, 2)), R=np.zeros((n, PEAKS, 2, 2)),
+        score=np.zeros((n, PEAKS)), strain=np.full((n, PEAKS, 4), (strain, 0.0, 0.0, 0.0)),
+        slope=np.full((n, PEAKS, 2), (slope, 0.0)), slope_cov=np.full((n, PEAKS, 2, 2), 0.1 * np.eye(2)),
+    )  # fmt: skip
+    points = np.full((n, 3), HERE[:3] + (0.0, 0.0, -1.0))
+    gallery.remember_looks(np.array(ids), points, HERE[:3] + (x, 0.0, 0.0), found)
+
+
 def strained(gallery: Gallery, ids: list[int], strain: float, varies: bool, change: float = 0.0) -> list[bool]:
     """Whether ``ids`` show an edge in depth after 60 images in which their left halves moved by a ``strain`` [px] more
     than the right ones, to and fro or always."""
     gallery._settings = replace(SETTINGS, most_strain=0.07)
     for frame in range(60):
         side = np.sign(np.sin(0.2 * frame)) if varies else 1.0
-        gallery.remember_strain(np.array(ids), np.tile((side * strain, 0.0, 0.0, 0.0), (len(ids), 1)))
+        look(gallery, ids, side * strain)
     return gallery.strained(gallery.places(ids), np.full(len(ids), change)).tolist()
 
 
@@ -135,3 +148,14 @@ def test_a_template_whose_halves_move_to_and_fro_shows_an_edge_in_depth(gallery)
 def test_halves_of_a_tilted_plane_may_move_differently_where_the_view_has_changed(gallery) -> None:
     assert strained(gallery, [7], 0.3, varies=True, change=0.1) == [False]
     assert not gallery.strained(np.array([-1]), np.zeros(1)).any()  # it has no template
+
+
+def test_slopes_are_learnt_once_from_each_view(gallery) -> None:
+    """A template's error is the same in every image of a view; by 0.05 rad another begins."""
+    place = gallery.places([7])[0]
+    tangent, first = gallery.templates.tangent[place], gallery.templates.normal[place].copy()
+    for x, slopes in ((0.0, 0.0), (0.04, 0.0), (0.06, 0.1), (0.08, 0.1), (0.1, 0.1), (0.12, 0.2), (0.0, 0.3)):
+        look(gallery, [7, REJECTED], slope=0.1, x=x)
+        np.testing.assert_allclose(tangent @ (gallery.templates.normal[place] - first), (slopes, 0.0), atol=1e-12)
+    np.testing.assert_array_equal(gallery.templates.slope_cov[place], 0.1 * np.eye(2))
+    np.testing.assert_array_equal(gallery.templates.normal[gallery.places([8])[0]], first)

@@ -227,7 +227,7 @@ def test_corners_stay_where_they_are_while_the_camera_moves(sensor: Sensor) -> N
     templates, points = empty_templates(len(plane)), np.array([met[k][0] for k in plane])
     for place, k in enumerate(plane):
         normal = -scene.surfaces[met[k][1]]["normal"]
-        store(view_from(CAMERA, path[0]), templates, place, 1 + k, first.astype(np.float32), corners[k], normal)
+        store(view_from(CAMERA, path[0]), templates, place, 1 + k, first.astype(np.float32), corners[k], normal, 0.0)
     for k in range(3, 16, 4):
         found = found_at(path[k], templates, points, photograph(scene, path[k], sensor, k), 0.3)
         there = found.peaks > 0
@@ -366,7 +366,7 @@ def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
         looks, pixels = target_seen(CAMERA, middle, other[:7])
         templates = empty_templates(4)
         for j, pixel in enumerate(pixels):
-            store(view_from(CAMERA, other), templates, j, -1 - j, looks, pixel, np.array((0.0, 0.0, 1.0)))
+            store(view_from(CAMERA, other), templates, j, -1 - j, looks, pixel, np.array((0.0, 0.0, 1.0)), 0.0)
         found = found_at(x, templates, eye.fiducials, image, 0.7)
         assert found.peaks.all()
         errors.append(found.pixel[:, 0] - corners)

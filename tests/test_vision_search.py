@@ -8,19 +8,27 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.vision.corners import new_corners  # noqa: E402
 from activeslam_gym.vision.search import FOUND, MISSING, UNSEARCHED, Findings, search  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
-from activeslam_gym.vision.templates import TEMPLATE_SIDE, empty_templates, predict_appearance, store  # noqa: E402
+from activeslam_gym.vision.templates import (
+    TEMPLATE_HALF,
+    TEMPLATE_SIDE,
+    empty_templates,
+    predict_appearance,
+    store,
+    tilt,
+)  # noqa: E402
 from activeslam_gym.vision.views import projected, view_from  # noqa: E402
 
 from .vision_scene import CAMERA, image_from, plane_points, pose_at, texture  # noqa: E402
 
 FIRST = pose_at((0.02, 0.01, 0.7))
+ASIDE = pose_at((0.3, 0.2, 0.7), (0.0, 0.7, 0.0))  # sees the plane obliquely
 BEHIND, NOTHING = np.array((0.0, 0.0, -1.0)), np.zeros((0, 2))
 SETTINGS = FrontEndSettings(least_score=0.7, grain=4.0)
 
 
 def stored(pixel: np.ndarray, image: np.ndarray):
     templates = empty_templates(2)
-    store(view_from(CAMERA, FIRST), templates, 0, 7, image.astype(np.float32), pixel, BEHIND)
+    store(view_from(CAMERA, FIRST), templates, 0, 7, image.astype(np.float32), pixel, BEHIND, 0.0)
     return templates, np.array((*plane_points(FIRST, pixel[:1], pixel[1:])[0], 0.0))
 
 
@@ -38,7 +46,7 @@ def test_the_warped_template_is_what_rays_see(pixel, move) -> None:
     templates, point = stored(np.array(pixel), image_from(FIRST))
     pose = pose_at(tuple(FIRST[:3] + move), (0.05, -0.1, 0.2))
     drawn = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
-    assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn)
+    assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn, np.empty((3, 2)))
     centre, half = projected(CAMERA, pose, point[None])[0], TEMPLATE_SIDE // 2
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
     truth = texture(plane_points(pose, centre[0] + x, centre[1] + y))
@@ -51,7 +59,7 @@ def test_a_view_from_behind_or_far_is_not_predicted() -> None:
     templates, point = stored(np.array((160.0, 120.0)), image_from(FIRST))
     drawn = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for pose in (pose_at((0.0, 0.0, 3.0)), pose_at((0.0, 0.0, 0.2)), pose_at((0.9, 0.0, 0.15), (0.0, 1.2, 0.0))):
-        assert not predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn)
+        assert not predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn, np.empty((3, 2)))
 
 
 @pytest.mark.parametrize("step", [(0.0, 0.0), (0.004, 0.0015), (-0.0023, 0.0031), (0.0, -0.0052)])
@@ -121,3 +129,61 @@ def test_halves_of_a_template_move_together_on_a_plane_and_apart_at_an_edge_in_d
     torn = searched(pose, templates, point, edge, z, 2.0).strain[0, 0]
     assert np.abs(plane).max() < 0.06
     assert np.linalg.norm(moved) > 0.4 and np.dot(torn[:2] - plane[:2], moved) > 0.3 * np.dot(moved, moved)
+
+
+def seen_from_aside(pixel: tuple[float, float], image: np.ndarray, slope_std: float):
+    """A template of the plane, seen obliquely, that is not known to be oblique."""
+    templates, z = empty_templates(1), np.array(pixel)
+    store(view_from(CAMERA, ASIDE), templates, 0, 7, image.astype(np.float32), z, np.zeros(3), slope_std)
+    return templates, np.array((*plane_points(ASIDE, z[:1], z[1:])[0], 0.0))
+
+
+def moved(steps: float) -> np.ndarray:
+    return pose_at(tuple(ASIDE[:3] + steps * np.array((-0.015, 0.008, 0.004))), (0.0, 0.7, 0.0))
+
+
+@pytest.mark.parametrize("pixel", [(160.0, 120.0), (130.0, 140.0), (220.0, 160.0)])
+def test_the_slopes_of_a_plane_are_learnt_and_its_pixels_are_right_then(pixel) -> None:
+    errors = {}
+    for std in (0.0, 0.7):
+        templates, point = seen_from_aside(pixel, image_from(ASIDE), std)
+        facing = templates.normal[0].copy()
+        for k in range(1, 9):
+            pose = moved(k)
+            z = projected(CAMERA, pose, point[None])[0]
+            found = searched(pose, templates, point, image_from(pose), z + 0.3, 4.0)
+            assert found.state[0] == FOUND
+            tilt(templates, 0, found.slope[0, 0], found.slope_cov[0, 0])
+            errors[std] = np.hypot(*(found.pixel[0, 0] - z))
+        normal = templates.normal[0] / np.linalg.norm(templates.normal[0])
+        learnt = np.degrees(np.arccos(normal @ BEHIND))
+        if std == 0.0:
+            np.testing.assert_array_equal(templates.normal[0], facing)
+            assert learnt > 20.0
+        else:
+            assert learnt < 3.0
+            assert np.sqrt(templates.slope_cov[0].diagonal()).max() < 0.1
+    assert errors[0.7] < 0.04 and errors[0.0] > 0.12
+
+
+def test_what_slopes_shift_agrees_with_differences() -> None:
+    """A picture whose grey values are its columns, and one of its rows: a template tells which pixels it shows."""
+    ramps = np.mgrid[: int(CAMERA.height), : int(CAMERA.width)].astype(np.float32)[::-1]
+    pose, slopes, h = moved(9.0), np.array((0.3, -0.2)), 1e-3
+    slant, drawn = np.empty((3, 2)), np.empty((3, 2, TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)  # at 0, a + h, b + h
+    for axis, ramp in enumerate(ramps):
+        for k, more in enumerate(((0.0, 0.0), (h, 0.0), (0.0, h))):
+            templates, point = seen_from_aside((170.0, 110.0), ramp, 0.7)
+            tilt(templates, 0, slopes + more, np.eye(2))
+            own = np.empty((3, 2))
+            assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn[k, axis], own)
+            slant = own if k == 0 else slant
+    at = np.array(((2, 4), (12, 3), (10, 12)))
+    for i, j in at:
+        shown = drawn[0].astype(float)
+        by_x, by_y = shown[:, i, j + 1] - shown[:, i, j - 1], shown[:, i + 1, j] - shown[:, i - 1, j]
+        along = np.stack((by_x, by_y), axis=1) / 2.0
+        x = np.array((j, i)) - TEMPLATE_HALF
+        for k in range(2):
+            shift = -np.linalg.solve(along, (drawn[1 + k, :, i, j].astype(float) - shown[:, i, j]) / h)
+            np.testing.assert_allclose(slant[0] * (slant[1 + k] @ x), shift, atol=0.03)

@@ -283,7 +283,7 @@ class FrontEnd:
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
         candidates = self._candidates(ids, findings)
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
-        self._gallery.remember_strain(matched[matched > 0], findings.strain[findings.candidates][matched > 0])
+        self._gallery.remember_looks(matched, points, mean, findings)
         self._found.append(candidates)
         outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = sight.thing["visibility"] == INSIDE

@@ -8,8 +8,9 @@ import numpy as np
 from activeslam_gym.kernels import Record
 from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES
 from activeslam_gym.slam.sight import Sight
+from activeslam_gym.vision.search import Findings
 from activeslam_gym.vision.settings import FrontEndSettings
-from activeslam_gym.vision.templates import empty_templates, store
+from activeslam_gym.vision.templates import empty_templates, store, tilt
 from activeslam_gym.vision.views import changes_of_view, view_from
 
 _LONG = 0.98  # share of the mean of long that is left after one more match: it spans fifty
@@ -29,7 +30,7 @@ class Gallery:
         self._camera, self._settings = camera, settings
         self._place: dict[int, int] = {}
         self._tried, self._matched, self._residual = np.zeros(rows), np.zeros(rows), np.zeros((rows, 2))
-        self._seen = np.zeros(rows, np.int64)
+        self._seen, self._tilted_from = np.zeros(rows, np.int64), np.zeros((rows, 3))
         self._strain = np.zeros((rows, 3, 4))  # mean of late, of long, and mean square of their difference
 
     @property
@@ -48,8 +49,9 @@ class Gallery:
             for record in (self._tried, self._matched, self._residual, self._strain):
                 record[place] = 0.0
             self._seen[place] = frame
-        view = view_from(self._camera, camera)
-        store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal)
+        self._tilted_from[self._place[id]] = camera[:3]
+        view, slope_std = view_from(self._camera, camera), self._settings.slope_std
+        store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal, slope_std)
 
     def remove(self, id: int) -> None:
         """Forget a feature."""
@@ -90,9 +92,25 @@ class Gallery:
         places = self.places(found["match"])
         self._residual[places] = keep * self._residual[places] + weight * (found["pixel"] - thing["z_hat"])
 
-    def remember_strain(self, ids: np.ndarray, strain: np.ndarray) -> None:
-        """How differently the halves of the matched ``ids`` (m,) have moved: ``strain`` (m, 4) [px]."""
-        places, late = self.places(ids), self._settings.memory
+    def remember_looks(self, matched: np.ndarray, points: np.ndarray, now: np.ndarray, found: Findings) -> None:
+        """Learn of the planes of those that were ``matched`` (M,), of the candidates in ``found``, from ``now`` (3,):
+        how the halves of their templates have moved, and, where the view is new, their slopes. ``points`` (v, 3) are
+        the world points of the rows of ``found``.
+
+        In one view the error of a template is the same in every image: many tell no more than one.
+        """
+        row, peak = found.candidates
+        right = matched > 0
+        places, row, peak = self.places(matched[right]), row[right], peak[right]
+        self._remember_strain(places, found.strain[row, peak])
+        new = changes_of_view(self._tilted_from[places], now, points[row]) > self._settings.tilt_every
+        places, row, peak = places[new], row[new], peak[new]
+        for place, change, cov in zip(places.tolist(), found.slope[row, peak], found.slope_cov[row, peak]):
+            tilt(self.templates, place, change, cov)
+        self._tilted_from[places] = now[:3]
+
+    def _remember_strain(self, places: np.ndarray, strain: np.ndarray) -> None:
+        late = self._settings.memory
         own = self._strain[places]
         first = ~own.any(axis=(1, 2))
         own[first, :2] = strain[first, None]

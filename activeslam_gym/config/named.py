@@ -31,6 +31,7 @@ _PIXELS = {
     "gaze_horizon": 3.0,
     "plan_horizon": 35.0,  # the episode: a whole turn is worth what no part of it is
     "inverse_depth_mean": 0.38,  # of the features' true depths
+    "inverse_depth_std": 0.6,  # a wall at half a metre is within three deviations
 }  # with 13 spare features, a map of 49
 """Images of a textured room; the fiducials are the corners of the target."""
 
@@ -88,8 +89,7 @@ _add("mixed", "generalise: each reset draws the size of the room, the boxes and 
      _FURNISHED, landmark_count=56, box_count=(0, 5), plan_horizon=8.0, plan_position_std=0.5, varied=(
          ("room_size", (5.0, 2.0, 5.0), (8.0, 2.8, 8.0)), ("pixel_std", 1.0, 1.5),
          ("acceleration_std", 0.05, 0.2), ("angular_acceleration_std", 0.05, 0.2)))
-_add("pixels", "images of a textured room instead of points", _PIXELS,
-     inverse_depth_std=0.6)  # a wall at half a metre is within three deviations
+_add("pixels", "images of a textured room instead of points", _PIXELS)
 _add("gallery-pixels", "20 s of images of a bare room with three groups of posters: find them, and lose none",
      _PIXELS, room_size=(7.0, 2.4, 7.0), landmark_layout=CLUSTERS, cluster_count=3, duration=20.0,
      plan_horizon=4.0, plan_position_std=0.05)

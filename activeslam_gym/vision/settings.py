@@ -55,7 +55,7 @@ class FrontEndSettings:
     lens_std: float = 0.5  # error of the lens model at half the image's width, growing with the radius squared [px]
     drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
     residual_weight: float = 3.0  # deviation of a feature's pixel for each pixel of its mean residual
-    slope_std: float = 0.0  # of the two slopes of a feature's plane, which faces the camera at first; 0: it stays so
+    slope_std: float = 0.7  # deviation of the slopes of a feature's plane, which faces the camera at first; 0: it stays so
     tilt_every: float = 0.05  # the slopes are learnt from views that differ by so much [rad]
     redrawn: float = 0.1  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
 
@@ -75,7 +75,7 @@ class FrontEndSettings:
     trials: int = 10  # after so many searches it is judged ...
     least_success: float = 0.5  # ... and deleted where a smaller share of them was matched
     most_residual: float = 1.0  # deleted where its pixels are that far from the updated estimate, in the mean [px]
-    most_strain: float = math.inf  # deleted where the halves of its template move that differently, as at an edge [px]
+    most_strain: float = 0.12  # deleted where the halves of its template move that differently, as at an edge [px]
     tilt: float = 0.03  # and as much more as the halves of a tilted plane may, for each pixel of parallax
     memory: float = 0.9  # share of the record that is left after one more search
     clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or born
@@ -106,7 +106,7 @@ class FrontEndSettings:
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.015,
     grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.025, feature_bias_std=0.2,
-    residual_weight=12.0, slope_std=0.7, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
+    residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

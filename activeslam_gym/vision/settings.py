@@ -55,7 +55,7 @@ class FrontEndSettings:
     lens_std: float = 0.5  # error of the lens model at half the image's width, growing with the radius squared [px]
     drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
     residual_weight: float = 3.0  # deviation of a feature's pixel for each pixel of its mean residual
-    slope_std: float = 0.7  # deviation of the slopes of a feature's plane, which faces the camera at first; 0: it stays so
+    slope_std: float = 0.7  # of the two slopes of a feature's plane, which faces the camera at first
     tilt_every: float = 0.05  # the slopes are learnt from views that differ by so much [rad]
     redrawn: float = 0.1  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
 

@@ -167,7 +167,7 @@ def test_the_slopes_of_a_plane_are_learnt_and_its_pixels_are_right_then(pixel) -
 
 
 def test_what_slopes_shift_agrees_with_differences() -> None:
-    """A picture whose grey values are its columns, and one of its rows: a template tells which pixels it shows."""
+    """A picture whose grey values are its columns, and one of its rows: a template is of the pixels that it shows."""
     ramps = np.mgrid[: int(CAMERA.height), : int(CAMERA.width)].astype(np.float32)[::-1]
     pose, slopes, h = moved(9.0), np.array((0.3, -0.2)), 1e-3
     slant, drawn = np.empty((3, 2)), np.empty((3, 2, TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)  # at 0, a + h, b + h

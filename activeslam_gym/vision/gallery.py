@@ -110,6 +110,7 @@ class Gallery:
         self._tilted_from[places] = now[:3]
 
     def _remember_strain(self, places: np.ndarray, strain: np.ndarray) -> None:
+        """How differently the halves of the matched templates at ``places`` (m,) have moved: ``strain`` (m, 4) [px]."""
         late = self._settings.memory
         own = self._strain[places]
         first = ~own.any(axis=(1, 2))
@@ -124,7 +125,7 @@ class Gallery:
         differently than those of a plane, whose view has changed by ``change`` (v,) [rad], can."""
         s, std = self._settings, np.sqrt(self._strain[places, 2].max(axis=1, initial=0.0))
         own = (places >= 0) & (self.templates.id[places] > 0)
-        return own & (std > s.most_strain + s.tilt * change * self._camera.focal)
+        return own & (std > s.most_strain + s.strain_of_tilt * change * self._camera.focal)
 
     def residuals(self, ids: Iterable[int]) -> np.ndarray:
         """(m, 2) the running mean residual of each of the features ``ids`` (m,) [px]; zero for the target."""

@@ -76,7 +76,7 @@ class FrontEndSettings:
     least_success: float = 0.5  # ... and deleted where a smaller share of them was matched
     most_residual: float = 1.0  # deleted where its pixels are that far from the updated estimate, in the mean [px]
     most_strain: float = 0.12  # deleted where the halves of its template move that differently, as at an edge [px]
-    tilt: float = 0.03  # and as much more as the halves of a tilted plane may, for each pixel of parallax
+    strain_of_tilt: float = 0.03  # and as much more as the halves of a tilted plane may, for each pixel of parallax
     memory: float = 0.9  # share of the record that is left after one more search
     clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or born
     least_clear: int = 3  # and so is one in which fewer are matched

@@ -4,8 +4,8 @@ A patch lies on a small plane through the feature. A pixel z of the present imag
 that plane at X = p + d (n . (y - p)) / (n . d); the first camera saw X at the pixel where the stored patch is sampled.
 This is the plane's homography, taken through the distortion of equation 1 on both sides.
 
-How the plane stands is not known at first: it faces the camera, its two slopes have a wide prior, and each match tells
-of them what its view can (after Molton, Davison and Reid 2004).
+How the plane stands is not known at first: it faces the camera, its two slopes have a wide prior, and matches from new
+views measure them (after Molton, Davison and Reid 2004).
 """
 
 import math

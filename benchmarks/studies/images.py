@@ -45,10 +45,11 @@ class PixelErrors:
         """Take the errors of the step's last frame."""
         if core.time > 0.0:
             self._errors.append(core.match_errors())
-        if not info["lost"] and np.isclose(TIMES, core.time).any():
+        now = np.isclose(TIMES, core.time)
+        if now.any() and not info["lost"]:
             ratios = core.depth_ratios()
-            self._nees[np.isclose(TIMES, core.time)] = pose_nees(core)
-            self._depth[np.isclose(TIMES, core.time)] = np.median(ratios) if len(ratios) else np.nan
+            self._nees[now] = pose_nees(core)
+            self._depth[now] = np.median(ratios) if len(ratios) else np.nan
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """The means."""

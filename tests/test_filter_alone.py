@@ -66,6 +66,23 @@ def test_a_feature_is_born_seen_again_and_forgotten() -> None:
     assert filter.birth([100.0, 80.0]) == 3
 
 
+def test_a_supposed_depth_is_that_of_a_birth_which_expected_it() -> None:
+    supposed, expected = sure_filter(), sure_filter()
+    expected.expected_inverse_depth = 0.9, PAPER.inverse_depth_std
+    for filter in (supposed, expected):
+        assert filter.birth([100.0, 80.0]) == 1
+    supposed.suppose(1, 0.9)
+    for array in ("feature", "covariance"):
+        np.testing.assert_array_equal(getattr(supposed.belief, array), getattr(expected.belief, array))
+    with pytest.raises(ValueError, match="inverse_depth must be a positive number, got 0.0"):
+        supposed.suppose(1, 0.0)
+    with pytest.raises(KeyError, match="no feature with id 2"):
+        supposed.suppose(2, 1.0)
+    convert_to_point(supposed.belief, 0)
+    with pytest.raises(ValueError, match="id must be that of a feature by inverse depth, got 1"):
+        supposed.suppose(1, 1.0)
+
+
 def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:
     filter = sure_filter()
     filter.birth([160.0, 120.0])

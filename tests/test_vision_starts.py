@@ -1,6 +1,7 @@
 """Starts from boards of markers, and without any target."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,8 @@ from activeslam_gym.live.source import ROOM  # noqa: E402
 from activeslam_gym.vision.diagnosis import TURNED  # noqa: E402
 from activeslam_gym.vision.drawing import drawn, printed, printed_value  # noqa: E402
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose  # noqa: E402
+from activeslam_gym.vision.frontend import FrontEnd  # noqa: E402
+from activeslam_gym.vision.rehearsal import rehearsed  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.target import Board, target_from  # noqa: E402
@@ -23,7 +26,7 @@ from activeslam_gym.vision.track import UNSCALED, follow, start, summary  # noqa
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .test_vision_sizes import enlarged  # noqa: E402
-from .vision_scene import CAMERA, LENS, image_from, path, photographed, pose_at, texture  # noqa: E402
+from .vision_scene import CAMERA, LENS, image_from, path, photographed, plane_points, pose_at, texture  # noqa: E402
 
 CHARUCO = {"kind": "charuco", "columns": 5, "rows": 4, "square": 0.06, "marker": 0.045, "dictionary": "4x4_50"}
 APRILTAG = {"kind": "apriltag", "columns": 3, "rows": 2, "tag": 0.08, "gap": 0.02, "dictionary": "36h11"}
@@ -124,6 +127,8 @@ def test_a_track_from_a_board_has_scale(fields) -> None:
 
 FREE = [np.concatenate((2.0 * pose[:3], pose[3:])) for pose in path(40, 0.4, -0.002)]
 """At twice the distance that the prior expects."""
+SLANTED = [pose_at(pose[:3], (0.1, 0.45, 0.0)) for pose in path(24, 0.8, 0.0)]
+"""One edge of the image is much farther away than the other."""
 
 
 @pytest.fixture(scope="module")
@@ -142,6 +147,32 @@ def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     assert 0.3 < spread[1] / spread[0] < 3.0
     error = spread[1] * np.sqrt(procrustes(truth, found)[2] / len(truth))  # after a rotation, shift and scale
     assert error < 0.015 and TURNED not in summary(done)
+
+
+def test_the_first_images_tell_the_depths_before_the_track_begins(free) -> None:
+    tilted = [(k / 15.0, image_from(pose, samples=2)) for k, pose in enumerate(SLANTED)]
+
+    def begin() -> FrontEnd:
+        return start(tilted[0][1], LENS, None, 15.0)
+
+    front_end, again = rehearsed(tilted[0], iter(tilted[1:]), begin)
+    x, y = front_end.candidates["pixel"].T
+    on_plane = np.column_stack((plane_points(SLANTED[0], x, y), np.zeros(len(x))))
+    truth = np.linalg.norm(on_plane - SLANTED[0][:3], axis=1)
+    depths = np.linalg.norm(front_end.filter.positions, axis=1)
+    assert np.std(np.log(truth)) > 0.2 and np.std(np.log(depths / truth)) < 0.06
+    assert [time for time, _ in again] == [time for time, _ in tilted[1:]]
+
+
+@pytest.mark.parametrize("end", [ValueError("unreadable"), KeyboardInterrupt()])
+def test_what_ends_the_images_of_the_start_ends_the_track(free, end) -> None:
+    def images() -> Iterator[Frame]:
+        yield from free[:7]
+        raise end
+
+    done = follow(images(), LENS, None, 30.0)
+    assert len(done.times) == 7 and done.trouble in ("unreadable", "interrupted")
+    assert len(follow(free[:1], LENS, None, 30.0).times) == 1
 
 
 def test_the_first_features_are_apart(free) -> None:

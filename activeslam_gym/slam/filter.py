@@ -12,8 +12,10 @@ from activeslam_gym.kernels import filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, MOTION, motion_of
 from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
+    INVERSE_DEPTH,
     MOST_BIASED,
     POINT,
+    RHO,
     Belief,
     empty_beliefs,
     mapped_of,
@@ -185,17 +187,37 @@ class Filter:
         model = self.models.filter.initialisation
         model.rho_mean, model.rho_std = prior
 
+    def suppose(self, id: int, inverse_depth: float) -> None:
+        """Move the prior mean of the inverse depth [1/m] of feature ``id``, of which nothing was measured since its
+        birth; the deviation stays.
+
+        Raises:
+            KeyError: no feature has that id.
+            ValueError: its depth is not a number of its own, or ``inverse_depth`` is not a positive number.
+        """
+        feature = self.belief.feature[self._place(id)]
+        if feature["kind"] != INVERSE_DEPTH:
+            raise ValueError(f"id must be that of a feature by inverse depth, got {id}")
+        if not 0.0 < inverse_depth < np.inf:
+            raise ValueError(f"inverse_depth must be a positive number, got {inverse_depth!r}")
+        feature["mean"][RHO] = feature["first"][RHO] = inverse_depth
+        self._sight = None
+
     def delete(self, id: int) -> None:
         """Forget a feature.
 
         Raises:
             KeyError: no feature has that id.
         """
+        remove_feature(self.belief, self._place(id))
+        self._sight = None
+
+    def _place(self, id: int) -> int:
+        """The place of a feature in the map."""
         found = np.flatnonzero(self.ids == id)
         if not len(found):
             raise KeyError(f"there is no feature with id {id}; there are {self.ids.tolist()}")
-        remove_feature(self.belief, int(found[0]))
-        self._sight = None
+        return int(found[0])
 
     def arrays(self) -> EstimateArrays:
         """The present estimate, in arrays that the next call overwrites."""

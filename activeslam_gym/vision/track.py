@@ -10,9 +10,10 @@ free: lengths are in a unit that only the prior of depth has chosen, and that ma
 
 import csv
 import signal
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from threading import current_thread, main_thread
@@ -35,6 +36,7 @@ from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, sta
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.rehearsal import rehearsed
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
 from activeslam_gym.vision.target import FACING, Target, read_target
@@ -144,16 +146,18 @@ def follow(
 ) -> Track:
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
-    Without a ``target`` the scale is free; see the module. ``watch`` is called after each image; the first has no log.
-    The map has room for so many ``features``.
+    Without a ``target`` the scale is free; see the module, and the first images, 3 s at most, are filtered three times
+    (`rehearsal`). ``watch`` is called after each image; the first has no log. The map has room for so many
+    ``features``.
 
     Raises:
         SourceError, ValueError: the first image is missing or of the wrong size, or does not show the target, or
             ``features`` is out of range.
     """
-    source = iter(images)
-    frame: Frame = next(source)
-    front_end = start(frame[1], calibration, target, rate, settings, features=features)
+    source = _of_size(images, calibration)
+    frame = next(source)
+    begin = partial(start, frame[1], calibration, target, rate, settings, features=features)
+    front_end, source = rehearsed(frame, source, begin) if target is None else (begin(), source)
     filter, trouble, log = front_end.filter, None, None
     times, cameras, covariances, logs = [], [], [], []
     blank = len(filter.ids) + len(filter.fiducials) < 3
@@ -164,7 +168,6 @@ def follow(
             covariances.append(filter.camera_covariance[:6, :6])
             watch(front_end, frame, log)
             frame = next(source)
-            calibration.check_image(frame[1])
             log = front_end.step(frame[1], frame[0])
             logs.append(log)
     except StopIteration:
@@ -259,6 +262,13 @@ def interruptible(steps: Iterable[Step]) -> Generator[Step, None, None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _of_size(frames: Iterable[Frame], calibration: Calibration) -> Iterator[Frame]:
+    """The same; a ValueError at the first that does not fit the calibration."""
+    for frame in frames:
+        calibration.check_image(frame[1])
+        yield frame
 
 
 def _with_progress(frames: Iterable[Frame], total: int | None) -> Iterable[Frame]:

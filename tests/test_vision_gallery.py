@@ -15,7 +15,7 @@ from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 
 from .vision_scene import CAMERA, image_from, pose_at  # noqa: E402
 
-SETTINGS = FrontEndSettings(trials=10, memory=0.9, least_success=0.5, most_residual=1.0)
+SETTINGS = FrontEndSettings(trials=10, memory=0.9, least_success=0.5, most_residual=1.0, odd_residual=1.0)
 PIXEL, HERE = np.array((160.0, 120.0)), pose_at((0.0, 0.0, 0.7))
 
 
@@ -80,6 +80,19 @@ def test_a_feature_whose_pixels_stay_beside_the_estimate_fails_and_one_that_shak
         seen_at(gallery, 8, (9.0, 9.0), match=REJECTED)
         seen_at(gallery, -1, (9.0, 0.0))
     assert gallery.failed() == [7]
+
+
+@pytest.mark.parametrize("others, failed", [((0.05, 0.02), [7]), ((0.15, 0.15), []), ((0.5, 0.5), [])])
+def test_one_alone_that_is_beside_the_estimate_fails_and_not_all_together(grey, others, failed) -> None:
+    """Where all are beside it, as before their depths are known, the estimate is at fault."""
+    gallery = Gallery(CAMERA, replace(SETTINGS, odd_residual=0.3), 4)
+    for id in (7, 8, 9):
+        gallery.hang(id, grey, PIXEL, HERE, np.zeros(3), 0)
+    for frame in range(60):
+        for id, error in zip((7, 8, 9), (0.5, *others)):
+            seen_at(gallery, id, (error, 0.0))
+        gallery.judge([7, 8, 9], np.ones(3, bool), np.ones(3, bool), frame)
+    assert gallery.failed() == failed
 
 
 def test_the_longest_unseen_makes_room_unless_all_were_seen_of_late(gallery) -> None:

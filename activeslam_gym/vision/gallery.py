@@ -13,6 +13,7 @@ from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import empty_templates, store, tilt
 from activeslam_gym.vision.views import changes_of_view, view_from
 
+_ODD = 4.0  # times the median residual of all features, from which one alone is astray
 _LONG = 0.98  # share of the mean of long that is left after one more match: it spans fifty
 
 
@@ -137,8 +138,11 @@ class Gallery:
         s = self._settings
         enough = (1.0 - s.memory**s.trials) / (1.0 - s.memory)
         seldom = (self._tried >= enough) & (self._matched < s.least_success * self._tried)
-        astray = np.hypot(*self._residual.T) > s.most_residual
-        return self.templates.id[(seldom | astray) & (self.templates.id > 0)].tolist()
+        residual, own = np.hypot(*self._residual.T), self.templates.id > 0
+        searched = own & (self._tried > 0.0)
+        typical = float(np.median(residual[searched])) if searched.any() else 0.0
+        astray = residual > min(s.most_residual, max(s.odd_residual, _ODD * typical))
+        return self.templates.id[(seldom | astray) & own].tolist()
 
     def longest_unseen(self, ids: np.ndarray, since: int) -> int | None:
         """The one of the features ``ids`` (n,) that was not seen for longest; None: all were after frame ``since``."""

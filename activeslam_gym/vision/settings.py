@@ -75,6 +75,7 @@ class FrontEndSettings:
     trials: int = 10  # after so many searches it is judged ...
     least_success: float = 0.5  # ... and deleted where a smaller share of them was matched
     most_residual: float = 1.0  # deleted where its pixels are that far from the updated estimate, in the mean [px]
+    odd_residual: float = 0.3  # and where so far, and four times as far as the median feature: it slides along an edge
     most_strain: float = 0.12  # deleted where the halves of its template move that differently, as at an edge [px]
     strain_of_tilt: float = 0.03  # and as much more as the halves of a tilted plane may, for each pixel of parallax
     memory: float = 0.9  # share of the record that is left after one more search

@@ -26,7 +26,7 @@ from activeslam_gym.vision.search import FOUND, UNSEARCHED, Findings, search
 from activeslam_gym.vision.selection import most_telling
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
-from activeslam_gym.vision.views import changes_of_view, reduced, turn_between, view_from
+from activeslam_gym.vision.views import changes_of_view, reduced, speeds, turn_between, view_from
 
 
 class FrameLog(NamedTuple):
@@ -301,7 +301,7 @@ class FrontEnd:
         id, pixel, R = ids[row], findings.pixel[row, peak], findings.R[row, peak]
         fiducial = id < 0
         if fiducial.any():
-            R[fiducial] = self._noise_of_fiducials(R[fiducial])
+            R[fiducial] = self._noise_of_fiducials(-1 - id[fiducial], R[fiducial])
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
         astray = s.residual_weight * self._gallery.residuals(id)
         R += (lens**2)[:, None, None] * np.eye(2)
@@ -310,11 +310,12 @@ class FrontEnd:
         out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score) if s.appearance else 0.0
         return out
 
-    def _noise_of_fiducials(self, R: np.ndarray) -> np.ndarray:
-        """R (n, 2, 2) of matched fiducials, from that of features."""
+    def _noise_of_fiducials(self, k: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """R (n, 2, 2) of the matched fiducials ``k`` (n,), from that of features."""
         s, turn = self.settings, np.trace(self.filter.camera_covariance[D_ROTATION, D_ROTATION]) / 3.0
         fit = (s.fiducial_grain / s.grain if s.grain > 0.0 else 0.0) * (R - s.floor_std**2 * np.eye(2))
-        return fit + (s.fiducial_std**2 + _LEVER**2 * turn) * np.eye(2)
+        blur = s.fiducial_blur * speeds(self.camera, self.filter.mean, self.filter.fiducials[k])
+        return fit + (s.fiducial_std**2 + _LEVER**2 * turn + blur**2)[:, None, None] * np.eye(2)
 
     # The map ----------------------------------------------------------------------------------------------------------
 

@@ -50,6 +50,7 @@ class FrontEndSettings:
     grain: float = 10.0  # inflation of the covariance of the sub-pixel fit
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_grain: float = 10.0  # `grain` of a fiducial
+    fiducial_blur: float = 0.01  # its deviation for each pixel a second that it moves: blur shifts a corner [s]
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
     feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
     lens_std: float = 0.5  # error of the lens model at half the image's width, growing with the radius squared [px]
@@ -106,8 +107,8 @@ class FrontEndSettings:
 
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.015,
-    grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_bias_std=0.025, feature_bias_std=0.2,
-    residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
+    grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.0, fiducial_bias_std=0.025,
+    feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

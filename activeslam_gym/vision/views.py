@@ -1,12 +1,17 @@
 """Views: from a pose, of points and of the plane Z = 0 of the target's frame; and the difference of two views."""
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import View, change_of_view, pixel_from_camera_point
+from activeslam_gym.camera import View, camera_point, change_of_view, pixel_from_camera_point
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.motion import QUATERNION, transition
 from activeslam_gym.vision.opencv import opencv
+
+_MOMENT = 1e-3  # by which speeds are told [s]
 
 
 def reduced(image: np.ndarray, scale: float) -> np.ndarray:
@@ -42,6 +47,20 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
     for z, point in zip(out, points):
         if not pixel_from_camera_point(camera, R_WC.T @ (point - pose[:3]), z):
             raise ValueError("a corner of the target is behind the camera")
+    return out
+
+
+@compiled
+def speeds(camera: Record, mean: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n,) how fast the ``points`` (n, 3) [m] move in the image of a camera with the ``mean`` (13,) [px/s]; 0 of one
+    behind it."""
+    out, here, there = np.zeros(points.shape[0]), np.empty(2), np.empty(2)
+    after = transition(mean, np.zeros(6), _MOMENT)
+    R_here, R_there = rotation_matrix(mean[QUATERNION]), rotation_matrix(after[QUATERNION])
+    for k in range(points.shape[0]):
+        p, q = camera_point(R_here, mean, points[k]), camera_point(R_there, after, points[k])
+        if pixel_from_camera_point(camera, p, here) and pixel_from_camera_point(camera, q, there):
+            out[k] = math.hypot(there[0] - here[0], there[1] - here[1]) / _MOMENT
     return out
 
 

@@ -66,6 +66,8 @@ def _add_live(commands: Any) -> None:
     )
     one.add_argument("--rate", type=float, default=30.0, help=f"its images a second {_DEFAULT}")
     one.add_argument("--seed", type=int, default=0, help=f"the rendered room {_DEFAULT}")
+    adviser = f"what advises: paper, or a policy, for instance generalist or greedy-plus {_DEFAULT}"
+    one.add_argument("--adviser", default="paper", help=adviser)
     follow = f"whether the simulated person follows the advice, or moves at random {_DEFAULT}"
     one.add_argument("--follow", default="always", choices=("always", "never"), help=follow)
     one.add_argument("--host", default="127.0.0.1", help=f"where to serve; beyond loopback with a token {_DEFAULT}")

@@ -45,6 +45,12 @@ def factory(name: str) -> Factory:
     )
 
 
+def offered(name: str) -> Callable[[Environment], Predictor]:
+    """The same with one seed, as `activeslam_gym.policies` among the entry points: see `live --adviser`."""
+    make = factory(name)
+    return lambda env: make(env, 0)
+
+
 def learned(name: str, env: Environment, folder: Path) -> Predictor:
     """The policy of the weights ``name``.npz in a folder. ValueError where there are none, or they do not fit."""
     from agents.learn.weights import LearnedPolicy, read

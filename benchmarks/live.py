@@ -17,6 +17,7 @@ import time
 from multiprocessing import get_context
 from pathlib import Path
 
+from activeslam_gym.live.advice import CandidateScores
 from activeslam_gym.live.link import Link
 from activeslam_gym.live.run import Clock, Live
 from activeslam_gym.live.source import ROOM, RenderedRoom
@@ -86,7 +87,7 @@ def advice(seed: int, seconds: float) -> tuple[float, int]:
         state = show.step()
         if len(state.ids) >= most and state.frame > 1:
             most, adviser = len(state.ids), show.session.adviser
-            assert adviser is not None
+            assert isinstance(adviser, CandidateScores)
             began = time.process_time()
             for motion in Motion:
                 adviser.score(motion)

@@ -14,7 +14,7 @@ from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_p
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.candidates import foresee  # noqa: E402
 from activeslam_gym.live import run  # noqa: E402
-from activeslam_gym.live.advice import CRITERION, Adviser, best  # noqa: E402
+from activeslam_gym.live.advice import CRITERION, CandidateScores, adviser_named, best  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.recording import read_about, read_states  # noqa: E402
@@ -59,6 +59,23 @@ def test_a_command_a_second_is_the_best_of_seven(walk: Any) -> None:
     assert best(np.array([1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.5])) == Motion.BACKWARDS
 
 
+@pytest.mark.parametrize("name", ["greedy-plus", "generalist"])
+def test_a_policy_of_an_environment_advises(name: str) -> None:
+    """Once a second; it has no scores of seven candidates. `greedy-plus` would stand and turn: the gaze is not its."""
+    if name == "generalist":
+        pytest.importorskip("torch", reason="the extra `agents` is not installed")
+    session = Session(RenderedRoom(3), seed=3, adviser=adviser_named(name))
+    states = [session.step() for _ in range(46)]
+    assert [state.advised.sum() for state in states] == [0] * 15 + [1] * 15 + [2] * 15 + [3]
+    assert states[-1].standing == Standing.TRACKING and np.isnan(states[-1].scores).all()
+    assert name != "generalist" or {state.command for state in states[15:]} != {Motion.STAY}
+
+
+def test_an_unknown_adviser_is_named() -> None:
+    with pytest.raises(ValueError, match="'nobody' is unknown; allowed: .*greedy-plus"):
+        adviser_named("nobody")
+
+
 def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
     session, states = walk
     session.restart()
@@ -70,7 +87,9 @@ def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
 
 def test_one_motion_is_evaluated_an_image(walk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for rate, turns in ((15, [0] * 7 + [1] * 7), (30, [0] * 22 + [1] * 7), (4, [3, 2, 2])):
-        adviser = Adviser(replace(ROOM, frame_time=1.0 / rate, controller_frequency=1.0, rate_loop_time=1.0), None)
+        adviser = CandidateScores(
+            replace(ROOM, frame_time=1.0 / rate, controller_frequency=1.0, rate_loop_time=1.0), None
+        )
         calls: list[int] = []
         monkeypatch.setattr(adviser, "score", lambda motion, calls=calls: calls.append(motion) or motion == Motion.UP)
         told, counts = [], [0]

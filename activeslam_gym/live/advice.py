@@ -1,4 +1,13 @@
-"""Where to move: the paper's section V. Seven candidate motions are scored in turn; the best is advised each second."""
+"""Where to move: the paper's section V. Seven candidate motions are scored in turn; the best is advised each second.
+
+A policy of an environment can advise instead, a learned one too. What it wants of the gaze is left to the person.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import entry_points
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,9 +23,71 @@ CRITERION = "mutual_information_position_map"
 """It leaves out gaze and velocities, which are the person's (section V)."""
 _TIE = 1e-6
 """To stay is advised unless a motion scores higher by more [bit]."""
+PAPER = "paper"
+"""The name of `CandidateScores` among the advisers."""
+POLICIES = "activeslam_gym.policies"
+"""The entry points by which packages offer policies: functions of a policy's name and an environment."""
 
 
-class Adviser:
+class Adviser(Protocol):
+    """Advises a motion once a second."""
+
+    expected: ExpectedMap
+    command: Motion
+    """The present advice."""
+    scores: np.ndarray
+    """(7,) by which it was chosen, NaN where there are none."""
+    advised: np.ndarray
+    """(7,) how often each motion was advised."""
+
+    def consider(self) -> bool:
+        """After an image; True where there is a new command."""
+
+
+MakeAdviser = Callable[[Scenario, ExpectedMap], Adviser]
+
+
+def adviser_named(name: str) -> MakeAdviser:
+    """The adviser of a ``name``: ``paper``, or a policy that an installed package offers.
+
+    Raises:
+        ValueError: there is none of that name; the message lists them.
+    """
+    return CandidateScores if name == PAPER else partial(PolicyAdviser, _policy_named(name))
+
+
+def _policy_named(name: str) -> Callable[[Any], Any]:
+    offers = [one.load()(name) for one in entry_points(group=POLICIES)]
+    if not offers:
+        raise ValueError(f"--adviser must be {PAPER!r}, since no installed package has policies, got {name!r}")
+    return offers[0]
+
+
+class PolicyAdviser:
+    """Asks a policy once a second, as it would be asked in an environment. ``make`` binds it to one."""
+
+    def __init__(self, make: Callable[[Any], Any], scenario: Scenario, expected: ExpectedMap) -> None:
+        self.expected, self._frames = expected, max(2, round(PERIOD / scenario.frame_time))
+        self._run = expected.outside_run(replace(scenario, frame_time=PERIOD / self._frames), PERIOD)
+        self._policy, self._state = make(self._run), None
+        self._phase, self._begin = 0, expected.log2_dets()[-1]
+        self.command, self.scores = Motion.STAY, np.full(MOTION_COUNT, np.nan)
+        self.advised = np.zeros(MOTION_COUNT, int)
+
+    def consider(self) -> bool:
+        """After an image: ask the policy where a second is over; True where there is a new command."""
+        self._phase += 1
+        if self._phase < self._frames:
+            return False
+        self._phase, gain = 0, 0.5 * (self._begin - self.expected.log2_dets()[-1])
+        action, self._state = self._policy.predict(self.expected.observed_by(self._run, gain), self._state)
+        self._run.decided(action)
+        self.command = Motion(int(action[0]))
+        self.advised[self.command] += 1
+        return True
+
+
+class CandidateScores:
     """Scores the motions of a camera in the hand, one an image, and advises the best at the end of each second.
 
     The candidates are scored in the last images of the second, so that their scores are fresh; where there are fewer

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.files import demand_writable, written_whole
 from activeslam_gym.kernels import compilations
-from activeslam_gym.live.advice import Adviser
+from activeslam_gym.live.advice import CandidateScores, MakeAdviser
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.source import GuidanceError, posed
 from activeslam_gym.vision.calibration import Calibration
@@ -43,7 +43,12 @@ class Device:
     person, is_camera, name = None, True, "the device's camera"
 
     def __init__(
-        self, calibration: str | Path | None, target: str | Path | None, rate: float, unknown: str | Path | None = None
+        self,
+        calibration: str | Path | None,
+        target: str | Path | None,
+        rate: float,
+        unknown: str | Path | None = None,
+        adviser: MakeAdviser = CandidateScores,
     ) -> None:
         self.images: Any = get_context("spawn").Queue(1)
         """Times [s] and images, of the page's process."""
@@ -53,15 +58,15 @@ class Device:
         self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration)
         self._target, self._rate, self._frame = BOARD if target is None else read_target(target), rate, None
         self._fields, self.scenario = posed(self._calibration, rate)
-        self._warming = Thread(target=self._warm_up, daemon=True)
+        self._warming = Thread(target=self._warm_up, args=(adviser,), daemon=True)
         self._warming.start()
 
-    def _warm_up(self) -> None:
+    def _warm_up(self, make: MakeAdviser) -> None:
         """Compile what two seconds of tracking need: with a minute between the first two images the camera is lost."""
         texture = gaussian_filter(np.random.default_rng(0).normal(128.0, 400.0, self._calibration[1::-1]), 3.0)
         image = np.clip(texture, 0.0, 255.0).astype(np.uint8)
         front_end = start(image, self._calibration, None, self._rate, scenario_fields=self._fields)
-        adviser = Adviser(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
+        adviser = make(self.scenario, ExpectedMap(self.scenario, front_end, np.random.SeedSequence(0)))
         for k in range(1, round(2.0 * self._rate) + 1):
             front_end.step(image, k / self._rate)
             adviser.expected.update()

@@ -3,9 +3,12 @@
 A room holds N landmarks. Features stand for some; each of the others holds its prior and makes exploration worthwhile.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from activeslam_gym.config import Scenario
+from activeslam_gym.envs.outside import OutsideRun
 from activeslam_gym.information.candidates import Prospect, prospect_of
 from activeslam_gym.information.entropy import gathered, log2_dets
 from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
@@ -45,6 +48,16 @@ class ExpectedMap:
         first_seen, places = self._front_end.first_seen(filter.ids), (filter.fiducials, filter.boxes)
         own = self._front_end.estimate(), self._expected, self.landmark_var
         return prospect_of(*own, *places, clearance, self._limits, first_seen)
+
+    def outside_run(self, scenario: Scenario, period: float) -> OutsideRun:
+        """What stands in for an environment before a policy that decides once a ``period`` [s]."""
+        own = replace(scenario, fiducial_count=len(self._filter.fiducials))
+        return OutsideRun(own, period, self._limits)
+
+    def observed_by(self, run: OutsideRun, gain: float) -> np.ndarray:
+        """(D,) the observation of the present state; ``gain``: entropy removed so far [bit]."""
+        first_seen, fiducials = self._front_end.first_seen(self._filter.ids), self._filter.fiducials
+        return run.look(self._front_end.estimate(), first_seen, self._expected, fiducials, gain)
 
     def factored(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Position k (N,) of each landmark's feature, or -1; and a factor U of the covariance of those and the camera.

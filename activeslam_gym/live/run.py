@@ -9,6 +9,7 @@ from dataclasses import replace
 from itertools import repeat, takewhile
 from pathlib import Path
 
+from activeslam_gym.live.advice import CandidateScores, MakeAdviser, adviser_named
 from activeslam_gym.live.device import BROWSER, Device
 from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.guard import is_loopback
@@ -37,8 +38,15 @@ class Live:
     """A session and, with a ``folder``, its recording, and with ``film`` a film; each restart has a folder of its own:
     2, 3, ..."""
 
-    def __init__(self, source: Source, seed: int, folder: str | Path | None, film: bool = False) -> None:
-        self.session, self.is_camera = Session(source, seed), source.is_camera
+    def __init__(
+        self,
+        source: Source,
+        seed: int,
+        folder: str | Path | None,
+        film: bool = False,
+        adviser: MakeAdviser = CandidateScores,
+    ) -> None:
+        self.session, self.is_camera = Session(source, seed, adviser), source.is_camera
         self._home = None if folder is None else Path(folder)
         self._folder, self._runs, self._film = self._home, 1, film
         self._recording: Recording | None = None  # made with the first image: a start that fails leaves nothing
@@ -149,18 +157,20 @@ def show_of(args: Namespace) -> Live | Replay:
         return Replay(args.replay)
     if args.calibrate is not None and (args.source != BROWSER or args.calibration is not None):
         raise ValueError("--calibrate is for --source browser without --calibration")
+    adviser = adviser_named(args.adviser)
     if args.source == "rendered":
         if args.seed < 0:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
-        return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record, args.film)
+        return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record, args.film, adviser)
     if args.source == BROWSER and (args.calibrate or args.calibration):
-        device = Device(args.calibration, args.target, args.rate, args.calibrate)
-        return Live(device, args.seed, args.record, args.film)
+        device = Device(args.calibration, args.target, args.rate, args.calibrate, adviser)
+        return Live(device, args.seed, args.record, args.film, adviser)
     missing = [f"--{name}" for name in ("calibration", "target") if getattr(args, name) is None]
     if missing:
         needed = "--calibration or --calibrate" if args.source == BROWSER else " and ".join(missing)
         raise ValueError(f"--source {args.source} needs {needed}")
-    return Live(Sequence(args.source, args.calibration, args.target, args.rate), args.seed, args.record, args.film)
+    sequence = Sequence(args.source, args.calibration, args.target, args.rate)
+    return Live(sequence, args.seed, args.record, args.film, adviser)
 
 
 def filming_of(show: Live | Replay, record: str | None) -> Filming | None:

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from activeslam_gym.live.advice import Adviser
+from activeslam_gym.live.advice import Adviser, CandidateScores, MakeAdviser
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.person import FOLLOW
@@ -45,10 +45,11 @@ class Session:
     Args:
         source: Of the images.
         seed: Of the expected landmarks.
+        adviser: Makes what advises; see `advice.adviser_named`.
     """
 
-    def __init__(self, source: Source, seed: int = 0) -> None:
-        self.source, self._seed = source, seed
+    def __init__(self, source: Source, seed: int = 0, adviser: MakeAdviser = CandidateScores) -> None:
+        self.source, self._seed, self._make_adviser = source, seed, adviser
         self._reset()
 
     def _reset(self) -> None:
@@ -99,7 +100,7 @@ class Session:
         self._zero, self._time = at, 0.0
         seed = np.random.SeedSequence((self._seed, 1))
         self.expected = ExpectedMap(self.source.scenario, self.front_end, seed)
-        self.adviser = Adviser(self.source.scenario, self.expected)
+        self.adviser = self._make_adviser(self.source.scenario, self.expected)
 
     def _track(self, front_end: FrontEnd) -> None:
         assert self.expected and self.adviser

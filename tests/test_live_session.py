@@ -15,6 +15,7 @@ from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.candidates import foresee  # noqa: E402
 from activeslam_gym.live import run  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, CandidateScores, adviser_named, best  # noqa: E402
+from activeslam_gym.live.drawing import NAMES, command  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.recording import read_about, read_states  # noqa: E402
@@ -68,6 +69,7 @@ def test_a_policy_of_an_environment_advises(name: str) -> None:
     states = [session.step() for _ in range(46)]
     assert [state.advised.sum() for state in states] == [0] * 15 + [1] * 15 + [2] * 15 + [3]
     assert states[-1].standing == Standing.TRACKING and np.isnan(states[-1].scores).all()
+    assert NAMES[states[-1].command] in command(states[-1]) and "of a policy" in command(states[-1])
     assert name != "generalist" or {state.command for state in states[15:]} != {Motion.STAY}
 
 
@@ -147,8 +149,8 @@ def moved(who: Person, command: Motion) -> np.ndarray:
 
 def test_a_person_goes_as_the_habit_says() -> None:
     ways = ((0, 0, 0.3), (0, 0, -0.3), (-0.3, 0, 0), (0.3, 0, 0), (0, 0.3, 0), (0, -0.3, 0), (0, 0, 0))
-    for command, way in zip(Motion, ways):  # the camera's x points left
-        np.testing.assert_allclose(moved(person(), command), way, atol=0.03)
+    for motion, way in zip(Motion, ways):  # the camera's x points left
+        np.testing.assert_allclose(moved(person(), motion), way, atol=0.03)
     assert np.linalg.norm(moved(person(STILL), Motion.UP)) < 0.01
     random = [moved(person(NEVER, seed=seed), Motion.UP) for seed in range(12)]
     assert len({tuple(np.sign(np.round(way, 1))) for way in random}) >= 4

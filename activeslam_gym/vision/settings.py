@@ -107,7 +107,7 @@ class FrontEndSettings:
 
 SIGHTED = FrontEndSettings(
     depth_prior=math.inf, visible=16, births=3, room_below=8, least_clear=0, clear=0.0, lens_std=0.0, floor_std=0.015,
-    grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.0, fiducial_bias_std=0.025,
+    grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.001, fiducial_bias_std=0.025,
     feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
 )  # fmt: skip

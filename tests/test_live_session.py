@@ -16,19 +16,23 @@ from activeslam_gym.information.candidates import foresee  # noqa: E402
 from activeslam_gym.live import run  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, CandidateScores, adviser_named, best  # noqa: E402
 from activeslam_gym.live.drawing import NAMES, command  # noqa: E402
+from activeslam_gym.live.expected import ExpectedMap  # noqa: E402
 from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.recording import read_about, read_states  # noqa: E402
 from activeslam_gym.live.run import Live, Replay  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import ROOM, RenderedRoom, Sequence  # noqa: E402
+from activeslam_gym.live.source import ROOM, RenderedRoom, Sequence, posed  # noqa: E402
 from activeslam_gym.live.state import Standing, State, plain, record_of  # noqa: E402
 from activeslam_gym.motion import Motion, motion_of  # noqa: E402
 from activeslam_gym.vision.frontend import MATCHED  # noqa: E402
 from activeslam_gym.vision.target import CORNERS  # noqa: E402
+from activeslam_gym.vision.track import start  # noqa: E402
+from activeslam_gym.vision.views import projected  # noqa: E402
 
-from .vision_scene import LENS, TARGET, image_from, pose_at  # noqa: E402
+from .vision_scene import CAMERA, LENS, TARGET, image_from, pose_at  # noqa: E402
 
+HERE = pose_at((0.0, 0.0, 0.7))
 CALM = replace(ROOM, acceleration_std=0.0, angular_acceleration_std=0.0)
 
 
@@ -71,6 +75,20 @@ def test_a_policy_of_an_environment_advises(name: str) -> None:
     assert states[-1].standing == Standing.TRACKING and np.isnan(states[-1].scores).all()
     assert NAMES[states[-1].command] in command(states[-1]) and "of a policy" in command(states[-1])
     assert name != "generalist" or {state.command for state in states[15:]} != {Motion.STAY}
+
+
+@pytest.mark.parametrize("rate", [7.5, 29.97])
+def test_a_policy_advises_before_a_real_target_at_any_rate(rate: float) -> None:
+    image, (fields, scenario) = image_from(HERE, samples=1), posed(LENS, rate)
+    target = TARGET._replace(corners_px=projected(CAMERA, HERE, TARGET.fiducials))
+    front_end = start(image, LENS, target, rate, scenario_fields=fields)
+    expected = ExpectedMap(scenario, front_end, np.random.SeedSequence(0))
+    adviser = adviser_named("mi-mi")(scenario, expected)
+    for k in range(1, round(2.0 * rate) + 2):
+        front_end.step(image, k / rate)
+        expected.update()
+        adviser.consider()
+    assert adviser.advised.sum() == 2
 
 
 def test_an_unknown_adviser_is_named() -> None:

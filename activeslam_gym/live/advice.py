@@ -26,7 +26,7 @@ _TIE = 1e-6
 PAPER = "paper"
 """The name of `CandidateScores` among the advisers."""
 POLICIES = "activeslam_gym.policies"
-"""The entry points by which packages offer policies: functions of a policy's name and an environment."""
+"""The entry points by which packages offer policies: from a name, what binds that policy to an environment."""
 
 
 class Adviser(Protocol):

@@ -12,12 +12,13 @@ from activeslam_gym.config import SCENARIOS, Scenario
 from activeslam_gym.live.advice import PERIOD
 from activeslam_gym.live.person import FOLLOW, Person
 from activeslam_gym.motion import CAMERA_SIZE, motion_of
+from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
-from activeslam_gym.vision.settings import SIGHTED
+from activeslam_gym.vision.settings import FEATURES, SIGHTED
 from activeslam_gym.vision.sources import CAMERA, Frame, open_images
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import HAND_HELD, start
@@ -53,7 +54,8 @@ def posed(calibration: Calibration, rate: float) -> tuple[dict[str, Any], Scenar
     if not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
     slow = {"controller_frequency": min(5.8, 0.5 * rate), "rate_loop_time": max(0.1, 1.0 / rate)}
-    fields: dict[str, Any] = {"room_size": _DESK, **slow}  # the slow ones are unused, but checked
+    size = {"landmark_count": FEATURES - SPARE_FEATURES, "room_size": _DESK}
+    fields: dict[str, Any] = {**size, **slow}  # the slow ones are unused, but checked
     return fields, calibration.scenario(frame_time=1.0 / rate, **HAND_HELD, **fields)
 
 

@@ -50,7 +50,7 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(vision_scene, "LENS", LENS)
-    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
+    monkeypatch.setattr(Device, "_warm_up", lambda self, make: None)
     monkeypatch.setattr(device, "start", lambda image, calibration, target, *_, **__: (calibration, target))
     source, rng, heard, started = (
         Device(None, None, 5.0, tmp_path / "lens.json"),
@@ -94,7 +94,7 @@ def test_the_sheet_is_as_large_as_the_board_and_prints_its_picture() -> None:
 
 
 def test_the_command_takes_a_known_lens_or_calibrates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(Device, "_warm_up", lambda self: None)
+    monkeypatch.setattr(Device, "_warm_up", lambda self, make: None)
     lens = tmp_path / "lens.json"
     lens.write_text(json.dumps(LENS._asdict()))
     for option, calibrates in (("--calibration", False), ("--calibrate", True)):

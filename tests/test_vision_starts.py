@@ -149,7 +149,7 @@ def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     assert error < 0.015 and TURNED not in summary(done)
 
 
-def test_the_first_images_tell_the_depths_before_the_track_begins(free) -> None:
+def test_depths_are_known_before_the_track_begins() -> None:
     tilted = [(k / 15.0, image_from(pose, samples=2)) for k, pose in enumerate(SLANTED)]
 
     def begin() -> FrontEnd:

@@ -3,8 +3,8 @@
 At the first image nothing is known of a feature's depth but its prior. The filter linearises about that guess, and what
 it takes for a slow turn instead of a slide it keeps. So the images until the camera has moved are filtered first, and
 the features of the first image start again at the inverse depths that were found, with the spread of the prior: a
-Gauss-Newton iteration over these images, but that the prior's mean moves along. As the prior tells much less than the
-images, they count little more than once.
+Gauss-Newton iteration over these images, but that the prior's mean moves along. As the prior has much less
+information than the images, they count little more than once.
 """
 
 from collections.abc import Callable, Iterator
@@ -26,7 +26,7 @@ def rehearsed(first: Frame, later: Iterator[Frame], begin: Callable[[], FrontEnd
     frame is raised when it is that frame's turn.
     """
     front_end = begin()
-    origin, at_first = front_end.filter.mean[:3], dict(zip(front_end.filter.ids, front_end.filter.positions))
+    at_first = dict(zip(front_end.filter.ids, front_end.filter.positions))
     held: list[Frame] = []
     ending: BaseException | None = None
     moved, until = False, _LONGEST
@@ -39,14 +39,25 @@ def rehearsed(first: Frame, later: Iterator[Frame], begin: Callable[[], FrontEnd
                 until = min(_LONGER * (frame[0] - first[0]), _LONGEST)
     except (StopIteration, ValueError, KeyboardInterrupt) as error:
         ending = error
-    for more in range(_TIMES - 1, -1, -1):
-        filter, front_end = front_end.filter, begin()
-        for id, point in zip(filter.ids, filter.positions):
-            if id in at_first and (point - origin) @ (at_first[id] - origin) > 0.0:
-                front_end.filter.suppose(id, 1.0 / float(np.linalg.norm(point - origin)))
-        for time, image in held if more else ():
+    front_end = _begun_again(begin, front_end, at_first)
+    for _ in range(_TIMES - 1):
+        for time, image in held:
             front_end.step(image, time)
+        front_end = _begun_again(begin, front_end, at_first)
     return front_end, _again(held, ending, later)
+
+
+def _begun_again(begin: Callable[[], FrontEnd], known: FrontEnd, at_first: dict[int, np.ndarray]) -> FrontEnd:
+    """A front end at the first frame, with the depths that ``known`` has found for features of it that are left.
+
+    ``at_first``: by id, their points before anything was measured, which give the direction.
+    """
+    front_end = begin()
+    origin = front_end.filter.mean[:3]
+    for id, point in zip(known.filter.ids, known.filter.positions):
+        if id in at_first and (point - origin) @ (at_first[id] - origin) > 0.0:
+            front_end.filter.suppose(id, 1.0 / float(np.linalg.norm(point - origin)))
+    return front_end
 
 
 def _half_mapped(front_end: FrontEnd, ids: dict[int, np.ndarray]) -> bool:

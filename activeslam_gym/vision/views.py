@@ -11,7 +11,7 @@ from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION, transition
 from activeslam_gym.vision.opencv import opencv
 
-_MOMENT = 1e-3  # by which speeds are told [s]
+_MOMENT = 1e-3  # over which speeds are measured [s]
 
 
 def reduced(image: np.ndarray, scale: float) -> np.ndarray:

@@ -59,9 +59,10 @@ def learned(name: str, env: Environment, folder: Path) -> Predictor:
 
 
 def content(name: str) -> str:
-    """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports."""
+    """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports, and
+    all weights shipped, which it may load."""
     if ":" in name:
-        made_of = module_sources(name.partition(":")[0])
+        made_of = f"{module_sources(name.partition(':')[0])} {digest(*sorted(pretrained.FOLDER.glob('*.npz')))}"
     elif path := pretrained.path_of(name):
         network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "inputs", "weights")]
         made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)

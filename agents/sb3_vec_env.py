@@ -110,12 +110,16 @@ class ActiveSLAMVecEnv(VecEnv):
 
 
 class ScaledReward(VecEnvWrapper):
-    """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift."""
+    """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift.
 
-    def __init__(self, venv: VecEnv, scale: float, clip: float = np.inf) -> None:
+    What a lost run forfeits (`info["reward_terms"]["forfeit"]`) is not clipped; it counts ``forfeit_weight`` times.
+    """
+
+    def __init__(self, venv: VecEnv, scale: float, clip: float = np.inf, forfeit_weight: float = 1.0) -> None:
         super().__init__(venv)
         self.scale = scale
         self.clip = clip
+        self.forfeit_weight = forfeit_weight
 
     def reset(self) -> np.ndarray:
         """As the wrapped environment."""
@@ -124,4 +128,8 @@ class ScaledReward(VecEnvWrapper):
     def step_wait(self) -> VecEnvStepReturn:
         """As the wrapped environment, the rewards scaled."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        return observations, self.scale * np.clip(rewards, -self.clip, self.clip), dones, infos
+        forfeits = np.zeros_like(rewards)
+        for i in np.flatnonzero(dones).tolist():
+            forfeits[i] = infos[i]["reward_terms"]["forfeit"]
+        gains = np.clip(rewards - forfeits, -self.clip, self.clip)
+        return observations, self.scale * (gains + self.forfeit_weight * forfeits), dones, infos

@@ -116,7 +116,7 @@ def test_the_command_writes_table_and_figure(tmp_path: Path, monkeypatch: pytest
     where = ["--learned", "sweep", "--out", str(tmp_path / "out"), "--report", str(page), "--jobs", "1"]
     assert main(["bounds", *given, *where]) == 0
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
-    planners = ["rollout, 8 runs", "rollout, 24 runs", "rollout, 72 runs", "clairvoyant planner"]
+    planners = ["planner, 8 runs", "planner, 24 runs", "planner, 72 runs", "clairvoyant planner"]
     names = ["best-constant", "best-sequence", "mi-constant", "sweep", *planners, "sees everything"]
     assert [row.split(" | ")[0][2:] for row in rows[2:]] == names
     pytest.importorskip("matplotlib")

@@ -118,6 +118,20 @@ def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
         one.close()
 
 
+def test_each_scenario_has_its_own_unit_of_advantage() -> None:
+    """Rare losses in one scenario leave the decisions of the others as loud as they were."""
+    space = gym.spaces.Box(-1.0, 1.0, (1,))
+    buffer = algorithms.RolloutOfScenarios(5, space, gym.spaces.MultiDiscrete([7, 3]), "cpu", n_envs=4, scenarios=2)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        rewards = np.concatenate([rng.normal(0.5, 1.0, 2), rng.normal(-3.0, 100.0, 2)])
+        buffer.add(np.zeros((4, 1)), np.zeros((4, 2)), rewards, np.zeros(4), torch.zeros(4), torch.zeros(4))
+    buffer.compute_returns_and_advantage(torch.zeros(4), np.zeros(4))
+    for part in (buffer.advantages[:, :2], buffer.advantages[:, 2:]):
+        assert part.mean() == pytest.approx(0.0, abs=1e-5) and part.std() == pytest.approx(1.0, abs=1e-5)
+    assert buffer.returns[:, 2:].std() > 50.0  # what the critic learns keeps its unit
+
+
 def test_each_scenario_has_its_own_teacher() -> None:
     recipe = Recipe(scenario="sprint+office", teachers=("office=ppo-office", "sprint=orbit"), **SHORT)
     env = algorithms.make_training(recipe)

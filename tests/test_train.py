@@ -101,6 +101,8 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
         measured = card.get("measured_behaviour", card["behaviour"])
         current = measured == activeslam_gym.BEHAVIOUR
         assert current or card.get("stale"), f"{name}: mark it stale, or retrain it: {card['command']}"
+        if not current:  # its recipe may be of another time
+            continue
         recipe = Recipe.of(card)
         of_its_own = ["reward", "scenario", "seed", "total_steps"]
         if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/LEARNING.md

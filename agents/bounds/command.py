@@ -10,6 +10,7 @@ from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
 from agents import pretrained
 from agents.bounds.ceiling import ceiling
+from agents.bounds.planners import BASE as GENERAL
 from agents.bounds.planners import BUDGETS
 from agents.compare import command as compare
 from agents.figures import grid_of_panels, save_figure
@@ -19,9 +20,9 @@ from agents.tools.files import write_json, write_text
 from agents.tools.sections import Table
 from agents.tools.statistics import estimate, shares
 
-BASE, SEQUENCE, GENERAL = "best-constant", "best-sequence", "generalist"
+BASE, SEQUENCE = "best-constant", "best-sequence"
 CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
-PLANNERS = {f"rollout, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
+PLANNERS = {f"planner, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]
 SOURCES = PLANNERS | {CLAIRVOYANT: "agents.bounds.planners:clairvoyant"}
 """Name in the table → the policy, where it is another."""
@@ -32,7 +33,7 @@ Scores = dict[str, dict[int, float]]  # policy → seed → log score gained [bi
 class Args(Rooms, Pages, Figures):
     """Bounds: open-loop, greedy and learned policies, the planner at three budgets, and upper bounds."""
 
-    scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "noisy", "corner")
+    scenarios: tuple[str, ...] = ("paper", "office", "corridor", "sprint", "clusters", "corner")
     """Names of scenarios, each in rooms of its own: `seed` counts from its first, and 1 000 000 is that one."""
     greedy: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "joint-mi", "lookahead-2", "greedy-plus")
     """Greedy policies, of which the best counts."""

@@ -1,13 +1,17 @@
-"""The planner at three budgets, and one that knows the room: for `compare`, which calls them as factories."""
+"""The planner over the generalist at three budgets, and one that knows the room: for `compare`, which calls them as
+factories."""
 
 from functools import partial
 
 from activeslam_gym.envs.imagination import Hindsight
+from agents import pretrained
+from agents.learn.weights import LearnedPolicy, read
+from baselines.policy import Environment
 from baselines.rollout import Rollout
 
+BASE = "generalist"
+"""The policy of the plan with which an episode begins, and after each action that is held for some time."""
 BUDGETS = {"small": 8, "medium": 24, "large": 72}  # imagined runs for each decision
-
-small, medium, large = (partial(Rollout, budget=budget, threads=1) for budget in BUDGETS.values())
 
 
 class Clairvoyant(Rollout):
@@ -16,4 +20,10 @@ class Clairvoyant(Rollout):
     imagination = Hindsight
 
 
-clairvoyant = partial(Clairvoyant, budget=BUDGETS["large"], threads=1)
+def planner(env: Environment, budget: int, kind: type[Rollout] = Rollout) -> Rollout:
+    """A planner that improves `BASE`, bound to ``env``."""
+    return kind(env, budget, LearnedPolicy(env, *read(BASE, pretrained.FOLDER)).decisions, threads=1)
+
+
+small, medium, large = (partial(planner, budget=budget) for budget in BUDGETS.values())
+clairvoyant = partial(planner, budget=BUDGETS["large"], kind=Clairvoyant)

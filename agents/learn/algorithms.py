@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
@@ -76,7 +77,7 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: in
     task: dict[str, Any] = {"scenario": scenario, "reward": recipe.reward, "num_threads": threads, **times}
     env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", **task)
     env.seed(seed)
-    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip)
+    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.forfeit_weight)
 
 
 def _most_tokens(batches: Iterable[VecEnv]) -> int:
@@ -84,10 +85,36 @@ def _most_tokens(batches: Iterable[VecEnv]) -> int:
     return max(observation_layout(one.unwrapped).token_shape[0] for one in batches)
 
 
+class RolloutOfScenarios(RolloutBuffer):
+    """A rollout in several scenarios, the advantages of each in units of their own standard deviation.
+
+    Otherwise those of the scenario whose rewards vary most, by a rare loss, would leave the others unheard.
+
+    Args:
+        args: Arguments of `RolloutBuffer`.
+        scenarios: Their number; each has as many environments, one after another.
+        kwargs: Arguments of `RolloutBuffer`.
+    """
+
+    def __init__(self, *args: Any, scenarios: int, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.scenarios = scenarios
+
+    def compute_returns_and_advantage(self, last_values: torch.Tensor, dones: np.ndarray) -> None:
+        """As `RolloutBuffer`; then of each scenario the advantages have the mean 0 and the standard deviation 1."""
+        super().compute_returns_and_advantage(last_values, dones)
+        of_scenario = self.advantages.reshape(len(self.advantages), self.scenarios, -1)
+        of_scenario -= of_scenario.mean(axis=(0, 2), keepdims=True)
+        of_scenario /= of_scenario.std(axis=(0, 2), keepdims=True) + 1e-8
+
+
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
     """A new learner. PPO's rollout is one episode of every environment."""
     steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
     rollout = {"n_steps": steps, "batch_size": max(2, steps * env.num_envs // 5), "gae_lambda": 0.95}
+    if several:
+        buffer = {"scenarios": len(recipe.scenarios)}
+        rollout |= {"rollout_buffer_class": RolloutOfScenarios, "rollout_buffer_kwargs": buffer}
     own: dict[str, dict[str, Any]] = {
         "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs, "target_kl": recipe.target_kl},
         "a2c": entropy,

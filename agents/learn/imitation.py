@@ -16,7 +16,7 @@ TEACHER_ROUNDS = 4  # in which a falling share of the decisions is the teacher's
 UPDATES, LAST_UPDATES = 60, 1600  # of the network, after each round and after the last
 BATCH = 1024  # decisions of an update
 RATES = (1e-3, 1e-4)  # learning rate, of the first round and of the last
-VALUE_WEIGHT = 0.01  # of the squared error of the value, in the loss
+VALUE_WEIGHT = 0.25  # of the squared error of the value, in the loss
 LARGEST_GRADIENT = 0.5
 
 

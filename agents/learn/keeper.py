@@ -28,7 +28,8 @@ class Keeper(BaseCallback):
 
     Every `period` decisions, and at the end, the deterministic policy plays an episode in each of the held-out
     ``rooms`` of each scenario. The mean return, in the reward's own unit and at least `FLOOR` a room, chooses the
-    weights; of several scenarios, each mean is divided by the number of estimated dimensions, relative to `paper`.
+    weights; what a lost run forfeits counts as in training. Of several scenarios, each mean is divided by the number
+    of estimated dimensions, relative to `paper`.
     """
 
     def __init__(self, args: Args, learner: Any, rooms: Mapping[str, VecEnv]) -> None:
@@ -114,18 +115,21 @@ class Keeper(BaseCallback):
     def _visit(self) -> None:
         """Play the held-out rooms, and keep the weights if they are the best so far."""
         lost: list[bool] = []
+        forfeits: list[float] = []
 
         def note(locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
-            lost.extend([locals_["info"]["lost"]] if locals_["done"] else [])
+            if locals_["done"]:
+                lost.append(locals_["info"]["lost"])
+                forfeits.append(locals_["info"]["reward_terms"]["forfeit"])
 
-        self.visited, means = self.num_timesteps, {}
+        self.visited, means, again = self.num_timesteps, {}, self.args.forfeit_weight - 1.0
         for name, batch in self.rooms.items():
             rooms = batch.num_envs
             self.bar.set_description_str(f"{rooms} held-out rooms")
             batch.seed(held_out_seed(name))
             returns, _ = evaluate_policy(self.model, batch, rooms, callback=note, return_episode_rewards=True)
             self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
-            means[name] = float(np.maximum(returns, FLOOR).mean())
+            means[name] = float(np.mean(np.maximum(returns, FLOOR) + again * np.array(forfeits[-rooms:])))
         several = len(means) > 1
         units = [dimensions(name) / dimensions("paper") if several else 1.0 for name in means]
         found = float(np.mean(np.array(list(means.values())) / units))

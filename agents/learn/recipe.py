@@ -53,7 +53,7 @@ class Recipe:
     """Seed of the rooms and the learner; 2 was the best of 0 to 4 in the rooms for validation of `paper`."""
     gamma: float = 0.98
     """Discount per decision."""
-    learning_rate: float = 1e-3
+    learning_rate: float = 7e-4
     """First learning rate; it falls linearly to a twentieth."""
     entropy_bonus: float = 0.0
     """Weight of the policy's own entropy (PPO, A2C); without a warm start 0.002 explores longer."""
@@ -61,12 +61,15 @@ class Recipe:
     """How often a rollout is learned from, in 5 minibatches each time (PPO),"""
     target_kl: float = 0.02
     """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
-    reward_scale: float = 0.05
-    """Constant factor of the reward, which is not normalised: that would clip the failure penalty. Of several scenarios
-    the rewards are divided by the number of estimated dimensions, relative to that of `paper`."""
-    reward_clip: float = 600.0
-    """Most that one decision may gain or lose in training, in the reward's unit: above the failure penalty, below the
-    thousands of bits of log_score that a rare gross error costs. Held-out rooms are judged without it."""
+    reward_scale: float = 0.01
+    """Constant factor of the reward, which is not normalised: that would clip what a lost run forfeits. Of several
+    scenarios the rewards are divided by the number of estimated dimensions, relative to that of `paper`."""
+    reward_clip: float = 150.0
+    """Most that one decision may gain or lose in training, in the reward's unit, beside what a lost run forfeits: a
+    rare gross error costs thousands of bits of log_score. Held-out rooms are judged without it."""
+    forfeit_weight: float = 2.0
+    """How often that which a lost run forfeits counts, in training and in the choice of the weights: users mind a lost
+    run more than its bits."""
     width: int = 64
     """Units of each layer."""
 
@@ -84,7 +87,7 @@ class Recipe:
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
         within(self, warm_start=(0.0, 0.99))
-        positive(self, "learning_rate", "reward_scale", "reward_clip", "target_kl")
+        positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13), epochs=(1, 1000))
         within(self, imitated_steps=(1, 2**40))

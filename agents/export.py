@@ -13,8 +13,8 @@ from agents.tools.files import json_text, writable_file
 
 @dataclass(frozen=True)
 class Args:
-    """Write learned weights as a .zip for `PPO.load` (or A2C, DQN), to be trained on or used with SB3's own tools; or
-    as an .onnx file, the network alone, for programs without PyTorch."""
+    """Write learned weights as a .zip for `PPO.load` (or A2C, DQN, SAC), to be trained on or used with SB3's own tools;
+    or as an .onnx file, the network alone, for programs without PyTorch."""
 
     policy: str = "ppo"
     """Shipped weights by their name, or a file of weights (policy.npz)."""
@@ -37,7 +37,8 @@ def main(args: Args) -> int:
     learner, period = learner_of(weights, card), card["decision_period"]
     if args.out.suffix == ".onnx":
         size = write_onnx(learner.policy, card, args.out)
-        print(f"Written to {args.out}: `input` (B, {size}) every {period} s; the greatest output is the action")
+        told = "the output" if card["algorithm"] == "sac" else "the greatest output"
+        print(f"Written to {args.out}: `input` (B, {size}) every {period} s; {told} is the action")
         return 0
     with written_whole(args.out) as unfinished:
         learner.save(unfinished)
@@ -61,7 +62,7 @@ def write_onnx(network: Any, card: dict[str, Any], out: Path) -> int:
     except ImportError as error:
         raise ValueError(f"out: {str(out)!r} needs the extra `onnx` ({error}); allowed: a .zip") from error
     example = torch.zeros(2, *network.observation_space.shape)
-    names = ["value"] if card["algorithm"] == "dqn" else ["motion", "gaze"]
+    names = {"dqn": ["value"], "sac": ["action"]}.get(card["algorithm"], ["motion", "gaze"])
     batch = {"observations": {0: torch.export.Dim("batch")}}
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)  # of what is not needed and not there
     with warnings.catch_warnings():

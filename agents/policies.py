@@ -58,6 +58,14 @@ def learned(name: str, env: Environment, folder: Path) -> Predictor:
     return LearnedPolicy(env, *read(name, folder))
 
 
+def acts_in_points(name: str) -> bool:
+    """Whether a policy has continuous actions: weights of SAC."""
+    from agents.learn.card import read_card
+
+    path = pretrained.path_of(name)
+    return path is not None and read_card(path)["algorithm"] == "sac"
+
+
 def content(name: str) -> str:
     """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports, and
     all weights shipped, which it may load."""

@@ -1,7 +1,7 @@
 """The batch environment as Stable-Baselines3 takes it: a `VecEnv`."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -9,8 +9,15 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-from activeslam_gym import ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
+from activeslam_gym import ActiveSLAMContinuousVectorEnv, ActiveSLAMDiscreteVectorEnv, ActiveSLAMVectorEnv
 from activeslam_gym.envs.episode import info_at
+
+Actions = Literal["pairs", "indices", "points"]
+BATCHES: dict[Actions, type[ActiveSLAMVectorEnv]] = {
+    "pairs": ActiveSLAMVectorEnv,
+    "indices": ActiveSLAMDiscreteVectorEnv,
+    "points": ActiveSLAMContinuousVectorEnv,
+}
 
 
 class ActiveSLAMVecEnv(VecEnv):
@@ -26,16 +33,15 @@ class ActiveSLAMVecEnv(VecEnv):
 
     Args:
         num_envs: Environments in the batch.
-        discrete: Take one integer for an action, index = 3 motion + gaze.
+        actions: A motion and a gaze, one index = 3 motion + gaze, or the four numbers of ``ActiveSLAMContinuous-v0``.
         kwargs: Arguments of `ActiveSLAMVectorEnv`.
 
     Raises:
         ValueError: a bad argument; the message names it, its value and what is allowed.
     """
 
-    def __init__(self, num_envs: int, discrete: bool = False, **kwargs: Any) -> None:
-        batch = ActiveSLAMDiscreteVectorEnv if discrete else ActiveSLAMVectorEnv
-        self.env = batch(num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
+    def __init__(self, num_envs: int, actions: Actions = "pairs", **kwargs: Any) -> None:
+        self.env = BATCHES[actions](num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
         self._actions: np.ndarray | None = None
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
 
@@ -53,7 +59,7 @@ class ActiveSLAMVecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (B, 2), or (B,) if discrete, for `step_wait`."""
+        """Take the actions, (B, 2) if they are pairs, for `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> VecEnvStepReturn:

@@ -19,7 +19,7 @@ from activeslam_gym.evaluation.store import Arrays
 from agents import policies
 from agents.places import Placed
 
-ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
+ENVIRONMENT, CONTINUOUS, IMAGES = "ActiveSLAM-v0", "ActiveSLAMContinuous-v0", "ActiveSLAMPixels-v0"
 SAMPLE_PERIOD = 1.0  # between the samples of an episode that is not kept whole [s]
 
 
@@ -85,7 +85,7 @@ def play_until_interrupted(
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     """Play tasks of one group, several as a batch."""
     first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
-    env = make_environment(json.loads(first.settings), len(tasks))
+    env = make_environment(json.loads(first.settings), len(tasks), policies.acts_in_points(first.policy))
     looks = [[one.look for one in of_task] for of_task in measures]
     period = 0.0 if first.whole or any(one.whole for one in first.measures) else SAMPLE_PERIOD
     episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, looks, period)
@@ -103,8 +103,10 @@ def file_name(policy: str) -> str:
     return plain if plain == policy else f"{plain}-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
 
 
-def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
+def make_environment(arguments: dict[str, Any], count: int = 1, points: bool = False) -> Any:
     """The environment of every study, or a batch of ``count``. A lost run goes on, or its score would stop there.
+
+    ``points``: with continuous actions, which there are none of on images.
 
     Beside its own arguments: ``expected``, a name in `places.PLACES`, where the expected landmarks stand.
     """
@@ -112,6 +114,7 @@ def make_environment(arguments: dict[str, Any], count: int = 1) -> Any:
     place, scenario = given.pop("expected", None), given.get("scenario")
     fields = scenario if isinstance(scenario, dict) else {"name": scenario}
     name = IMAGES if fields.get("name") in IMAGE_SCENARIOS and fields.get("sensor") != "corners" else ENVIRONMENT
+    name = CONTINUOUS if points and name == ENVIRONMENT else name
     if count > 1:
         if place:
             raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")

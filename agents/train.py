@@ -1,4 +1,4 @@
-"""`python -m agents train`: PPO, A2C or DQN from Stable-Baselines3 on the native batch."""
+"""`python -m agents train`: PPO, A2C, DQN or SAC from Stable-Baselines3 on the native batch."""
 
 import json
 from contextlib import ExitStack, closing

@@ -115,6 +115,6 @@ def test_ppo_learns_on_it_normalised_and_dqn_on_the_discrete_variant() -> None:
     assert model.num_timesteps == 128 and len(model.ep_info_buffer) == 16
     assert any((old != new).any() for old, new in zip(before, model.policy.parameters(), strict=True))
     env.close()
-    discrete = ActiveSLAMVecEnv(2, discrete=True, gaze_period=0.5, duration=2.0)
+    discrete = ActiveSLAMVecEnv(2, "indices", gaze_period=0.5, duration=2.0)
     model = DQN("MlpPolicy", discrete, learning_starts=8, buffer_size=100, batch_size=8, device="cpu")
     assert model.learn(40).num_timesteps == 40

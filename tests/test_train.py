@@ -29,7 +29,7 @@ pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO  # noqa: E402
 
-from agents import policies, pretrained  # noqa: E402
+from agents import policies, pretrained, task  # noqa: E402
 from agents.__main__ import main  # noqa: E402
 from agents.learn import algorithms  # noqa: E402
 from agents.learn.algorithms import save_learner  # noqa: E402
@@ -227,11 +227,24 @@ def test_a_policy_of_one_scenario_acts_in_another_whether_there_are_range_finder
     np.testing.assert_array_equal(here.predict(observation)[0], there.predict(without)[0])
 
 
-@pytest.mark.parametrize("algorithm", ["dqn", "a2c"])
-def test_dqn_learns_on_the_discrete_actions_and_a2c_on_the_pairs(tmp_path: Path, algorithm: Any) -> None:
-    train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **SMALL))
-    env = gym.make("ActiveSLAM-v0")
-    acts(env, agents.load("policy", env, tmp_path))
+@pytest.mark.parametrize("algorithm", ["dqn", "a2c", "sac"])
+def test_every_algorithm_has_its_actions_and_acts_on_all(tmp_path: Path, algorithm: Any) -> None:
+    train(Args(out=tmp_path, algorithm=algorithm, total_steps=40, **(SMALL | {"unseen_rooms": 1})))
+    for name in ("ActiveSLAM", "ActiveSLAMDiscrete", "ActiveSLAMContinuous"):
+        env = gym.make(f"{name}-v0")
+        acts(env, agents.load("policy", env, tmp_path))
+    assert task.run_policy(str(tmp_path / "policy.npz"), task.make_environment({"duration": 1.0}), [3])[0].seed == 3
+    points = policies.acts_in_points(str(tmp_path / "policy.npz"))
+    assert points == (algorithm == "sac") and not policies.acts_in_points("ppo") and not policies.acts_in_points("stay")
+
+
+def test_a_training_of_sac_goes_on_with_its_temperature(tmp_path: Path) -> None:
+    train(Args(out=tmp_path, algorithm="sac", total_steps=400, **SMALL))
+    recipe = Recipe(algorithm="sac", **{name: SMALL[name] for name in SMALL if hasattr(Recipe, name)})
+    env = algorithms.make_training(recipe)
+    again = algorithms.learner_in(recipe, env, tmp_path / "checkpoint.zip", None)
+    assert again.log_ent_coef.item() != algorithms.make_learner(recipe, env, None).log_ent_coef.item()
+    env.close()
 
 
 def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -353,7 +366,7 @@ def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tm
     env, card, diverged = gym.make("ActiveSLAM-v0"), read_card(trained / "policy.npz"), "diverged"
     shutil.copy(trained / "policy.npz", tmp_path / "bad.npz")
     bad = {
-        "algorithm": ("sac", "'sac'; allowed"),
+        "algorithm": ("td3", "'td3'; allowed"),
         "width": (None, "TypeError"),
         "decision_period": ("often", "convert"),
     }

@@ -11,7 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import torch
-from stable_baselines3 import A2C, DQN, PPO
+from stable_baselines3 import A2C, DQN, PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.save_util import load_from_zip_file
@@ -24,16 +24,18 @@ from activeslam_gym.motion import CAMERA_DIM
 from agents.learn.recipe import Recipe, trained_scenario
 from agents.learn.several import SeveralScenarios
 from agents.learn.weights import policy_arguments, require_finite
-from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
+from agents.sb3_vec_env import Actions, ActiveSLAMVecEnv, ScaledReward
 from agents.tools.files import reading
 from baselines.sequences import best_sequence
 
-REPLAY_STEPS = 100_000  # length of DQN's replay buffer: some hundreds of megabytes of observations
+REPLAY_STEPS = 100_000  # length of the replay buffer of DQN and SAC: some hundreds of megabytes of observations
 COUNTS = {"num_timesteps": int, "_n_updates": int, "_episode_num": int, "seconds": float}
 """Plain numbers of a learner in a checkpoint, beside its tensors."""
 LAST_RATE = 0.05  # the learning rate's last value, relative to its first
 
-CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN}
+CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "a2c": A2C, "dqn": DQN, "sac": SAC}
+
+ACTIONS: dict[str, Actions] = {"dqn": "indices", "sac": "points"}  # of the others: pairs
 
 
 def training_seed(recipe: Recipe) -> int:
@@ -75,7 +77,7 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: in
         scale *= dimensions("paper") / dimensions(name)
     times = {"duration": recipe.duration, "gaze_period": recipe.decision_period}
     task: dict[str, Any] = {"scenario": scenario, "reward": recipe.reward, "num_threads": threads, **times}
-    env = ActiveSLAMVecEnv(num_envs, discrete=recipe.algorithm == "dqn", **task)
+    env = ActiveSLAMVecEnv(num_envs, ACTIONS.get(recipe.algorithm, "pairs"), **task)
     env.seed(seed)
     return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.forfeit_weight)
 
@@ -119,6 +121,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs, "target_kl": recipe.target_kl},
         "a2c": entropy,
         "dqn": {"buffer_size": REPLAY_STEPS},
+        "sac": {"buffer_size": REPLAY_STEPS},
     }
     learner = CLASSES[recipe.algorithm](
         "MlpPolicy",
@@ -131,7 +134,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         device="cpu",
         **own[recipe.algorithm],
     )
-    if recipe.warm_start and recipe.algorithm != "dqn" and not several:
+    if recipe.warm_start and recipe.algorithm not in ACTIONS and not several:
         _prefer(learner, best_sequence(env.unwrapped).longest(), recipe.warm_start)
     return learner
 
@@ -175,10 +178,12 @@ def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path) -> Any
     with reading(checkpoint), ZipFile(checkpoint) as archive:
         kept = json.loads(archive.read("data"))
         try:
-            _, parameters, _ = load_from_zip_file(checkpoint, load_data=False, device="cpu")
+            _, parameters, variables = load_from_zip_file(checkpoint, load_data=False, device="cpu")
         except UnpicklingError as error:
             raise ValueError("it holds more than tensors and numbers, which could run code; remove it") from error
         learner.set_parameters(parameters, device="cpu")
+        for name, value in (variables or {}).items():
+            getattr(learner, name).data = value.data
         for name, kind in COUNTS.items():
             setattr(learner, name, kind(kept.get(name, 0)))
     env.seed(training_seed(recipe) + learner.num_timesteps)

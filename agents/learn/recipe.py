@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, Scenario, scenario_from, whole_multiple
 from agents.tools.arguments import positive, within
 
-Algorithm = Literal["ppo", "a2c", "dqn"]
+Algorithm = Literal["ppo", "a2c", "dqn", "sac"]
 CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"  # files of a training
 EVERY = "all"
 REPLICATIONS = ("paper-literal", "paper-2006")
@@ -27,7 +27,7 @@ class Recipe:
     """The arguments that decide what is learned."""
 
     algorithm: Algorithm = "ppo"
-    """Learner of Stable-Baselines3; DQN learns on the 21 joint actions."""
+    """Learner of Stable-Baselines3; DQN learns on the 21 joint actions, SAC on the continuous ones."""
     reward: str = "entropy"
     """Reward of the environment."""
     scenario: str = "paper"
@@ -93,7 +93,7 @@ class Recipe:
         within(self, imitated_steps=(1, 2**40))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
-        if self.teachers and (self.algorithm == "dqn" or self.teacher_of.keys() != set(self.scenarios)):
+        if self.teachers and (self.algorithm in ("dqn", "sac") or self.teacher_of.keys() != set(self.scenarios)):
             given, allowed = " ".join(self.teachers), f"scenario=policy for each of {', '.join(self.scenarios)}"
             raise ValueError(f"teachers: {given!r} for {self.algorithm}; allowed: ppo or a2c, and {allowed}")
         if self.algorithm not in ALGORITHMS:

@@ -14,10 +14,12 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.dqn.policies import DQNPolicy
+from stable_baselines3.sac.policies import SACPolicy
 
 from activeslam_gym import Gaze, Motion, ObservationLayout, core_of, observation_layout
 from activeslam_gym.config import whole_multiple
 from activeslam_gym.files import written_whole
+from activeslam_gym.motion import COMMANDS, nearest_gaze, nearest_motion
 from agents import pretrained
 from agents.learn.card import CARD, read_card
 from agents.learn.encoder import SetEncoder
@@ -90,20 +92,21 @@ class LearnedPolicy:
         first = weights.get("features_extractor.globals.0.weight")
         self._inputs = Inputs(observation_layout(env), None if first is None else first.shape[1])
         self._actor = _actor(self._inputs.layout, weights, card)
-        space = getattr(self._env, "single_action_space", self._env.action_space)
-        self._is_discrete = isinstance(space, spaces.Discrete)
+        self._space = getattr(self._env, "single_action_space", self._env.action_space)
 
     def predict(
         self, observation: np.ndarray, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """(D,) -> (2,), (B, D) -> (B, 2), or indices on the discrete id; ``state`` holds the last decisions (B, 2)."""
+        """(D,) -> (2,), (B, D) -> (B, 2), or the actions of the discrete and the continuous id; ``state`` holds the
+        last decisions (B, 2), points (B, 4) of SAC on the continuous id."""
         observations = np.atleast_2d(observation)
         step = np.round(np.atleast_1d(self._env.time) / self._env.gaze_period).astype(int)
         due = np.full(len(observations), True) if state is None else np.broadcast_to(step % self._hold == 0, len(state))
         if due.any():
-            state = np.zeros((len(observations), 2), dtype=np.int64) if state is None else state.copy()
-            state[due] = self._decide(self._read(observations, due), deterministic)
-        actions = len(Gaze) * state[:, 0] + state[:, 1] if self._is_discrete else state
+            decided = self._decide(self._read(observations, due), deterministic)
+            state = np.zeros((len(observations), decided.shape[1]), decided.dtype) if state is None else state.copy()
+            state[due] = decided
+        actions = self._encoded(state)
         return (actions[0] if np.ndim(observation) == 1 else actions.copy()), state
 
     def probabilities(self, observations: np.ndarray) -> list[np.ndarray]:
@@ -113,7 +116,7 @@ class LearnedPolicy:
             return [part.softmax(dim=1).numpy() for part in logits]
 
     def decisions(self, observations: np.ndarray, context: np.ndarray) -> np.ndarray:
-        """(B, D) of runs of the environment's scenario, and their context (B, C) -> the preferred actions (B, 2)."""
+        """(B, D) of runs of the environment's scenario, and their context (B, C) -> the preferred actions."""
         return self._decide(self._inputs(observations, context), True)
 
     def _read(self, observations: np.ndarray, chosen: np.ndarray) -> np.ndarray:
@@ -122,14 +125,27 @@ class LearnedPolicy:
         return self._inputs(observations[chosen], context[chosen])
 
     def _decide(self, inputs: np.ndarray, deterministic: bool) -> np.ndarray:
-        """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities."""
+        """Motions and gazes (B, 2): the preferred ones, or drawn by the policy's own probabilities. Of SAC its mean,
+        where the environment takes points (B, 4), or else the nearest pair."""
         with torch.inference_mode(), _one_thread():
             logits = self._actor(torch.as_tensor(inputs))
+            if self.card["algorithm"] == "sac":
+                points = logits[0].numpy()
+                pairs = [(nearest_motion(point), nearest_gaze(point[3])) for point in points]
+                return points if isinstance(self._space, spaces.Box) else np.array(pairs, np.int64)
             if deterministic or len(logits) == 1:  # values are no probabilities
                 parts = [part.argmax(dim=1).numpy() for part in logits]
             else:
                 parts = [torch.multinomial(part.softmax(dim=1), 1)[:, 0].numpy() for part in logits]
         return np.stack(parts if len(parts) == 2 else np.divmod(parts[0], len(Gaze)), axis=1)
+
+    def _encoded(self, decided: np.ndarray) -> np.ndarray:
+        """Decisions, pairs or points, as actions of the environment."""
+        if isinstance(self._space, spaces.Discrete):
+            return len(Gaze) * decided[:, 0] + decided[:, 1]
+        if isinstance(self._space, spaces.Box) and decided.shape[1] == 2:
+            return COMMANDS[decided[:, 0], decided[:, 1]].astype(np.float32)
+        return decided
 
 
 @contextmanager
@@ -152,9 +168,12 @@ class Actor(torch.nn.Module):
         self.network = network
 
     def forward(self, observations: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """(B, D) -> preferences of motions (B, 7) and gazes (B, 3); of DQN the values of the joint actions (B, 21)."""
+        """(B, D) -> preferences of motions (B, 7) and gazes (B, 3); of DQN the values of the joint actions (B, 21), of
+        SAC the action (B, 4)."""
         if isinstance(self.network, DQNPolicy):
             return (self.network.q_net(observations),)
+        if isinstance(self.network, SACPolicy):
+            return (self.network.actor(observations, deterministic=True),)
         latent = self.network.mlp_extractor.forward_actor(self.network.extract_features(observations))
         return self.network.action_net(latent).split((len(Motion), len(Gaze)), dim=1)
 
@@ -170,6 +189,8 @@ def _actor(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict
     network: BasePolicy
     if card["algorithm"] == "dqn":
         network = DQNPolicy(space, spaces.Discrete(len(Motion) * len(Gaze)), lambda _: 0.0, **arguments)
+    elif card["algorithm"] == "sac":
+        network = SACPolicy(space, spaces.Box(-1.0, 1.0, (4,), np.float32), lambda _: 0.0, **arguments)
     else:
         network = ActorCriticPolicy(space, spaces.MultiDiscrete([len(Motion), len(Gaze)]), lambda _: 0.0, **arguments)
     try:

@@ -21,19 +21,29 @@ demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: 
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, both initialisers (minutes): results/consistency
-	$(RUN) -m agents consistency --episodes 100 --seed 2000000 --out results/consistency --report docs/consistency_report.md
+	$(RUN) -m agents consistency --episodes $(or $(EPISODES),100) --seed 2000000 --out results/consistency --report docs/consistency_report.md
 
-results: $(VENV)/.agents ## RESULTS.md: every policy in 200 episodes, and generalisation (15 minutes or more)
-	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes 200 --out results/compare --report RESULTS.md README.md --resume
-	$(RUN) -m agents generalise --episodes 20 --report RESULTS.md
+# SUITE: of which the leaderboard is. EPISODES: so many of everything, to try it in minutes (the pages then say so).
+SUITE    := development
+ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus generalist
+ENTERED  := --suite $(SUITE) --out results/entries $(if $(EPISODES),--episodes $(EPISODES))
+
+results: $(VENV)/.agents $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
+	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md README.md --resume
+	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
+	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(ENTERED) || exit 1; done
+	$(RUN) -m agents leaderboard --suite $(SUITE) --entries results/entries --report docs/leaderboard.md
+	$(RUN) -m agents bounds --episodes $(or $(EPISODES),20) --report docs/BOUNDS.md
+	$(MAKE) consistency figures bench
+	$(RUN) -m agents check-results
 
 check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR and this manifest? (before a release)
 	$(RUN) -m agents check-results
 
-LIVE := -m agents live --rooms 50 20 --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
+LIVE := -m agents live --rooms $(if $(EPISODES),$(EPISODES) $(EPISODES),50 20) --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 
 figures: $(VENV)/.advice ## the paper's study over 100 episodes, and the live system's (half an hour or more): results/figures, of which docs/ holds a copy
-	$(RUN) -m agents study --episodes 100 --choice-episodes 50 --seed 1000000 --out results/figures
+	$(RUN) -m agents study --episodes $(or $(EPISODES),100) --choice-episodes $(or $(EPISODES),50) --seed 1000000 --out results/figures
 	$(RUN) $(LIVE) results/figures/STUDY.md
 
 advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (a quarter of an hour on two cores): results/live

@@ -6,6 +6,7 @@ from typing import Any, Literal
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from scipy.stats import chi2
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
@@ -118,14 +119,24 @@ class ActiveSLAMVecEnv(VecEnv):
 class ScaledReward(VecEnvWrapper):
     """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift.
 
-    What a lost run forfeits (`info["reward_terms"]["forfeit"]`) is not clipped; it counts ``forfeit_weight`` times.
+    What a lost run forfeits (`info["reward_terms"]["forfeit"]`) is not clipped; it counts ``forfeit_weight`` times. A
+    loss is rare, and few episodes have one to learn from. What it costs in the mean is told by the belief in every
+    step: after each, the chance that the run is lost now (`loss_chance`) costs ``risk_weight``.
     """
 
-    def __init__(self, venv: VecEnv, scale: float, clip: float = np.inf, forfeit_weight: float = 1.0) -> None:
+    def __init__(
+        self,
+        venv: VecEnv,
+        scale: float,
+        clip: float = np.inf,
+        forfeit_weight: float = 1.0,
+        risk_weight: float = 0.0,
+    ) -> None:
         super().__init__(venv)
         self.scale = scale
         self.clip = clip
         self.forfeit_weight = forfeit_weight
+        self.risk_weight = risk_weight
 
     def reset(self) -> np.ndarray:
         """As the wrapped environment."""
@@ -137,5 +148,24 @@ class ScaledReward(VecEnvWrapper):
         forfeits = np.zeros_like(rewards)
         for i in np.flatnonzero(dones).tolist():
             forfeits[i] = infos[i]["reward_terms"]["forfeit"]
-        gains = np.clip(rewards - forfeits, -self.clip, self.clip)
-        return observations, self.scale * (gains + self.forfeit_weight * forfeits), dones, infos
+        gains = np.clip(rewards - forfeits, -self.clip, self.clip) + self.forfeit_weight * forfeits
+        if self.risk_weight:
+            gains -= self.risk_weight * np.where(dones, 0.0, self._loss_chances())  # at an end the next run has begun
+        return observations, self.scale * gains, dones, infos
+
+    def _loss_chances(self) -> np.ndarray:
+        """(B,) as the beliefs are now."""
+        env = self.unwrapped
+        covariances = [belief.covariance[:3, :3] for belief in env.belief]
+        return loss_chance(np.stack(covariances), env.lost_position_error).astype(np.float32)
+
+
+def loss_chance(covariance: np.ndarray, limit: float) -> np.ndarray:
+    """The chance of an error of the position over ``limit`` [m], whose ``covariance`` is (..., 3, 3) [m^2].
+
+    The squared error has the mean tr P and the variance 2 tr P^2; a chi-squared variable that is stretched to have the
+    same (Satterthwaite, 1946) stands in for it. Three equal axes make it exact.
+    """
+    trace = np.trace(covariance, axis1=-2, axis2=-1)
+    of_square = np.einsum("...ij,...ji->...", covariance, covariance)
+    return chi2.sf(limit**2 * trace / of_square, trace**2 / of_square)

@@ -117,6 +117,8 @@ class Reads:
         """Time of an episode [s]."""
         self.steps_per_motion = int(task.steps_per_motion)
         """Steps in a motion period."""
+        self.lost_position_error = float(task.lost_position_error)
+        """Error of the position from which on a run is lost [m]."""
         self._runs, self._workers, self._compiled = runs, workers, is_compiled(setting)
         self._registered_reward = int(task.reward) == REGISTERED  # a field of a record is slow to read
         self._end_when_lost = bool(task.end_when_lost)

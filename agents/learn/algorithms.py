@@ -79,7 +79,7 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: in
     task: dict[str, Any] = {"scenario": scenario, "reward": recipe.reward, "num_threads": threads, **times}
     env = ActiveSLAMVecEnv(num_envs, ACTIONS.get(recipe.algorithm, "pairs"), **task)
     env.seed(seed)
-    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.forfeit_weight)
+    return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.forfeit_weight, recipe.risk_weight)
 
 
 def _most_tokens(batches: Iterable[VecEnv]) -> int:

@@ -70,6 +70,9 @@ class Recipe:
     forfeit_weight: float = 2.0
     """How often that which a lost run forfeits counts, in training and in the choice of the weights: users mind a lost
     run more than its bits."""
+    risk_weight: float = 300.0
+    """What the chance to be lost now, as the belief has it, costs after each decision of training, in the reward's
+    unit: there are too few losses to learn from."""
     width: int = 64
     """Units of each layer."""
 
@@ -88,6 +91,7 @@ class Recipe:
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
         within(self, warm_start=(0.0, 0.99))
         positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
+        within(self, risk_weight=(0.0, 1e6))
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
         within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13), epochs=(1, 1000))
         within(self, imitated_steps=(1, 2**40))

@@ -58,6 +58,16 @@ def test_after_a_covered_lens_the_map_is_found_again(images) -> None:
     assert errors(done, POSES[-6:]).max() < 0.02
 
 
+def test_a_loss_ends_with_enough_matches_and_until_then_nothing_is_born(images) -> None:
+    """Those that agree by chance would put new features where the camera is not."""
+    covered = [np.full((240, 320), 7, np.uint8)] * AWAY
+    most = max(log.matched for log in tracked(images[:SEEN] + covered + images[SEEN:]).logs)
+    strict = tracked(images[:SEEN] + covered + images[SEEN:], regained=most + 1)
+    after = strict.logs[SEEN - 1 :]
+    assert max(log.matched for log in after) >= 7, "the map is in sight"
+    assert all(log.lost for log in after) and sum(log.births for log in after[: AWAY + 10]) == 0
+
+
 def test_a_constellation_tells_the_pose_among_outliers() -> None:
     rng, truth = np.random.default_rng(4), POSES[5]
     points = rng.uniform((-0.3, -0.25, -0.2), (0.3, 0.25, 0.1), (9, 3))

@@ -216,7 +216,8 @@ class FrontEnd:
 
     def _suffices(self, matched: int, searched: int) -> bool:
         """Whether so many matches tell the pose."""
-        return matched >= max(self.settings.least_share * searched, 3)
+        s = self.settings
+        return matched >= max(s.least_share * searched, 3 if self._blind < s.lost_after else s.regained)
 
     def _relocalise(self, grey: np.ndarray) -> bool:
         """Seek the map in all of the image, as it looked from one of the remembered views, the newest first; True: the

@@ -68,7 +68,7 @@ class FrontEndSettings:
     least_corner: float = 4e-4  # least corner strength of a birth
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
-    least_depth_spread: float = 0.7  # deviation of that inverse depth, at least so many times its mean
+    least_depth_spread: float = 1.5  # deviation of that inverse depth, at least so many times its mean
     most_vague: int = FEATURES  # so many of unknown depth are a full map, too: they take the filter the most time
     room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
 
@@ -86,6 +86,7 @@ class FrontEndSettings:
     # Recovery
     recover: bool = True  # whether `least_share` is demanded, scouts go first, and a lost map is sought
     lost_after: int = 3  # frames in a row in which next to nothing is found, until the map is sought in the whole image
+    regained: int = 7  # fewer matches do not end that: in the wide ellipses of a lost camera, three agree by chance
     patience: int = 20  # such frames until features are judged and born again in any case
     sought: int = 20  # features that are sought, those with the best record
     constellation: int = 7  # so many must agree with one pose
@@ -110,5 +111,6 @@ SIGHTED = FrontEndSettings(
     grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.001, fiducial_bias_std=0.025,
     feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
+    regained=3,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -104,7 +104,7 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
         if not current:  # its recipe may be of another time
             continue
         recipe = Recipe.of(card)
-        of_its_own = ["reward", "scenario", "seed", "total_steps"]
+        of_its_own = ["reward", "scenario", "seed", "total_steps", "risk_weight"]
         if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/LEARNING.md
             of_its_own += ["warm_start", "entropy_bonus"]
         if recipe.teachers:  # one policy for all scenarios

@@ -12,8 +12,10 @@ from activeslam_gym.slam.sight import THING, Sight  # noqa: E402
 from activeslam_gym.vision.gallery import Gallery  # noqa: E402
 from activeslam_gym.vision.search import FOUND, PEAKS, Findings  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
+from activeslam_gym.vision.target import target_from  # noqa: E402
+from activeslam_gym.vision.track import follow  # noqa: E402
 
-from .vision_scene import CAMERA, image_from, pose_at  # noqa: E402
+from .vision_scene import CAMERA, LENS, image_from, pose_at, target_fields  # noqa: E402
 
 SETTINGS = FrontEndSettings(trials=10, memory=0.9, least_success=0.5, most_residual=1.0, odd_residual=1.0)
 PIXEL, HERE = np.array((160.0, 120.0)), pose_at((0.0, 0.0, 0.7))
@@ -58,6 +60,34 @@ def test_places_are_those_of_the_templates_and_are_used_again(gallery, grey) -> 
     assert gallery.places([7]) == -1 and gallery.features == 1
     gallery.hang(9, grey, PIXEL, HERE, np.zeros(3), 1)
     assert gallery.places([9])[0] == first[2]
+
+
+def test_a_feature_is_proven_after_so_many_matches(gallery) -> None:
+    for frame in range(9):
+        assert gallery.proven([7, 8, -1]).tolist() == [False, False, True]
+        search(gallery, {7}, frame)
+    for frame in (9, 10):  # rounding decides at which of the two
+        search(gallery, {7}, frame)
+    assert gallery.proven([7, 8, -1]).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("target", [True, False])
+def test_new_features_pull_little_until_they_are_proven_where_a_target_is_known(target: bool) -> None:
+    poses = [pose_at((0.005 * k, 0.0, 0.7)) for k in range(20)]
+    frames = [(k / 30.0, image_from(pose, target=target, samples=1)) for k, pose in enumerate(poses)]
+    known = target_from(target_fields(poses[0])) if target else None
+
+    def noise(probation: float) -> np.ndarray:
+        """The median tr R of features in the second image, and of the same in the last."""
+        found: list[np.ndarray] = []
+        settings = FrontEndSettings(probation=probation, lens_std=0.0, residual_weight=0.0)
+        follow(frames, LENS, known, 30.0, settings, watch=lambda end, *_: found.append(end.candidates.copy()))
+        first = found[1]["id"][found[1]["id"] > 0]
+        own = [one[np.isin(one["id"], first)] for one in (found[1], found[-1])]
+        return np.array([np.median(np.trace(one["R"], 0, 1, 2)) for one in own])
+
+    young, old = noise(5.0) / noise(1.0)
+    assert (young > 15.0) == target and old == pytest.approx(1.0, rel=0.5)
 
 
 def test_a_feature_fails_after_so_many_misses_inside_the_image(gallery) -> None:

@@ -296,13 +296,14 @@ class FrontEnd:
         return np.concatenate((self.filter.fiducials, self.filter.positions))[rows]
 
     def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
-        """The findings of the things ``ids`` (v,) as candidates (M,)."""
+        """The findings of the things ``ids`` (v,) as candidates (M,); new features pull little: some follow an edge."""
         s, (row, peak) = self.settings, findings.candidates
         out = np.zeros(row.shape[0], DETECTION)
         id, pixel, R = ids[row], findings.pixel[row, peak], findings.R[row, peak]
         fiducial = id < 0
         if fiducial.any():
             R[fiducial] = self._noise_of_fiducials(-1 - id[fiducial], R[fiducial])
+        R[~self._gallery.proven(id)] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
         astray = s.residual_weight * self._gallery.residuals(id)
         R += (lens**2)[:, None, None] * np.eye(2)

@@ -31,6 +31,7 @@ class Gallery:
         self._camera, self._settings = camera, settings
         self._place: dict[int, int] = {}
         self._tried, self._matched, self._residual = np.zeros(rows), np.zeros(rows), np.zeros((rows, 2))
+        self._enough = (1.0 - settings.memory**settings.trials) / (1.0 - settings.memory)  # record of so many trials
         self._seen, self._tilted_from = np.zeros(rows, np.int64), np.zeros((rows, 3))
         self._strain = np.zeros((rows, 3, 4))  # mean of late, of long, and mean square of their difference
 
@@ -133,11 +134,15 @@ class Gallery:
         places = self.places(ids)
         return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
 
+    def proven(self, ids: Iterable[int]) -> np.ndarray:
+        """(m,) which of ``ids`` (m,) were matched in as many images as it takes to judge a feature; the target is."""
+        places = self.places(ids)
+        return (self.templates.id[places] < 0) | (self._matched[places] >= self._enough)
+
     def failed(self) -> list[int]:
         """The features that were searched often and found seldom, or not where they should be."""
         s = self._settings
-        enough = (1.0 - s.memory**s.trials) / (1.0 - s.memory)
-        seldom = (self._tried >= enough) & (self._matched < s.least_success * self._tried)
+        seldom = (self._tried >= self._enough) & (self._matched < s.least_success * self._tried)
         residual, own = np.hypot(*self._residual.T), self.templates.id > 0
         searched = own & (self._tried > 0.0)
         typical = float(np.median(residual[searched])) if searched.any() else 0.0

@@ -53,6 +53,7 @@ class FrontEndSettings:
     fiducial_blur: float = 0.01  # its deviation for each pixel a second that it moves: blur shifts a corner [s]
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
     feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
+    probation: float = 5.0  # of a feature that is not yet judged the deviation is so many times larger; with a target
     lens_std: float = 0.5  # error of the lens model at half the image's width, growing with the radius squared [px]
     drift: float = 0.0  # deviation by which a feature's pixel wanders while its view changes by a radian [px]
     residual_weight: float = 3.0  # deviation of a feature's pixel for each pixel of its mean residual
@@ -111,6 +112,6 @@ SIGHTED = FrontEndSettings(
     grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.001, fiducial_bias_std=0.025,
     feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
-    regained=3,
+    probation=1.0, regained=3,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -70,7 +70,7 @@ class Recipe:
     forfeit_weight: float = 2.0
     """How often that which a lost run forfeits counts, in training and in the choice of the weights: users mind a lost
     run more than its bits."""
-    risk_weight: float = 300.0
+    risk_weight: float = 1500.0
     """What the chance to be lost now, as the belief has it, costs after each decision of training, in the reward's
     unit: there are too few losses to learn from."""
     width: int = 64

@@ -60,10 +60,11 @@ def learned(name: str, env: Environment, folder: Path) -> Predictor:
 
 def acts_in_points(name: str) -> bool:
     """Whether a policy has continuous actions: weights of SAC."""
+    if (path := pretrained.path_of(name)) is None:
+        return False
     from agents.learn.card import read_card
 
-    path = pretrained.path_of(name)
-    return path is not None and read_card(path)["algorithm"] == "sac"
+    return bool(read_card(path)["algorithm"] == "sac")
 
 
 def content(name: str) -> str:

@@ -153,7 +153,7 @@ def test_a_mistake_is_told_in_a_line_before_any_work(row: Any, folder: Path, cap
     assert sorted(folder.rglob("*")) == before
 
 
-ZERO = ("seed", "warm_start", "entropy_bonus", "unseen_rooms")
+ZERO = ("seed", "warm_start", "entropy_bonus", "risk_weight", "unseen_rooms")
 """Numbers that may be zero."""
 
 

@@ -5,7 +5,6 @@ from functools import partial
 
 from activeslam_gym.envs.imagination import Hindsight
 from agents import pretrained
-from agents.learn.weights import LearnedPolicy, read
 from baselines.policy import Environment
 from baselines.rollout import Rollout
 
@@ -22,6 +21,8 @@ class Clairvoyant(Rollout):
 
 def planner(env: Environment, budget: int, kind: type[Rollout] = Rollout) -> Rollout:
     """A planner that improves `BASE`, bound to ``env``."""
+    from agents.learn.weights import LearnedPolicy, read
+
     return kind(env, budget, LearnedPolicy(env, *read(BASE, pretrained.FOLDER)).decisions, threads=1)
 
 

@@ -37,8 +37,8 @@ def main(args: Args) -> int:
     learner, period = learner_of(weights, card), card["decision_period"]
     if args.out.suffix == ".onnx":
         size = write_onnx(learner.policy, card, args.out)
-        told = "the output" if card["algorithm"] == "sac" else "the greatest output"
-        print(f"Written to {args.out}: `input` (B, {size}) every {period} s; {told} is the action")
+        action = "the output" if card["algorithm"] == "sac" else "the greatest output"
+        print(f"Written to {args.out}: `input` (B, {size}) every {period} s; {action} is the action")
         return 0
     with written_whole(args.out) as unfinished:
         learner.save(unfinished)

@@ -42,6 +42,8 @@ class ActiveSLAMVecEnv(VecEnv):
     """
 
     def __init__(self, num_envs: int, actions: Actions = "pairs", **kwargs: Any) -> None:
+        if actions not in BATCHES:
+            raise ValueError(f"actions: {actions!r}; allowed: {', '.join(BATCHES)}")
         self.env = BATCHES[actions](num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **kwargs)
         self._actions: np.ndarray | None = None
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
@@ -120,8 +122,8 @@ class ScaledReward(VecEnvWrapper):
     """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift.
 
     What a lost run forfeits (`info["reward_terms"]["forfeit"]`) is not clipped; it counts ``forfeit_weight`` times. A
-    loss is rare, and few episodes have one to learn from. What it costs in the mean is told by the belief in every
-    step: after each, the chance that the run is lost now (`loss_chance`) costs ``risk_weight``.
+    loss is rare, and few episodes have one to learn from. The belief gives its probability in every step: after each,
+    the chance that the run is lost now (`loss_chance`) costs ``risk_weight``.
     """
 
     def __init__(

@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormali
 
 import baselines
 from activeslam_gym import observation_layout
-from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward
+from agents.sb3_vec_env import ActiveSLAMVecEnv, ScaledReward, loss_chance
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 
@@ -60,6 +60,30 @@ def test_a_gain_is_clipped_and_what_a_lost_run_forfeits_is_not() -> None:
         np.testing.assert_allclose(found, 0.1 * (gains + 2.0 * forfeits), rtol=1e-5, atol=1e-6)
         clipped, lost = clipped + (gains == 3.0).sum(), lost + (forfeits <= -100.0).sum()
     assert clipped > 0 and lost > 0
+
+
+@pytest.mark.parametrize("std", [(0.2, 0.2, 0.2), (0.3, 0.1, 0.2), (0.4, 0.02, 0.02)])
+def test_the_chance_of_a_loss_is_the_share_of_errors_over_the_limit(std: tuple[float, ...]) -> None:
+    errors = np.random.default_rng(0).normal(size=(100_000, 3)) * std
+    share = (np.linalg.norm(errors, axis=1) > 0.5).mean()
+    assert loss_chance(np.diag(np.square(std)), 0.5) == pytest.approx(share, abs=0.015)
+
+
+def test_a_step_costs_the_chance_of_a_loss() -> None:
+    free, priced = (ScaledReward(ActiveSLAMVecEnv(2, **SHORT), 0.1, risk_weight=weight) for weight in (0.0, 50.0))
+    for env in (free, priced):
+        env.seed(5)
+        env.reset()
+    actions = np.full((2, 2), 1)
+    cost = (free.step(actions)[1] - priced.step(actions)[1]) / (0.1 * 50.0)
+    covariances = np.stack([belief.covariance[:3, :3] for belief in priced.unwrapped.belief])
+    np.testing.assert_allclose(cost, loss_chance(covariances, SHORT["lost_position_error"]), rtol=1e-3, atol=1e-6)
+    assert (cost > 1e-3).all()
+
+
+def test_unknown_actions_are_refused() -> None:
+    with pytest.raises(ValueError, match="actions: 'bogus'; allowed: pairs, indices, points"):
+        ActiveSLAMVecEnv(1, "bogus")  # type: ignore[arg-type]
 
 
 def test_attributes_methods_and_seeds_are_those_of_single_environments() -> None:

@@ -131,8 +131,9 @@ class LearnedPolicy:
             logits = self._actor(torch.as_tensor(inputs))
             if self.card["algorithm"] == "sac":
                 points = logits[0].numpy()
-                pairs = [(nearest_motion(point), nearest_gaze(point[3])) for point in points]
-                return points if isinstance(self._space, spaces.Box) else np.array(pairs, np.int64)
+                if isinstance(self._space, spaces.Box):
+                    return points
+                return np.array([(nearest_motion(point), nearest_gaze(point[3])) for point in points], np.int64)
             if deterministic or len(logits) == 1:  # values are no probabilities
                 parts = [part.argmax(dim=1).numpy() for part in logits]
             else:

@@ -51,14 +51,14 @@ def held_out_seed(scenario: str) -> int:
 def make_training(recipe: Recipe) -> VecEnv:
     """What is trained in: a batch, or one of several scenarios. Its rewards are clipped and scaled, its episodes
     recorded as they are."""
-    seed, threads = training_seed(recipe), None if len(recipe.scenarios) == 1 else 1
-    batches = [_make_batch(recipe, name, recipe.num_envs, seed, threads) for name in recipe.scenarios]
+    threads = None if len(recipe.scenarios) == 1 else 1
+    batches = [_make_batch(recipe, name, recipe.num_envs, threads) for name in recipe.scenarios]
     return batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(batches))
 
 
 def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
     """Of each scenario a batch of ``rooms`` that choose the best weights, observed as those of `make_training`."""
-    batches = {name: _make_batch(recipe, name, rooms, held_out_seed(name)) for name in recipe.scenarios}
+    batches = {name: _make_batch(recipe, name, rooms) for name in recipe.scenarios}
     if len(batches) == 1:
         return dict(batches)
     tokens = _most_tokens(batches.values())
@@ -70,7 +70,7 @@ def dimensions(scenario: str) -> int:
     return CAMERA_DIM + 3 * config.SCENARIOS[scenario].landmark_count
 
 
-def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: int | None = None) -> ScaledReward:
+def _make_batch(recipe: Recipe, name: str, num_envs: int, threads: int | None = None) -> ScaledReward:
     """A batch behind SB3's interface."""
     scenario, scale = trained_scenario(name), recipe.reward_scale
     if len(recipe.scenarios) > 1:
@@ -78,7 +78,6 @@ def _make_batch(recipe: Recipe, name: str, num_envs: int, seed: int, threads: in
     times = {"duration": recipe.duration, "gaze_period": recipe.decision_period}
     task: dict[str, Any] = {"scenario": scenario, "reward": recipe.reward, "num_threads": threads, **times}
     env = ActiveSLAMVecEnv(num_envs, ACTIONS.get(recipe.algorithm, "pairs"), **task)
-    env.seed(seed)
     return ScaledReward(VecMonitor(env), scale, recipe.reward_clip, recipe.forfeit_weight, recipe.risk_weight)
 
 
@@ -111,7 +110,7 @@ class RolloutOfScenarios(RolloutBuffer):
 
 
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
-    """A new learner. PPO's rollout is one episode of every environment."""
+    """A new learner, in the first rooms that are trained in. PPO's rollout is one episode of every environment."""
     steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
     rollout = {"n_steps": steps, "batch_size": max(2, steps * env.num_envs // 5), "gae_lambda": 0.95}
     if several:
@@ -134,6 +133,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         device="cpu",
         **own[recipe.algorithm],
     )
+    env.seed(training_seed(recipe))  # SB3 has set the learner's own
     if recipe.warm_start and recipe.algorithm not in ACTIONS and not several:
         _prefer(learner, best_sequence(env.unwrapped).longest(), recipe.warm_start)
     return learner

@@ -203,6 +203,23 @@ class Filter:
         feature["mean"][RHO] = feature["first"][RHO] = inverse_depth
         self._sight = None
 
+    def share_depths(self, ids: Sequence[int], share: float) -> None:
+        """Of the features ``ids``, of which nothing was measured since their births, a ``share`` of the variance of the
+        inverse depth is common to all: they hang on one wall, and the prior is wrong by as much for each.
+
+        Raises:
+            KeyError: no feature has an id.
+            ValueError: ``share`` is not in [0, 1).
+        """
+        if not 0.0 <= share < 1.0:
+            raise ValueError(f"share must be at least 0 and less than 1, got {share!r}")
+        rows = np.array([self.belief.feature[self._place(id)]["start"] + RHO for id in ids], np.int64)
+        var = self.belief.covariance[rows, rows]
+        common = share * np.sqrt(np.outer(var, var))
+        np.fill_diagonal(common, var)
+        self.belief.covariance[np.ix_(rows, rows)] = common
+        self._sight = None
+
     def delete(self, id: int) -> None:
         """Forget a feature.
 

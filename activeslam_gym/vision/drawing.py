@@ -65,6 +65,31 @@ def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray)
     part[on] = (contrast * seen + black)[on]
 
 
+def as_first_seen(
+    camera: Record, target: Target, first: np.ndarray, fiducials: np.ndarray, pose: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The target from ``pose`` (>= 7,), where little is known of its surroundings: the picture (h, w) float32, NaN
+    beside it, and the pixels (K, 2) of its ``fiducials`` (K, 3). A rectangle's sheet reaches as far beyond the edges as
+    `drawn` demands of the view from ``first`` (>= 7,).
+
+    Raises:
+        ValueError: as `printed_rectangle`.
+    """
+    if isinstance(target, Rectangle):
+        beside = 2.0 * (_BESIDE + _RIM) * np.linalg.norm(first[:3]) / camera.focal
+        return printed_rectangle(camera, target, (target.width + beside, target.height + beside), pose, 0.0)
+    out, picture, pixels = _nothing(camera), printed(target), projected(camera, pose, fiducials)
+    box = _box_around(pixels, _AROUND, out.shape)
+    if min(out[box].shape) > 0:
+        out[box] = _pixel_means(camera, pose, box, _BOARD_RAYS, lambda X: printed_value(target, picture, X))
+    return out, pixels
+
+
+def _nothing(camera: Record) -> np.ndarray:
+    """A picture (h, w) of which nothing is known."""
+    return np.full((int(camera.height), int(camera.width)), np.nan, np.float32)
+
+
 def printed(board: Board) -> np.ndarray:
     """The board as it is printed (h, w) uint8, ``_CELL`` pixels to the pitch, without a margin."""
     return board.pattern.generateImage(np.rint(board.size * _CELL / board.pitch).astype(int).tolist())
@@ -94,7 +119,7 @@ def printed_rectangle(
     if pose[2] < _LEAST_SLANT * np.linalg.norm(pose[:3]):
         raise ValueError("the target is not seen from before it")
     corners = projected(camera, pose, target.fiducials)
-    out = np.full((int(camera.height), int(camera.width)), np.nan, np.float32)
+    out = _nothing(camera)
     box = rows, columns = _box_around(corners, _AROUND, out.shape)
     if min(out[box].shape) < 2:
         return out, corners

@@ -6,7 +6,7 @@ candidates it believes.
 
 import math
 import time
-from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import replace
 from statistics import median
 from typing import NamedTuple
@@ -21,12 +21,13 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.gallery import Gallery
+from activeslam_gym.vision.redrawing import Drawn, Redrawing
 from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
 from activeslam_gym.vision.search import FOUND, UNSEARCHED, Findings, search
 from activeslam_gym.vision.selection import most_telling
 from activeslam_gym.vision.settings import FrontEndSettings
-from activeslam_gym.vision.templates import TEMPLATE_HALF, shows_template
-from activeslam_gym.vision.views import changes_of_view, reduced, speeds, turn_between, view_from
+from activeslam_gym.vision.templates import TEMPLATE_HALF
+from activeslam_gym.vision.views import reduced, speeds, view_from
 
 
 class FrameLog(NamedTuple):
@@ -47,15 +48,13 @@ class FrameLog(NamedTuple):
     milliseconds: float  # of computation
 
 
-Drawn = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From a camera's pose (7,), the picture (h, w) float32 of the target, NaN where it is unknown, and the pixels (K, 2)
-of its fiducials; a ValueError: it is not before the camera."""
-
 MISSED, MATCHED, DOUBTED = 0, 1, 2
 """Outcomes of a search: nothing similar was found; the filter believed the candidate; the filter did not."""
 _LEVER = 0.5 * TEMPLATE_HALF
 """Mean distance of the edges of a corner's template from the corner: so far off is the corner found for each radian by
 which the template is turned against the image [px]."""
+_STEADY = 0.1
+"""Where the rotation is known less well [rad], the filter's linear model of what is unknown to the map fails."""
 _NEAREST = 3.0
 """What is nearer counts as so many times the scenario's inverse depth."""
 
@@ -89,8 +88,7 @@ class FrontEnd:
         self._views: list[np.ndarray] = []
         self._blind = 0  # images in a row without the map
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
-        self._target: tuple[Drawn, np.ndarray] | None = None
-        self._drawn_from: dict[int, np.ndarray] = {}  # the camera's pose (7,) at the last drawing of each fiducial
+        self._target: tuple[Redrawing, np.ndarray] | None = None
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -102,41 +100,23 @@ class FrontEnd:
         for k, corner in enumerate(corners):
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
         self._found = []
-        for _ in range(4):
-            occupied = np.concatenate((corners, *(born["pixel"] for born in self._found)))
-            self._give_births(image, image.astype(np.float32), occupied)
+        self._give_births(image, image.astype(np.float32), corners, 4 * self.settings.births)
 
-    def show(self, target: Drawn, normal: np.ndarray) -> None:
+    def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
-        they are drawn again whenever their view has changed."""
-        self._target, self._drawn_from = (target, normal), {}
+        they are drawn again whenever their view has changed, and now, unless all were ``shown_from`` a pose (7,)."""
+        self._target = Redrawing(target, self.filter.fiducials, self.settings.redrawn, shown_from), normal
 
     def _draw_target(self, sight: Sight) -> None:
         """Draw the fiducials in ``sight`` that were drawn for another view as they should look now; those that are not
         wholly in the image keep their looks. A new drawing is found with a new bias."""
-        pose = self.filter.mean[:7]
-        due = [k for k in (-1 - sight.thing["id"]).tolist() if k >= 0 and self._is_seen_otherwise(k, pose)]
-        if self._target is None or not due:
+        if self._target is None:
             return
-        target, normal = self._target
-        try:
-            picture, pixels = target(pose)
-        except ValueError:
-            return
-        for k in due:
-            if shows_template(picture, pixels[k]):
-                self._gallery.hang(-1 - k, picture, pixels[k], pose, normal, self._frame)
-                self._drawn_from[k] = pose
-                if self.settings.fiducial_bias_std > 0.0:
-                    self.filter.draw_bias(k, self.settings.fiducial_bias_std)
-
-    def _is_seen_otherwise(self, k: int, pose: np.ndarray) -> bool:
-        """Whether fiducial ``k`` was not drawn, or for another view than that from ``pose`` (7,)."""
-        last = self._drawn_from.get(k)
-        if last is None:
-            return True
-        change = changes_of_view(last[None], pose, self.filter.fiducials[k, None])[0]
-        return bool(max(change, turn_between(last[3:], pose[3:])) > self.settings.redrawn)
+        (looks, normal), pose = self._target, self.filter.mean[:7]
+        for k, picture, pixel in looks.due(-1 - sight.thing["id"], pose):
+            self._gallery.hang(-1 - k, picture, pixel, pose, normal, self._frame)
+            if self.settings.fiducial_bias_std > 0.0:
+                self.filter.draw_bias(k, self.settings.fiducial_bias_std)
 
     # A frame ----------------------------------------------------------------------------------------------------------
 
@@ -185,12 +165,15 @@ class FrontEnd:
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         lost = self._blind >= self.settings.lost_after
+        before = deepcopy(self.filter.belief) if lost else self.filter.belief
         placed = lost and self.settings.recover and self._relocalise(grey)
         self._look(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
+        if self.settings.wary and placed and not self._suffices(matched, searched):
+            self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
-        births, deletions = self._learn(clear, image, grey)
+        births, deletions = self._learn(clear, clear or self._sees_nothing_known(searched), image, grey)
         again, metric = placed and self._blind == 0, len(self.filter.fiducials) > 0
         missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
@@ -213,6 +196,11 @@ class FrontEnd:
             self._blind += 1
         enough = matched >= max(s.clear * searched, s.least_clear)
         return bool(enough and (self._blind == 0 or self._blind > s.patience))
+
+    def _sees_nothing_known(self, searched: int) -> bool:
+        """Whether so little of the map was in view, as far as is known, that its misses say nothing."""
+        s = self.settings
+        return s.wary and searched < s.constellation and self._turn_std() < _STEADY
 
     def _suffices(self, matched: int, searched: int) -> bool:
         """Whether so many matches tell the pose."""
@@ -247,7 +235,11 @@ class FrontEnd:
         """
         self._draw_target(self.filter.sight())
         sight, s = self.filter.sight(), self.settings
-        known, scouts = sight.thing["id"].copy(), self._scouts(sight) if s.recover else []
+        known = sight.thing["id"].copy()
+        if s.wary and np.count_nonzero(known < 0) >= 3:
+            self._search(sight, grey, known[known < 0], s.search(scouting=False), s.scout_share)
+            sight, known = self.filter.sight(), known[known >= 0]
+        scouts = self._scouts(sight) if s.recover else []
         if scouts:
             self._search(sight, grey, np.array(scouts), s.search(scouting=True), s.scout_share)
             sight = self.filter.sight()
@@ -282,8 +274,9 @@ class FrontEnd:
         findings = search(view_from(self.camera, mean), model, self._gallery.templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
+        least = max(least, 3 if self.settings.wary and self._blind >= self.settings.lost_after else 1)
         candidates = self._candidates(ids, findings)
-        candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=max(least, 1))
+        candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=least)
         self._gallery.remember_looks(matched, points, mean, findings)
         self._found.append(candidates)
         outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
@@ -314,15 +307,19 @@ class FrontEnd:
 
     def _noise_of_fiducials(self, k: np.ndarray, R: np.ndarray) -> np.ndarray:
         """R (n, 2, 2) of the matched fiducials ``k`` (n,), from that of features."""
-        s, turn = self.settings, np.trace(self.filter.camera_covariance[D_ROTATION, D_ROTATION]) / 3.0
+        s, turn = self.settings, self._turn_std() ** 2
         fit = (s.fiducial_grain / s.grain if s.grain > 0.0 else 0.0) * (R - s.floor_std**2 * np.eye(2))
         blur = s.fiducial_blur * speeds(self.camera, self.filter.mean, self.filter.fiducials[k])
         return fit + (s.fiducial_std**2 + _LEVER**2 * turn + blur**2)[:, None, None] * np.eye(2)
 
+    def _turn_std(self) -> float:
+        """Deviation of the camera's rotation about an axis [rad]."""
+        return math.sqrt(np.trace(self.filter.camera_covariance[D_ROTATION, D_ROTATION]) / 3.0)
+
     # The map ----------------------------------------------------------------------------------------------------------
 
-    def _learn(self, clear: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
-        """Judge the features, and add new ones, if the image is ``clear``: births and deletions."""
+    def _learn(self, clear: bool, fertile: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
+        """Judge the features if the image is ``clear``, and add new ones if it is ``fertile``: births, deletions."""
         sight, searched = self.filter.sight(), self._searched
         points = self._points(sight.thing["row"])
         if clear:
@@ -333,11 +330,11 @@ class FrontEnd:
         failed = {*self._gallery.failed(), *sight.thing["id"][self._gallery.strained(places, change)].tolist()}
         for id in sorted(failed):
             self._forget(id)
-        if not clear:
+        if not fertile:
             return 0, len(failed)
         places = self._gallery.places(sight.thing["id"])
         occupied = sight.thing["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
-        return self._give_births(image, grey, occupied), len(failed)
+        return self._give_births(image, grey, occupied, self.settings.births), len(failed)
 
     def _forget(self, id: int) -> None:
         self._gallery.remove(id)
@@ -360,12 +357,12 @@ class FrontEnd:
         spread = max(math.sqrt(square), self.settings.least_depth_spread * centre)
         self.filter.expected_inverse_depth = centre, spread
 
-    def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray) -> int:
-        """New features where the image has few; when the map is full, or of unknown depths, those not seen for longest
-        make room."""
+    def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray, most: int) -> int:
+        """New features, at the ``most``, where the image has few; when the map is full, or of unknown depths, those not
+        seen for longest make room."""
         s, (h, w), edge = self.settings, image.shape, TEMPLATE_HALF + 2
         in_view = int(np.all((occupied >= edge) & (occupied < (w - edge, h - edge)), axis=1).sum())
-        wanted = min(s.births, s.visible - in_view)
+        wanted = min(most, s.visible - in_view)
         due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
         if wanted <= 0 or not due:
             return 0
@@ -386,6 +383,8 @@ class FrontEnd:
                 born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
         self._found.append(born[:count])
+        if len(self.filter.fiducials) > 0:
+            self.filter.share_depths(born["match"][:count], s.depth_in_common)
         return count
 
 

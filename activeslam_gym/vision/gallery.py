@@ -32,7 +32,8 @@ class Gallery:
         self._place: dict[int, int] = {}
         self._tried, self._matched, self._residual = np.zeros(rows), np.zeros(rows), np.zeros((rows, 2))
         self._enough = (1.0 - settings.memory**settings.trials) / (1.0 - settings.memory)  # record of so many trials
-        self._seen, self._tilted_from = np.zeros(rows, np.int64), np.zeros((rows, 3))
+        self._seen, self._since = np.zeros(rows, np.int64), np.zeros(rows, np.int64)  # last image, and first of a run
+        self._tilted_from = np.zeros((rows, 3))
         self._strain = np.zeros((rows, 3, 4))  # mean of late, of long, and mean square of their difference
 
     @property
@@ -50,7 +51,7 @@ class Gallery:
             self._place[id] = place = int(np.flatnonzero(self.templates.id == 0)[0])
             for record in (self._tried, self._matched, self._residual, self._strain):
                 record[place] = 0.0
-            self._seen[place] = frame
+            self._seen[place] = self._since[place] = frame
         self._tilted_from[self._place[id]] = camera[:3]
         view, slope_std = view_from(self._camera, camera), self._settings.slope_std
         store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal, slope_std)
@@ -77,6 +78,8 @@ class Gallery:
         """Remember of the searched ``ids`` (m,) which were ``matched`` (m,); a miss counts where the feature is well
         ``inside`` (m,) the image."""
         places, keep = self.places(ids), self._settings.memory
+        again = places[matched & (frame - self._seen[places] > self._settings.trials)]
+        self._since[again] = frame
         self._seen[places[matched]] = frame
         told = matched | inside
         self._tried[places[told]] = keep * self._tried[places[told]] + 1.0
@@ -135,9 +138,11 @@ class Gallery:
         return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
 
     def proven(self, ids: Iterable[int]) -> np.ndarray:
-        """(m,) which of ``ids`` (m,) were matched in as many images as it takes to judge a feature; the target is."""
+        """(m,) which of ``ids`` (m,) were matched in as many images as it takes to judge a feature, since they last
+        came into sight; the target is."""
         places = self.places(ids)
-        return (self.templates.id[places] < 0) | (self._matched[places] >= self._enough)
+        lately = self._seen[places] - self._since[places] >= self._settings.trials - 1
+        return (self.templates.id[places] < 0) | (lately & (self._matched[places] >= self._enough))
 
     def failed(self) -> list[int]:
         """The features that were searched often and found seldom, or not where they should be."""

@@ -50,7 +50,7 @@ class FrontEndSettings:
     grain: float = 10.0  # inflation of the covariance of the sub-pixel fit
     fiducial_std: float = 0.3  # `floor_std` of a fiducial, whose template is drawn [px]
     fiducial_grain: float = 10.0  # `grain` of a fiducial
-    fiducial_blur: float = 0.01  # its deviation for each pixel a second that it moves: blur shifts a corner [s]
+    fiducial_blur: float = 0.003  # its deviation for each pixel a second that it moves: blur shifts a corner [s]
     fiducial_bias_std: float = 0.0  # error of a fiducial's pixel that stays until its template is drawn again [px]
     feature_bias_std: float = 0.0  # its point may be so far from the one that its template follows, see `FrontEnd` [px]
     probation: float = 5.0  # of a feature that is not yet judged the deviation is so many times larger; with a target
@@ -59,7 +59,7 @@ class FrontEndSettings:
     residual_weight: float = 3.0  # deviation of a feature's pixel for each pixel of its mean residual
     slope_std: float = 0.7  # of the two slopes of a feature's plane, which faces the camera at first
     tilt_every: float = 0.05  # the slopes are learnt from views that differ by so much [rad]
-    redrawn: float = 0.1  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
+    redrawn: float = 0.4  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
 
     # New features
     visible: int = 32  # features wanted in view
@@ -70,6 +70,7 @@ class FrontEndSettings:
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
     least_depth_spread: float = 1.5  # deviation of that inverse depth, at least so many times its mean
+    depth_in_common: float = 0.5  # share of its variance that is common to the new features of an image; with a target
     most_vague: int = FEATURES  # so many of unknown depth are a full map, too: they take the filter the most time
     room_below: int = 32  # in a full map, features not seen for longest are deleted while fewer are in view
 
@@ -86,6 +87,7 @@ class FrontEndSettings:
 
     # Recovery
     recover: bool = True  # whether `least_share` is demanded, scouts go first, and a lost map is sought
+    wary: bool = True  # fiducials go before all else; what moves a lost camera is three matches, or the map found
     lost_after: int = 3  # frames in a row in which next to nothing is found, until the map is sought in the whole image
     regained: int = 7  # fewer matches do not end that: in the wide ellipses of a lost camera, three agree by chance
     patience: int = 20  # such frames until features are judged and born again in any case
@@ -112,6 +114,6 @@ SIGHTED = FrontEndSettings(
     grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.001, fiducial_bias_std=0.025,
     feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
-    probation=1.0, regained=3,
+    probation=1.0, regained=3, wary=False, redrawn=0.1, depth_in_common=0.0,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

@@ -30,7 +30,7 @@ from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
-from activeslam_gym.vision.drawing import drawn
+from activeslam_gym.vision.drawing import as_first_seen, drawn
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
@@ -132,6 +132,8 @@ def start(
     if target is not None:
         picture, pixels = drawn(picture, filter.camera, target, pose, fiducials)
     front_end.start(image, picture, pixels, _BEHIND)
+    if target is not None:
+        front_end.show(partial(as_first_seen, filter.camera, target, pose, fiducials), _BEHIND, pose)
     return front_end
 
 

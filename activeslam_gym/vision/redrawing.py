@@ -1,0 +1,50 @@
+"""When the looks of a target's fiducials are out of date, and how they are drawn again."""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from activeslam_gym.vision.templates import shows_template
+from activeslam_gym.vision.views import changes_of_view, turn_between
+
+Drawn = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From a camera's pose (7,), the picture (h, w) float32 of the target, NaN where it is unknown, and the pixels (K, 2)
+of its fiducials; a ValueError: it is not before the camera."""
+
+
+class Redrawing:
+    """The views for which the fiducials of a target were drawn.
+
+    Args:
+        target: Draws it.
+        fiducials: (K, 3) [m].
+        change: Change of the view, or turn of the camera, after which a fiducial is drawn again [rad].
+        shown_from: The pose (7,) for which all were drawn; None: none was drawn.
+    """
+
+    def __init__(self, target: Drawn, fiducials: np.ndarray, change: float, shown_from: np.ndarray | None) -> None:
+        self._target, self._fiducials, self._change = target, fiducials, change
+        self._drawn_from = {} if shown_from is None else dict.fromkeys(range(len(fiducials)), shown_from)
+
+    def due(self, numbers: np.ndarray, pose: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Of the fiducials ``numbers`` (n,) that were drawn for another view than that from ``pose`` (7,), those that
+        are wholly in the image: number, picture and pixel (2,)."""
+        due = [k for k in numbers.tolist() if k >= 0 and self._is_seen_otherwise(k, pose)]
+        if not due:
+            return
+        try:
+            picture, pixels = self._target(pose)
+        except ValueError:
+            return
+        for k in due:
+            if shows_template(picture, pixels[k]):
+                self._drawn_from[k] = pose
+                yield k, picture, pixels[k]
+
+    def _is_seen_otherwise(self, k: int, pose: np.ndarray) -> bool:
+        """Whether fiducial ``k`` was not drawn, or for another view than that from ``pose`` (7,)."""
+        last, point = self._drawn_from.get(k), self._fiducials[k]
+        if last is None:
+            return True
+        change = changes_of_view(last[None], pose, point[None])[0]
+        return bool(max(change, turn_between(last[3:], pose[3:])) > self._change)

@@ -71,6 +71,20 @@ def test_a_feature_is_proven_after_so_many_matches(gallery) -> None:
     assert gallery.proven([7, 8, -1]).tolist() == [True, False, True]
 
 
+def test_what_comes_back_into_sight_has_to_prove_itself_again(gallery) -> None:
+    """Where something else hides a feature, an edge of that may look like it."""
+    for frame in range(20):
+        search(gallery, {7, 8}, frame)
+    for frame in range(20, 40):
+        gallery.judge([8], np.array([frame % 9 > 0]), np.array([True]), frame)
+    assert gallery.proven([7, 8]).tolist() == [True, True], "nothing has come back"
+    search(gallery, {7, 8}, 40)
+    assert gallery.proven([7, 8]).tolist() == [False, True], "8 was never away for long"
+    for frame in range(41, 50):
+        search(gallery, {7, 8}, frame)
+    assert gallery.proven([7, 8]).tolist() == [True, True]
+
+
 @pytest.mark.parametrize("target", [True, False])
 def test_new_features_pull_little_until_they_are_proven_where_a_target_is_known(target: bool) -> None:
     poses = [pose_at((0.005 * k, 0.0, 0.7)) for k in range(20)]

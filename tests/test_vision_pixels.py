@@ -200,7 +200,8 @@ def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_wher
     core = gym.make(NAME).unwrapped
     core.reset(seed=3)
     front_end, drawn = core._perceptions[0]._front_end, []
-    draw, normal = front_end._target
+    redrawing, normal = front_end._target
+    draw = redrawing._target
 
     def counting(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         drawn.append(pose)

@@ -1,0 +1,112 @@
+"""What a camera in a hand meets: a target that comes near, walls that look alike, views without anything known."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.vision.drawing import as_first_seen  # noqa: E402
+from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings  # noqa: E402
+from activeslam_gym.vision.target import Board, target_from  # noqa: E402
+from activeslam_gym.vision.track import Track, follow, start  # noqa: E402
+from activeslam_gym.vision.views import projected  # noqa: E402
+
+from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
+from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402, I001
+
+NEARER = [pose_at((0.03 * np.sin(0.2 * k), 0.0, 0.8 - 0.009 * k)) for k in range(60)]
+"""From 80 to 27 cm."""
+
+
+def tracked(poses: list[np.ndarray], images: list[np.ndarray], **settings) -> tuple[Track, list[set[int]]]:
+    """A track from the target on, and the fiducials that were matched in each image."""
+    matched: list[set[int]] = []
+
+    def watch(end: FrontEnd, *_) -> None:
+        matched.append({int(id) for id in end.candidates["match"] if -4 <= id < 0})
+
+    frames = [(k / 30.0, image) for k, image in enumerate(images)]
+    known = target_from(target_fields(poses[0]))
+    return follow(frames, LENS, known, 30.0, FrontEndSettings(**settings), watch=watch), matched
+
+
+def errors(done: Track, poses: list[np.ndarray]) -> np.ndarray:
+    """Of the positions [m]."""
+    return np.linalg.norm(done.cameras[:, :3] - np.array(poses)[:, :3], axis=1)
+
+
+def test_a_target_is_found_at_a_third_of_its_first_distance() -> None:
+    images = [image_from(pose, target=True, samples=2) for pose in NEARER]
+    done, matched = tracked(NEARER, images)
+    assert all(len(one) >= 3 for one in matched[-8:]), matched[-8:]
+    assert errors(done, NEARER)[-8:].max() < 0.003
+    as_at_first = tracked(NEARER, images, redrawn=np.inf)[1]
+    assert not any(as_at_first[-5:]), "its first looks do not do there"
+
+
+@pytest.mark.parametrize("target", [TARGET, target_from(CHARUCO)], ids=["rectangle", "board"])
+def test_a_target_looks_as_it_is_drawn_from_elsewhere(target) -> None:
+    first, now = pose_at((0.02, 0.0, 0.6)), pose_at((-0.06, 0.03, 0.33), (0.1, -0.2, 0.2))
+    fiducials = target.fiducials if target is TARGET else target.points
+    picture, pixels = as_first_seen(CAMERA, target, first, fiducials, now)
+    np.testing.assert_allclose(pixels, projected(CAMERA, now, fiducials), atol=1e-9)
+    image = board_on_the_plane(target, now) if isinstance(target, Board) else image_from(now, target=True)
+    known = np.isfinite(picture)
+    assert 0.1 < known.mean() < 0.95
+    assert np.corrcoef(picture[known], image[known])[0, 1] > 0.99
+
+
+def test_fiducials_move_the_camera_before_what_else_is_in_view_is_judged(monkeypatch) -> None:
+    """Many new features of a wall, whose depths are wrong alike, would outvote them."""
+    calls: list[tuple[set[int], np.ndarray]] = []
+    search = FrontEnd._search
+
+    def watched(end: FrontEnd, sight, grey, wanted, *others) -> None:
+        calls.append((set(wanted.tolist()), end.filter.mean))
+        search(end, sight, grey, wanted, *others)
+
+    monkeypatch.setattr(FrontEnd, "_search", watched)
+    poses = [pose_at((0.0, 0.004 * k, 0.7)) for k in range(3)]
+    images = [image_from(pose, target=True, samples=2) for pose in poses]
+    tracked(poses, images)
+    (first, before), (others, after) = calls[:2]
+    assert first == {-1, -2, -3, -4} and min(others) > 0 and len(others) > 4
+    truth = poses[1][:3]
+    assert np.linalg.norm(after[:3] - truth) < np.linalg.norm(before[:3] - truth)
+    calls.clear()
+    tracked(poses, images, wary=False)
+    assert {-1, -2, -3, -4} < calls[0][0], "all at once"
+
+
+@pytest.fixture()
+def under_way() -> FrontEnd:
+    """After 20 images without a target."""
+    poses = path(20, 0.4)
+    end = start(image_from(poses[0], samples=2), LENS, None, 30.0)
+    for k, pose in enumerate(poses[1:], 1):
+        end.step(image_from(pose, samples=2), k / 30.0)
+    return end
+
+
+@pytest.mark.parametrize("wary", [True, False])
+def test_where_nothing_known_is_in_view_new_features_are_born(under_way, wary) -> None:
+    object.__setattr__(under_way.settings, "wary", wary)
+    for id in under_way.filter.ids.tolist():
+        under_way._forget(id)
+    log = under_way.step(image_from(path(21, 0.4)[-1], samples=2), 20 / 30.0)
+    assert log.searched == 0 and (log.births > 0) == wary
+
+
+def test_a_lost_camera_is_put_back_where_no_map_is_found(under_way, monkeypatch) -> None:
+    dark = np.full((240, 320), 7, np.uint8)
+    for k in range(20, 26):
+        under_way.step(dark, k / 30.0)
+
+    def elsewhere(grey: np.ndarray) -> bool:
+        under_way.filter.place_camera(np.concatenate((pose_at((5.0, 0.0, 0.4)), np.zeros(6))), 0.01 * np.eye(12))
+        return True
+
+    monkeypatch.setattr(under_way, "_relocalise", elsewhere)
+    log = under_way.step(dark, 26 / 30.0)
+    assert log.lost and not log.relocalised
+    assert np.linalg.norm(under_way.filter.mean[:3]) < 1.0, "of its prediction"

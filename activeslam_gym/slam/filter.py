@@ -203,7 +203,7 @@ class Filter:
         feature["mean"][RHO] = feature["first"][RHO] = inverse_depth
         self._sight = None
 
-    def share_depths(self, ids: Sequence[int], share: float) -> None:
+    def share_depths(self, ids: Sequence[int] | np.ndarray, share: float) -> None:
         """Of the features ``ids``, of which nothing was measured since their births, a ``share`` of the variance of the
         inverse depth is common to all: they hang on one wall, and the prior is wrong by as much for each.
 

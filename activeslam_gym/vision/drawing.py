@@ -14,6 +14,7 @@ _BESIDE = 5.0  # pixels beside a rectangle's edges that are drawn
 _CELL = 80  # pixels of a square or tag as it is printed
 _BLACK, _WHITE = 25.0, 225.0  # grey levels of a printed rectangle
 _LEAST_SLANT = 0.3  # sine of the angle between sight line and plane under which a printed rectangle is not drawn
+_NEARER = 0.9  # share of the first distance from which templates show nothing beside the `_BESIDE` pixels of that
 _RIM = 1.5  # pixels at the edge of its sheet in which there is some of the background
 _AROUND = 22.0  # pixels around a corner that its templates may need: half a patch, and the reach of the blur
 
@@ -73,10 +74,13 @@ def as_first_seen(
     `drawn` demands of the view from ``first`` (>= 7,).
 
     Raises:
-        ValueError: as `printed_rectangle`.
+        ValueError: as `printed_rectangle`, or too little is known around a rectangle, since it is not nearer than then.
     """
     if isinstance(target, Rectangle):
-        beside = 2.0 * (_BESIDE + _RIM) * np.linalg.norm(first[:3]) / camera.focal
+        distance = np.linalg.norm(first[:3])
+        if np.linalg.norm(pose[:3]) > _NEARER * distance:
+            raise ValueError("too little is known around the target")
+        beside = 2.0 * (_BESIDE + _RIM) * distance / camera.focal
         return printed_rectangle(camera, target, (target.width + beside, target.height + beside), pose, 0.0)
     out, picture, pixels = _nothing(camera), printed(target), projected(camera, pose, fiducials)
     box = _box_around(pixels, _AROUND, out.shape)

@@ -78,6 +78,7 @@ class FrontEnd:
     def __init__(self, filter: Filter, settings: FrontEndSettings | None = None) -> None:
         self.filter, self.camera = filter, filter.camera
         self._focal, self._width, self._height = (float(self.camera[name]) for name in ("focal", "width", "height"))
+        self._shape = int(self._height), int(self._width)
         self._centre = np.array((self.camera.u0, self.camera.v0))
         self.settings = (settings or FrontEndSettings()).seen_through(self._focal)
         self._prior = filter.expected_inverse_depth
@@ -113,7 +114,7 @@ class FrontEnd:
         if self._target is None:
             return
         (looks, normal), pose = self._target, self.filter.mean[:7]
-        for k, picture, pixel in looks.due(-1 - sight.thing["id"], pose):
+        for k, picture, pixel in looks.due(-1 - sight.thing["id"], sight.thing["z_hat"], pose, self._shape):
             self._gallery.hang(-1 - k, picture, pixel, pose, normal, self._frame)
             if self.settings.fiducial_bias_std > 0.0:
                 self.filter.draw_bias(k, self.settings.fiducial_bias_std)

@@ -4,12 +4,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from activeslam_gym.vision.templates import shows_template
+from activeslam_gym.vision.templates import has_room, shows_template
 from activeslam_gym.vision.views import changes_of_view, turn_between
 
 Drawn = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From a camera's pose (7,), the picture (h, w) float32 of the target, NaN where it is unknown, and the pixels (K, 2)
-of its fiducials; a ValueError: it is not before the camera."""
+of its fiducials; a ValueError: it is not before the camera, or too little is known of it."""
 
 
 class Redrawing:
@@ -26,10 +26,13 @@ class Redrawing:
         self._target, self._fiducials, self._change = target, fiducials, change
         self._drawn_from = {} if shown_from is None else dict.fromkeys(range(len(fiducials)), shown_from)
 
-    def due(self, numbers: np.ndarray, pose: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Of the fiducials ``numbers`` (n,) that were drawn for another view than that from ``pose`` (7,), those that
-        are wholly in the image: number, picture and pixel (2,)."""
-        due = [k for k in numbers.tolist() if k >= 0 and self._is_seen_otherwise(k, pose)]
+    def due(
+        self, numbers: np.ndarray, expected: np.ndarray, pose: np.ndarray, shape: tuple[int, ...]
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Of the fiducials ``numbers`` (n,), ``expected`` at pixels (n, 2) of an image of ``shape`` (h, w), those that
+        were drawn for another view than that from ``pose`` (7,), and are wholly in it: number, picture, pixel (2,)."""
+        near = [k for k, pixel in zip(numbers.tolist(), expected) if k >= 0 and has_room(shape, pixel)]
+        due = [k for k in near if self._is_seen_otherwise(k, pose)]
         if not due:
             return
         try:

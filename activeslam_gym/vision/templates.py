@@ -119,9 +119,19 @@ def tilt(templates: Templates, place: int, change: np.ndarray, cov: np.ndarray) 
 
 def shows_template(picture: np.ndarray, pixel: np.ndarray) -> bool:
     """Whether ``picture`` (h, w) shows enough around ``pixel`` (2,) for a template, NaN being nothing."""
+    return bool(np.isfinite(picture[_around(pixel)]).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
+
+
+def has_room(shape: tuple[int, ...], pixel: np.ndarray) -> bool:
+    """Whether a picture of ``shape`` (h, w), if nothing of it is unknown, shows enough around ``pixel`` (2,)."""
+    sides = [len(range(*part.indices(side))) for part, side in zip(_around(pixel), shape)]
+    return sides[0] * sides[1] >= _LEAST_INSIDE * TEMPLATE_SIDE**2
+
+
+def _around(pixel: np.ndarray) -> tuple[slice, ...]:
+    """Rows and columns of the template around a ``pixel`` (2,)."""
     x, y = (round(float(value)) for value in pixel)
-    rows, columns = (slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
-    return bool(np.isfinite(picture[rows, columns]).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
+    return tuple(slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
 
 
 @compiled

@@ -40,7 +40,7 @@ def test_a_target_is_found_at_a_third_of_its_first_distance() -> None:
     done, matched = tracked(NEARER, images)
     assert all(len(one) >= 3 for one in matched[-8:]), matched[-8:]
     assert errors(done, NEARER)[-8:].max() < 0.003
-    as_at_first = tracked(NEARER, images, redrawn=np.inf)[1]
+    as_at_first = tracked(NEARER, images, redrawn=(np.inf, np.inf))[1]
     assert not any(as_at_first[-5:]), "its first looks do not do there"
 
 

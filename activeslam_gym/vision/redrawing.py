@@ -18,12 +18,14 @@ class Redrawing:
     Args:
         target: Draws it.
         fiducials: (K, 3) [m].
-        change: Change of the view, or turn of the camera, after which a fiducial is drawn again [rad].
+        after: Change of the view, and turn of the camera, after which a fiducial is drawn again [rad].
         shown_from: The pose (7,) for which all were drawn; None: none was drawn.
     """
 
-    def __init__(self, target: Drawn, fiducials: np.ndarray, change: float, shown_from: np.ndarray | None) -> None:
-        self._target, self._fiducials, self._change = target, fiducials, change
+    def __init__(
+        self, target: Drawn, fiducials: np.ndarray, after: tuple[float, float], shown_from: np.ndarray | None
+    ) -> None:
+        self._target, self._fiducials, self._after = target, fiducials, after
         self._drawn_from = {} if shown_from is None else dict.fromkeys(range(len(fiducials)), shown_from)
 
     def due(
@@ -50,4 +52,4 @@ class Redrawing:
         if last is None:
             return True
         change = changes_of_view(last[None], pose, point[None])[0]
-        return bool(max(change, turn_between(last[3:], pose[3:])) > self._change)
+        return bool(change > self._after[0] or turn_between(last[3:], pose[3:]) > self._after[1])

@@ -59,7 +59,7 @@ class FrontEndSettings:
     residual_weight: float = 3.0  # deviation of a feature's pixel for each pixel of its mean residual
     slope_std: float = 0.7  # of the two slopes of a feature's plane, which faces the camera at first
     tilt_every: float = 0.05  # the slopes are learnt from views that differ by so much [rad]
-    redrawn: float = 0.4  # the target is drawn again after its view has changed, or the camera turned, by this [rad]
+    redrawn: tuple[float, float] = (0.4, math.inf)  # change of view, and turn, after which the target is drawn [rad]
 
     # New features
     visible: int = 32  # features wanted in view
@@ -114,6 +114,6 @@ SIGHTED = FrontEndSettings(
     grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.001, fiducial_bias_std=0.025,
     feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
-    probation=1.0, regained=3, wary=False, redrawn=0.1, depth_in_common=0.0,
+    probation=1.0, regained=3, wary=False, redrawn=(0.1, 0.1), depth_in_common=0.0,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

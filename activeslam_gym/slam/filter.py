@@ -94,6 +94,10 @@ class Filter:
             wander(self.belief, float(drift), step)
         self._sight = None
 
+    def snapshot(self) -> Belief:
+        """A copy of the belief, to which `attach` goes back."""
+        return copy.deepcopy(self.belief)
+
     def attach(self, belief: Belief) -> None:
         """Work on the arrays ``belief`` of a run from now on."""
         self.belief, self._sight = belief, None

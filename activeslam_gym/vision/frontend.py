@@ -6,7 +6,6 @@ candidates it believes.
 
 import math
 import time
-from copy import deepcopy
 from dataclasses import replace
 from statistics import median
 from typing import NamedTuple
@@ -166,12 +165,12 @@ class FrontEnd:
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         lost = self._blind >= self.settings.lost_after
-        before = deepcopy(self.filter.belief) if lost else self.filter.belief
+        before = self.filter.snapshot() if lost else None
         placed = lost and self.settings.recover and self._relocalise(grey)
         self._look(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        if self.settings.wary and placed and not self._suffices(matched, searched):
+        if self.settings.wary and before is not None and placed and not self._suffices(matched, searched):
             self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
         births, deletions = self._learn(clear, clear or self._sees_nothing_known(searched), image, grey)

@@ -53,7 +53,9 @@ def make_training(recipe: Recipe) -> VecEnv:
     recorded as they are."""
     threads = None if len(recipe.scenarios) == 1 else 1
     batches = [_make_batch(recipe, name, recipe.num_envs, threads) for name in recipe.scenarios]
-    return batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(batches))
+    env = batches[0] if len(batches) == 1 else SeveralScenarios(batches, _most_tokens(batches))
+    env.seed(training_seed(recipe))
+    return env
 
 
 def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:

@@ -1,5 +1,6 @@
 """One batch of several scenarios, in the common layout of their observations."""
 
+import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -11,7 +12,6 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
 from activeslam_gym import observation_layout
-from activeslam_gym.threads import available_cores
 from agents.learn.inputs import Inputs, common_size
 
 
@@ -35,7 +35,7 @@ class SeveralScenarios(VecEnv):
         self.observed: list[np.ndarray] = []
         """The last observations of each batch, in its own layout."""
         self._rows = [slice(end - one.num_envs, end) for end, one in zip(ends, self.batches)]
-        self._pool = ThreadPoolExecutor(available_cores())
+        self._pool = ThreadPoolExecutor(os.cpu_count())
         space = spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         super().__init__(ends[-1], space, self.batches[0].action_space)
 

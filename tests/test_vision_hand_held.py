@@ -1,10 +1,13 @@
 """What a camera in a hand meets: a target that comes near, walls that look alike, views without anything known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
+from activeslam_gym.slam.belief import Belief  # noqa: E402
 from activeslam_gym.vision.drawing import as_first_seen  # noqa: E402
 from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.target import Board, target_from  # noqa: E402
@@ -12,7 +15,7 @@ from activeslam_gym.vision.track import Track, follow, start  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
-from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402, I001
+from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402
 
 NEARER = [pose_at((0.03 * np.sin(0.2 * k), 0.0, 0.8 - 0.009 * k)) for k in range(60)]
 """From 80 to 27 cm."""
@@ -90,7 +93,7 @@ def under_way() -> FrontEnd:
 
 @pytest.mark.parametrize("wary", [True, False])
 def test_where_nothing_known_is_in_view_new_features_are_born(under_way, wary) -> None:
-    object.__setattr__(under_way.settings, "wary", wary)
+    under_way.settings = replace(under_way.settings, wary=wary)
     for id in under_way.filter.ids.tolist():
         under_way._forget(id)
     log = under_way.step(image_from(path(21, 0.4)[-1], samples=2), 20 / 30.0)
@@ -102,9 +105,10 @@ def test_a_lost_camera_is_put_back_where_no_map_is_found(under_way, monkeypatch)
     for k in range(20, 26):
         under_way.step(dark, k / 30.0)
 
-    def elsewhere(grey: np.ndarray) -> bool:
+    def elsewhere(grey: np.ndarray) -> Belief:
+        before = under_way.filter.snapshot()
         under_way.filter.place_camera(np.concatenate((pose_at((5.0, 0.0, 0.4)), np.zeros(6))), 0.01 * np.eye(12))
-        return True
+        return before
 
     monkeypatch.setattr(under_way, "_relocalise", elsewhere)
     log = under_way.step(dark, 26 / 30.0)

@@ -15,6 +15,7 @@ import numpy as np
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION
 from activeslam_gym.slam.association import DETECTION
+from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
@@ -165,16 +166,15 @@ class FrontEnd:
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         lost = self._blind >= self.settings.lost_after
-        before = self.filter.snapshot() if lost else None
-        placed = lost and self.settings.recover and self._relocalise(grey)
+        before = self._relocalise(grey) if lost and self.settings.recover else None
         self._look(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        if self.settings.wary and before is not None and placed and not self._suffices(matched, searched):
+        if self.settings.wary and before is not None and not self._suffices(matched, searched):
             self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
         births, deletions = self._learn(clear, clear or self._sees_nothing_known(searched), image, grey)
-        again, metric = placed and self._blind == 0, len(self.filter.fiducials) > 0
+        again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
         missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
         return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.thread_time() - began))
@@ -207,12 +207,12 @@ class FrontEnd:
         s = self.settings
         return matched >= max(s.least_share * searched, 3 if self._blind < s.lost_after else s.regained)
 
-    def _relocalise(self, grey: np.ndarray) -> bool:
-        """Seek the map in all of the image, as it looked from one of the remembered views, the newest first; True: the
-        camera was put where the map is seen from."""
+    def _relocalise(self, grey: np.ndarray) -> Belief | None:
+        """Seek the map in all of the image, as it looked from one of the remembered views, the newest first. The belief
+        before the camera was put where the map is seen from; None: it was not."""
         s, attempt = self.settings, self._blind - self.settings.lost_after
         if not self._views or (attempt > s.patience and attempt % 5):
-            return False
+            return None
         ids = np.array(self._gallery.best(s.sought), np.int64)
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
         points, half = self._points(rows), 0.5 * np.array((self._width, self._height))
@@ -223,9 +223,10 @@ class FrontEnd:
         row, peak = found.candidates
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is None:
-            return False
+            return None
+        before = self.filter.snapshot()
         self.filter.place_camera(np.concatenate((pose, np.zeros(6))), PRIOR)
-        return True
+        return before
 
     def _look(self, grey: np.ndarray) -> None:
         """Search the features that may be in view, and let the filter judge.

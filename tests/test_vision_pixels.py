@@ -203,14 +203,14 @@ def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_wher
     redrawing, normal = front_end._target
     draw = redrawing._target
 
-    def counting(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        drawn.append(pose)
+    def counting(pose: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        drawn.extend([pose] if k == 0 else [])
         if len(drawn) == 2:
-            raise ValueError("a corner of the target is behind the camera")
-        picture, pixels = draw(pose)
+            raise ValueError("the corner of the target is behind the camera")
+        picture, pixel = draw(pose, k)
         if len(drawn) == 3:
             picture[:] = np.nan  # nothing of it is in the image
-        return picture, pixels
+        return picture, pixel
 
     front_end.show(counting, normal)
     state, sight = front_end.filter.belief.state.camera, front_end.filter.sight()

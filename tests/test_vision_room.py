@@ -358,14 +358,15 @@ def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
         x = state(middle + place + beside, (0.01 * k, 0.02 * np.cos(k), 0.0))
         other = state(x[:3] + 0.06 * np.linalg.norm(place) * np.array((0.7, 0.1, 0.7)), (0.0, 0.03, 0.0))
         image = eye.photograph(x, k + 1).astype(np.float32)
-        picture, corners = target_seen(CAMERA, middle, x[:7])
-        np.testing.assert_allclose(corners, [projection(x, corner) for corner in eye.fiducials], atol=1e-9)
-        seen = np.isfinite(picture)
-        contrast, black = np.polyfit(picture[seen], image[seen], 1)
-        assert np.std(image[seen] - contrast * picture[seen] - black) < 4.0  # of which 2 are noise
-        looks, pixels = target_seen(CAMERA, middle, other[:7])
-        templates = empty_templates(4)
-        for j, pixel in enumerate(pixels):
+        templates, corners = empty_templates(4), np.array([projection(x, corner) for corner in eye.fiducials])
+        pictures, pixels = zip(*(target_seen(CAMERA, middle, x[:7], j) for j in range(4)))
+        np.testing.assert_allclose(pixels, corners, atol=1e-9)
+        seen = np.isfinite(pictures)
+        drawn, photographed = np.array(pictures)[seen], np.broadcast_to(image, seen.shape)[seen]
+        contrast, black = np.polyfit(drawn, photographed, 1)
+        assert np.std(photographed - contrast * drawn - black) < 4.0  # of which 2 are noise
+        for j in range(4):
+            looks, pixel = target_seen(CAMERA, middle, other[:7], j)
             store(view_from(CAMERA, other), templates, j, -1 - j, looks, pixel, np.array((0.0, 0.0, 1.0)), 0.0)
         found = found_at(x, templates, eye.fiducials, image, 0.7)
         assert found.peaks.all()
@@ -375,12 +376,12 @@ def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
 
 def test_nobody_knows_what_is_beside_the_sheet() -> None:
     middle = np.array((0.1, 0.2, 3.0))
-    picture, corners = target_seen(CAMERA, middle, state()[:7])
-    known = np.argwhere(np.isfinite(picture))[:, ::-1]
+    pictures, corners = zip(*(target_seen(CAMERA, middle, state()[:7], k) for k in range(4)))
+    known = np.argwhere(np.isfinite(pictures).any(axis=0))[:, ::-1]
     wide, size = known.max(axis=0) - known.min(axis=0), corners[3] - corners[0]
     assert (1.6 * size < wide).all() and (wide < 2.0 * size).all()  # the sheet is twice the target, less its rim
     for place in ((0.0, 0.0, 4.0), (2.0, 0.0, 2.9)):  # behind it, and beside its edge
         with pytest.raises(ValueError, match="not seen from before it"):
-            target_seen(CAMERA, middle, state(place)[:7])
+            target_seen(CAMERA, middle, state(place)[:7], 0)
     with pytest.raises(ValueError, match="behind the camera"):
-        target_seen(CAMERA, middle, state(turn=(0.0, np.pi, 0.0))[:7])
+        target_seen(CAMERA, middle, state(turn=(0.0, np.pi, 0.0))[:7], 0)

@@ -1,6 +1,7 @@
 """A target as it looks from a pose, drawn, so that the templates of its corners have none of a picture's aliasing."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -67,11 +68,11 @@ def _draw_board(out: np.ndarray, camera: Record, board: Board, pose: np.ndarray)
 
 
 def as_first_seen(
-    camera: Record, target: Target, first: np.ndarray, fiducials: np.ndarray, pose: np.ndarray
+    camera: Record, target: Target, first: np.ndarray, fiducials: np.ndarray, pose: np.ndarray, k: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The target from ``pose`` (>= 7,), where little is known of its surroundings: the picture (h, w) float32, NaN
-    beside it, and the pixels (K, 2) of its ``fiducials`` (K, 3). A rectangle's sheet reaches as far beyond the edges as
-    `drawn` demands of the view from ``first`` (>= 7,).
+    """The target around corner ``k`` of its ``fiducials`` (K, 3) from ``pose`` (>= 7,), where little is known of its
+    surroundings: the picture (h, w) float32, NaN beside it, and the corner's pixel (2,). A rectangle's sheet reaches as
+    far beyond the edges as `drawn` demands of the view from ``first`` (>= 7,).
 
     Raises:
         ValueError: as `printed_rectangle`, or too little is known around a rectangle, since it is not nearer than then.
@@ -81,12 +82,12 @@ def as_first_seen(
         if np.linalg.norm(pose[:3]) > _NEARER * distance:
             raise ValueError("too little is known around the target")
         beside = 2.0 * (_BESIDE + _RIM) * distance / camera.focal
-        return printed_rectangle(camera, target, (target.width + beside, target.height + beside), pose, 0.0)
-    out, picture, pixels = _nothing(camera), printed(target), projected(camera, pose, fiducials)
-    box = _box_around(pixels, _AROUND, out.shape)
+        return printed_rectangle(camera, target, (target.width + beside, target.height + beside), pose, k, 0.0)
+    out, picture, pixel = _nothing(camera), printed(target), projected(camera, pose, fiducials[k : k + 1])
+    box = _box_around(pixel, _AROUND, out.shape)
     if min(out[box].shape) > 0:
         out[box] = _pixel_means(camera, pose, box, _BOARD_RAYS, lambda X: printed_value(target, picture, X))
-    return out, pixels
+    return out, pixel[0]
 
 
 def _nothing(camera: Record) -> np.ndarray:
@@ -94,6 +95,7 @@ def _nothing(camera: Record) -> np.ndarray:
     return np.full((int(camera.height), int(camera.width)), np.nan, np.float32)
 
 
+@cache
 def printed(board: Board) -> np.ndarray:
     """The board as it is printed (h, w) uint8, ``_CELL`` pixels to the pitch, without a margin."""
     return board.pattern.generateImage(np.rint(board.size * _CELL / board.pitch).astype(int).tolist())
@@ -109,24 +111,23 @@ def printed_value(board: Board, picture: np.ndarray, X: np.ndarray) -> np.ndarra
 
 
 def printed_rectangle(
-    camera: Record, target: Rectangle, sheet: tuple[float, float], pose: np.ndarray, softness: float
+    camera: Record, target: Rectangle, sheet: tuple[float, float], pose: np.ndarray, k: int, softness: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The target as it is printed on a ``sheet`` (width, height [m]), seen from ``pose`` (>= 7,) in its frame: the
-    picture (h, w) float32 around its corners, NaN elsewhere and beside the sheet, and the corners (4, 2) [px].
+    picture (h, w) float32 around its corner ``k``, NaN elsewhere and beside the sheet, and the corner's pixel (2,).
 
     ``softness``: deviation of the camera's blur [px]. A template that is sharper than the image is found inside of
     the corner, and so is one that shows white where the sheet has ended.
 
     Raises:
-        ValueError: a corner is behind the camera, or the target is seen from its edge or from behind.
+        ValueError: the corner is behind the camera, or the target is seen from its edge or from behind.
     """
     if pose[2] < _LEAST_SLANT * np.linalg.norm(pose[:3]):
         raise ValueError("the target is not seen from before it")
-    corners = projected(camera, pose, target.fiducials)
-    out = _nothing(camera)
-    box = rows, columns = _box_around(corners, _AROUND, out.shape)
+    corner, out = projected(camera, pose, target.fiducials[k : k + 1]), _nothing(camera)
+    box = rows, columns = _box_around(corner, _AROUND, out.shape)
     if min(out[box].shape) < 2:
-        return out, corners
+        return out, corner[0]
     X = plane_points(camera, pose, *(np.arange(part.start, part.stop) for part in (columns, rows)))
     share, on = 1.0, True
     for axis, half in enumerate((0.5 * target.width, 0.5 * target.height)):
@@ -134,8 +135,9 @@ def printed_rectangle(
         per_pixel = np.hypot(*np.gradient(X[..., axis]))
         share = share * np.clip((half - from_middle) / per_pixel + 0.5, 0.0, 1.0)
         on = on & (from_middle < 0.5 * sheet[axis] - _RIM * per_pixel)
-    out[box] = np.where(on, gaussian_filter(_WHITE + (_BLACK - _WHITE) * share, softness), np.nan)
-    return out, corners
+    seen = _WHITE + (_BLACK - _WHITE) * share
+    out[box] = np.where(on, gaussian_filter(seen, softness) if softness > 0.0 else seen, np.nan)
+    return out, corner[0]
 
 
 def _box_around(pixels: np.ndarray, reach: float, shape: tuple[int, ...]) -> Box:

@@ -268,10 +268,11 @@ class FrontEnd:
 
     def _search(self, sight: Sight, grey: np.ndarray, wanted: np.ndarray, model: Record, share: float) -> None:
         """Search the ``wanted`` ids of ``sight``, and update the filter by the candidates, if a ``share`` agrees."""
-        ids, mean = sight.thing["id"], self.filter.mean
-        places, points = np.where(_among(ids, wanted), self._gallery.places(ids), -1), self._points(sight.thing["row"])
+        chosen, mean = _among(sight.thing["id"], wanted), self.filter.mean
+        thing, S = sight.thing[chosen], _own_covariances(sight)[chosen]
+        ids, z_hat, points = thing["id"], np.ascontiguousarray(thing["z_hat"]), self._points(thing["row"])
+        places = self._gallery.places(ids)
         places[self._gallery.change_of_view(places, points, mean) > self.settings.most_change] = -1
-        z_hat, S = np.ascontiguousarray(sight.thing["z_hat"]), _own_covariances(sight)
         findings = search(view_from(self.camera, mean), model, self._gallery.templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
@@ -281,7 +282,7 @@ class FrontEnd:
         self._gallery.remember_looks(matched, points, mean, findings)
         self._found.append(candidates)
         outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
-        inside = sight.thing["visibility"] == INSIDE
+        inside = thing["visibility"] == INSIDE
         now = (column[tried] for column in (ids, z_hat, S, outcome, inside))
         self._searched = Searched(*map(np.concatenate, zip(self._searched, now)))
 

@@ -1,6 +1,7 @@
 """The front end's memory of each feature: a template with the view of its first sight, and a running record."""
 
 from collections.abc import Iterable
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -150,7 +151,7 @@ class Gallery:
         seldom = (self._tried >= self._enough) & (self._matched < s.least_success * self._tried)
         residual, own = np.hypot(*self._residual.T), self.templates.id > 0
         searched = own & (self._tried > 0.0)
-        typical = float(np.median(residual[searched])) if searched.any() else 0.0
+        typical = median(residual[searched].tolist()) if searched.any() else 0.0
         astray = residual > min(s.most_residual, max(s.odd_residual, _ODD * typical))
         return self.templates.id[(seldom | astray) & own].tolist()
 

@@ -1,15 +1,16 @@
 """When the looks of a target's fiducials are out of date, and how they are drawn again."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 import numpy as np
 
 from activeslam_gym.vision.templates import has_room, shows_template
 from activeslam_gym.vision.views import changes_of_view, turn_between
 
-Drawn = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From a camera's pose (7,), the picture (h, w) float32 of the target, NaN where it is unknown, and the pixels (K, 2)
-of its fiducials; a ValueError: it is not before the camera, or too little is known of it."""
+Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
+"""From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
+it is unknown, and its pixel (2,); a ValueError: it is not before the camera, or too little is known of it."""
 
 
 class Redrawing:
@@ -33,18 +34,14 @@ class Redrawing:
     ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Of the fiducials ``numbers`` (n,), ``expected`` at pixels (n, 2) of an image of ``shape`` (h, w), those that
         were drawn for another view than that from ``pose`` (7,), and are wholly in it: number, picture, pixel (2,)."""
-        near = [k for k, pixel in zip(numbers.tolist(), expected) if k >= 0 and has_room(shape, pixel)]
-        due = [k for k in near if self._is_seen_otherwise(k, pose)]
-        if not due:
-            return
-        try:
-            picture, pixels = self._target(pose)
-        except ValueError:
-            return
-        for k in due:
-            if shows_template(picture, pixels[k]):
-                self._drawn_from[k] = pose
-                yield k, picture, pixels[k]
+        for k, pixel in zip(numbers.tolist(), expected):
+            if k < 0 or not has_room(shape, pixel) or not self._is_seen_otherwise(k, pose):
+                continue
+            with suppress(ValueError):
+                picture, pixel = self._target(pose, k)
+                if shows_template(picture, pixel):
+                    self._drawn_from[k] = pose
+                    yield k, picture, pixel
 
     def _is_seen_otherwise(self, k: int, pose: np.ndarray) -> bool:
         """Whether fiducial ``k`` was not drawn, or for another view than that from ``pose`` (7,)."""

@@ -5,7 +5,14 @@ import math
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from activeslam_gym.camera import View, camera_point, change_of_view, pixel_from_camera_point
+from activeslam_gym.camera import (
+    View,
+    camera_point,
+    change_of_view,
+    pixel_from_camera_point,
+    ray_from_pixel,
+    world_from_camera,
+)
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION, transition
@@ -29,12 +36,17 @@ def view_from(camera: Record, pose: np.ndarray) -> View:
     return View(camera, pose, rotation_matrix(pose[3:7]))
 
 
+@compiled
 def plane_points(camera: Record, pose: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(len(y), len(x), 2) where the rays of the pixels (x, y) from ``pose`` (>= 7,) meet the plane [m]."""
-    u_d, v_d = camera.u0 - x[None, :], camera.v0 - y[:, None]
-    bend = 1.0 / (camera.focal * np.sqrt(1.0 - camera.distortion * (u_d**2 + v_d**2)))
-    rays = np.stack((u_d * bend, v_d * bend, np.ones_like(bend)), axis=-1) @ rotation_matrix(pose[3:7]).T
-    return pose[:2] - pose[2] * rays[..., :2] / rays[..., 2:]
+    out, pixel, R_WC = np.empty((len(y), len(x), 2)), np.empty(2), rotation_matrix(pose[QUATERNION])
+    for i in range(len(y)):
+        for j in range(len(x)):
+            pixel[0], pixel[1] = x[j], y[i]
+            d = world_from_camera(R_WC, ray_from_pixel(camera, pixel))
+            for k in range(2):
+                out[i, j, k] = pose[k] - pose[2] * d[k] / d[2]
+    return out
 
 
 def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -69,11 +69,12 @@ def introduce_target(front_end: FrontEnd, fiducials: np.ndarray, start: np.ndarr
 
 
 def target_seen(
-    camera: Record, middle: np.ndarray, pose: np.ndarray, facing: np.ndarray = FACING
+    camera: Record, middle: np.ndarray, pose: np.ndarray, k: int, facing: np.ndarray = FACING
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), and its corners: `printed_rectangle`.
+    """The target around ``middle`` (3,) as it should look from ``pose`` (7,), near its corner ``k``, and that corner's
+    pixel: `printed_rectangle`.
 
     ``facing`` (4,): the turn of the world into the frame of the target.
     """
     own = np.concatenate((rotation_matrix(facing) @ (pose[:3] - middle), quaternion_product(facing, pose[3:])))
-    return printed_rectangle(camera, _TARGET, SHEET_SIZE, own, _SOFTNESS)
+    return printed_rectangle(camera, _TARGET, SHEET_SIZE, own, k, _SOFTNESS)

@@ -17,7 +17,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
 from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
-from activeslam_gym.vision.frontend import MATCHED  # noqa: E402
+from activeslam_gym.vision.outcome import MATCHED  # noqa: E402
 from activeslam_gym.vision.target import target_from  # noqa: E402
 
 from . import vision_scene  # noqa: E402

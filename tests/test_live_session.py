@@ -25,7 +25,7 @@ from activeslam_gym.live.session import Session  # noqa: E402
 from activeslam_gym.live.source import ROOM, RenderedRoom, Sequence, posed  # noqa: E402
 from activeslam_gym.live.state import Standing, State, plain, record_of  # noqa: E402
 from activeslam_gym.motion import Motion, motion_of  # noqa: E402
-from activeslam_gym.vision.frontend import MATCHED  # noqa: E402
+from activeslam_gym.vision.outcome import MATCHED  # noqa: E402
 from activeslam_gym.vision.target import CORNERS  # noqa: E402
 from activeslam_gym.vision.track import start  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402

@@ -16,8 +16,8 @@ import numpy as np
 from activeslam_gym.files import Lines, demand_writable, text_of, written_whole
 from activeslam_gym.live.state import About, Standing, State, plain, record_of
 from activeslam_gym.vision.film import film_to
-from activeslam_gym.vision.frontend import FrameLog
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.track import TrackFiles
 
 ABOUT, STATES = "live.json", "states.jsonl"

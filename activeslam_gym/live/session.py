@@ -13,7 +13,8 @@ from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.slam.estimate import Estimate, taken_estimate
 from activeslam_gym.vision.film import point_covariances
-from activeslam_gym.vision.frontend import FrameLog, FrontEnd, Searched
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.outcome import FrameLog, Searched
 
 Source = RenderedRoom | Sequence | Device
 _FEW = 4

@@ -13,7 +13,7 @@ import numpy as np
 
 from activeslam_gym.motion import CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.vision.film import Moment
-from activeslam_gym.vision.frontend import Searched
+from activeslam_gym.vision.outcome import Searched
 
 Request = Literal["pause", "step", "restart", "follow", "mark", "save"]
 """Requests of a page, each with a value: whether to pause, and whether the simulated person follows; the id of a

@@ -17,7 +17,7 @@ from activeslam_gym.metrics import (
     log2_density,
     nees,
 )
-from activeslam_gym.vision.frontend import MATCHED
+from activeslam_gym.vision.outcome import MATCHED
 from activeslam_gym.vision.room.followed import FollowedPoints
 
 

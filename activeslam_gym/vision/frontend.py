@@ -8,7 +8,6 @@ import math
 import time
 from dataclasses import replace
 from statistics import median
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,35 +20,16 @@ from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.gallery import Gallery
+from activeslam_gym.vision.outcome import DOUBTED, MATCHED, MISSED, NOTHING, FrameLog, Searched
 from activeslam_gym.vision.redrawing import Drawn, Redrawing
 from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
+from activeslam_gym.vision.restart import Restart
 from activeslam_gym.vision.search import FOUND, UNSEARCHED, Findings, search
-from activeslam_gym.vision.selection import most_telling
+from activeslam_gym.vision.selection import among, most_telling, own_covariances
 from activeslam_gym.vision.settings import FrontEndSettings
 from activeslam_gym.vision.templates import TEMPLATE_HALF
 from activeslam_gym.vision.views import reduced, speeds, view_from
 
-
-class FrameLog(NamedTuple):
-    """The events of a frame: a row of frames.csv."""
-
-    time: float  # [s]
-    features: int  # in the map after the frame
-    searched: int
-    found: int  # with at least one candidate
-    matched: int
-    rejected: int  # found and not believed
-    births: int
-    deletions: int
-    clear: bool  # so much of the searched was matched that features could be judged and born
-    lost: bool  # too little of the map was matched to tell the pose
-    relocalised: bool  # the map was lost, and found again in this image
-    metric: bool  # the scale is known: there are fiducials
-    milliseconds: float  # of computation
-
-
-MISSED, MATCHED, DOUBTED = 0, 1, 2
-"""Outcomes of a search: nothing similar was found; the filter believed the candidate; the filter did not."""
 _LEVER = 0.5 * TEMPLATE_HALF
 """Mean distance of the edges of a corner's template from the corner: so far off is the corner found for each radian by
 which the template is turned against the image [px]."""
@@ -57,19 +37,6 @@ _STEADY = 0.1
 """Where the rotation is known less well [rad], the filter's linear model of what is unknown to the map fails."""
 _NEAREST = 3.0
 """What is nearer counts as so many times the scenario's inverse depth."""
-
-
-class Searched(NamedTuple):
-    """Where m things were searched in the last image, and with which outcome."""
-
-    id: np.ndarray  # (m,)
-    pixel: np.ndarray  # (m, 2) as predicted [px]
-    covariance: np.ndarray  # (m, 2, 2) of that [px^2]
-    outcome: np.ndarray  # (m,) MISSED, MATCHED or DOUBTED
-    inside: np.ndarray = np.zeros(0, bool)  # (m,) well inside the image, where a miss counts
-
-
-_NOTHING = Searched(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64))
 
 
 class FrontEnd:
@@ -85,11 +52,12 @@ class FrontEnd:
         self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
         self._found: list[np.ndarray] = []
-        self._searched = _NOTHING
+        self._searched = NOTHING
         self._views: list[np.ndarray] = []
         self._blind = 0  # images in a row without the map
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
         self._target: tuple[Redrawing, np.ndarray] | None = None
+        self._restart = Restart(self.camera, filter.fiducials, self.settings.fiducial_std)
 
     # The start --------------------------------------------------------------------------------------------------------
 
@@ -162,7 +130,7 @@ class FrontEnd:
         image = self._reduced(image)
         grey = image.astype(np.float32)
         self._frame += 1
-        self._found, self._searched = [np.zeros(0, DETECTION)], _NOTHING
+        self._found, self._searched = [np.zeros(0, DETECTION)], NOTHING
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         lost = self._blind >= self.settings.lost_after
@@ -173,7 +141,9 @@ class FrontEnd:
         if self.settings.wary and before is not None and not self._suffices(matched, searched):
             self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
+        dropped = self._heed_target() if self.settings.wary else 0
         births, deletions = self._learn(clear, clear or self._sees_nothing_known(searched), image, grey)
+        deletions += dropped
         again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
         missed = not self._suffices(matched, searched)
         counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
@@ -244,13 +214,13 @@ class FrontEnd:
         if scouts:
             self._search(sight, grey, np.array(scouts), s.search(scouting=True), s.scout_share)
             sight = self.filter.sight()
-        others = self._most_telling(sight, known[~_among(known, np.array(scouts))])
+        others = self._most_telling(sight, known[~among(known, np.array(scouts))])
         self._search(sight, grey, others, s.search(scouting=False), s.least_share)
 
     def _most_telling(self, sight: Sight, wanted: np.ndarray) -> np.ndarray:
         """Of the ``wanted`` ids of ``sight``, those that there is time to search: see `selection.most_telling`."""
         thing = sight.thing
-        allowed = _among(thing["id"], wanted) & (self._gallery.places(thing["id"]) >= 0)
+        allowed = among(thing["id"], wanted) & (self._gallery.places(thing["id"]) >= 0)
         if np.count_nonzero(allowed) <= self.settings.searched:
             return wanted
         return thing["id"][most_telling(sight.S, thing["R"] + thing["curvature"], allowed, self.settings.searched)]
@@ -258,7 +228,7 @@ class FrontEnd:
     def _scouts(self, sight: Sight) -> list[int]:
         """Ids of the features to search first: none if ellipses are small, else those with the best record."""
         s, ids, z_hat = self.settings, sight.thing["id"], sight.thing["z_hat"]
-        S = _own_covariances(sight)
+        S = own_covariances(sight.S)
         areas = np.pi * s.gate * np.sqrt(np.maximum(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0], 0.0))
         inside = np.all((z_hat > 20) & (z_hat < (self._width - 20, self._height - 20)), axis=1)
         known = inside & (self._gallery.places(ids) >= 0)
@@ -268,8 +238,8 @@ class FrontEnd:
 
     def _search(self, sight: Sight, grey: np.ndarray, wanted: np.ndarray, model: Record, share: float) -> None:
         """Search the ``wanted`` ids of ``sight``, and update the filter by the candidates, if a ``share`` agrees."""
-        chosen, mean = _among(sight.thing["id"], wanted), self.filter.mean
-        thing, S = sight.thing[chosen], _own_covariances(sight)[chosen]
+        chosen, mean = among(sight.thing["id"], wanted), self.filter.mean
+        thing, S = sight.thing[chosen], own_covariances(sight.S)[chosen]
         ids, z_hat, points = thing["id"], np.ascontiguousarray(thing["z_hat"]), self._points(thing["row"])
         places = self._gallery.places(ids)
         places[self._gallery.change_of_view(places, points, mean) > self.settings.most_change] = -1
@@ -281,7 +251,7 @@ class FrontEnd:
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=least)
         self._gallery.remember_looks(matched, points, mean, findings)
         self._found.append(candidates)
-        outcome = np.where(_among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
+        outcome = np.where(among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = thing["visibility"] == INSIDE
         now = (column[tried] for column in (ids, z_hat, S, outcome, inside))
         self._searched = Searched(*map(np.concatenate, zip(self._searched, now)))
@@ -338,6 +308,17 @@ class FrontEnd:
         occupied = sight.thing["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
         return self._give_births(image, grey, occupied, self.settings.births), len(failed)
 
+    def _heed_target(self) -> int:
+        """Begin anew with the pose that the target shows, where it contradicts the belief: features deleted."""
+        instead = self._restart.camera_instead(self.candidates, self.filter.mean, self.filter.camera_covariance)
+        if instead is None:
+            return 0
+        for id in (ids := self.filter.ids.tolist()):
+            self._forget(id)
+        self.filter.place_camera(*instead)
+        self._views.clear()
+        return len(ids)
+
     def _forget(self, id: int) -> None:
         self._gallery.remove(id)
         self.filter.delete(id)
@@ -388,14 +369,3 @@ class FrontEnd:
         if len(self.filter.fiducials) > 0:
             self.filter.share_depths(born["match"][:count], s.depth_in_common)
         return count
-
-
-def _among(ids: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(n,) whether each of the ``ids`` (n,) is one of the ``others`` (m,)."""
-    return np.any(ids[:, None] == others, axis=1)
-
-
-def _own_covariances(sight: Sight) -> np.ndarray:
-    """(v, 2, 2) each row's own block of the joint S."""
-    v = len(sight.thing)
-    return sight.S.reshape(v, 2, v, 2)[np.arange(v), :, np.arange(v), :]

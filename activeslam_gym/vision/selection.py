@@ -7,6 +7,17 @@ import numpy as np
 from activeslam_gym.kernels import compiled
 
 
+def among(ids: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(n,) whether each of the ``ids`` (n,) is one of the ``others`` (m,)."""
+    return np.any(ids[:, None] == others, axis=1)
+
+
+def own_covariances(S: np.ndarray) -> np.ndarray:
+    """(v, 2, 2) each thing's own block of the joint ``S`` (2 v, 2 v)."""
+    v = len(S) // 2
+    return S.reshape(v, 2, v, 2)[np.arange(v), :, np.arange(v), :]
+
+
 @compiled
 def most_telling(S: np.ndarray, R: np.ndarray, allowed: np.ndarray, count: int) -> np.ndarray:
     """(v,) bool: ``count`` of the ``allowed`` (v,) things, or all if there are fewer, chosen one by one.

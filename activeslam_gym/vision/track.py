@@ -33,9 +33,10 @@ from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
 from activeslam_gym.vision.drawing import as_first_seen, drawn
 from activeslam_gym.vision.film import film_to, moment_of
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
-from activeslam_gym.vision.frontend import FrameLog, FrontEnd, FrontEndSettings
+from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
+from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.rehearsal import rehearsed
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images

@@ -1,0 +1,107 @@
+"""A map that is inside out: the target contradicts it, and the filter begins anew."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+
+from activeslam_gym.geometry import quaternion_exp, rotation_matrix  # noqa: E402
+from activeslam_gym.motion import CAMERA_DIM  # noqa: E402
+from activeslam_gym.slam.association import DETECTION, NEW  # noqa: E402
+from activeslam_gym.vision.first_sight import start_pose  # noqa: E402
+from activeslam_gym.vision.outcome import FrameLog  # noqa: E402
+from activeslam_gym.vision.restart import Restart  # noqa: E402
+from activeslam_gym.vision.target import target_from  # noqa: E402
+from activeslam_gym.vision.track import start  # noqa: E402
+from activeslam_gym.vision.views import projected  # noqa: E402
+
+from .vision_scene import CAMERA, LENS, TARGET, image_from, pose_at, target_fields  # noqa: E402
+
+CORNERS = TARGET.fiducials
+
+
+def around_the_target(turn: tuple[float, float, float]) -> np.ndarray:
+    """(7,) a camera that looks at the target's middle, led from before it by ``turn`` [rad]."""
+    place = rotation_matrix(quaternion_exp(np.array(turn))) @ (0.0, 0.0, 0.98)
+    return pose_at(place, turn)
+
+
+TRUTH, MIRRORED = around_the_target((-0.147, 0.228, 0.0)), around_the_target((0.147, -0.228, 0.0))
+SURE = np.diag(np.repeat((0.01, 0.01, 0.05, 0.05), 3) ** 2)
+STD = 0.3  # of a corner [px]
+
+
+def beside_any_pose() -> np.ndarray:
+    """(4, 2) errors of the corners that no pose explains, 1 px in the mean."""
+    pixels = projected(CAMERA, TRUTH, CORNERS) + np.random.default_rng(2).standard_normal((4, 2))
+    left = pixels - projected(CAMERA, start_pose(CAMERA, CORNERS, pixels, STD)[0], CORNERS)
+    return left / np.sqrt(np.mean(left**2))
+
+
+def detected(pixels: np.ndarray) -> np.ndarray:
+    """(5,) the four corners as matched, and something new."""
+    found = np.zeros(5, DETECTION)
+    found["match"], found["pixel"][:4], found["R"] = (-1, -2, -3, -4, NEW), pixels, STD**2 * np.eye(2)
+    return found
+
+
+def at_rest(pose: np.ndarray) -> np.ndarray:
+    return np.concatenate((pose, np.zeros(6)))
+
+
+def images_until_restart(belief: np.ndarray, noise: float, offset: Any = 0.0) -> tuple[int, tuple | None]:
+    """After how many images of the same view the belief is given up, of 200; and for what."""
+    rng, restart = np.random.default_rng(1), Restart(CAMERA, CORNERS, STD)
+    for n in range(200):
+        pixels = projected(CAMERA, TRUTH, CORNERS) + offset + noise * rng.standard_normal((4, 2))
+        instead = restart.camera_instead(detected(pixels), at_rest(belief), SURE)
+        if instead is not None:
+            return n, instead
+    return 200, None
+
+
+def test_the_mirrored_pose_is_given_up_for_the_true_one() -> None:
+    apart = projected(CAMERA, MIRRORED, CORNERS) - projected(CAMERA, TRUTH, CORNERS)
+    assert np.linalg.norm(MIRRORED[:3] - TRUTH[:3]) > 0.4 and np.abs(apart).max() < 6 * STD, "they are much alike"
+    n, instead = images_until_restart(MIRRORED, noise=0.03)
+    assert 1 < n < 30 and instead is not None
+    camera, covariance = instead
+    assert np.linalg.norm(camera[:3] - TRUTH[:3]) < 0.02
+    np.testing.assert_array_equal(camera[7:], 0.0)
+    assert covariance.shape == (CAMERA_DIM, CAMERA_DIM) and np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+@pytest.mark.parametrize(("noise", "bias"), [(0.05, 0.0), (0.05, 0.15), (0.2, 0.1)])
+def test_a_right_belief_is_kept_although_the_lens_is_known_badly(noise: float, bias: float) -> None:
+    offset = bias * np.random.default_rng(1).choice((-1.0, 1.0), (4, 2))
+    assert images_until_restart(TRUTH, noise, offset)[1] is None
+
+
+def test_a_belief_is_kept_that_no_other_pose_would_mend() -> None:
+    assert images_until_restart(TRUTH, noise=0.1, offset=beside_any_pose())[1] is None
+
+
+def test_fewer_than_four_corners_tell_of_no_pose() -> None:
+    restart = Restart(CAMERA, CORNERS, STD)
+    three = detected(projected(CAMERA, TRUTH, CORNERS))[1:]
+    assert all(restart.camera_instead(three, at_rest(MIRRORED), SURE) is None for _ in range(100))
+
+
+def test_the_map_of_a_wrong_pose_goes_and_a_new_one_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    pose = pose_at((0.1, 0.05, 0.7), (0.0, 0.1, 0.0))
+    image, logs = image_from(pose, target=True, samples=2), []
+    end = start(image, LENS, target_from(target_fields(pose)), 30.0)
+    for k in range(1, 8):
+        if k == 5:
+            monkeypatch.setattr(Restart, "camera_instead", lambda *_: (at_rest(pose), SURE))
+            old = set(end.filter.ids.tolist())
+        if k == 6:
+            monkeypatch.undo()
+        logs.append(end.step(image, k / 30.0))
+    then: FrameLog = logs[4]
+    assert then.deletions == len(old) > 0 and then.births > 0 and logs[3].deletions == 0
+    assert not old & set(end.filter.ids.tolist())
+    assert np.linalg.norm(end.filter.mean[:3] - pose[:3]) < 0.02
+    assert not logs[-1].lost

@@ -45,6 +45,16 @@ NEW, REJECTED = 0, -(2**62)
 """A detection that nothing known explains; one that something may explain, too unclear to be used."""
 
 
+_ALL_SEEN = 0.95
+"""Detection probability from which on what is near is seen with so few exceptions that the present frame shows it."""
+
+
+def frames_of_clarity(scenario: Scenario, seconds: float) -> int:
+    """Frames for which no neighbour was seen, after which there is none: ``seconds`` of them where detections are
+    missed, and elsewhere the present one."""
+    return round(seconds / scenario.frame_time) if scenario.detection_probability < _ALL_SEEN else 1
+
+
 def chi_square_2_quantile(probability: float) -> float:
     """Quantile of the chi-square distribution of 2 dof, -2 ln(1 - p): 9.21 at 99 %."""
     return -2.0 * math.log(1.0 - probability)
@@ -68,6 +78,7 @@ ASSOCIATION, association_of = constants(
     command_known="b1",  # whether an ellipse may be vague, see `_is_vague`
     vague_px=lambda s: 3.0 * s.pixel_std,  # longest ellipse of an inverse depth not seen just now [px]
     twin_px=lambda s: 4.0 * s.pixel_std,  # things predicted nearer to each other are not told apart [px]
+    clear_frames=lambda s: frames_of_clarity(s, 0.25),  # for which an inverse depth must be alone to be matched
     novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
@@ -114,6 +125,10 @@ def associate(
     for a in range(v):
         if _has_twin(model, sight.thing, a):
             taken_back += _take_back(detections, of_thing, waits, a)
+    if model.clear_frames > 1:
+        for a in range(v):
+            if _is_crowded(model, sight, a, detections):
+                taken_back += _take_back(detections, of_thing, waits, a)
     if _returns_by_chance(model, sight, detections, of_thing):
         for a in range(v):
             if _comes_back(model, sight.thing[a]):
@@ -215,13 +230,34 @@ def _comes_back(model: Record, thing: Record) -> bool:
 @borrowing
 def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool:
     """Whether any detection is within the birth gate of thing ``a``, as it was predicted."""
-    s00, s01, s11 = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
-    bound, z = model.birth_gate * (s00 * s11 - s01 * s01), sight.thing[a].z_hat
     for i in range(detections.shape[0]):
-        u, v = detections[i].pixel[0] - z[0], detections[i].pixel[1] - z[1]
-        if s11 * u * u - 2.0 * s01 * u * v + s00 * v * v < bound:
+        if _is_near(sight, a, detections[i].pixel, model.birth_gate):
             return True
     return False
+
+
+@borrowing
+def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool:
+    """Whether thing ``a`` is an inverse depth in whose gate two detections are, or lately were, that no other thing
+    explains. Writes when that was last so."""
+    thing, near = sight.thing[a], 0
+    if thing.width != KIND_DIM[INVERSE_DEPTH]:
+        return False
+    for i in range(detections.shape[0]):
+        match = detections[i].match
+        if match == NEW or match == REJECTED or match == thing.id:
+            near += _is_near(sight, a, detections[i].pixel, model.gate)
+    if near > 1:
+        thing.crowded = 0
+    return thing.crowded < model.clear_frames
+
+
+@borrowing
+def _is_near(sight: Sight, a: int, pixel: np.ndarray, gate: float) -> bool:
+    """Whether a ``pixel`` (2,) is within a ``gate`` of thing ``a``, as it was predicted."""
+    s00, s01, s11 = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
+    u, v = pixel[0] - sight.thing[a].z_hat[0], pixel[1] - sight.thing[a].z_hat[1]
+    return s11 * u * u - 2.0 * s01 * u * v + s00 * v * v < gate * (s00 * s11 - s01 * s01)
 
 
 @borrowing

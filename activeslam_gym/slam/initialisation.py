@@ -20,7 +20,7 @@ from activeslam_gym.geometry import rotation_matrix, skew
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, product
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION, POSITION, QUATERNION
-from activeslam_gym.slam.association import NEW, REJECTED
+from activeslam_gym.slam.association import NEW, REJECTED, frames_of_clarity
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
@@ -45,6 +45,7 @@ ALONE_STDS = 6.0
 INITIALISATION, initialisation_of = constants(
     Scenario(),
     birth_detections="i8",
+    clear_frames=lambda s: frames_of_clarity(s, 0.5),  # for so many, a track that was not alone must be
     alone_px=lambda s: ALONE_STDS * s.pixel_std,  # a birth's distance from other unexplained detections [px]
     inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY
     rho_mean=lambda s: s.inverse_depth_mean,  # first inverse depth [1/m]
@@ -70,7 +71,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
 
     A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
     near it. It may hop between two landmarks that are seen side by side; so a birth waits until its detection stands
-    alone, lest what is born of one is fed by the other.
+    alone, lest what is born of one is fed by the other; and where detections are missed, until it did for a while.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
     taken, ripe, count = detections["match"] != NEW, np.empty(detections.shape[0], np.int64), 0
@@ -84,7 +85,8 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
         taken[i] = True
         tracks[t].hits += 1
         copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
-        if tracks[t].hits >= model.birth_detections and _is_alone(model, detections, i):
+        tracks[t].clear = tracks[t].clear + 1 if _is_alone(model, detections, i) else 0
+        if tracks[t].hits >= model.birth_detections and tracks[t].clear >= min(model.clear_frames, tracks[t].hits):
             ripe[count] = i
             count += 1
             tracks[t].hits = 0
@@ -93,7 +95,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
         while t < tracks.shape[0] and tracks[t].hits > 0:
             t += 1
         if t < tracks.shape[0] and not taken[i]:
-            tracks[t].hits = 1
+            tracks[t].hits, tracks[t].clear = 1, int(_is_alone(model, detections, i))
             copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
     return ripe[:count]
 

@@ -1,6 +1,7 @@
 """Joint matching, and the way back out of starvation: by what they must obey."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief
 from activeslam_gym.slam.constellation import Margins, match_jointly, worth_of_pair
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, measure_distances
-from activeslam_gym.slam.sight import INSIDE, Sight, visibility_of
+from activeslam_gym.slam.sight import INSIDE, NEVER, Sight, visibility_of
 
 from .support import (
     CAMERA,
@@ -145,11 +146,13 @@ def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
     assert expected_strangers(model, 40) == pytest.approx(0.3 + 2.0)
 
 
-def answered(sight: Sight, pixels: ArrayLike, z_hat: ArrayLike, S: np.ndarray, ids: int = ANYTHING) -> list[list]:
+def answered(
+    sight: Sight, pixels: ArrayLike, z_hat: ArrayLike, S: np.ndarray, ids: int = ANYTHING, scenario: Scenario = PAPER
+) -> list[list]:
     """The matches of detections at ``pixels``, and which things wait, with other predicted pixels and covariances."""
     sight.thing["z_hat"], sight.S[:] = z_hat, S
     detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.thing), bool)
-    associate(association_of(PAPER), sight, detections, 10, waits)
+    associate(association_of(scenario), sight, detections, 10, waits)
     return [detections["match"].tolist(), waits.tolist()]
 
 
@@ -217,6 +220,47 @@ def test_a_fiducial_is_no_stranger_where_the_others_should_be_seen_and_are_not(
         matches,
         [not believed, False, False],
     ]
+
+
+MISSING = replace(PAPER, detection_probability=0.93)
+"""A scenario in which the filter knows that detections are missed."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "scenario", "frames"), [(INVERSE_DEPTH, MISSING, 5), (INVERSE_DEPTH, PAPER, 1), (POINT, MISSING, 1)]
+)
+def test_a_new_feature_near_which_two_were_seen_waits_where_one_may_be_missed(
+    kind: int, scenario: Scenario, frames: int
+) -> None:
+    """One that was born of a landmark was handed to its neighbour in the first frame that missed the landmark."""
+    belief, S = belief_of_one(kind, 0.05), 2.5**2 * np.eye(2)
+    both, one = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]]
+    sight = sight_of(belief)
+    assert answered(sight, both, MIDDLE, S, scenario=scenario) == [[REJECTED, REJECTED], [True]]
+    for since in range(1, 8):
+        sight.thing["crowded"] = since if sight.thing["crowded"][0] < NEVER else NEVER
+        (match,), _ = answered(sight, one, MIDDLE, S, scenario=scenario)
+        assert match == (belief.feature["serial"][0] if since >= frames else REJECTED)
+
+
+@pytest.mark.parametrize(("scenario", "frames"), [(MISSING, 10), (PAPER, 1)])
+def test_nothing_is_born_of_what_was_lately_seen_beside_another(scenario: Scenario, frames: int) -> None:
+    """A neighbour that is missed in one frame is there all the same."""
+    filter, born = Filter(scenario, fiducials=np.zeros((0, 3))), []
+    for k in range(20):
+        detections = detections_of([[160.0, 120.0], [168.0, 120.0]][: 2 if k < 4 else 1])
+        filter.predict(np.zeros(6))
+        detections["match"] = filter.update(detections)
+        filter.initialise(detections)
+        born.append(len(filter.ids))
+    assert born.index(1) == 4 + frames - 1, born
+    alone = Filter(scenario, fiducials=np.zeros((0, 3)))
+    for _ in range(3):
+        alone.predict(np.zeros(6))
+        one = detections_of([[160.0, 120.0]])
+        one["match"] = alone.update(one)
+        alone.initialise(one)
+    assert len(alone.ids) == 1, "what was always alone need not wait"
 
 
 # The way back -------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from activeslam_gym.kernels import compiled
 from activeslam_gym.vision.opencv import opencv
 
 _CELLS = (4, 5)  # rows and columns of the cells whose features are counted
@@ -27,15 +28,7 @@ def new_corners(
     strength[:border], strength[h - border :] = 0.0, 0.0
     strength[:, :border], strength[:, w - border :] = 0.0, 0.0
     crowd = np.zeros(_CELLS)
-
-    def take(x: float, y: float) -> None:
-        """Count a feature, and leave no corner near it."""
-        _clear(strength, x, y, radius)
-        if 0 <= x < w and 0 <= y < h:
-            crowd[int(y * _CELLS[0] / h), int(x * _CELLS[1] / w)] += 1
-
-    for pixel in occupied.tolist():
-        take(*pixel)
+    _take(strength, crowd, np.asarray(occupied, float), radius)
     found: list[tuple[int, int]] = []
     while len(found) < count and (pixel := _strongest_in_thinnest(strength, crowd)) is not None:
         x, y = np.rint(cv2.cornerSubPix(image, np.array([[pixel]], np.float32), *_MEETING))[0, 0].astype(int).tolist()
@@ -45,12 +38,24 @@ def new_corners(
         both = cv2.cornerEigenValsAndVecs(part, _BLOCK, ksize=3)[min(y, _BLOCK), min(x, _BLOCK), :2]
         if both.min() >= least_ratio * both.max():
             found.append((x, y))
-            take(x, y)
+            _take(strength, crowd, np.array([[x, y]], float), radius)
         else:
             _clear(strength, x, y, radius)
     return np.array(found, float).reshape(-1, 2)
 
 
+@compiled
+def _take(strength: np.ndarray, crowd: np.ndarray, pixels: np.ndarray, radius: float) -> None:
+    """Count features at ``pixels`` (n, 2), and leave no corner near them."""
+    (h, w), (rows, columns) = strength.shape, crowd.shape
+    for k in range(pixels.shape[0]):
+        x, y = pixels[k, 0], pixels[k, 1]
+        _clear(strength, x, y, radius)
+        if 0 <= x < w and 0 <= y < h:
+            crowd[int(y * rows / h), int(x * columns / w)] += 1
+
+
+@compiled
 def _clear(strength: np.ndarray, x: float, y: float, radius: float) -> None:
     """Leave no corner near the pixel (x, y)."""
     top, left = max(int(y - radius), 0), max(int(x - radius), 0)

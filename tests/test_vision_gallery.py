@@ -64,11 +64,11 @@ def test_places_are_those_of_the_templates_and_are_used_again(gallery, grey) -> 
 
 def test_a_feature_is_proven_after_so_many_matches(gallery) -> None:
     for frame in range(9):
-        assert gallery.proven([7, 8, -1]).tolist() == [False, False, True]
+        assert gallery.proven(gallery.places([7, 8, -1])).tolist() == [False, False, True]
         search(gallery, {7}, frame)
     for frame in (9, 10):  # rounding decides at which of the two
         search(gallery, {7}, frame)
-    assert gallery.proven([7, 8, -1]).tolist() == [True, False, True]
+    assert gallery.proven(gallery.places([7, 8, -1])).tolist() == [True, False, True]
 
 
 def test_what_comes_back_into_sight_has_to_prove_itself_again(gallery) -> None:
@@ -77,12 +77,12 @@ def test_what_comes_back_into_sight_has_to_prove_itself_again(gallery) -> None:
         search(gallery, {7, 8}, frame)
     for frame in range(20, 40):
         gallery.judge([8], np.array([frame % 9 > 0]), np.array([True]), frame)
-    assert gallery.proven([7, 8]).tolist() == [True, True], "nothing has come back"
+    assert gallery.proven(gallery.places([7, 8])).tolist() == [True, True], "nothing has come back"
     search(gallery, {7, 8}, 40)
-    assert gallery.proven([7, 8]).tolist() == [False, True], "8 was never away for long"
+    assert gallery.proven(gallery.places([7, 8])).tolist() == [False, True], "8 was never away for long"
     for frame in range(41, 50):
         search(gallery, {7, 8}, frame)
-    assert gallery.proven([7, 8]).tolist() == [True, True]
+    assert gallery.proven(gallery.places([7, 8])).tolist() == [True, True]
 
 
 @pytest.mark.parametrize("target", [True, False])
@@ -151,7 +151,9 @@ def test_the_mean_residual_is_of_the_matches_and_zero_for_the_target(gallery) ->
     for id in (7, -1):
         for _ in range(60):
             seen_at(gallery, id, (0.2, -0.1))
-    np.testing.assert_allclose(gallery.residuals([8, 7, -1]), [[0.0, 0.0], [0.2, -0.1], [0.0, 0.0]], atol=1e-3)
+    np.testing.assert_allclose(
+        gallery.residuals(gallery.places([8, 7, -1])), [[0.0, 0.0], [0.2, -0.1], [0.0, 0.0]], atol=1e-3
+    )
 
 
 def test_new_looks_keep_the_record(gallery, grey) -> None:
@@ -169,7 +171,7 @@ def test_a_residual_that_the_linearisation_explains_counts_in_part(gallery) -> N
     """The filter counts the terms that it leaves out 3 times, so 0.1 px^2 of them leave a quarter to the noise."""
     assert CAMERA.command_known
     seen_at(gallery, 7, (0.4, -0.8), curvature=0.1)
-    np.testing.assert_allclose(gallery.residuals([7]), [(0.01, -0.02)], rtol=1e-12)
+    np.testing.assert_allclose(gallery.residuals(gallery.places([7])), [(0.01, -0.02)], rtol=1e-12)
     for _ in range(200):
         seen_at(gallery, 7, (0.0, 3.0), curvature=0.1)
     assert gallery.failed() == []

@@ -48,6 +48,7 @@ class FrontEnd:
         self._shape = int(self._height), int(self._width)
         self._centre = np.array((self.camera.u0, self.camera.v0))
         self.settings = (settings or FrontEndSettings()).seen_through(self._focal)
+        self._models = [self.settings.search(scouting) for scouting in (False, True)]
         self._prior = filter.expected_inverse_depth
         self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
@@ -92,7 +93,9 @@ class FrontEnd:
     @property
     def candidates(self) -> np.ndarray:
         """(M,) DETECTION: those of the last image with the filter's answer, in its pixels; births at the end."""
-        return np.concatenate(self._found)
+        if len(self._found) > 1:
+            self._found = [np.concatenate(self._found)]
+        return self._found[0]
 
     @property
     def searched(self) -> Searched:
@@ -208,14 +211,14 @@ class FrontEnd:
         sight, s = self.filter.sight(), self.settings
         known = sight.thing["id"].copy()
         if s.wary and np.count_nonzero(known < 0) >= 3:
-            self._search(sight, grey, known[known < 0], s.search(scouting=False), s.scout_share)
+            self._search(sight, grey, known[known < 0], self._models[False], s.scout_share)
             sight, known = self.filter.sight(), known[known >= 0]
         scouts = self._scouts(sight) if s.recover else []
         if scouts:
-            self._search(sight, grey, np.array(scouts), s.search(scouting=True), s.scout_share)
+            self._search(sight, grey, np.array(scouts), self._models[True], s.scout_share)
             sight = self.filter.sight()
         others = self._most_telling(sight, known[~among(known, np.array(scouts))])
-        self._search(sight, grey, others, s.search(scouting=False), s.least_share)
+        self._search(sight, grey, others, self._models[False], s.least_share)
 
     def _most_telling(self, sight: Sight, wanted: np.ndarray) -> np.ndarray:
         """Of the ``wanted`` ids of ``sight``, those that there is time to search: see `selection.most_telling`."""
@@ -247,7 +250,7 @@ class FrontEnd:
         tried = findings.state != UNSEARCHED
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
         least = max(least, 3 if self.settings.wary and self._blind >= self.settings.lost_after else 1)
-        candidates = self._candidates(ids, findings)
+        candidates = self._candidates(ids, places, findings)
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=least)
         self._gallery.remember_looks(matched, points, mean, findings)
         self._found.append(candidates)
@@ -260,17 +263,18 @@ class FrontEnd:
         """World points (v, 3) of the fiducials and features at ``rows`` (v,) of a sight."""
         return np.concatenate((self.filter.fiducials, self.filter.positions))[rows]
 
-    def _candidates(self, ids: np.ndarray, findings: Findings) -> np.ndarray:
-        """The findings of the things ``ids`` (v,) as candidates (M,); new features pull little: some follow an edge."""
+    def _candidates(self, ids: np.ndarray, places: np.ndarray, findings: Findings) -> np.ndarray:
+        """The findings of the things ``ids`` (v,), whose templates are at ``places`` (v,), as candidates (M,); new
+        features pull little: some follow an edge."""
         s, (row, peak) = self.settings, findings.candidates
         out = np.zeros(row.shape[0], DETECTION)
         id, pixel, R = ids[row], findings.pixel[row, peak], findings.R[row, peak]
         fiducial = id < 0
         if fiducial.any():
             R[fiducial] = self._noise_of_fiducials(-1 - id[fiducial], R[fiducial])
-        R[~self._gallery.proven(id)] *= s.probation**2 if len(self.filter.fiducials) else 1.0
+        R[~self._gallery.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
-        astray = s.residual_weight * self._gallery.residuals(id)
+        astray = s.residual_weight * self._gallery.residuals(places[row])
         R += (lens**2)[:, None, None] * np.eye(2)
         R += astray[:, :, None] * astray[:, None, :]
         out["id"], out["pixel"], out["R"] = id, pixel, R

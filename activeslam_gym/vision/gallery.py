@@ -133,15 +133,13 @@ class Gallery:
         own = (places >= 0) & (self.templates.id[places] > 0)
         return own & (std > s.most_strain + s.strain_of_tilt * change * self._camera.focal)
 
-    def residuals(self, ids: Iterable[int]) -> np.ndarray:
-        """(m, 2) the running mean residual of each of the features ``ids`` (m,) [px]; zero for the target."""
-        places = self.places(ids)
+    def residuals(self, places: np.ndarray) -> np.ndarray:
+        """(m, 2) the running mean residual of each of the features at ``places`` (m,) [px]; zero for the target."""
         return np.where((self.templates.id[places] > 0)[:, None], self._residual[places], 0.0)
 
-    def proven(self, ids: Iterable[int]) -> np.ndarray:
-        """(m,) which of ``ids`` (m,) were matched in as many images as it takes to judge a feature, since they last
-        came into sight; the target is."""
-        places = self.places(ids)
+    def proven(self, places: np.ndarray) -> np.ndarray:
+        """(m,) which of the features at ``places`` (m,) were matched in as many images as it takes to judge a feature,
+        since they last came into sight; the target is."""
         lately = self._seen[places] - self._since[places] >= self._settings.trials - 1
         return (self.templates.id[places] < 0) | (lately & (self._matched[places] >= self._enough))
 

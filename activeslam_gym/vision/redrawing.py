@@ -27,26 +27,22 @@ class Redrawing:
         self, target: Drawn, fiducials: np.ndarray, after: tuple[float, float], shown_from: np.ndarray | None
     ) -> None:
         self._target, self._fiducials, self._after = target, fiducials, after
-        self._drawn_from = {} if shown_from is None else dict.fromkeys(range(len(fiducials)), shown_from)
+        self._drawn_from = np.full((len(fiducials), 7), np.nan if shown_from is None else shown_from)
 
     def due(
         self, numbers: np.ndarray, expected: np.ndarray, pose: np.ndarray, shape: tuple[int, ...]
     ) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Of the fiducials ``numbers`` (n,), ``expected`` at pixels (n, 2) of an image of ``shape`` (h, w), those that
         were drawn for another view than that from ``pose`` (7,), and are wholly in it: number, picture, pixel (2,)."""
-        for k, pixel in zip(numbers.tolist(), expected):
-            if k < 0 or not has_room(shape, pixel) or not self._is_seen_otherwise(k, pose):
-                continue
-            with suppress(ValueError):
-                picture, pixel = self._target(pose, k)
-                if shows_template(picture, pixel):
-                    self._drawn_from[k] = pose
-                    yield k, picture, pixel
-
-    def _is_seen_otherwise(self, k: int, pose: np.ndarray) -> bool:
-        """Whether fiducial ``k`` was not drawn, or for another view than that from ``pose`` (7,)."""
-        last, point = self._drawn_from.get(k), self._fiducials[k]
-        if last is None:
-            return True
-        change = changes_of_view(last[None], pose, point[None])[0]
-        return bool(change > self._after[0] or turn_between(last[3:], pose[3:]) > self._after[1])
+        own = numbers >= 0
+        numbers, expected = numbers[own], expected[own]
+        last = self._drawn_from[numbers]
+        change = changes_of_view(last, pose, self._fiducials[numbers])
+        same = (change <= self._after[0]) & (turn_between(last[:, 3:], pose[3:]) <= self._after[1])
+        for k, pixel in zip(numbers[~same].tolist(), expected[~same]):
+            if has_room(shape, pixel):
+                with suppress(ValueError):
+                    picture, pixel = self._target(pose, k)
+                    if shows_template(picture, pixel):
+                        self._drawn_from[k] = pose
+                        yield k, picture, pixel

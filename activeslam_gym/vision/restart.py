@@ -8,13 +8,13 @@ them, image after image, and one pose explains them all (`slam.restart` is the s
 
 import numpy as np
 
-from activeslam_gym.geometry import rotation_error
-from activeslam_gym.kernels import Record
+from activeslam_gym.camera import camera_point, pixel_from_camera_point
+from activeslam_gym.geometry import rotation_error, rotation_matrix
+from activeslam_gym.kernels import Record, compiled
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.slam.sight import POSE_DIM
 from activeslam_gym.vision.first_sight import start_pose
 from activeslam_gym.vision.relocalisation import PRIOR
-from activeslam_gym.vision.views import projected
 
 _LEAST = 4  # fiducials that tell of a pose
 _KEPT = 0.9  # of the running mean, by an image
@@ -46,7 +46,7 @@ class Restart:
         points, pixels, R = self._fiducials[-1 - own["match"]], own["pixel"], own["R"]
         if len(own) < _LEAST:
             return None
-        nis = _mean_nis(pixels - projected(self._camera, mean, points), R)
+        nis = _mean_nis(self._camera, mean, points, pixels, R)
         self._nis = _KEPT * self._nis + (1.0 - _KEPT) * min(nis, _MOST)
         if self._nis < _CONTRADICTED:
             return None
@@ -56,7 +56,7 @@ class Restart:
             return None
         camera, around = np.concatenate((pose, np.zeros(6))), PRIOR.copy()
         around[:POSE_DIM, :POSE_DIM] = spread
-        left = _mean_nis(pixels - projected(self._camera, pose, points), R)
+        left = _mean_nis(self._camera, pose, points, pixels, R)
         apart = np.concatenate((pose[:3] - mean[:3], rotation_error(pose[3:], mean[QUATERNION])))
         distance = apart @ np.linalg.solve(spread + covariance[:POSE_DIM, :POSE_DIM], apart)
         if left > _EXPLAINED * nis or distance < _DISTINCT:
@@ -65,6 +65,15 @@ class Restart:
         return camera, around
 
 
-def _mean_nis(residuals: np.ndarray, R: np.ndarray) -> float:
-    """Mean of r^T R^-1 r / 2 of the ``residuals`` (n, 2) with ``R`` (n, 2, 2)."""
-    return float(0.5 * np.mean(np.einsum("ni,ni->n", residuals, np.linalg.solve(R, residuals[:, :, None])[:, :, 0])))
+@compiled
+def _mean_nis(camera: Record, pose: np.ndarray, points: np.ndarray, pixels: np.ndarray, R: np.ndarray) -> float:
+    """Mean over n points of r^T R^-1 r / 2, r the ``pixels`` (n, 2) less those of the ``points`` (n, 3) from ``pose``
+    (>= 7,); ``R`` (n, 2, 2). Infinite where one is behind the camera."""
+    R_WC, z, total = rotation_matrix(pose[QUATERNION]), np.empty(2), 0.0
+    for k in range(points.shape[0]):
+        if not pixel_from_camera_point(camera, camera_point(R_WC, pose, points[k]), z):
+            return np.inf
+        u, v, cov = pixels[k, 0] - z[0], pixels[k, 1] - z[1], R[k]
+        square = cov[1, 1] * u * u - 2.0 * cov[0, 1] * u * v + cov[0, 0] * v * v
+        total += 0.5 * square / (cov[0, 0] * cov[1, 1] - cov[0, 1] * cov[0, 1])
+    return total / points.shape[0]

@@ -82,9 +82,9 @@ def pose_of(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
     return np.concatenate((-R_WC.apply(shift.ravel()), np.roll(R_WC.as_quat(), 1)))
 
 
-def turn_between(one: np.ndarray, other: np.ndarray) -> float:
-    """The angle of the turn from quaternion ``one`` (4,) to the ``other`` (4,) [rad]."""
-    return 2.0 * float(np.arccos(min(1.0, abs(one @ other))))
+def turn_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The angle of the turn from quaternion ``one`` (..., 4) to the ``other`` (4,), (...) [rad]."""
+    return 2.0 * np.arccos(np.minimum(1.0, np.abs(one @ other)))
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""A map that is inside out: the target contradicts it, and the filter begins anew."""
+"""A map that is inside out: the target contradicts it, and the filter restarts."""
 
 from typing import Any
 

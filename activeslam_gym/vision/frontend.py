@@ -313,7 +313,7 @@ class FrontEnd:
         return self._give_births(image, grey, occupied, self.settings.births), len(failed)
 
     def _heed_target(self) -> int:
-        """Begin anew with the pose that the target shows, where it contradicts the belief: features deleted."""
+        """Restart at the pose that the target shows, where it contradicts the belief: how many features are deleted."""
         instead = self._restart.camera_instead(self.candidates, self.filter.mean, self.filter.camera_covariance)
         if instead is None:
             return 0

@@ -252,7 +252,9 @@ def test_the_view_shows_the_outcome_of_each_search() -> None:
 def test_the_command_is_told_in_words_with_its_gain() -> None:
     told = drawing.command(replace(a_state(), command=Motion.UP))
     assert "Move up" in told and "+-2.0 bits" in told
-    assert "Hold still" in drawing.command(replace(a_state(), scores=np.full(7, np.nan)))
+    assert "Hold still" in drawing.command(replace(a_state(), advised=np.zeros(7, int)))
+    of_a_policy = drawing.command(replace(a_state(), scores=np.full(7, np.nan)))
+    assert "Move up" in of_a_policy and "gives no reasons" in of_a_policy
     assert "&lt;" in drawing.standing(replace(a_state(), words="<b>"), False)
 
 

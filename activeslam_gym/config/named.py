@@ -34,6 +34,10 @@ _PIXELS = {
     "inverse_depth_std": 0.6,  # a wall at half a metre is within three deviations
 }  # with 13 spare features, a map of 49
 """Images of a textured room; the fiducials are the corners of the target."""
+_BARE = {
+    **_PIXELS, "room_size": (7.0, 2.4, 7.0), "landmark_layout": CLUSTERS, "cluster_count": 3, "plan_position_std": 0.05,
+}  # fmt: skip
+"""Images of a bare room, in which groups of posters alone have features."""
 
 SCENARIOS: Registry[Scenario] = Registry("scenario")
 """The named scenarios, by name."""
@@ -91,8 +95,11 @@ _add("mixed", "generalise: each reset draws the size of the room, the boxes and 
          ("acceleration_std", 0.05, 0.2), ("angular_acceleration_std", 0.05, 0.2)))
 _add("pixels", "images of a textured room instead of points", _PIXELS)
 _add("gallery-pixels", "20 s of images of a bare room with three groups of posters: find them, and lose none",
-     _PIXELS, room_size=(7.0, 2.4, 7.0), landmark_layout=CLUSTERS, cluster_count=3, duration=20.0,
-     plan_horizon=4.0, plan_position_std=0.05)
+     _BARE, duration=20.0, plan_horizon=4.0)
+_add("corner-pixels", "12 s of images from a corner of that room, facing a wall: find a group, and lose none",
+     _BARE, start=CORNER, duration=12.0, plan_horizon=8.0)
+_add("corridor-pixels", "8 s of images along a wall of a long bare room with five groups: turn to the nearest",
+     _BARE, room_size=(12.0, 2.4, 5.0), cluster_count=5, start=WALL, duration=8.0, plan_horizon=8.0)
 _add("hand-held-pixels", "images, with a hand-held camera whose motion the filter does not know", _PIXELS, _HAND_HELD)
 # fmt: on
 
@@ -110,6 +117,8 @@ _SEEDS = {
     "mixed": 71,
     "noisy": 81,
     "gallery-pixels": 91,
+    "corner-pixels": 101,
+    "corridor-pixels": 111,
 }
 """First seed of each scenario's benchmark, in millions."""
 

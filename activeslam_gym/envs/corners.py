@@ -11,18 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import change_of_view, view_of, visible
+from activeslam_gym.camera import change_of_view, distance_between, view_of, visible
 from activeslam_gym.envs.images import account_scene
 from activeslam_gym.envs.run import Run, present
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into
+from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import feature_capacity, positions_of
 from activeslam_gym.slam.estimate import index_of
 from activeslam_gym.slam.frame import use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
-from activeslam_gym.slam.map import remove_id
+from activeslam_gym.slam.map import draw_bias, remove_id
 from activeslam_gym.slam.sight import INSIDE, sight_of_belief
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.room import patterns
@@ -32,6 +33,7 @@ from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.room.textures import texture_library, texture_range
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.vision.templates import TEMPLATE_HALF
+from activeslam_gym.vision.views import speeds
 from activeslam_gym.world.noise import normal_pair, uniforms
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of, faces
@@ -43,12 +45,13 @@ _EDGE = TEMPLATE_HALF + 2.0  # what is nearer to the image's border is not found
 _BIRTH_EDGE = _EDGE + 6.0
 _FACING = 0.26  # cosine of the greatest angle at which a corner is seen
 _LOG_RATIO = 4.0  # of a match: what its looks say for it
-_SIDE = 64  # texels, along a side, of the level of a texture in which its corners are
-_MOST = 60  # corners of a texture
+_SIDES = (16, 32, 64, 128, 256)  # texels, along a side, of the levels of a texture that have corners of their own
+_MOST = 60  # corners of a level
 
 RULES = record(
     drift="f8", most_change="f8", scout_area="f8", gate="f8", least_share="f8", memory="f8", least_success="f8",
-    enough="f8", spacing="f8", births="i8", births_every="i8", visible="i8", room_below="i8",
+    enough="f8", spacing="f8", births="i8", births_every="i8", visible="i8", room_below="i8", fiducial_blur="f8",
+    fiducial_bias_std="f8", feature_bias_std="f8", redrawn=("f8", 2),
 )  # fmt: skip
 """The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
 MEMORY = record(
@@ -63,11 +66,20 @@ MEMORY = record(
 """What the front end would remember of a feature."""
 
 
+DRAWN = record(
+    pose=("f8", 7),  # of the camera for which a fiducial's template was drawn; NaN: for none
+    bias=("f8", 2),  # by which it is found beside its pixel [px]
+)
+"""The template of a fiducial."""
+
+
 class Corners(NamedTuple):
     """What can be seen in one run's room, and what is remembered of it."""
 
     points: np.ndarray  # (n, 3) [m], in random order
     normals: np.ndarray  # (n, 3) of the surfaces that they are on
+    reach: np.ndarray  # (n, 2) between these distances each is a corner of the image [m]
+    drawn: np.ndarray  # (K,) of DRAWN
     memory: np.ndarray  # (F,) of MEMORY
     spare: np.ndarray  # (N, 3) the truth of the slots of the score that have no feature [m]
     noise_key: np.ndarray  # (1,) uint64 the stream of the noise, of which frame k uses its own part
@@ -87,10 +99,13 @@ class Glance:
         run.world.fiducials[:] = scene.target
         run.world.boxes[:] = scene.boxes
         run.world.state.boxes = len(scene.boxes)
-        points, normals = corners_of(scene)
+        points, normals, reach = corners_of(scene, float(setting.models.true_camera.focal))
         order = np.random.default_rng(noise).permutation(len(points))
         memory, key = np.zeros(feature_capacity(setting.scenario), MEMORY), noise.generate_state(1, np.uint64)
-        self.corners = Corners(points[order], normals[order], memory, run.world.landmarks.copy(), key)
+        drawn = np.zeros(len(scene.target), DRAWN)
+        drawn["pose"] = np.nan
+        spare = run.world.landmarks.copy()
+        self.corners = Corners(points[order], normals[order], reach[order], drawn, memory, spare, key)
         self._rules = filled(RULES, s, enough=(1.0 - s.memory**s.trials) / (1.0 - s.memory))
 
     def begin(self, run: Run) -> None:
@@ -110,8 +125,11 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
         feel_contact(belief, u, motion.dt)
     predict(motion, belief, u, motion.dt)
     wander(belief, rules.drift / run.models.camera.focal, motion.dt)
-    things, most = memory.shape[0] + run.world.fiducials.shape[0], 2 + 4 * rules.births
-    luck = uniforms(corners.noise_key, frame * (2 * things + most), 2 * things + most)
+    K = run.world.fiducials.shape[0]
+    things, most = memory.shape[0] + K, 2 + 4 * rules.births
+    draws = 2 * (things + K) + most
+    luck = uniforms(corners.noise_key, frame * draws, draws)
+    _draw_target(run, rules, corners, luck[2 * things + most :])
     found = _search(run, rules, corners, luck)
     for entry in memory:
         if entry.id > 0 and entry.tried >= rules.enough and entry.matched < rules.least_success * entry.tried:
@@ -120,14 +138,36 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
             run.episode.events.deletions += 1
     run.episode.detections = found + _give_births(run, rules, corners, luck[2 * things :], found)
     present(run)
-    estimate = run.estimate
+    estimate, angle = run.estimate, rules.feature_bias_std / run.models.camera.focal
     points = np.empty((estimate.state.count, 3))
     for entry in memory:
         k = index_of(estimate, entry.id) if entry.id > 0 else -1
         if k >= 0:
             copy_into(points[k], corners.points[entry.corner])
             copy_into(run.first_seen[k], entry.first_seen)
+            far = distance_between(entry.first_seen, estimate.landmark[k].point)
+            for axis in range(3):
+                at = CAMERA_DIM + 3 * k + axis
+                estimate.covariance[at, at] += (angle * far) ** 2
     account_scene(run, points, corners.spare)
+
+
+@compiled
+def _draw_target(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> None:
+    """The fiducials whose view has changed are drawn for the one that is believed, and found with new biases."""
+    belief, std, (change, turn) = run.ekf, rules.fiducial_bias_std, rules.redrawn
+    pose, fiducials = belief.state.camera, run.world.fiducials
+    for k in range(fiducials.shape[0]):
+        drawn = corners.drawn[k]
+        dot = 0.0
+        for i in range(3, 7):
+            dot += drawn.pose[i] * pose[i]
+        same = change_of_view(drawn.pose, pose, fiducials[k]) <= change and 2.0 * math.acos(min(abs(dot), 1.0)) <= turn
+        if math.isnan(dot) or not same:
+            copy_into(drawn.pose, pose[:7])
+            first, second = normal_pair(luck[2 * k], luck[2 * k + 1])
+            drawn.bias[0], drawn.bias[1] = std * first, std * second
+            draw_bias(belief, fiducials.shape[0], k, std * std)
 
 
 @compiled
@@ -139,7 +179,7 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
     view = view_of(models.true_camera, pose, boxes_of(run.world))
     believed, z = positions_of(belief), np.empty(2)
     v, found, searched = sight.thing.shape[0], 0, 0
-    tried = np.zeros(v, np.bool_)
+    tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.camera, belief.state.camera, fiducials)
     for i in range(v):
         thing = sight.thing[i]
         m = _place(memory, thing.id) if thing.id > 0 else -1
@@ -153,7 +193,8 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
             continue
         tried[i] = True
         searched += 1
-        point = corners.points[memory[m].corner] if m >= 0 else fiducials[-1 - thing.id]
+        k = -1 - thing.id
+        point = corners.points[memory[m].corner] if m >= 0 else fiducials[k]
         if not visible(view, point, -_EDGE, z) or found == run.candidate.shape[0]:
             continue
         if m >= 0 and not faces(corners.normals[memory[m].corner], point, pose, _FACING):
@@ -161,11 +202,14 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
         x, y = z[0] - thing.z_hat[0], z[1] - thing.z_hat[1]
         if (d * x * x - 2.0 * b * x * y + a * y * y) / det > rules.gate:
             continue
-        std = memory[m].std if m >= 0 else FIDUCIAL_STD
+        std = memory[m].std if m >= 0 else math.hypot(FIDUCIAL_STD, blur[k])
         one = run.candidate[found]
         one.id, one.match, one.log_ratio = thing.id, 0, _LOG_RATIO
         first, second = normal_pair(luck[2 * i], luck[2 * i + 1])
         one.pixel[0], one.pixel[1] = z[0] + std * first, z[1] + std * second
+        if m < 0:
+            one.pixel[0] += corners.drawn[k].bias[0]
+            one.pixel[1] += corners.drawn[k].bias[1]
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = std * std, 0.0, 0.0, std * std
         found += 1
     least = max(int(round(rules.least_share * searched)), 1)
@@ -212,8 +256,8 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         c = (begin + k) % n
         if born == wanted or found + born == run.candidate.shape[0]:
             break
-        point = corners.points[c]
-        if not faces(corners.normals[c], point, pose, _FACING) or not visible(view, point, -_BIRTH_EDGE, z):
+        point, (nearest, farthest) = corners.points[c], corners.reach[c]
+        if not nearest <= distance_between(point, pose) < farthest or not faces(corners.normals[c], point, pose, _FACING) or not visible(view, point, -_BIRTH_EDGE, z):
             continue
         free = True
         for i in range(crowd):
@@ -268,33 +312,48 @@ def _longest_unseen(memory: np.ndarray, since: int) -> int:
 
 
 @functools.lru_cache(maxsize=1)
-def _texture_corners() -> tuple[np.ndarray, ...]:
-    """Of each texture of the library, its corners (n, 2) as shares of its sides."""
-    out, top = [], 2 * (SIZE - _SIDE)
+def _texture_corners() -> tuple[tuple[np.ndarray, ...], ...]:
+    """Of each texture of the library, the corners (n, 2) of each of its levels, as shares of its sides."""
+    out = []
     for texture in texture_library(0):
-        grey = (texture[top : top + _SIDE, :_SIDE] & 255).astype(np.uint8)
-        corners = new_corners(grey, np.zeros((0, 2)), _MOST, 4.0, 3, SIGHTED.least_corner, SIGHTED.least_ratio)
-        out.append((corners + 0.5) / _SIDE)
+        levels = []
+        for side in _SIDES:
+            top = 2 * (SIZE - side)
+            grey = (texture[top : top + side, :side] & 255).astype(np.uint8)
+            corners = new_corners(grey, np.zeros((0, 2)), _MOST, 4.0, 3, SIGHTED.least_corner, SIGHTED.least_ratio)
+            levels.append((corners + 0.5) / side)
+        out.append(tuple(levels))
     return tuple(out)
 
 
-def corners_of(room: Room) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) the corners of all rectangles of a ``room`` but the target, and of their textures [m]; (n, 3) normals."""
-    target, ends = texture_range(patterns.target), np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))
-    points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
+def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(n, 3) the corners of the rectangles of a ``room``, but of walls, and of boxes that look like the walls before
+    which they stand, and the corners of their textures [m]; (n, 3) normals;
+    (n, 2) from and to which distance a camera of that ``focal`` length [px] sees each as a corner [m].
+
+    A texture is drawn by the level whose texels are one to two pixels large, and has the corners of that level.
+    """
+    target, plain = texture_range(patterns.target), texture_range(patterns.plaster)
+    ends = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))
+    points, normals, reach = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 2))]
+
+    def add(surface: Record, share: np.ndarray, nearest: float, farthest: float) -> None:
+        points.append(surface["corner"] + share[:, :1] * surface["along"] + share[:, 1:] * surface["down"])
+        normals.append(np.tile(surface["normal"], (len(share), 1)))
+        reach.append(np.tile((nearest, farthest), (len(share), 1)))
+
     for k, surface in enumerate(room.surfaces):
+        if k < len(room.surfaces) - 6 and surface["texture"] not in plain:  # the walls come last
+            add(surface, ends, 0.0, np.inf)
         if surface["texture"] in target:
-            continue
-        own = _texture_corners()[int(surface["texture"])]
-        if k < len(room.surfaces) - 6:  # the walls come last
-            points.append(surface["corner"] + ends[:, :1] * surface["along"] + ends[:, 1:] * surface["down"])
-            normals.append(np.tile(surface["normal"], (4, 1)))
+            continue  # its own corners are the fiducials
         texel, texels = surface["texel"] / SIZE, surface["texels"] / SIZE
         low, high = np.floor(texel).astype(int), np.ceil(texel + texels).astype(int)
-        for i in range(low[0], high[0]):
-            for j in range(low[1], high[1]):
+        sides = np.linalg.norm(surface["along"]), np.linalg.norm(surface["down"])
+        extent = math.sqrt(sides[0] * sides[1] / texels.prod())  # of the whole texture [m]
+        for side, own in zip(_SIDES, _texture_corners()[int(surface["texture"])]):
+            nearest = 0.0 if side == _SIDES[-1] else 0.5 * focal * extent / side
+            for i, j in itertools.product(range(low[0], high[0]), range(low[1], high[1])):
                 share = (own + (i, j) - texel) / texels
-                share = share[np.all((share > 0.0) & (share < 1.0), axis=1)]
-                points.append(surface["corner"] + share[:, :1] * surface["along"] + share[:, 1:] * surface["down"])
-                normals.append(np.tile(surface["normal"], (len(share), 1)))
-    return np.concatenate(points), np.concatenate(normals)
+                add(surface, share[np.all((share > 0.0) & (share < 1.0), axis=1)], nearest, focal * extent / side)
+    return np.concatenate(points), np.concatenate(normals), np.concatenate(reach)

@@ -101,3 +101,59 @@ def test_a_batch_does_what_each_does_alone() -> None:
 def test_a_room_without_textures_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^scenario.fiducial_count must be 4 for corners, got 6$"):
         gym.make("ActiveSLAM-v0", scenario={"sensor": "corners"})
+
+
+def test_new_features_are_corners_at_their_distance() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
+    env.reset(seed=SEED)
+    run, corners, known, born = env.unwrapped._run, env.unwrapped._perceptions[0].corners, set(), 0
+    for action in np.repeat(ACTIONS, 5, axis=0):
+        env.step(action)
+        for entry in corners.memory[corners.memory["id"] > 0]:
+            if int(entry["id"]) not in known:
+                known.add(int(entry["id"]))
+                nearest, farthest = corners.reach[entry["corner"]]
+                distance = np.linalg.norm(run.world.state.camera[:3] - corners.points[entry["corner"]])
+                assert nearest <= distance < farthest
+                born += np.isfinite(farthest)  # of a texture, not of a rectangle
+    assert len(known) > 10
+    assert born > 3
+
+
+def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
+    env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
+    env.reset(seed=SEED)
+    run, corners, z = env.unwrapped._run, env.unwrapped._perceptions[0].corners, np.empty(2)
+    errors: dict[bytes, list[np.ndarray]] = {}
+    for _ in range(60):
+        env.step([0, 2])
+        pose = run.world.state.camera
+        for one in run.candidate[: int(run.episode.detections)]:
+            if -4 <= one["match"] < 0:
+                k = -1 - int(one["match"])
+                p_C = camera_point(rotation_matrix(pose[3:7]), pose, run.world.fiducials[k])
+                assert pixel_from_camera_point(run.models.true_camera, p_C, z)
+                errors.setdefault(corners.drawn[k]["bias"].tobytes(), []).append(one["pixel"] - z)
+    assert run.ekf.state.bias_dim == 8
+    assert 4 <= len(errors) < 30
+    for bias, found in errors.items():
+        if len(found) > 5:
+            assert np.all(np.abs(np.mean(found, axis=0) - np.frombuffer(bias)) < 0.3 / np.sqrt(len(found)))
+    assert np.std([np.frombuffer(bias) for bias in errors]) == pytest.approx(SIGHTED.fiducial_bias_std, rel=0.6)
+
+
+def test_the_belief_is_about_as_certain_as_by_images() -> None:
+    """Of three rooms, the deviations of the camera over time, and the features."""
+    logs, counts = [], []
+    for seed in range(SEED, SEED + 3):
+        for name in ("ActiveSLAM-v0", "ActiveSLAMPixels-v0"):
+            env = gym.make(name, scenario=GALLERY if name == "ActiveSLAM-v0" else "gallery-pixels", gaze_period=0.25)
+            env.reset(seed=seed)
+            for action in ACTIONS:
+                env.step(action)
+                covariance = env.unwrapped.belief.covariance
+                logs.append(0.5 * np.log([np.trace(covariance[:3, :3]), np.trace(covariance[3:6, 3:6])]))
+            counts.append(len(env.unwrapped.belief.ids))
+    corners, images = np.reshape(logs, (3, 2, len(ACTIONS), 2)).mean(axis=(0, 2))
+    np.testing.assert_allclose(corners, images, atol=np.log(1.5))
+    assert np.sum(counts[::2]) == pytest.approx(np.sum(counts[1::2]), rel=0.4)

@@ -17,7 +17,8 @@ one wrong match makes the next ones. So a match must be more than near:
 5. What comes back after a long time is not believed where as much that should be in view with it is not: there the
    estimate is wrong, and the match is chance. A vague depth that was out of sight is left out: its long ellipse takes
    what lies on it.
-6. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
+6. A new feature that waited between two detections, of which one is left, is forgotten: see `_is_crowded`.
+7. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
 """
 
@@ -79,6 +80,7 @@ ASSOCIATION, association_of = constants(
     vague_px=lambda s: 3.0 * s.pixel_std,  # longest ellipse of an inverse depth not seen just now [px]
     twin_px=lambda s: 4.0 * s.pixel_std,  # things predicted nearer to each other are not told apart [px]
     clear_frames=lambda s: frames_of_clarity(s, 0.25),  # for which an inverse depth must be alone to be matched
+    rival_gate=25.0,  # near enough to an inverse depth's prediction to be its rival, where the present frame shows it
     novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
@@ -125,10 +127,9 @@ def associate(
     for a in range(v):
         if _has_twin(model, sight.thing, a):
             taken_back += _take_back(detections, of_thing, waits, a)
-    if model.clear_frames > 1:
-        for a in range(v):
-            if _is_crowded(model, sight, a, detections):
-                taken_back += _take_back(detections, of_thing, waits, a)
+    for a in range(v):
+        if _is_crowded(model, sight, a, detections, of_thing[a] >= 0):
+            taken_back += _take_back(detections, of_thing, waits, a)
     if _returns_by_chance(model, sight, detections, of_thing):
         for a in range(v):
             if _comes_back(model, sight.thing[a]):
@@ -237,19 +238,25 @@ def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool
 
 
 @borrowing
-def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool:
-    """Whether thing ``a`` is an inverse depth in whose gate two detections are, or lately were, that no other thing
-    explains. Writes when that was last so."""
-    thing, near = sight.thing[a], 0
+def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray, matched: bool) -> bool:
+    """Whether thing ``a`` is an inverse depth, and may be another of two detections that no other thing explains.
+
+    Where detections are missed: in whose gate they are, or lately were. Elsewhere: to which one was ``matched`` since
+    the other is gone or new. Which of the two it is of, nobody can say, so it is mistaken. Writes when they were near.
+    """
+    thing, near, missed = sight.thing[a], 0, model.clear_frames > 1
     if thing.width != KIND_DIM[INVERSE_DEPTH]:
         return False
     for i in range(detections.shape[0]):
         match = detections[i].match
         if match == NEW or match == REJECTED or match == thing.id:
-            near += _is_near(sight, a, detections[i].pixel, model.gate)
+            near += _is_near(sight, a, detections[i].pixel, model.gate if missed else model.rival_gate)
     if near > 1:
         thing.crowded = 0
-    return thing.crowded < model.clear_frames
+    if missed:
+        return thing.crowded < model.clear_frames
+    thing.mistaken = matched and 0 < thing.crowded < thing.unseen and _longest_square(sight.S, a) > model.sharp_var
+    return thing.mistaken
 
 
 @borrowing

@@ -107,7 +107,7 @@ def use_detections(
         restart(model.restart, belief)
         detections["match"][:] = REJECTED
         return
-    _count_misses(model.initialisation.miss_spacing, belief, fiducials.shape[0], sight, of_thing, waits)
+    _count_misses(model.initialisation, belief, fiducials.shape[0], sight, of_thing, waits)
     lasts = models.camera.command_known or fiducials.shape[0] > 0
     update_by(models.camera, belief, fiducials, sight, of_thing, detections, PRODUCT_FRAMES if lasts else 1.0)
     counts.conversions += mature(model.initialisation, belief)
@@ -131,7 +131,8 @@ def use_identified(
     """
     of_thing = associate_identified(models.filter.appearance, sight, detections, least)
     counts.rejected_matches += np.sum(detections["match"] == REJECTED)
-    _count_misses(0.0, belief, fiducials.shape[0], sight, of_thing, np.ones(of_thing.shape[0], np.bool_))
+    everything = np.ones(of_thing.shape[0], np.bool_)
+    _count_misses(models.filter.initialisation, belief, fiducials.shape[0], sight, of_thing, everything)
     frames = IMAGE_PRODUCT_FRAMES if models.camera.command_known else 1.0
     update_by(models.camera, belief, fiducials, sight, of_thing, detections, frames)
     counts.conversions += mature(models.filter.initialisation, belief)
@@ -154,14 +155,14 @@ def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
 
 @borrowing
 def _count_misses(
-    spacing: float, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
+    model: Record, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
 ) -> None:
     """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
-    Remembers which were crowded.
+    Remembers which were crowded, and gives up what is mistaken.
 
-    Misses from places less than ``spacing`` [m] apart count once: what hides a feature hides it from all of them.
+    Misses from places less than ``miss_spacing`` [m] apart count once: what hides a feature hides it from all of them.
     """
-    camera = belief.state.camera
+    camera, spacing = belief.state.camera, model.miss_spacing
     for a in range(of_thing.shape[0]):
         thing = sight.thing[a]
         if thing.row < K:
@@ -169,7 +170,9 @@ def _count_misses(
         feature = belief.feature[thing.row - K]
         if thing.crowded == 0:
             feature.crowded = belief.state.frame
-        if of_thing[a] >= 0:
+        if thing.mistaken:
+            feature.misses = model.maximum_misses
+        elif of_thing[a] >= 0:
             feature.misses, feature.seen = 0, belief.state.frame
         elif thing.visibility == INSIDE and not waits[a]:
             if feature.misses == 0 or spacing == 0.0 or distance_between(feature.missed_at, camera) > spacing:

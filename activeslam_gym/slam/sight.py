@@ -58,6 +58,7 @@ THING = record(
     visibility="i8",  # NEAR or INSIDE
     unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
     crowded="i8",  # frames since two unexplained detections were near a feature, or NEVER
+    mistaken="b1",  # the association may have matched it to another's detection
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
@@ -256,7 +257,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
 @borrowing
 def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
     """Write the identity of a fiducial or a feature, and its covariance rows."""
-    thing.row = row
+    thing.row, thing.mistaken = row, False
     if row < K:
         biased = belief.state.bias_dim > 0
         thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
@@ -314,6 +315,7 @@ def sight_of_points(
             view, y, thing.z_hat, thing.H_camera, thing.H_feature
         ):
             thing.row, thing.id, thing.visibility, thing.unseen, thing.crowded = row, 0, INSIDE, 0, NEVER
+            thing.mistaken = False
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             _write_noise(lens, thing)
             v += 1

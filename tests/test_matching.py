@@ -243,6 +243,32 @@ def test_a_new_feature_near_which_two_were_seen_waits_where_one_may_be_missed(
         assert match == (belief.feature["serial"][0] if since >= frames else REJECTED)
 
 
+@pytest.mark.parametrize(
+    ("kind", "std", "since", "mistaken"),
+    [(INVERSE_DEPTH, 4.0, 2, True), (INVERSE_DEPTH, 3.0, 2, False), (INVERSE_DEPTH, 4.0, 4, False)]
+    + [(POINT, 4.0, 2, False)],
+)
+def test_a_new_feature_is_not_what_is_left_of_two(kind: int, std: float, since: int, mistaken: bool) -> None:
+    """Its own detection had become another feature, and it was handed to the neighbour's. Its last match was 4 frames
+    ago; there were two ``since`` frames ago. A sharp ellipse knows better, and so does a match that came later."""
+    sight = sight_of(belief_of_one(kind, 0.2))
+    sight.thing["crowded"] = since
+    (match,), (waits,) = answered(sight, [[163.0, 121.0]], MIDDLE, std**2 * np.eye(2))
+    assert (match == REJECTED) == waits == sight.thing["mistaken"][0] == mistaken
+
+
+@pytest.mark.parametrize(("since", "kept"), [(2, False), (4, True)])
+def test_a_mistaken_feature_is_deleted(since: int, kept: bool) -> None:
+    filter, belief = Filter(fiducials=np.zeros((0, 3))), belief_of_one(INVERSE_DEPTH, 0.2)
+    belief.feature["crowded"][0] = belief.state.frame - since
+    filter.attach(belief)
+    S = filter.sight().S
+    belief.covariance[:] *= 4.5**2 / np.linalg.eigvalsh(S)[-1]
+    filter.attach(belief)
+    filter.update(detections_of(filter.sight().thing["z_hat"]))
+    assert len(filter.ids) == kept
+
+
 @pytest.mark.parametrize(("scenario", "frames"), [(MISSING, 10), (PAPER, 1)])
 def test_nothing_is_born_of_what_was_lately_seen_beside_another(scenario: Scenario, frames: int) -> None:
     """A neighbour that is missed in one frame is there all the same."""

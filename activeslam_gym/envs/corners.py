@@ -257,7 +257,11 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         if born == wanted or found + born == run.candidate.shape[0]:
             break
         point, (nearest, farthest) = corners.points[c], corners.reach[c]
-        if not nearest <= distance_between(point, pose) < farthest or not faces(corners.normals[c], point, pose, _FACING) or not visible(view, point, -_BIRTH_EDGE, z):
+        if (
+            not nearest <= distance_between(point, pose) < farthest
+            or not faces(corners.normals[c], point, pose, _FACING)
+            or not visible(view, point, -_BIRTH_EDGE, z)
+        ):
             continue
         free = True
         for i in range(crowd):

@@ -17,7 +17,7 @@ one wrong match makes the next ones. So a match must be more than near:
 5. What comes back after a long time is not believed where as much that should be in view with it is not: there the
    estimate is wrong, and the match is chance. A vague depth that was out of sight is left out: its long ellipse takes
    what lies on it.
-6. A new feature that waited between two detections, of which one is left, is forgotten: see `_is_crowded`.
+6. A new feature that waited between two detections, of which one is left, is deleted: see `_is_crowded`.
 7. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
 """

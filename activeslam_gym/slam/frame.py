@@ -154,9 +154,7 @@ def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
 
 
 @borrowing
-def _count_misses(
-    model: Record, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray
-) -> None:
+def _count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray) -> None:
     """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
     Remembers which were crowded, and gives up what is mistaken.
 

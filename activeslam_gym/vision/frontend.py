@@ -141,10 +141,10 @@ class FrontEnd:
         self._look(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        if self.settings.wary and before is not None and not self._suffices(matched, searched):
+        if before is not None and not self._suffices(matched, searched):
             self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
-        dropped = self._heed_target() if self.settings.wary else 0
+        dropped = self._heed_target()
         births, deletions = self._learn(clear, clear or self._sees_nothing_known(searched), image, grey)
         deletions += dropped
         again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
@@ -173,7 +173,7 @@ class FrontEnd:
     def _sees_nothing_known(self, searched: int) -> bool:
         """Whether so little of the map was in view, as far as is known, that its misses say nothing."""
         s = self.settings
-        return s.wary and searched < s.constellation and self._turn_std() < _STEADY
+        return searched < s.constellation and self._turn_std() < _STEADY
 
     def _suffices(self, matched: int, searched: int) -> bool:
         """Whether so many matches tell the pose."""
@@ -204,13 +204,14 @@ class FrontEnd:
     def _look(self, grey: np.ndarray) -> None:
         """Search the features that may be in view, and let the filter judge.
 
-        Where ellipses are large, a few scouts go first: their matches make the others' ellipses small. So the time of a
-        frame stays bounded, and outliers are fewer.
+        Three fiducials or more go before all else: features whose depths are wrong alike would outvote them. Where
+        ellipses are large, a few scouts go first: their matches make the others' ellipses small. So the time of a frame
+        stays bounded, and outliers are fewer.
         """
         self._draw_target(self.filter.sight())
         sight, s = self.filter.sight(), self.settings
         known = sight.thing["id"].copy()
-        if s.wary and np.count_nonzero(known < 0) >= 3:
+        if np.count_nonzero(known < 0) >= 3:
             self._search(sight, grey, known[known < 0], self._models[False], s.scout_share)
             sight, known = self.filter.sight(), known[known >= 0]
         scouts = self._scouts(sight) if s.recover else []
@@ -249,7 +250,7 @@ class FrontEnd:
         findings = search(view_from(self.camera, mean), model, self._gallery.templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
-        least = max(least, 3 if self.settings.wary and self._blind >= self.settings.lost_after else 1)
+        least = max(least, 3 if self._blind >= self.settings.lost_after else 1)
         candidates = self._candidates(ids, places, findings)
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=least)
         self._gallery.remember_looks(matched, points, mean, findings)

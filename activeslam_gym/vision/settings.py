@@ -87,7 +87,6 @@ class FrontEndSettings:
 
     # Recovery
     recover: bool = True  # whether `least_share` is demanded, scouts go first, and a lost map is sought
-    wary: bool = True  # fiducials go before all else; what moves a lost camera is three matches, or the map found
     lost_after: int = 3  # frames in a row in which next to nothing is found, until the map is sought in the whole image
     regained: int = 7  # fewer matches do not end that: in the wide ellipses of a lost camera, three agree by chance
     patience: int = 20  # such frames until features are judged and born again in any case
@@ -114,6 +113,6 @@ SIGHTED = FrontEndSettings(
     grain=1.5, drift=0.6, fiducial_std=0.025, fiducial_grain=7.0, fiducial_blur=0.001, fiducial_bias_std=0.025,
     feature_bias_std=0.2, residual_weight=12.0, most_change=0.7, least_score=0.87, most_residual=0.12, most_strain=0.07,
     least_ratio=0.22, largest_area=4000.0, vague_area=1500.0, scout_area=20000.0, searched=100, most_vague=10**6,
-    probation=1.0, regained=3, wary=False, redrawn=(0.1, 0.1), depth_in_common=0.0,
+    probation=1.0, regained=3, redrawn=(0.1, 0.1), depth_in_common=0.0,
 )  # fmt: skip
 """The front end of a camera whose lens is known, in a room whose map should hold all of it."""

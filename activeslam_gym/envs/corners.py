@@ -331,11 +331,11 @@ def _texture_corners() -> tuple[tuple[np.ndarray, ...], ...]:
 
 
 def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n, 3) the corners of the rectangles of a ``room``, but of walls, and of boxes that look like the walls before
-    which they stand, and the corners of their textures [m]; (n, 3) normals;
-    (n, 2) from and to which distance a camera of that ``focal`` length [px] sees each as a corner [m].
+    """(n, 3) the corners of a ``room`` [m], (n, 3) normals, (n, 2) between which distances a camera of that ``focal``
+    length [px] sees them as corners [m].
 
-    A texture is drawn by the level whose texels are one to two pixels large, and has the corners of that level.
+    They are those of rectangles, but not of walls and of boxes that look like the wall behind them, and of textures. A
+    texture is drawn by the level whose texels are one to two pixels large, and has the corners of that level.
     """
     target, plain = texture_range(patterns.target), texture_range(patterns.plaster)
     ends = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))

@@ -17,9 +17,8 @@ from activeslam_gym.envs.run import Run, present
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.kernels import Record, compiled, filled, record
 from activeslam_gym.linalg import copy_into
-from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import feature_capacity, positions_of
-from activeslam_gym.slam.estimate import index_of
+from activeslam_gym.slam.estimate import add_offsets, index_of
 from activeslam_gym.slam.frame import use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
@@ -33,7 +32,7 @@ from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.room.textures import texture_library, texture_range
 from activeslam_gym.vision.settings import SIGHTED
 from activeslam_gym.vision.templates import TEMPLATE_HALF
-from activeslam_gym.vision.views import speeds
+from activeslam_gym.vision.views import is_outdated, speeds
 from activeslam_gym.world.noise import normal_pair, uniforms
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of, faces
@@ -138,17 +137,14 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
             run.episode.events.deletions += 1
     run.episode.detections = found + _give_births(run, rules, corners, luck[2 * things :], found)
     present(run)
-    estimate, angle = run.estimate, rules.feature_bias_std / run.models.camera.focal
+    estimate = run.estimate
     points = np.empty((estimate.state.count, 3))
     for entry in memory:
         k = index_of(estimate, entry.id) if entry.id > 0 else -1
         if k >= 0:
             copy_into(points[k], corners.points[entry.corner])
             copy_into(run.first_seen[k], entry.first_seen)
-            far = distance_between(entry.first_seen, estimate.landmark[k].point)
-            for axis in range(3):
-                at = CAMERA_DIM + 3 * k + axis
-                estimate.covariance[at, at] += (angle * far) ** 2
+    add_offsets(estimate, run.first_seen, rules.feature_bias_std / run.models.camera.focal)
     account_scene(run, points, corners.spare)
 
 
@@ -159,11 +155,7 @@ def _draw_target(run: Run, rules: Record, corners: Corners, luck: np.ndarray) ->
     pose, fiducials = belief.state.camera, run.world.fiducials
     for k in range(fiducials.shape[0]):
         drawn = corners.drawn[k]
-        dot = 0.0
-        for i in range(3, 7):
-            dot += drawn.pose[i] * pose[i]
-        same = change_of_view(drawn.pose, pose, fiducials[k]) <= change and 2.0 * math.acos(min(abs(dot), 1.0)) <= turn
-        if math.isnan(dot) or not same:
+        if is_outdated(drawn.pose, pose, fiducials[k], change, turn):
             copy_into(drawn.pose, pose[:7])
             first, second = normal_pair(luck[2 * k], luck[2 * k + 1])
             drawn.bias[0], drawn.bias[1] = std * first, std * second
@@ -256,12 +248,7 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         c = (begin + k) % n
         if born == wanted or found + born == run.candidate.shape[0]:
             break
-        point, (nearest, farthest) = corners.points[c], corners.reach[c]
-        if (
-            not nearest <= distance_between(point, pose) < farthest
-            or not faces(corners.normals[c], point, pose, _FACING)
-            or not visible(view, point, -_BIRTH_EDGE, z)
-        ):
+        if not _is_shown(corners, c, pose) or not visible(view, corners.points[c], -_BIRTH_EDGE, z):
             continue
         free = True
         for i in range(crowd):
@@ -294,6 +281,13 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         born += 1
     run.episode.events.births += born
     return born
+
+
+@compiled
+def _is_shown(corners: Corners, c: int, pose: np.ndarray) -> bool:
+    """Whether ``c`` is a corner as seen from ``pose`` (>= 3,), if nothing hides it."""
+    point, (nearest, farthest) = corners.points[c], corners.reach[c]
+    return nearest <= distance_between(point, pose) < farthest and faces(corners.normals[c], point, pose, _FACING)
 
 
 @compiled
@@ -339,16 +333,10 @@ def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.nda
     """
     target, plain = texture_range(patterns.target), texture_range(patterns.plaster)
     ends = np.array(list(itertools.product((1e-6, 1.0 - 1e-6), repeat=2)))
-    points, normals, reach = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 2))]
-
-    def add(surface: Record, share: np.ndarray, nearest: float, farthest: float) -> None:
-        points.append(surface["corner"] + share[:, :1] * surface["along"] + share[:, 1:] * surface["down"])
-        normals.append(np.tile(surface["normal"], (len(share), 1)))
-        reach.append(np.tile((nearest, farthest), (len(share), 1)))
-
+    found: list[tuple[Record, np.ndarray, tuple[float, float]]] = []  # surface, shares of its sides (n, 2), distances
     for k, surface in enumerate(room.surfaces):
         if k < len(room.surfaces) - 6 and surface["texture"] not in plain:  # the walls come last
-            add(surface, ends, 0.0, np.inf)
+            found.append((surface, ends, (0.0, np.inf)))
         if surface["texture"] in target:
             continue  # its own corners are the fiducials
         texel, texels = surface["texel"] / SIZE, surface["texels"] / SIZE
@@ -356,8 +344,12 @@ def corners_of(room: Room, focal: float) -> tuple[np.ndarray, np.ndarray, np.nda
         sides = np.linalg.norm(surface["along"]), np.linalg.norm(surface["down"])
         extent = math.sqrt(sides[0] * sides[1] / texels.prod())  # of the whole texture [m]
         for side, own in zip(_SIDES, _texture_corners()[int(surface["texture"])]):
-            nearest = 0.0 if side == _SIDES[-1] else 0.5 * focal * extent / side
+            farthest = focal * extent / side
+            between = (0.0 if side == _SIDES[-1] else 0.5 * farthest, farthest)
             for i, j in itertools.product(range(low[0], high[0]), range(low[1], high[1])):
                 share = (own + (i, j) - texel) / texels
-                add(surface, share[np.all((share > 0.0) & (share < 1.0), axis=1)], nearest, focal * extent / side)
-    return np.concatenate(points), np.concatenate(normals), np.concatenate(reach)
+                found.append((surface, share[np.all((share > 0.0) & (share < 1.0), axis=1)], between))
+    points = [one["corner"] + share[:, :1] * one["along"] + share[:, 1:] * one["down"] for one, share, _ in found]
+    counts = [len(share) for _, share, _ in found]
+    normals, reach = ([one["normal"] for one, *_ in found], [between for *_, between in found])
+    return np.concatenate(points), np.repeat(normals, counts, axis=0), np.repeat(reach, counts, axis=0)

@@ -127,11 +127,11 @@ def associate(
     for a in range(v):
         if _has_twin(model, sight.thing, a):
             taken_back += _take_back(detections, of_thing, waits, a)
-    strangers = _any_strangers(detections)
+    unexplained = bool(np.any((detections["match"] == NEW) | (detections["match"] == REJECTED)))
     for a in range(v):
-        if _is_crowded(model, sight, a, detections, of_thing[a] >= 0, strangers):
+        if _is_crowded(model, sight, a, detections, of_thing[a] >= 0, unexplained):
             taken_back += _take_back(detections, of_thing, waits, a)
-            strangers = True
+            unexplained = True
     if _returns_by_chance(model, sight, detections, of_thing):
         for a in range(v):
             if _comes_back(model, sight.thing[a]):
@@ -240,26 +240,17 @@ def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool
 
 
 @borrowing
-def _any_strangers(detections: np.ndarray) -> bool:
-    """Whether nothing known explains one of the ``detections`` (M,)."""
-    for i in range(detections.shape[0]):
-        if detections[i].match == NEW or detections[i].match == REJECTED:
-            return True
-    return False
-
-
-@borrowing
-def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray, matched: bool, strangers: bool) -> bool:
+def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray, matched: bool, unexplained: bool) -> bool:
     """Whether thing ``a`` is an inverse depth, and may be another of two detections that no other thing explains.
 
-    Where detections are missed: in whose gate they are, or lately were. Elsewhere: to which one was ``matched`` since
-    the other is gone or new. Which of the two it is of, nobody can say, so it is mistaken. Writes when they were near.
-    Without ``strangers``, there are no two.
+    Where detections are missed, both are in its gate, or lately were. Elsewhere one is ``matched`` to it since the
+    other is gone or new; it may be of either, so it is mistaken. Writes when both were near, which they are only where
+    at least one detection is ``unexplained``.
     """
     thing, near, missed = sight.thing[a], 0, model.clear_frames > 1
     if thing.width != KIND_DIM[INVERSE_DEPTH]:
         return False
-    for i in range(detections.shape[0] if strangers else 0):
+    for i in range(detections.shape[0] if unexplained else 0):
         match = detections[i].match
         if match == NEW or match == REJECTED or match == thing.id:
             near += _is_near(sight, a, detections[i].pixel, model.gate if missed else model.rival_gate)

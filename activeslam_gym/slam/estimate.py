@@ -7,12 +7,14 @@ An estimator returns an `Estimate`. `EstimateArrays` holds the same in arrays of
 batches.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.kernels import Record, borrowed, borrowing, inlined, record
+from activeslam_gym.camera import distance_between
+from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
 
 CAMERA_ESTIMATE = record(
@@ -147,6 +149,17 @@ def taken_estimate(arrays: EstimateArrays, time: float = 0.0) -> Estimate:
         converted=own["converted"],
         time=time,
     )
+
+
+@compiled
+def add_offsets(estimate: EstimateArrays, first_seen: np.ndarray, angle: float) -> None:
+    """Add to the covariance of each landmark a constant offset, isotropic, of deviation ``angle`` [rad] at its distance
+    from where it was ``first_seen`` (>= n, 3) [m]; none where that is NaN."""
+    for k in range(estimate.state.count):
+        distance = distance_between(first_seen[k], estimate.landmark[k].point)
+        if not math.isnan(distance):
+            for i in range(CAMERA_DIM + 3 * k, CAMERA_DIM + 3 * k + 3):
+                estimate.covariance[i, i] += (angle * distance) ** 2
 
 
 @borrowing

@@ -12,10 +12,10 @@ from statistics import median
 import numpy as np
 
 from activeslam_gym.kernels import Record
-from activeslam_gym.motion import CAMERA_DIM, D_ROTATION
+from activeslam_gym.motion import D_ROTATION
 from activeslam_gym.slam.association import DETECTION
 from activeslam_gym.slam.belief import Belief
-from activeslam_gym.slam.estimate import EstimateArrays
+from activeslam_gym.slam.estimate import EstimateArrays, add_offsets
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE, Sight
 from activeslam_gym.vision.corners import new_corners
@@ -114,12 +114,8 @@ class FrontEnd:
 
         No measurement of the filter depends on it. A planner that reads the estimate expects measurements to lower it.
         """
-        n = int(estimate.state.count)
-        own = estimate.landmark[:n]
-        distance = np.linalg.norm(own["point"] - self.first_seen(own["id"]), axis=1)
-        rows = CAMERA_DIM + np.arange(3 * n)
-        var = (self.settings.feature_bias_std / self._focal * np.nan_to_num(distance)) ** 2
-        estimate.covariance[rows, rows] += np.repeat(var, 3)
+        ids = estimate.landmark["id"][: int(estimate.state.count)]
+        add_offsets(estimate, self.first_seen(ids), self.settings.feature_bias_std / self._focal)
 
     def estimate(self) -> EstimateArrays:
         """The estimate of the filter with `add_feature_bias`, in arrays that the next call overwrites."""

@@ -6,7 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from activeslam_gym.vision.templates import has_room, shows_template
-from activeslam_gym.vision.views import changes_of_view, turn_between
+from activeslam_gym.vision.views import is_outdated
 
 Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
 """From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
@@ -36,11 +36,8 @@ class Redrawing:
         were drawn for another view than that from ``pose`` (7,), and are wholly in it: number, picture, pixel (2,)."""
         own = numbers >= 0
         numbers, expected = numbers[own], expected[own]
-        last = self._drawn_from[numbers]
-        change = changes_of_view(last, pose, self._fiducials[numbers])
-        same = (change <= self._after[0]) & (turn_between(last[:, 3:], pose[3:]) <= self._after[1])
-        for k, pixel in zip(numbers[~same].tolist(), expected[~same]):
-            if has_room(shape, pixel):
+        for k, pixel in zip(numbers.tolist(), expected):
+            if is_outdated(self._drawn_from[k], pose, self._fiducials[k], *self._after) and has_room(shape, pixel):
                 with suppress(ValueError):
                     picture, pixel = self._target(pose, k)
                     if shows_template(picture, pixel):

@@ -1,6 +1,7 @@
 """`python -m agents train`: PPO, A2C, DQN or SAC from Stable-Baselines3 on the native batch."""
 
 import json
+import math
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -19,6 +20,8 @@ class Args(Recipe):
 
     out: Path = Path("results/train")
     """Folder of the results; training goes on from the checkpoint that it holds."""
+    device: str = "cpu"
+    """Where the network learns, as PyTorch names it: cpu, or cuda for a graphics processor."""
     period: int = 10_000
     """Decisions between checkpoints, and between visits to the held-out rooms."""
     held_out_rooms: int = 64
@@ -60,6 +63,7 @@ def train(args: Args) -> bool:
     from agents.learn.keeper import Keeper
 
     args.check()
+    algorithms.require_device(args.device)
     env = algorithms.make_training(args)
     rooms = algorithms.make_held_out(args, args.held_out_rooms)
     writable_folder("out", args.out)
@@ -67,14 +71,16 @@ def train(args: Args) -> bool:
         for batch in rooms.values():
             stack.enter_context(closing(batch))
         _require_same(args)
-        learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs")
+        learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
         write_json(args.out / ARGUMENTS, args.recipe())
         keeper = Keeper(args, learner, rooms)
         try:
-            if args.teachers and not learner.num_timesteps:
+            begun = learner.num_timesteps > 0 or math.isfinite(keeper.best)
+            if args.teachers and not begun:
                 for line in imitate(learner, args, env):
                     print(line, flush=True)
-            if (left := args.total_steps - learner.num_timesteps) > 0:
+            left = max(0, args.total_steps - learner.num_timesteps)
+            if left or not begun:
                 learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
             finished = True
         except KeyboardInterrupt:

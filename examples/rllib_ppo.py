@@ -1,6 +1,6 @@
 """RLlib's PPO (new API stack) on a local cluster of two workers: python examples/rllib_ppo.py [--iterations 10].
 
-With --address and --workers it runs on a cluster of several machines: see docs/cluster.md.
+With --address and --workers it runs on a cluster of several machines: see docs/clients.md.
 """
 
 import argparse

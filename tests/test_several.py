@@ -1,6 +1,7 @@
 """One policy for several scenarios: context, common layout, batch of batches, imitation."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -187,9 +188,25 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
         np.testing.assert_array_equal(actions[0], action)
 
 
+def test_imitation_alone_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
+    pytest.importorskip("tensorboard")
+    given = SHORT | {"held_out_rooms": 2, "unseen_rooms": 0, "teachers": ("sprint=stay",), "imitated_steps": 8}
+    args = Args(out=tmp_path, scenario="sprint", total_steps=0, **given)
+    with pytest.raises(ValueError, match="device: 'abacus'; allowed on this machine: cpu"):
+        train(replace(args, device="abacus"))
+    assert train(args)
+    card = json.loads((tmp_path / "policy.json").read_text(encoding="utf-8"))
+    assert card["steps"] == 0 and np.isfinite(card["held_out_return"]) and "in 2 held-out rooms" in card["chosen"]
+    before = (tmp_path / "policy.npz").read_bytes()
+    monkeypatch.setattr(imitation, "imitate", lambda *_: pytest.fail("it is imitated already"))
+    assert train(args) and (tmp_path / "policy.npz").read_bytes() == before
+
+
 @pytest.mark.parametrize(
     "given, message",
     [
+        ({"scenario": "sprint", "total_steps": 0}, "total_steps: 0"),
         ({"scenario": "sprint+nowhere"}, "nowhere"),
         ({"scenario": "sprint+office", "teachers": ("sprint=stay",)}, "scenario=policy for each of sprint, office"),
         ({"scenario": "sprint", "teachers": ("stay",)}, "teachers: 'stay' for ppo"),

@@ -111,7 +111,16 @@ class RolloutOfScenarios(RolloutBuffer):
         of_scenario /= of_scenario.std(axis=(0, 2), keepdims=True) + 1e-8
 
 
-def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
+def require_device(name: str) -> None:
+    """Raise ValueError for a device that PyTorch does not know, or that this machine lacks."""
+    try:
+        torch.empty(1, device=name)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        allowed = ", ".join(["cpu", *(["cuda"] if torch.cuda.is_available() else [])])
+        raise ValueError(f"device: {name!r}; allowed on this machine: {allowed}") from error
+
+
+def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "cpu") -> Any:
     """A new learner, in the first rooms that are trained in. PPO's rollout is one episode of every environment."""
     steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
     rollout = {"n_steps": steps, "batch_size": max(2, steps * env.num_envs // 5), "gae_lambda": 0.95}
@@ -132,7 +141,7 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None) -> Any:
         policy_kwargs=policy_arguments(env.layout if several else observation_layout(env.unwrapped), recipe.width),
         tensorboard_log=str(logs) if logs else None,
         seed=recipe.seed,
-        device="cpu",
+        device=device,
         **own[recipe.algorithm],
     )
     env.seed(training_seed(recipe))  # SB3 has set the learner's own
@@ -168,13 +177,13 @@ def learner_of(weights: Mapping[str, np.ndarray], card: Mapping[str, Any]) -> An
     return learner
 
 
-def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path) -> Any:
+def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path, device: str = "cpu") -> Any:
     """A learner with the weights, the optimiser and the counts of a checkpoint, in rooms that it has not yet seen.
 
     Without a checkpoint it is new. Of the file, tensors and plain numbers are read, never a pickle:
     `BaseAlgorithm.load` would run its code. Raises ValueError for a damaged file, or one of another learner.
     """
-    learner = make_learner(recipe, env, logs)
+    learner = make_learner(recipe, env, logs, device)
     if not checkpoint.exists():
         return learner
     with reading(checkpoint), ZipFile(checkpoint) as archive:
@@ -183,7 +192,7 @@ def learner_in(recipe: Recipe, env: VecEnv, checkpoint: Path, logs: Path) -> Any
             _, parameters, variables = load_from_zip_file(checkpoint, load_data=False, device="cpu")
         except UnpicklingError as error:
             raise ValueError("it holds more than tensors and numbers, which could run code; remove it") from error
-        learner.set_parameters(parameters, device="cpu")
+        learner.set_parameters(parameters, device=device)
         for name, value in (variables or {}).items():
             getattr(learner, name).data = value.data
         for name, kind in COUNTS.items():
@@ -197,6 +206,6 @@ def save_learner(learner: BaseAlgorithm, checkpoint: Path) -> None:
 
     Raises ValueError for weights that are not finite.
     """
-    require_finite({name: value.numpy() for name, value in learner.policy.state_dict().items()})
+    require_finite({name: value.cpu().numpy() for name, value in learner.policy.state_dict().items()})
     with written_whole(checkpoint) as unfinished:
         learner.save(unfinished)

@@ -51,7 +51,7 @@ def imitate(learner: Any, recipe: Recipe, env: VecEnv) -> Iterator[str]:
             observations, rewards, dones, _ = env.step(actions)
             course.append((begun.astype(np.float16), *taught, rewards, dones))
         known.append(_with_returns(course, _values(learner, observations), recipe.gamma))
-        data = [torch.as_tensor(np.concatenate(parts)) for parts in zip(*known)]
+        data = [torch.as_tensor(np.concatenate(parts), device=learner.device) for parts in zip(*known)]
         first, last = RATES
         optimiser.param_groups[0]["lr"] = first + (last - first) * k / max(1, rounds - 1)
         size = min(BATCH, len(data[0]))
@@ -86,13 +86,17 @@ class Teachers:
 
 def _probabilities(learner: Any, observations: np.ndarray) -> list[np.ndarray]:
     with torch.inference_mode():
-        drawn = learner.policy.get_distribution(torch.as_tensor(observations)).distribution
-        return [part.probs.numpy() for part in drawn]
+        drawn = learner.policy.get_distribution(_on(learner, observations)).distribution
+        return [part.probs.cpu().numpy() for part in drawn]
 
 
 def _values(learner: Any, observations: np.ndarray) -> np.ndarray:
     with torch.inference_mode():
-        return learner.policy.predict_values(torch.as_tensor(observations))[:, 0].numpy()
+        return learner.policy.predict_values(_on(learner, observations))[:, 0].cpu().numpy()
+
+
+def _on(learner: Any, values: np.ndarray) -> torch.Tensor:
+    return torch.as_tensor(values, device=learner.device)
 
 
 def _drawn(probabilities: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -113,7 +117,7 @@ def _with_returns(course: list[tuple[Any, ...]], values: np.ndarray, gamma: floa
 
 def _update(learner: Any, optimiser: torch.optim.Optimizer, data: list[torch.Tensor], chosen: np.ndarray) -> float:
     """One step on the ``chosen`` decisions; the cross entropy before it [nat]."""
-    observations, motions, gazes, returns = (part[torch.as_tensor(chosen)] for part in data)
+    observations, motions, gazes, returns = (part[_on(learner, chosen)] for part in data)
     policy = learner.policy
     actor, critic = policy.mlp_extractor(policy.extract_features(observations.float()))
     logits = policy.action_net(actor).split((len(Motion), len(Gaze)), dim=1)

@@ -42,7 +42,8 @@ class Recipe:
     imitated_steps: int = 40_000
     """Decisions of imitation, beside those of learning; in the end they are the learner's own."""
     total_steps: int = 100_000
-    """Decisions in all, rounded up to whole rollouts (PPO: an episode of every environment)."""
+    """Decisions of learning by reward, rounded up to whole rollouts (PPO: an episode of every environment); 0: after
+    the teachers' nothing more is learned."""
     decision_period: float = 1.0
     """Time between decisions, the environment's gaze_period [s]. Short ones learn slowly: chance holds no course."""
     duration: float | None = None
@@ -84,7 +85,7 @@ class Recipe:
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
-        positive(self, "total_steps", "num_envs", "width", "decision_period", "gamma")
+        positive(self, "num_envs", "width", "decision_period", "gamma")
         positive(self, *(["duration"] if self.duration is not None else []))
         for scenario in map(scenario_from, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
@@ -93,8 +94,8 @@ class Recipe:
         positive(self, "learning_rate", "reward_scale", "reward_clip", "forfeit_weight", "target_kl")
         within(self, risk_weight=(0.0, 1e6))
         within(self, gamma=(0.0, 1.0), learning_rate=(0.0, 1.0), entropy_bonus=(0.0, 1e3), seed=(0, 2**31 - 1))
-        within(self, total_steps=(1, 2**40), num_envs=(1, 2**16), width=(1, 2**13), epochs=(1, 1000))
-        within(self, imitated_steps=(1, 2**40))
+        within(self, total_steps=(0 if self.teachers else 1, 2**40), imitated_steps=(1, 2**40), epochs=(1, 1000))
+        within(self, num_envs=(1, 2**16), width=(1, 2**13))
         if self.algorithm == "ppo" and self.steps_per_episode * self.num_envs == 1:
             raise ValueError(f"num_envs: {self.num_envs} with one decision an episode; allowed: 2 or more of them")
         if self.teachers and (self.algorithm in ("dqn", "sac") or self.teacher_of.keys() != set(self.scenarios)):

@@ -36,7 +36,7 @@ CAMERA, camera_of = constants(
 
 
 class View(NamedTuple):
-    """A camera where it stands, and what may hide things from it."""
+    """A camera at a pose, and what may occlude its view."""
 
     camera: Record  # CAMERA
     pose: np.ndarray  # (>= 3,) begins with the position [m]

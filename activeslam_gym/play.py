@@ -96,14 +96,14 @@ class Flight:
         _, _, terminated, truncated, info = self._env.step(np.array((self.motion, self.gaze)))
         bits, self.over = self._first_entropy - info["entropy"], terminated or truncated
         if self.over:
-            end = "lost, all forfeited" if info["lost"] else f"{bits:.0f} bits removed"
+            end = "lost, with the failure penalty" if info["lost"] else f"{bits:.0f} bits of entropy reduction"
             self.summaries.append(
                 f"Room {self.seed}: {end}, {info['landmarks_mapped']} landmarks mapped, "
                 f"position error {100 * info['position_error']:.1f} cm"
             )
             self.caption = f"{self.summaries[-1]} (n: another room)"
         else:
-            self.scores, self.caption = action_scores(self.core), f"{bits:.0f} bits removed"
+            self.scores, self.caption = action_scores(self.core), f"{bits:.0f} bits of entropy reduction"
         return True
 
 

@@ -3,7 +3,7 @@
 The kernels release the GIL, so ordinary threads run slices of the rows side by side, each the very kernel that a single
 environment runs. Numba's ``parallel=True`` is not used: it would compile everything twice, its threading layer belongs
 to the whole process, and of the layers at hand one dies in a forked child and the other when two Python threads call it
-at once. Here each environment has its own threads, started at the first use and anew in a forked child.
+at once. Here each environment has its own threads, started at the first use and again in a forked child.
 """
 
 import os

@@ -21,7 +21,7 @@ class TokenObservation(gymnasium.ObservationWrapper[Parts, Any, np.ndarray], gym
     """The observation as a `Dict`, for networks that treat landmarks as a set.
 
     ``global`` (32,) float32, or (39,) where there are boxes, ``tokens`` (T, 11) float32, and ``present`` (T,) int8: 1
-    where a token stands for a thing, which is a mask for attention and pooling. Names and scales of the features are
+    where a token stands for a landmark, which is a mask for attention and pooling. Names and scales of the features are
     those of `ActiveSLAMEnv`.
 
     Raises:

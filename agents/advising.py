@@ -24,7 +24,7 @@ from agents.tools.statistics import LEGEND, Column, Estimate, estimate
 
 NAMES = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}  # the same rooms, hands and gaze for each
 CHANCE = len(LATERAL) / len(Motion)
-AFTER = 2  # commands after a birth, in seconds
+AFTER = 2  # commands after an initialisation, in seconds
 DETS = ("log2_det_camera", "log2_det_map", "log2_det_total")
 
 MEASURES = (
@@ -160,8 +160,8 @@ def claims(runs: Runs, times: Sequence[float]) -> str:
                 words = f"{measure.title}, {NAMES[FOLLOW]} − {NAMES[other]}, after {time:g} s"
                 figure = difference(runs, measure, other, time)
                 found.append(Finding(words, figure, judge(figure, side), measure.scale, measure.digits))
-    share = estimate(sideways(runs)["after births"], "median")
-    words = f"% of commands that are lateral, {AFTER} s after births"
+    share = estimate(sideways(runs)["after initialisations"], "median")
+    words = f"% of commands that are lateral, {AFTER} s after initialisations"
     lateral = Finding(words, share, judge(share, "above", CHANCE), 100.0, 0)
     drops = []
     for part, name in (("log2_det_camera", "camera"), ("log2_det_total", "everything")):
@@ -207,7 +207,7 @@ def difference(runs: Runs, measure: Column, other: str, time: float) -> Estimate
 
 
 def commands(runs: Runs) -> str:
-    """The follower's commands of the first minute, and the lateral ones after births."""
+    """The follower's commands of the first minute, and the lateral ones after initialisations."""
     told = first_minute(runs[FOLLOW])
     text = ", ".join(f"{motion.name} {100.0 * n / max(told.sum(), 1):.0f} %" for motion, n in zip(Motion, told))
     rows = [[name, estimate(values, "median").text(100.0, 0)] for name, values in sideways(runs).items()]
@@ -238,12 +238,12 @@ def first_minute(rooms: dict[int, list[Row]]) -> np.ndarray:
 
 def sideways(runs: Runs) -> dict[str, list[float]]:
     """Share of the follower's commands in the first minute that are up, down, left or right, in each room."""
-    shares: dict[str, list[float]] = {"after births": [], "otherwise": []}
+    shares: dict[str, list[float]] = {"after initialisations": [], "otherwise": []}
     for run in runs[FOLLOW].values():
         minute = [row for row in run if row["time"] <= FIRST_MINUTE]
         lateral, births = np.isin([row["command"] for row in minute], LATERAL), [row["births"] for row in minute]
         born = np.array([any(births[max(k - AFTER + 1, 0) : k + 1]) for k in range(len(minute))], bool)
-        for name, chosen in (("after births", lateral[born]), ("otherwise", lateral[~born])):
+        for name, chosen in (("after initialisations", lateral[born]), ("otherwise", lateral[~born])):
             shares[name].append(float(np.mean(chosen)) if len(chosen) else np.nan)
     return shares
 

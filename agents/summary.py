@@ -21,7 +21,7 @@ LEARNED = (
     Column("log_score_under_0", "under 0, %", "share", 100.0),
     Column("log_score_under_minus_1000", "under −1000, %", "share", 100.0),
     Column("log_score_gain", "log score gain, bits", "IQM"),
-    Column("bits", "bits removed", "IQM"),
+    Column("bits", "entropy reduction, bits", "IQM"),
     Column("landmarks_mapped", "mapped", "IQM"),
     Column("distinct_landmarks", "distinct", "IQM"),
     Column("lost", "lost, %", "share", 100.0),
@@ -132,7 +132,7 @@ def tables(summary: Summary) -> list[Table]:
     figures = summary.policies
     star = "*" if min(f["bits"].rooms for f in figures.values()) < FEW_ROOMS else ""
     result = [
-        _table(f"What was learned{star}", figures, LEARNED),
+        _table(f"Results{star}", figures, LEARNED),
         _table(f"Errors at the end{star}", figures, ERRORS),
         _table(f"{TARGET} landmarks mapped, and the price of a decision{star}", figures, SPEED),
     ]

@@ -35,7 +35,7 @@ class Args(Recipe):
         within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
 
     def recipe(self) -> dict[str, Any]:
-        """The arguments that decide what is learned, as they stand in a file."""
+        """The arguments that determine a training, as they stand in a file."""
         arguments = {field.name: getattr(self, field.name) for field in fields(Recipe)}
         return arguments | {"teachers": list(self.teachers)}
 

@@ -39,7 +39,7 @@ def main(names: Sequence[str]) -> int:
 
 
 def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
-    """Choose anew for the ``names``, or for all, in the table ``path``."""
+    """Choose again for the ``names``, or for all, in the table ``path``."""
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] in SCENARIOS}
     for name in names or SCENARIOS:

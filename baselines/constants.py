@@ -1,6 +1,6 @@
 """`best-constant`: the best of the 21 constant actions on rooms of training, for the scenario at hand.
 
-Of named scenarios it stands in `best_constants.json`, which `python -m baselines` makes anew. Of others it is chosen
+Of named scenarios it stands in `best_constants.json`, which `python -m baselines` regenerates. Of others it is chosen
 when it is first asked for, which takes a minute or so and is said.
 """
 

@@ -71,7 +71,7 @@ class AmortisedGreedy(Greedy):
 class JointGreedy(Greedy):
     """The motion of the best pair of a motion and a gaze held for its period; the best gaze at each of its steps.
 
-    A gaze that is held too, as the pair has it, looks into emptiness for a second more than one that is chosen anew.
+    A gaze that is held too, as the pair has it, looks into emptiness for a second more than one that is chosen again.
     """
 
     def choose_motion(self) -> Actions:

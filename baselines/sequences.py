@@ -1,7 +1,7 @@
 """Sequences: up to four actions, each held for a share of the episode; and a search for the best of them.
 
 `best-sequence` plays the best open loop of a scenario, chosen on rooms of training. Of named scenarios it stands in
-`best_sequences.json`, which `python -m baselines` makes anew. Of others it is searched when it is first asked for,
+`best_sequences.json`, which `python -m baselines` regenerates. Of others it is searched when it is first asked for,
 which takes minutes and is said.
 """
 

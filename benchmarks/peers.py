@@ -47,7 +47,7 @@ def run(quick: bool) -> Section:
         section.notes.append("filterpy is skipped: it is not installed (`pip install -e '.[bench]'`).")
     section.notes.append(
         f"Point features, {SEEN} seen (z of {M}); BLAS has one thread, by threadpoolctl. A whole frame: motion, "
-        "detection, prediction, unknown association, update, births. Predict + update: the filter's own frame, by "
+        "detection, prediction, unknown association, update, initialisation. Predict + update: its own frame, by "
         f"detections with certain ids. All is called from Python, a call of ours for {FRAMES} frames, as an "
         "environment runs those of a decision; handing over the arrays is part of it."
     )

@@ -19,7 +19,7 @@ Sensor = Callable[[int, Sight], np.ndarray]
 
 # --8<-- [start:loop]
 def follow(slam: Filter, sensor: Sensor, frames: int) -> None:
-    """Hand what ``sensor`` returns, pixels (M, 2), to the filter: of each frame, and of where things should be."""
+    """Hand what ``sensor`` returns, pixels (M, 2), to the filter: of each frame, and around the predicted pixels."""
     for frame in range(frames):
         slam.predict()  # a frame ahead; u: known accelerations, dt: another time
         sight = slam.sight()  # sight.thing: id, z_hat; sight.S: how far from there to look

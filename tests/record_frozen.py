@@ -1,7 +1,7 @@
 """Record what the environments do, for `tests/test_frozen.py`: `python -m tests.record_frozen` in the clone.
 
 Six seconds of fixed, open-loop actions in each of some scenarios. Only behaviour that is meant to change is recorded
-anew, with `activeslam_gym.BEHAVIOUR` raised; a released environment then has a new id (see CONTRIBUTING.md).
+again, with `activeslam_gym.BEHAVIOUR` raised; a released environment then has a new id (see CONTRIBUTING.md).
 """
 
 from pathlib import Path

@@ -15,13 +15,13 @@ MODEL = appearance_of(Scenario())
 PAPER = Scenario()
 GRID = 40.0 * np.arange(6)[:, None] + np.zeros(2)
 SHIFT = np.array((12.0, -9.0))
-STRANGERS = np.array([(3, 4), (-5, 2), (9, 9), (-9, -1), (0, -7), (2, 8)])
-"""Beside where each thing was predicted."""
+WRONG = np.array([(3, 4), (-5, 2), (9, 9), (-9, -1), (0, -7), (2, 8)])
+"""Beside each predicted pixel."""
 PIXELS = np.array([[80.0, 80.0], [240.0, 80.0], [160.0, 200.0], [100.0, 180.0]])
 
 
 def sight_of_a_turn(z_hat: np.ndarray) -> Sight:
-    """Things 1, 2, … at ``z_hat`` (n, 2) that all move with the camera: 10 px together, 1 px each."""
+    """Predictions 1, 2, … at ``z_hat`` (n, 2) that all move with the camera: 10 px together, 1 px each."""
     things = np.zeros(len(z_hat), THING)
     things["id"], things["z_hat"], things["visibility"] = 1 + np.arange(len(z_hat)), z_hat, INSIDE
     things["R"] = np.eye(2)
@@ -35,10 +35,10 @@ def chosen(sight: Sight, candidates: np.ndarray, least: int = 1) -> list[bool]:
     return (candidates["match"] == candidates["id"]).tolist()
 
 
-def test_candidates_that_agree_are_matched_in_any_order_and_strangers_not() -> None:
-    """Two candidates of each of six things: a stranger, nearer and more alike, and the thing itself, moved by SHIFT."""
+def test_candidates_that_agree_are_matched_in_any_order_and_others_not() -> None:
+    """Two detections of each of six predictions: a wrong one, nearer and more alike; the right one, moved by SHIFT."""
     pixels = np.repeat(GRID, 2, axis=0) + SHIFT
-    pixels[::2] = GRID + STRANGERS
+    pixels[::2] = GRID + WRONG
     shifted = detections_of(pixels, ids=np.repeat(np.arange(1, 7), 2), log_ratios=np.tile((2.0, 1.0), 6))
     order, wanted = np.random.default_rng(0).permutation(12), np.array([False, True] * 6)
     assert chosen(sight_of_a_turn(GRID), shifted.copy()) == wanted.tolist()
@@ -54,11 +54,11 @@ def test_looks_decide_where_places_cannot(ratios, wanted: int) -> None:
 
 
 def test_if_too_few_agree_or_nothing_is_in_sight_none_is_believed() -> None:
-    sight, strangers = sight_of_a_turn(GRID), detections_of(GRID + STRANGERS, ids=np.arange(1, 7), log_ratios=3.0)
-    agree = sum(chosen(sight, strangers.copy()))
+    sight, wrong = sight_of_a_turn(GRID), detections_of(GRID + WRONG, ids=np.arange(1, 7), log_ratios=3.0)
+    agree = sum(chosen(sight, wrong.copy()))
     assert 0 < agree < 6
-    assert sum(chosen(sight, strangers.copy(), agree)) == agree
-    assert not any(chosen(sight, strangers.copy(), agree + 1))
+    assert sum(chosen(sight, wrong.copy(), agree)) == agree
+    assert not any(chosen(sight, wrong.copy(), agree + 1))
     sight = sight_of_a_turn(GRID)
     assert chosen(sight, detections_of(GRID[:1], ids=[99], log_ratios=5.0)) == [False]
     assert chosen(sight, detections_of(GRID[:1], ids=[1], log_ratios=-20.0)) == [False]

@@ -247,4 +247,4 @@ def run(env: Any, name: str, steps: int) -> None:
 def test_runs_on_the_discrete_environment() -> None:
     kwargs: dict[str, Any] = {"gaze_period": 0.5, "duration": 1.0}
     run(gym.make("ActiveSLAMDiscrete-v0", **kwargs), "mi-fisher", 2)
-    run(gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=2, **kwargs), "mi-fisher", 5)  # a batch begins anew by itself
+    run(gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=2, **kwargs), "mi-fisher", 5)  # a batch resets itself

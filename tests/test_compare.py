@@ -129,7 +129,7 @@ def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
 
 def test_pictures_tell_the_lost_runs_and_tables_the_few_rooms() -> None:
     few, many = (summarise([episode(seed=seed) for seed in range(rooms)]) for rooms in (3, 20))
-    assert "What was learned*" in text(few) and "* From 3 room(s)" in text(few) and "*" not in text(many)
+    assert "Results*" in text(few) and "* From 3 room(s)" in text(few) and "*" not in text(many)
     summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)])
     for table in tables(summary):
         assert {len(row) for row in table.rows} == {len(table.header)}
@@ -307,5 +307,5 @@ def test_command_line_in_processes_without_torch(tmp_path: Path) -> None:
     (tmp_path / "torch.py").write_text("raise ImportError('torch was imported')\n")
     paths = [str(tmp_path), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     line = "-m agents compare --policies stay random --episodes 2 --jobs 2 --duration 1 --no-figures --out".split()
-    assert "What was learned" in python(*line, tmp_path / "out", PYTHONPATH=os.pathsep.join(paths))
+    assert "Results" in python(*line, tmp_path / "out", PYTHONPATH=os.pathsep.join(paths))
     assert len(list((tmp_path / "out" / "episodes").glob("*.npz"))) == 4

@@ -1,4 +1,4 @@
-"""The filter: update, prediction, association, births and deaths."""
+"""The filter: update, prediction, association, initialisation and deletion."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
 
 
 def test_every_detection_is_used_with_its_own_noise() -> None:
-    """The textbook's update with blockdiag R, of the matched things alone, in whatever order they come."""
+    """The textbook's update with blockdiag R, of the matched predictions alone, in whatever order they come."""
     rng = np.random.default_rng(7)
     belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, POINT], rng)
     fiducials = support.world_points(rng, belief.state.camera, 2)
@@ -102,7 +102,7 @@ def test_every_detection_is_used_with_its_own_noise() -> None:
     for i, k in enumerate(order):
         lasting = PRODUCT_FRAMES * sight.thing["curvature"][np.sort(matched)[i]]
         R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + lasting
-    assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none has matured
+    assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none was converted
     assert_updated(belief, before, H, R, nu[order].ravel())
 
 
@@ -160,7 +160,7 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
 
 
 def match(belief, pixels, **given):
-    """(M,) what the detections are matched to, and (v,) which things wait."""
+    """(M,) what the detections are matched to, and (v,) which predictions wait."""
     sight, detections = sight_of(belief), detections_at(pixels, **given)
     waits = np.zeros(len(sight.thing), np.bool_)
     of_thing, _ = associate(MODEL.association, sight, detections, int(belief.state.count), waits)
@@ -225,7 +225,7 @@ def test_what_is_predicted_side_by_side_waits_however_clear_it_seems(separation_
 
 
 def test_an_id_restricts_but_does_not_command() -> None:
-    """Where it is not, or where there is no such thing, a detection with an id is nothing that is known."""
+    """Where it is not, or where there is no such prediction, a detection with an id is nothing that is known."""
     belief, z = two_points()
     assert match(belief, z, ids=[2, ANYTHING])[0] == [NEW, 2]
     assert match(belief, z, ids=[2, 1])[0] == [NEW, NEW]
@@ -299,7 +299,7 @@ def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
 
 
 def still_belief(scenario: Scenario = PAPER):
-    """A belief without features, sure of its pose and at rest."""
+    """A belief without features, certain of its pose and at rest."""
     belief = support.prior_belief(scenario)
     belief.covariance[:12, :12] = np.diag([1e-8] * 12)
     return belief

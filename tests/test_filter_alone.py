@@ -163,7 +163,7 @@ def test_images_of_biased_fiducials_at_rest_are_worth_one_measurement_with_the_b
 
 
 def test_a_bias_of_no_deviation_changes_nothing() -> None:
-    """A run with births, conversions and a deletion after the bias is that of the filter without one."""
+    """A run with initialisations, conversions and a deletion after the bias is that of the filter without one."""
     runs, seen = [], list[np.ndarray]()
     for biased in (False, True):
         rng = np.random.default_rng(1)
@@ -254,7 +254,7 @@ def test_bad_inputs_are_named_and_change_nothing(call, message: str) -> None:
 
 @pytest.mark.parametrize("initialisation", [INVERSE_DEPTH, DEPTH_PARTICLES])
 def test_fed_an_environments_detections_it_holds_the_environments_belief(initialisation: str) -> None:
-    """Predict, sight, update, and the births that `follow_tracks` decides: bit for bit, over three seconds."""
+    """Predict, sight, update, and the initialisations that `follow_tracks` decides: bit for bit, over three seconds."""
     scenario = replace(PAPER, initialisation=initialisation, clutter_rate=1.0, missed_detection_probability=0.05)
     env = gym.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.05).unwrapped
     assert isinstance(env, ActiveSLAMEnv)

@@ -1,6 +1,6 @@
 """The behaviour of the environments is frozen: the same seed and actions give the recorded run.
 
-The actions are fixed, not a policy's, so that a difference is not fed back; and the runs are short. The filter forgets
+The actions are fixed, not a policy's, so that a difference is not fed back; and the runs are short. The filter deletes
 a small difference as it is corrected by measurements, unless the difference decides a match: what another processor
 rounds otherwise stays near 1e-11 for seconds (`test_rounding_decides_nothing`), far under the tolerances here.
 """
@@ -22,7 +22,7 @@ MEANING = """{env_id} no longer does what it did: {what} of '{case}' differs fir
 If that is not meant, the change is at fault. If it is: results with v0 that others have published can no longer be
 reproduced. Register the changed environment under a new id (ActiveSLAM-v1), tell it in the version history of
 ActiveSLAMEnv's docstring and in CHANGELOG.md, raise `activeslam_gym.BEHAVIOUR`, record it by
-`python -m tests.record_frozen`, and train the shipped weights anew. (If nothing of ours has
+`python -m tests.record_frozen`, and train the shipped weights again. (If nothing of ours has
 changed, a new release of NumPy may draw other numbers from the same seed.)"""
 
 
@@ -50,7 +50,7 @@ def test_v0_does_what_it_did(env_id: str, case: str) -> None:
 
 
 def test_the_records_hold_something() -> None:
-    """They map landmarks, refuse matches, forget features, and see every motion, gaze and the time limit."""
+    """They map landmarks, refuse matches, delete features, and see every motion, gaze and the time limit."""
     runs = {case: dict(np.load(FOLDER / f"ActiveSLAM-v0-{case}.npz")) for case in CASES}
     assert all(run["info.landmarks_mapped"][-1] >= 3 for run in runs.values())
     assert all(run["truncated"][-1] and not run["truncated"][:-1].any() for run in runs.values())

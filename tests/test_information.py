@@ -57,7 +57,7 @@ def drop(P: np.ndarray, after: np.ndarray, *parts: int | slice) -> float:
 
 
 def papers_sum(P: np.ndarray, H: np.ndarray) -> np.ndarray:
-    """The Fisher information of the paper, thing by thing."""
+    """The Fisher information of the paper, a sum over predictions."""
     S = innovation_covariance(P, H)
     pairs = [slice(2 * i, 2 * i + 2) for i in range(len(H) // 2)]
     return sum(H[two].T @ np.linalg.solve(S[two, two], H[two]) for two in pairs)

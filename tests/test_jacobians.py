@@ -154,14 +154,14 @@ def conversion(kind: int, rng: np.random.Generator) -> Case:
 
 
 def new_feature_by_camera(rng: np.random.Generator) -> Case:
-    """dy/dx of a birth, read off the cross-covariance: P_yx = J P_xx."""
+    """dy/dx of an initialisation, read off the cross-covariance: P_yx = J P_xx."""
     x, pixel, P_xx = random_camera(rng), rng.uniform([20, 20], [300, 220]), support.random_spd(rng, [0.1] * 12)
     P = joint_covariance(born(x, pixel, P_xx))
     return Case(lambda e: born_mean(moved(x, e), pixel), P[12:, :12] @ np.linalg.inv(P_xx))
 
 
 def new_feature_by_pixel(rng: np.random.Generator) -> Case:
-    """What a birth adds of its own is J_z R J_z^T in the angles, with the pixel's own R, and sigma_rho^2."""
+    """What an initialisation adds of its own is J_z R J_z^T in the angles, with the pixel's own R, and sigma_rho^2."""
     x, pixel, R = random_camera(rng), rng.uniform([20, 20], [300, 220]), support.random_spd(rng, [2.0, 5.0])
     Q = joint_covariance(born(x, pixel, np.zeros((12, 12)), R))[12:, 12:]
     J_z = numerical_jacobian(lambda e: born_mean(x, pixel + e), 2, 0.1)

@@ -238,7 +238,7 @@ def test_a_damaged_file_in_the_cache_is_made_anew_and_alone(copy: Path) -> None:
             path.write_bytes(damaged)
             (line,) = said(copy).splitlines()
             assert "compiling" in line and other.read_bytes() == b"not yet whole"
-    assert said(copy) == ""  # the kernel compiled anew took its place
+    assert said(copy) == ""  # the recompiled kernel took its place
 
 
 def test_of_a_sealed_file_every_flipped_bit_and_every_lost_byte_is_noticed(tmp_path: Path) -> None:

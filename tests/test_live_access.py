@@ -35,7 +35,7 @@ def page() -> Iterator[Served]:
 
 
 def place_of(page: Page) -> tuple[str, int]:
-    """Where a stranger on this machine reaches it."""
+    """Where another user of this machine reaches it."""
     return "127.0.0.1", page._server.get_port()
 
 
@@ -46,9 +46,9 @@ def answers(place: tuple[str, int], *headers: str, path: str = "/") -> tuple[int
 
 
 def said(place: tuple[str, int], *headers: str, path: str = "/") -> str:
-    with socket.create_connection(place, timeout=30.0) as stranger:
-        stranger.sendall("\r\n".join((f"GET {path} HTTP/1.1", *headers, "", "")).encode())
-        return stranger.recv(4096).decode(errors="replace")
+    with socket.create_connection(place, timeout=30.0) as caller:
+        caller.sendall("\r\n".join((f"GET {path} HTTP/1.1", *headers, "", "")).encode())
+        return caller.recv(4096).decode(errors="replace")
 
 
 def test_a_page_of_another_site_neither_reads_nor_steers_it(page: Served) -> None:
@@ -113,11 +113,11 @@ def test_a_page_that_films_from_afar_is_encrypted_by_the_certificate_that_it_nam
         own = f"127.0.0.1:{place[1]}"
 
         def get(path: str, *headers: str) -> str:
-            with socket.create_connection(place, timeout=30.0) as plain, trusting.wrap_socket(plain) as stranger:
-                certificate = stranger.getpeercert(binary_form=True)
+            with socket.create_connection(place, timeout=30.0) as plain, trusting.wrap_socket(plain) as caller:
+                certificate = caller.getpeercert(binary_form=True)
                 assert certificate and sha256(certificate).hexdigest() == served.fingerprint.replace(":", "").lower()
-                stranger.sendall("\r\n".join((f"GET {path} HTTP/1.1", f"Host: {own}", *headers, "", "")).encode())
-                return b"".join(iter(lambda: stranger.recv(65536), b"")).decode(errors="replace")
+                caller.sendall("\r\n".join((f"GET {path} HTTP/1.1", f"Host: {own}", *headers, "", "")).encode())
+                return b"".join(iter(lambda: caller.recv(65536), b"")).decode(errors="replace")
 
         assert scheme == "https:"
         page, script = get(f"/{token}/", f"Origin: https://{own}"), get(f"/{token}/device.js")

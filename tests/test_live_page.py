@@ -162,10 +162,10 @@ def test_nonsense_on_its_port_is_shrugged_off(link: Link) -> None:
     host, port = link.address.removeprefix("http://").replace("localhost", "127.0.0.1").split(":")
     no_http = (b"\x00" * 4096, b"GET / HTTP/1.1\r\n\r\n", b"\xff\xfe\r\n\r\n", b"POST /../../etc/passwd HTTP/9\r\n\r\n")
     for rubbish in no_http:
-        with socket.create_connection((host, int(port)), timeout=5.0) as stranger:
-            stranger.sendall(rubbish)
+        with socket.create_connection((host, int(port)), timeout=5.0) as caller:
+            caller.sendall(rubbish)
             try:
-                stranger.recv(1024)
+                caller.recv(1024)
             except OSError:
                 pass
     for message in (b"", b"\xc1\xc1", b"\x81\xa4type\xa5Nobod", "words"):

@@ -33,7 +33,7 @@ def row(time: int, total: float) -> advising.Row:
 
 
 def runs(count: int = 6) -> advising.Runs:
-    """A follower removes 10 bits a second, a random mover 4, one who stays 1; a loop closes every tenth second."""
+    """A follower removes 10 bits a second, a random mover 4, one that stays 1; a loop closes every tenth second."""
     speed = {FOLLOW: -10.0, NEVER: -4.0, STILL: -1.0}
     return {
         habit: {
@@ -70,7 +70,9 @@ def test_fewer_rooms_may_be_played_longer() -> None:
 
 def test_commands_are_told_apart_by_births_and_changes_by_closures() -> None:
     told = advising.commands(runs())
-    assert "| after births | 52 [52, 52] |" in told  # 12 of 23: the second of a birth, and the one after it
+    assert (
+        "| after initialisations | 52 [52, 52] |" in told
+    )  # 12 of 23: the second of an initialisation, and the one after it
     assert "| otherwise | 0 [0, 0] |" in told
     assert "LEFT 20 %" in told and "FORWARD 80 %" in told
     assert advising.first_minute(runs(2)[FOLLOW]).sum() == 120
@@ -82,7 +84,7 @@ def test_each_claim_has_the_verdict_of_its_interval() -> None:
     told = advising.claims(runs(12), (35.0,))
     assert "follows − random, after 35 s | -210 [-210, -210] | **holds** |" in told
     assert "| position error, cm, follows − stays, after 35 s | 0.0 [0.0, 0.0] | **not shown** |" in told
-    assert "% of commands that are lateral, 2 s after births | 52 [52, 52] | **does not hold** |" in told
+    assert "% of commands that are lateral, 2 s after initialisations | 52 [52, 52] | **does not hold** |" in told
     assert "(everything) in a second, with a closure − without | -50.0 [-50.0, -50.0] | **holds** |" in told
     assert "**holds**" not in advising.claims(runs(6), (35.0,))  # fewer rooms than a verdict needs
 

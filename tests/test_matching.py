@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_strangers
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_unmapped
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief
 from activeslam_gym.slam.constellation import Margins, match_jointly, worth_of_pair
 from activeslam_gym.slam.filter import Filter, detections_of
@@ -49,10 +49,10 @@ def hypotheses(z: np.ndarray, S: np.ndarray, detections: np.ndarray) -> Hypothes
     return h
 
 
-def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, strangers: float) -> dict[tuple[int, ...], float]:
-    """The log likelihood of every assignment (things to detections or -1), of things in the middle of the image."""
+def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, unmapped: float) -> dict[tuple[int, ...], float]:
+    """The log likelihood of every assignment (detections or -1), of predictions in the middle of the image."""
     n, M = len(z) // 2, len(pixels)
-    density, miss = strangers / (PAPER.image_width * PAPER.image_height), np.log(1.0 - PAPER.detection_probability)
+    density, miss = unmapped / (PAPER.image_width * PAPER.image_height), np.log(1.0 - PAPER.detection_probability)
     scores = {}
     for answer in itertools.product(range(-1, M), repeat=n):
         paired = [a for a in range(n) if answer[a] >= 0]
@@ -65,7 +65,7 @@ def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, strangers: f
 
 
 def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Predicted pixels in the middle with a common error, and detections: of most of them, and strangers."""
+    """Predicted pixels in the middle with a common error, and detections: of most of them, and unmapped detections."""
     rng = np.random.default_rng(seed)
     z = np.array([160.0, 120.0] * things) + rng.uniform(-30, 30, 2 * things)
     common = np.tile(np.eye(2), (things, 1)) * rng.uniform(5.0, 15.0)
@@ -77,7 +77,7 @@ def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, n
 def matched_jointly(
     z: np.ndarray, S: np.ndarray, pixels: np.ndarray, margins: Margins = EVEN, **model: float
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """(3,) the detection of each thing or -1, (M,) the novelty of each, and whether the search was complete."""
+    """(3,) the detection of each prediction or -1, (M,) the novelty of each, and whether the search was complete."""
     detections, novelty, of_thing = detections_of(pixels), np.zeros(len(pixels)), np.full(3, -1)
     model, h = replaced(MODEL, **model), hypotheses(z, S, detections)
     count, complete = match_jointly(model, h, detections, worth_of_pair(model, STRANGERS), margins, of_thing, novelty)
@@ -140,16 +140,16 @@ def test_where_the_nodes_run_out_nothing_is_accepted(nodes: int, found: bool) ->
     assert (of_thing >= 0).any() == novelty.any() == complete == found
 
 
-def test_strangers_are_the_landmarks_owed_and_the_clutter() -> None:
+def test_unmapped_detections_are_of_landmarks_and_clutter() -> None:
     model = association_of(Scenario(clutter_rate=2.0))
-    assert expected_strangers(model, 0) == pytest.approx(0.15 * 30 + 2.0)
-    assert expected_strangers(model, 40) == pytest.approx(0.3 + 2.0)
+    assert expected_unmapped(model, 0) == pytest.approx(0.15 * 30 + 2.0)
+    assert expected_unmapped(model, 40) == pytest.approx(0.3 + 2.0)
 
 
 def answered(
     sight: Sight, pixels: ArrayLike, z_hat: ArrayLike, S: np.ndarray, ids: int = ANYTHING, scenario: Scenario = PAPER
 ) -> list[list]:
-    """The matches of detections at ``pixels``, and which things wait, with other predicted pixels and covariances."""
+    """The matches of detections at ``pixels``, and which predictions wait, with other pixels and covariances."""
     sight.thing["z_hat"], sight.S[:] = z_hat, S
     detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.thing), bool)
     associate(association_of(scenario), sight, detections, 10, waits)
@@ -186,7 +186,7 @@ def test_what_was_seen_lately_needs_less_of_a_lead(kind: int, seconds: float, st
 @pytest.mark.parametrize(
     ("column", "found"), [(160.0, True), (16.0, True), (-4.0, False), (0.0, False), (324.0, False)]
 )
-def test_what_may_just_be_outside_is_not_taken_for_a_stranger_at_the_border(column: float, found: bool) -> None:
+def test_what_may_just_be_outside_is_not_matched_to_another_detection_at_the_border(column: float, found: bool) -> None:
     """A fiducial that had left the image was matched, as clear, with an unmapped landmark two deviations inside."""
     sight, S = Filter(fiducials=np.array([[0.0, 0.0, 2.0]])).sight(), 2.5**2 * np.eye(2)
     sight.thing["visibility"] = visibility_of(CAMERA, np.array((column, 120.0)), S)
@@ -209,10 +209,10 @@ def test_a_vague_depth_that_was_out_of_sight_takes_no_others_detection(
 
 
 @pytest.mark.parametrize(("met", "ids", "believed"), [(1, 0, False), (2, 0, True), (3, 0, True), (1, 1, True)])
-def test_a_fiducial_is_no_stranger_where_the_others_should_be_seen_and_are_not(
+def test_a_fiducial_is_not_matched_where_the_others_should_be_seen_and_are_not(
     met: int, ids: int, believed: bool
 ) -> None:
-    """A camera that had drifted by many deviations took a stranger for one of three fiducials; nothing was near two."""
+    """A camera that had drifted by many deviations matched a wrong detection to one of three fiducials."""
     sight = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]])).sight()
     z_hat, sight.thing["visibility"] = np.array([(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)]), INSIDE
     matches = [-1, -2, -3][:met] if believed else [REJECTED]
@@ -232,7 +232,7 @@ MISSING = replace(PAPER, detection_probability=0.93)
 def test_a_new_feature_near_which_two_were_seen_waits_where_one_may_be_missed(
     kind: int, scenario: Scenario, frames: int
 ) -> None:
-    """One that was born of a landmark was handed to its neighbour in the first frame that missed the landmark."""
+    """A feature of one landmark was matched to its neighbour in the first frame that missed the landmark."""
     belief, S = belief_of_one(kind, 0.05), 2.5**2 * np.eye(2)
     both, one = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]]
     sight = sight_of(belief)
@@ -304,7 +304,7 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
         pixels = np.array([pixel_of(CAMERA, true, y) for y in fiducials]) + 2.0 * rng.standard_normal((7, 2))
         sight, detections = filter.sight(), detections_of(pixels)
         several = hypotheses(sight.thing["z_hat"].ravel(), sight.S, detections).d2 < 9.21
-        assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a thing may be several
+        assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a prediction may be several
         found = filter.update(detections)
         used = (found != NEW) & (found != REJECTED)
         assert (found[used] == -np.arange(1, 8)[used]).all()

@@ -1,4 +1,4 @@
-"""A slow path cannot slip in unseen: what is compiled and allocated is counted, nothing is timed.
+"""No slow path can slip in: what is compiled and allocated is counted, nothing is timed.
 
 Numba warns of slow code where it compiles, so a warning is caught where the cache is empty, as on CI.
 """
@@ -80,7 +80,7 @@ def counted() -> dict:
 
 
 def test_one_compiled_step_serves_every_environment_and_allocates_little(counted: dict) -> None:
-    """Another signature would be another minute of compilation, or a path that is slow unseen.
+    """Another signature would be another minute of compilation, or a slow path.
 
     Every array is freed: a `borrowing` kernel that is given one would keep it for ever.
     """

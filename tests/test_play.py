@@ -121,7 +121,7 @@ def test_it_flies_as_the_keys_say_with_the_scores_of_the_moment_and_a_pause_hold
 def test_an_episode_ends_with_its_summary_and_n_is_the_next_room() -> None:
     cockpit = Scripted(["left"], [], [], [], [], ["n"], [])
     (told,) = play.fly(make(duration=1.0), cockpit, seed=7)
-    assert told.startswith("Room 7: ") and "bits removed" in told
+    assert told.startswith("Room 7: ") and "bits of entropy reduction" in told
     assert cockpit.times == [0.0, 0.25, 0.5, 0.75, 1.0, 0.0]
     np.testing.assert_array_equal(cockpit.shown[-1][0].true_landmarks, room(8).truth.landmarks)
     cockpit = Scripted(["left"], *[[]] * 20, ["escape"])

@@ -1,6 +1,8 @@
-"""The prose of the manual: short pages, short sentences where a newcomer reads, and the field's words everywhere."""
+"""Prose: short pages and sentences, and the words of the field in manual, docstrings and messages."""
 
+import io
 import re
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -45,6 +47,7 @@ IDIOMS = tuple(
     """.splitlines()[1:-1]
 )
 """Private words for which the field has its own; names in code are left alone."""
+NAMES = {"births", "forfeit"}  # keys of `info`, in messages that show them
 EXCEPTIONS = {
     "docs/BOUNDS.md": {r"\bclairvoyant\b", r"sees everything"},  # names of rows of its table
     "docs/STUDY.md": set(IDIOMS),  # `python -m agents study` writes the page
@@ -71,6 +74,15 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
+def prose_of_code(path: Path) -> str:
+    """Comments, docstrings and messages, which are strings of four words or more, without names in backticks."""
+    found = []
+    for token in tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline):
+        if token.type == tokenize.COMMENT or token.type == tokenize.STRING and len(token.string.split()) > 3:
+            found.append(re.sub(r"(`+)[^`]*\1|\w+\.thing\b", "code", token.string))
+    return "\n".join(found)
+
+
 @pytest.mark.parametrize("page", FIRST_READ)
 def test_sentences_that_a_newcomer_reads_are_short(page: str) -> None:
     long = [one for one in sentences(prose(ROOT / page)) if len(one.split()) > MOST_WORDS]
@@ -83,6 +95,14 @@ def test_pages_use_the_words_of_the_field(page: Path) -> None:
     allowed = EXCEPTIONS.get(name(page), set())
     found = {match[0] for idiom in IDIOMS if idiom not in allowed for match in re.finditer(idiom, text, re.IGNORECASE)}
     assert not found, f"{name(page)}: {', '.join(sorted(found))}"
+
+
+@pytest.mark.parametrize("folder", ["activeslam_gym", "agents", "baselines", "benchmarks", "examples", "tests"])
+def test_code_uses_the_words_of_the_field(folder: str) -> None:
+    for path in sorted((ROOT / folder).rglob("*.py")):
+        text = "" if path == Path(__file__).resolve() else prose_of_code(path)
+        found = {match[0] for idiom in IDIOMS for match in re.finditer(idiom, text, re.IGNORECASE)}
+        assert not found - NAMES, f"{name(path)}: {', '.join(sorted(found))}"
 
 
 def test_pages_keep_to_their_lines() -> None:

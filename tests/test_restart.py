@@ -1,4 +1,4 @@
-"""A belief that the fiducials contradict is begun anew, unless the scenario says no, and no other is."""
+"""A belief that the fiducials contradict is reset, unless the scenario says no, and no other is."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ FIDUCIALS = np.array([[x, y, 1.5] for x in (-0.4, 0.0, 0.4) for y in (-0.3, 0.3)
 
 
 def played(seed: int, restarts: bool, association: str) -> dict[str, float]:
-    """Ten seconds of `stay`: the log score [bit], and how often the belief was begun anew."""
+    """Ten seconds of `stay`: the log score [bit], and how often the belief was reset."""
     scenario = {"association": association, "restarts": restarts}
     env: Any = gymnasium.make("ActiveSLAM-v0", scenario=scenario, gaze_period=0.25, duration=10.0, end_when_lost=False)
     run = run_episode(env, Stay(env), seed)

@@ -100,7 +100,7 @@ class Referee:
         self.estimate = estimate_of(self.belief)
 
     def frame(self, *matches: tuple[int, int]) -> tuple[int, int]:
-        """(wrong matches, false births) of a frame of (match, label)."""
+        """(wrong matches, features from clutter) of a frame of (match, label)."""
         candidates, labels = detections_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
         candidates["match"] = [m[0] for m in matches]
         self.estimate = estimate_of(self.belief)

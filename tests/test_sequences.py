@@ -108,5 +108,5 @@ def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_
     assert "paper" in {entry["scenario"] for entry in shipped.values()}
     for key, entry in shipped.items():
         env = gym.make("ActiveSLAM-v0", scenario=entry["scenario"]).unwrapped
-        assert key == key_of(env), "make it anew: python -m baselines"
+        assert key == key_of(env), "regenerate it: python -m baselines"
         assert max(entry["medians"], key=entry["medians"].get) == best_sequence(env).told()

@@ -204,7 +204,7 @@ def test_measures_of_a_made_up_run() -> None:
     births[3], closures[30] = 1, 2
     notes = Notes(np.full(len(actions), 2), births, closures, np.full(len(actions), 1.5), np.array([]))
     row = measures(episode, notes)
-    assert row["lateral_after_birth"] == 1.0  # UP, after the birth in the first second
+    assert row["lateral_after_birth"] == 1.0  # UP, after the initialisation in the first second
     assert row["lateral_otherwise"] == 0.0
     assert np.isnan(row["lateral_after_mapping"])
     assert (row["stay_share"], row["forward_share"], row["lateral_first_minute"]) == (0.5, 0.25, 0.25)

@@ -59,8 +59,8 @@ def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsy
                 + ["--total-steps=4"]) == 0  # fmt: skip
     out, bar = capsys.readouterr()
     assert re.search(r"4 decisions: held-out rooms mean return -?\d+, median -?\d+, lost in \d+ %; kept", out)
-    assert "Now 1 unseen rooms for the kept weights, and for best-constant, mi-constant, mi-fisher:" in out
-    assert all(name in out for name in ("What was learned", "policy.npz", "lost, %", "median log score gain"))
+    assert "Now 1 other rooms for the kept weights, and for best-constant, mi-constant, mi-fisher:" in out
+    assert all(name in out for name in ("Results", "policy.npz", "lost, %", "median log score gain"))
     assert all(doing in bar for doing in ("flying", "learning", "2 held-out rooms"))
 
 
@@ -274,8 +274,8 @@ class Evil:
         return open, (self.path, "w")
 
 
-def test_a_stranger_s_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> None:
-    folder, hit = tmp_path / "stranger", tmp_path / "hit"
+def test_a_foreign_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> None:
+    folder, hit = tmp_path / "foreign", tmp_path / "hit"
     shutil.copytree(trained, folder)
     with ZipFile(folder / CHECKPOINT) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}

@@ -79,7 +79,7 @@ def test_a_constellation_tells_the_pose_among_outliers() -> None:
     assert found is not None
     assert np.linalg.norm(found[:3] - truth[:3]) < 0.01 and np.abs(rotation_error(truth[3:], found[3:])).max() < 0.01
     assert locate(CAMERA, ids[9:], elsewhere[9:], outliers, 7) is None, "outliers agree on nothing"
-    assert locate(CAMERA, np.repeat(ids[:3], 3), points, pixels, 7) is None, "three things are no constellation"
+    assert locate(CAMERA, np.repeat(ids[:3], 3), points, pixels, 7) is None, "three features are no constellation"
 
 
 def test_views_are_the_newest_and_some_that_lie_apart() -> None:

@@ -52,7 +52,7 @@ def at_rest(pose: np.ndarray) -> np.ndarray:
 
 
 def images_until_restart(belief: np.ndarray, noise: float, offset: Any = 0.0) -> tuple[int, tuple | None]:
-    """After how many images of the same view the belief is given up, of 200; and for what."""
+    """After how many images of the same view the filter restarts, of 200; and for what."""
     rng, restart = np.random.default_rng(1), Restart(CAMERA, CORNERS, STD)
     for n in range(200):
         pixels = projected(CAMERA, TRUTH, CORNERS) + offset + noise * rng.standard_normal((4, 2))

@@ -1,4 +1,4 @@
-"""Places in which looking around blindly fails: how they are drawn, what hides and stops, and what is told of it."""
+"""Rooms in which open-loop policies fail: how they are drawn, occlusion, contact, and what the belief knows of both."""
 
 from dataclasses import replace
 

@@ -163,9 +163,9 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `rejected_matches` | detections in a gate that were too ambiguous to be used |
     | `starvations` | frames in which most detections, of two or more, were so |
     | `recoveries` | frames that matches of two or more as a constellation kept from being so |
-    | `restarts` | times that the fiducials contradicted the belief, and it was begun anew |
-    | `wrong_matches` | matches with another point than the one that the feature was born of |
-    | `false_births` | features that were born of clutter |
+    | `restarts` | times that the fiducials contradicted the belief, and it was reset |
+    | `wrong_matches` | matches with another point than that of the feature |
+    | `false_births` | features that were initialised from clutter |
     | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and bodies that it touched |
 
     ## Version history

@@ -204,7 +204,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         return seeded
 
     def _end_same_step(self) -> dict[str, Any]:
-        """Begin anew where a run is over, and return what it ended with: ``final_obs``, ``final_info``."""
+        """Reset where a run is over, and return what it ended with: ``final_obs``, ``final_info``."""
         over = self._over
         if not over.any():
             return {}

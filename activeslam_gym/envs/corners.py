@@ -118,7 +118,7 @@ class Glance:
 
 @compiled
 def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bool) -> None:
-    """A frame after the camera has moved: predict, search, forget, initialise, and account for it."""
+    """A frame after the camera has moved: predict, search, delete, initialise, and account for it."""
     motion, belief, memory, frame = run.models.motion, run.ekf, corners.memory, run.world.state.frame + 1
     if contact:
         feel_contact(belief, u, motion.dt)

@@ -86,7 +86,7 @@ def appraise(run: Run, begins: bool) -> None:
 def _settle(run: Run) -> None:
     """The reward of the step: the gain of the chosen potential; where the run is lost, the return is min(it, 0) - 100.
 
-    A run can be lost once: the forfeit is due in the first such step.
+    A run can be lost once: the failure penalty is due in the first such step.
     """
     episode = run.episode
     first = episode.lost_now and not episode.lost

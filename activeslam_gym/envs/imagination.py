@@ -63,7 +63,7 @@ class Imagination:
     """Imagined futures of environment ``i`` of ``env``; a single environment is its own 0th.
 
     Call `look` at every step from the reset on, `draw` at the start of a motion period, then `play` plans in the rooms
-    that were drawn. ``seed``: of everything that is drawn, anew in each episode. ``threads`` share the runs (None: one
+    that were drawn. ``seed``: of all draws, which differ in each episode. ``threads`` share the runs (None: one
     for each core).
 
     Raises:

@@ -1,4 +1,4 @@
-"""The observation: a flat vector of what the belief holds, global features first, then one token per thing.
+"""The observation: a flat vector of what the belief holds, global features first, then one token per landmark.
 
 Directions are in camera axes (x left, y up, z forward) and every number is scaled by a constant and clipped to [-1, 1].
 """

@@ -134,7 +134,7 @@ class Reads:
         raise NotImplementedError
 
     def _reset_run(self, i: int, key: int) -> None:
-        """Begin run ``i`` anew from ``key``."""
+        """Restart run ``i`` from ``key``."""
         start = reset_run(self.setting, self._runs, i, key)
         if not self._compiled:
             self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
@@ -315,7 +315,7 @@ class SingleReads(Reads):
         return Labels(read_only(owners), read_only(run.label[:count]), read_only(run.candidate["match"][:count]))
 
     def expect(self, points: np.ndarray) -> None:
-        """Put the expected landmarks at ``points`` (N, 3) [m]: for studies. A reset draws them anew.
+        """Put the expected landmarks at ``points`` (N, 3) [m]: for studies. A reset draws them again.
 
         Raises:
             ValueError: not as many points as the scenario has landmarks.

@@ -62,11 +62,13 @@ def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
 def judge_matches(
     owner: np.ndarray, estimate: EstimateArrays, fiducial_count: int, candidates: np.ndarray, labels: np.ndarray
 ) -> tuple[int, int]:
-    """How many of a frame's ``candidates`` (M,), with their true ``labels`` (M,), were wrong matches, and false births.
+    """How many of a frame's ``candidates`` (M,), with their true ``labels`` (M,), were wrong matches, and features from
+    clutter.
 
-    A feature is what the detection of its birth was of, for life: no later match frees a false claim, and none takes a
-    true one away. Wrong is a match with anything else, and every match of a feature that was born of clutter; its birth
-    is false. Call it after every frame, after `reconcile`, so that a feature of which nothing is known is a new one.
+    A feature is what the detection of its initialisation was of, for life: no later match frees a false claim, and none
+    takes a true one away. Wrong is a match with anything else, and every match of a feature that was initialised of
+    clutter; its initialisation is false. Call it after every frame, after `reconcile`, so that a feature of which
+    nothing is known is a new one.
     """
     wrong, false = 0, 0
     for i in range(candidates.shape[0]):
@@ -87,7 +89,8 @@ def judge_matches(
 
 @borrowing
 def true_id(owner: np.ndarray, fiducial_count: int, label: int) -> int:
-    """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature born of the point.
+    """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature initialised of the
+    point.
 
     ANYTHING where the point has no feature yet; REJECTED for clutter, of which nothing shall be made.
     """

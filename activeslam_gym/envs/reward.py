@@ -1,8 +1,8 @@
-"""Rewards: each the gain of a named potential, so that it telescopes to what was learned.
+"""Rewards: each the gain of a named potential, so that they sum to its gain over the episode.
 
 A potential is a function of an EVALUATION record. Those of this module are compiled into the kernel of a step. A
 potential that ``@REWARDS.register("mine")`` adds elsewhere, at run time, is called from Python. Everything else is the
-same: the gain of a step, the forfeit of a lost run, `info["reward_terms"]`, the checks of arguments.
+same: the gain of a step, the failure penalty, `info["reward_terms"]`, the checks of arguments.
 """
 
 from collections.abc import Callable

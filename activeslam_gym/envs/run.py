@@ -36,7 +36,7 @@ MODELS = record(
     task=TASK,
     landmark_var=("f8", 3),  # of a landmark anywhere in the room, each axis [m^2]
     on_surfaces="b1",  # whether landmarks are expected on the walls
-    boxes_known="b1",  # whether the belief knows what hides things
+    boxes_known="b1",  # whether the belief knows what occludes
     negative_information="b1",  # whether what was looked at and not found is expected elsewhere
 )
 """The constants of a run."""
@@ -58,7 +58,7 @@ EPISODE = record(
     events=EVENTS,
     evaluation=EVALUATION,
     potential=("f8", (len(REWARDS.own) + 1,)),  # after the last step, by number; the last one is a registered reward's
-    terms=("f8", (len(REWARDS.own) + 2,)),  # gain of each in the last step; the forfeit stands before the last one
+    terms=("f8", (len(REWARDS.own) + 2,)),  # gains of the last step; the failure penalty is the last but one
     reward="f8",  # of the last step
     total="f8",  # return so far
     gain="f8",  # entropy removed so far [bit]
@@ -71,7 +71,7 @@ EPISODE = record(
     detections="i8",  # in the last frame
     views="i8",  # viewpoints so far
     clearance=("f8", (MOTION_COUNT,)),  # how far the camera can go by each motion, where there are boxes [m]
-    redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn anew
+    redraw_key=("u8", (1,)),  # the stream of expected landmarks that are drawn again
 )
 """What one run has been worth so far."""
 

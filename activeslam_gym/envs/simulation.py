@@ -141,7 +141,7 @@ def face_fiducials(run: Run, mean: np.ndarray, rng: np.random.Generator) -> None
 
 @compiled
 def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
-    """Read a motion, ``command`` (>= 3,): its goal from where the camera is felt to be, clipped into the room.
+    """Read a motion, ``command`` (>= 3,): its goal from the estimated position, clipped into the room.
 
     Where there are boxes it stops short of what is in the way, or keeps off it on all sides. ``reach``: so far a
     registered scene lets the camera go [m]; infinite where there is none.
@@ -223,7 +223,7 @@ def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) 
 
 @compiled
 def account(run: Run) -> None:
-    """After the estimator: the data association by the hidden labels, wrong matches and false births."""
+    """After the estimator: the data association by the hidden labels, wrong matches and features from clutter."""
     events, count, K = run.episode.events, run.episode.detections, run.world.fiducials.shape[0]
     reconcile(run.owner, run.estimate)
     wrong, false = judge_matches(run.owner, run.estimate, K, run.candidate[:count], run.label[:count])

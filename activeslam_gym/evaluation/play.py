@@ -94,7 +94,7 @@ def play(
 
 
 def matched_ids(core: Any) -> list[int]:
-    """Ids of what the detections of the last frame were matched to: features, births too, and −1 − k of fiducial k."""
+    """Ids of the matches of the last frame: of features, also new ones, and −1 − k of fiducial k."""
     matched = core.labels.matched
     return matched[(matched != 0) & (matched >= -core.scenario.fiducial_count)].tolist()
 

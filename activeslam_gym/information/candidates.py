@@ -59,7 +59,7 @@ class Prospect(NamedTuple):
     fiducials: np.ndarray
     """(K, 3) points of known position [m]."""
     boxes: np.ndarray
-    """(B, 2, 3) what is known to hide things [m]."""
+    """(B, 2, 3) what is known to occlude [m]."""
     waiting: int
     """How many of the points, the last ones, are expected landmarks."""
     clearance: np.ndarray = np.full(MOTION_COUNT, np.inf)

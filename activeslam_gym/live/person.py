@@ -37,8 +37,8 @@ class Person:
     """Moves the true camera.
 
     The hand follows a smooth path of a second to its goal, and holds the camera level, with a tremor:
-    accelerations of ``acceleration_std`` and ``angular_acceleration_std``, each frame anew. The goal of a command is in
-    axes of the true camera, clipped into the room and kept away from ``boxes`` (B, 2, 3) [m].
+    accelerations of ``acceleration_std`` and ``angular_acceleration_std``, drawn in each frame. The goal of a command
+    is in axes of the true camera, clipped into the room and kept away from ``boxes`` (B, 2, 3) [m].
     """
 
     def __init__(self, motion: Record, start: np.ndarray, boxes: np.ndarray, habit: str, rng: np.random.Generator):

@@ -76,7 +76,7 @@ class Evaluator:
         self._loops, self._lost = LoopClosures(), False
         self._first_density: float | None = None
         self._images: list[tuple[float, ...]] = []
-        """Of this second: births, closures, matches, searches and milliseconds."""
+        """Of this second: initialisations, closures, matches, searches and milliseconds."""
 
     def look(self, session: Session, state: State) -> None:
         """Take in an image."""

@@ -1,4 +1,4 @@
-"""Where things lie on the page: the orthographic view, ellipses of covariances, the camera's frustum, the room.
+"""Geometry of the page: the orthographic view, ellipses of covariances, the camera's frustum, the room.
 
 The room is seen in orthographic projection, from behind and above the start, and not mirrored: the camera's left is
 to the left. Under such a projection V (2 x 3), an ellipsoid of covariance P has an elliptic outline of covariance

@@ -1,16 +1,17 @@
-"""Association of identified detections: somebody looked for each thing where it was predicted, and found likenesses.
+"""Association of identified detections: a searcher looked for each prediction around its pixel, and found likenesses.
 
-A detection bears the id of the one thing that it may be, and a log likelihood ratio of its looks. What is left to ask
-is which detections belong together. Its worth is the log likelihood ratio against a stranger of the same looks, of
-which there is one in every A pixels that are searched,
+A detection bears the id of the one prediction that it may be, and a log likelihood ratio of its looks. What is left to
+ask is which detections belong together. Its worth is the log likelihood ratio against an unmapped detection of the same
+looks, of which there is one in every A pixels that are searched,
 
     log_ratio + ln N(z; z_hat, S_c) - ln(1 / A) = log_ratio + ln(A / (2 pi sqrt|S_c|)) - d^2 / 2,
 
-with S_c the innovation covariance of the thing given what has been accepted so far. The density of strangers is by the
-pixel: one stranger in every ellipse, whatever its size, would be too kind to large ellipses.
+with S_c the innovation covariance of the prediction given what has been accepted so far. The density of unmapped
+detections is by the
+pixel: one unmapped detection in every ellipse, whatever its size, would be too kind to large ellipses.
 
-1. Every detection votes as if it were the only one known: its own worth and, given it, each other thing's best. One
-   point tells most of the camera's motion (Civera, Grasa, Davison and Montiel, "1-point RANSAC for EKF filtering",
+1. Every detection votes as if it were the only one known: its own worth and, given it, each other prediction's best.
+   One point tells most of the camera's motion (Civera, Grasa, Davison and Montiel, "1-point RANSAC for EKF filtering",
    2010; here nothing is left to chance, since all are tried). The first vote is accepted.
 2. Then the worthiest detection given all that are accepted, until none inside the gate is worth more than nothing.
 """
@@ -30,16 +31,17 @@ APPEARANCE, appearance_of = constants(
     Scenario(),
     search_gate=11.8,  # chi-square bound of the first detection: what is searched is an ellipse of 3 sigma
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # and of each further one, given those accepted
-    stranger_area=500.0,  # pixels searched for one stranger that looks enough like a thing to be a detection [px^2]
+    chance_area=500.0,  # searched area for one detection by chance, which looks enough like the prediction [px^2]
 )
 """Constants of the association of identified detections."""
 
 
 @compiled
 def associate_identified(model: Record, sight: Sight, detections: np.ndarray, least: int) -> np.ndarray:
-    """Match ``detections`` (M,) that bear ids to the things in ``sight`` (v,); none, if fewer than ``least`` agree.
+    """Match ``detections`` (M,) that bear ids to the predictions in ``sight`` (v,); none, if fewer than ``least``
+    agree.
 
-    Returns (v,) the detection of each thing, or -1, and sets ``detections.match``: the id, or REJECTED.
+    Returns (v,) the detection of each prediction, or -1, and sets ``detections.match``: the id, or REJECTED.
     """
     v, M = sight.thing.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
@@ -72,9 +74,10 @@ def _best(
     of_thing: np.ndarray,
     votes: bool,
 ) -> int:
-    """The worthiest detection of the things without one, or -1 where none inside the gate is worth more than nothing.
+    """The worthiest detection of the predictions without one, or -1 where none inside the gate is worth more than
+    nothing.
 
-    ``votes``: the worth that each other thing's best then has counts too, and what was searched is the gate.
+    ``votes``: the worth that each other prediction's best then has counts too, and what was searched is the gate.
     """
     best, most = -1, 0.0
     for i in range(detections.shape[0]):
@@ -95,9 +98,9 @@ def _best(
 def _agreement(
     model: Record, z: np.ndarray, S: np.ndarray, detections: np.ndarray, of_detection: np.ndarray, seed: int
 ) -> float:
-    """Sum over the other things of the worth of their best detection, given that the ``seed`` is what it may be.
+    """Sum over the other predictions of the worth of their best detection, given that the ``seed`` is what it may be.
 
-    As `condition` does it to all things, to one: S_b - G S_ab and z_b + G nu_a, G = S_ba (S_a + R)^-1.
+    As `condition` does it to all predictions, to one: S_b - G S_ab and z_b + G nu_a, G = S_ba (S_a + R)^-1.
     """
     a, best = of_detection[seed], np.zeros(z.shape[0] // 2)
     s00, s01, s11 = innovation_of(S, a, detections[seed])
@@ -122,5 +125,5 @@ def _agreement(
 
 @borrowing
 def _worth(model: Record, detection: Record, d2: float, det: float) -> float:
-    """The log likelihood ratio against a stranger; see the module."""
-    return detection.log_ratio + math.log(model.stranger_area / (2.0 * math.pi)) - 0.5 * (math.log(det) + d2)
+    """The log likelihood ratio against an unmapped detection; see the module."""
+    return detection.log_ratio + math.log(model.chance_area / (2.0 * math.pi)) - 0.5 * (math.log(det) + d2)

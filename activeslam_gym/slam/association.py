@@ -5,20 +5,20 @@ go wrong (fiducials swapped under the prior's wide ellipses, a wrong landmark ta
 one wrong match makes the next ones. So a match must be more than near:
 
 1. "Near" is by likelihood, cost = d^2 + ln |S|: plain Mahalanobis distance favours whatever is uncertain.
-2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the birth gate
-   comes within a margin. The joint Gaussian of the other predicted pixels is then conditioned on it, which sharpens
-   them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and Tardos, "Data
-   association in stochastic mapping using the joint compatibility test", 2001, ask for). Near the border of the image
-   it must also be clear that the thing is not just outside.
+2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the
+   initialisation gate comes within a margin. The joint Gaussian of the other predicted pixels is then conditioned on
+   it, which sharpens them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and
+   Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, ask for). Near the border
+   of the image it must also be clear that the prediction is not just outside.
 3. What is left is matched jointly, as a constellation (see `constellation`): that closes loops, and finds the way back
    where wide ellipses are ambiguous one by one. What was seen lately needs less of a lead than what comes back after a
    long time. A detection that is better explained by nothing known is new.
-4. Everything else waits for a clearer frame: it gives no birth, and it is no miss.
+4. Everything else waits for a clearer frame: it gives no initialisation, and it is no miss.
 5. What comes back after a long time is not believed where as much that should be in view with it is not: there the
    estimate is wrong, and the match is chance. A vague depth that was out of sight is left out: its long ellipse takes
    what lies on it.
 6. A new feature that waited between two detections, of which one is left, is deleted: see `_is_crowded`.
-7. Two things predicted side by side wait too, however clear their matches seem. Between them the noise decides, and
+7. Two predictions side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
 """
 
@@ -36,9 +36,9 @@ from activeslam_gym.slam.sight import INSIDE, NEVER, Sight
 DETECTION = record(
     pixel=("f8", 2),  # [px]
     R=("f8", (2, 2)),  # covariance of its noise [px^2]
-    id="i8",  # of the one thing that it may be; ANYTHING: any
-    log_ratio="f8",  # log likelihood of its appearance, if it is that thing, over a stranger's
-    match="i8",  # the filter's answer: the id of the thing that it was matched to, or NEW or REJECTED
+    id="i8",  # of the one prediction that it may be; ANYTHING: any
+    log_ratio="f8",  # log likelihood of its appearance, if it is that prediction, over an unmapped detection's
+    match="i8",  # the filter's answer: the id of the prediction that it was matched to, or NEW or REJECTED
 )
 """A measured pixel before its association. The ids are those of features (positive) and of fiducials (negative)."""
 ANYTHING = 0
@@ -69,7 +69,7 @@ ASSOCIATION, association_of = constants(
     # a predicted ellipse, without R, is sharp when its longest axis squared is at most this [px^2]:
     sharp_var=lambda s: 3.0 * s.pixel_std**2,
     clear_margin=20.0,  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
-    border_margin=6.0,  # and, near the border of the image, its lead over the thing's being outside, in ln
+    border_margin=6.0,  # and, near the border of the image, its lead over the prediction's being outside, in ln
     margin=8.0,  # lead over both that a joint match needs, in ln
     lately=lambda s: round(10.0 / s.frame_time),  # a feature matched within so many frames was seen lately
     just_now=lambda s: round(0.25 / s.frame_time),  # and within so many, just now
@@ -78,13 +78,13 @@ ASSOCIATION, association_of = constants(
     point_missed_margin=3.0,  # and over its not being detected
     command_known="b1",  # whether an ellipse may be vague, see `_is_vague`
     vague_px=lambda s: 3.0 * s.pixel_std,  # longest ellipse of an inverse depth not seen just now [px]
-    twin_px=lambda s: 4.0 * s.pixel_std,  # things predicted nearer to each other are not told apart [px]
+    twin_px=lambda s: 4.0 * s.pixel_std,  # predictions nearer to each other are ambiguous [px]
     clear_frames=lambda s: frames_of_clarity(s, 0.25),  # for which an inverse depth must be alone to be matched
     rival_gate=25.0,  # near enough to an inverse depth's prediction to be its rival, where the present frame shows it
     novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
-    # -2 ln of the density of one stranger in an image, less that of 2 pi:
+    # -2 ln of the density of one unmapped detection in an image, less that of 2 pi:
     clutter_cost=lambda s: 2.0 * math.log(s.image_width * s.image_height / (2.0 * math.pi)),
     landmarks=lambda s: float(s.landmark_count),  # that the room holds
     clutter_rate="f8",  # false detections in an image
@@ -98,14 +98,15 @@ ASSOCIATION, association_of = constants(
 def associate(
     model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
 ) -> tuple[np.ndarray, int]:
-    """Match ``detections`` (M,) to the things in ``sight`` (v,) of a map with so many ``features``.
+    """Match ``detections`` (M,) to the predictions in ``sight`` (v,) of a map with so many ``features``.
 
-    Returns (v,) the detection of each thing, or -1, with the number of joint matches, and sets ``detections.match``.
-    ``waits`` (v,) bool is set for the things that a detection may be of without being clear enough to match.
+    Returns (v,) the detection of each prediction, or -1, with the number of joint matches, and sets
+    ``detections.match``. ``waits`` (v,) bool is set for the predictions that a detection may be of without being clear
+    enough to match.
     """
     h, v, M = _open_questions(model, sight, detections), sight.thing.shape[0], detections.shape[0]
     of_thing, novelty, jointly = np.full(v, -1), np.zeros(M), 0
-    pair_worth, margins = worth_of_pair(model, expected_strangers(model, features)), _margins(model, sight.thing)
+    pair_worth, margins = worth_of_pair(model, expected_unmapped(model, features)), _margins(model, sight.thing)
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
         if not _match_clear(model, h, sight.thing, detections, pair_worth, of_thing):
@@ -141,7 +142,7 @@ def associate(
 
 @compiled
 def _open_questions(model: Record, sight: Sight, detections: np.ndarray) -> Hypotheses:
-    """All things open, all detections free: which may be which, and by what distance."""
+    """All predictions open, all detections free: which may be which, and by what distance."""
     v, M = sight.thing.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
     h = Hypotheses(
@@ -184,7 +185,7 @@ def _margins(model: Record, things: np.ndarray) -> Margins:
 
 @borrowing
 def _take_back(detections: np.ndarray, of_thing: np.ndarray, waits: np.ndarray, a: int) -> int:
-    """Take back the match of thing ``a`` by a detection that may be anything; the number of matches taken back."""
+    """Take back the match of prediction ``a`` by a detection that may be anything; the number of matches taken back."""
     i = of_thing[a]
     if i < 0 or detections[i].id != ANYTHING:
         return 0
@@ -194,7 +195,7 @@ def _take_back(detections: np.ndarray, of_thing: np.ndarray, waits: np.ndarray, 
 
 @borrowing
 def _has_twin(model: Record, things: np.ndarray, a: int) -> bool:
-    """Whether another of the ``things`` (v,) is predicted beside thing ``a``.
+    """Whether another of the ``things`` (v,) is predicted beside prediction ``a``.
 
     Two that are d apart are told apart by (d / s)^2 +- sqrt(2) d / s nats, s the deviation of a pixel: at d = 4 s by
     16 +- 6, so that hardly a match that is clear enough owes it to its noise.
@@ -209,10 +210,10 @@ def _has_twin(model: Record, things: np.ndarray, a: int) -> bool:
 
 @borrowing
 def _returns_by_chance(model: Record, sight: Sight, detections: np.ndarray, of_thing: np.ndarray) -> bool:
-    """Whether as many things that come back have no detection near, although they should, as have a match.
+    """Whether as many predictions that come back have no detection near, although they should, as have a match.
 
     An estimate that is wrong by more than it knows predicts fiducials and old points where they are not. Where one of
-    them meets a stranger by chance, the others meet nothing.
+    them meets an unmapped detection by chance, the others meet nothing.
     """
     back, missing = 0, 0
     for a in range(of_thing.shape[0]):
@@ -226,13 +227,13 @@ def _returns_by_chance(model: Record, sight: Sight, detections: np.ndarray, of_t
 
 @borrowing
 def _comes_back(model: Record, thing: Record) -> bool:
-    """Whether a thing is a fiducial, or a feature that was matched, but not lately."""
+    """Whether a prediction is a fiducial, or a feature that was matched, but not lately."""
     return thing.id < 0 or model.lately < thing.unseen < NEVER
 
 
 @borrowing
 def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool:
-    """Whether any detection is within the birth gate of thing ``a``, as it was predicted."""
+    """Whether any detection is within the initialisation gate of prediction ``a``, as it was predicted."""
     for i in range(detections.shape[0]):
         if _is_near(sight, a, detections[i].pixel, model.birth_gate):
             return True
@@ -241,7 +242,8 @@ def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool
 
 @borrowing
 def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray, matched: bool, unexplained: bool) -> bool:
-    """Whether thing ``a`` is an inverse depth, and may be another of two detections that no other thing explains.
+    """Whether prediction ``a`` is an inverse depth, and may be another of two detections that no other prediction
+    explains.
 
     Where detections are missed, both are in its gate, or lately were. Elsewhere one is ``matched`` to it since the
     other is gone or new; it may be of either, so it is mistaken. Writes when both were near, which they are only where
@@ -264,7 +266,7 @@ def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray, mat
 
 @borrowing
 def _is_near(sight: Sight, a: int, pixel: np.ndarray, gate: float) -> bool:
-    """Whether a ``pixel`` (2,) is within a ``gate`` of thing ``a``, as it was predicted."""
+    """Whether a ``pixel`` (2,) is within a ``gate`` of prediction ``a``, as it was predicted."""
     s00, s01, s11 = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
     u, v = pixel[0] - sight.thing[a].z_hat[0], pixel[1] - sight.thing[a].z_hat[1]
     return s11 * u * u - 2.0 * s01 * u * v + s00 * v * v < gate * (s00 * s11 - s01 * s01)
@@ -272,7 +274,7 @@ def _is_near(sight: Sight, a: int, pixel: np.ndarray, gate: float) -> bool:
 
 @borrowing
 def _is_vague(model: Record, sight: Sight, a: int) -> bool:
-    """Whether thing ``a`` is an inverse depth that was out of sight, under a long ellipse.
+    """Whether prediction ``a`` is an inverse depth that was out of sight, under a long ellipse.
 
     That lies along the image of its ray, and takes what crosses it. Where the commands are not known all ellipses are
     long, by the turn of the camera, which all points together tell: there none is vague.
@@ -288,14 +290,14 @@ def _is_vague(model: Record, sight: Sight, a: int) -> bool:
 
 @borrowing
 def _longest_square(S: np.ndarray, a: int) -> float:
-    """Square of the longest axis of thing ``a``'s ellipse in the joint ``S`` (2 v, 2 v)."""
+    """Square of the longest axis of prediction ``a``'s ellipse in the joint ``S`` (2 v, 2 v)."""
     s00, s01, s11 = S[2 * a, 2 * a], S[2 * a, 2 * a + 1], S[2 * a + 1, 2 * a + 1]
     half = 0.5 * (s00 + s11)
     return half + math.sqrt(max(half * half - (s00 * s11 - s01 * s01), 0.0))
 
 
 @compiled
-def expected_strangers(model: Record, features: int) -> float:
+def expected_unmapped(model: Record, features: int) -> float:
     """Detections of nothing known that are expected in an image, of landmarks that are still owed and of clutter.
 
     An image sees about 15 % of a room; some landmarks may be owed although there is a feature for each.
@@ -305,7 +307,7 @@ def expected_strangers(model: Record, features: int) -> float:
 
 @borrowing
 def _any_open(model: Record, h: Hypotheses) -> bool:
-    """Whether an open thing and a free detection may still belong together."""
+    """Whether an open prediction and a free detection may still belong together."""
     for a in range(h.open.shape[0]):
         if h.open[a]:
             for i in range(h.free.shape[0]):
@@ -318,10 +320,10 @@ def _any_open(model: Record, h: Hypotheses) -> bool:
 def _match_clear(
     model: Record, h: Hypotheses, things: np.ndarray, detections: np.ndarray, pair_worth: float, of_thing: np.ndarray
 ) -> bool:
-    """Match every sharp thing that has a clear partner, and condition the rest on them; whether there was any.
+    """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any.
 
-    Near the border a thing may just be outside, and a stranger beside it: there the match has to lead that, too. A
-    pair's likelihood is ``pair_worth`` less half of its cost.
+    Near the border a prediction may just be outside, and an unmapped detection beside it: there the match has to lead
+    that, too. A pair's likelihood is ``pair_worth`` less half of its cost.
     """
     v, found = h.open.shape[0], False
     partner = np.full(v, -1)
@@ -343,7 +345,7 @@ def _match_clear(
 
 @borrowing
 def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
-    """The free detection that is thing ``a``'s best by a margin, and whose best by a margin is thing ``a``; or -1."""
+    """The free detection that is the best of prediction ``a`` by a margin, as ``a`` is of the detection; or -1."""
     best = -1
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.gate and (best < 0 or h.cost[a, i] < h.cost[a, best]):

@@ -1,16 +1,16 @@
-"""Joint matching: what the open things are, all together, by branch and bound over their joint Gaussian.
+"""Joint matching: what the open predictions are, all together, by branch and bound over their joint Gaussian.
 
-An assignment gives each thing a detection or none. Its log likelihood, against "all are of nothing known", is
+An assignment gives each prediction a detection or none. Its log likelihood, against "all are of nothing known", is
 
-    sum over pairs    ln N(z; z_hat, S | the pairs before) - ln(strangers per px^2)
+    sum over pairs    ln N(z; z_hat, S | the pairs before) - ln(unmapped detections per px^2)
   + sum over others   ln(1 - P_D P(its pixel is in the image)).
 
-A pair is accepted when the best assignment leads every one that makes something else of the thing by a margin, one for
-another detection and one for none; and a detection is of nothing known when the best that leaves it unexplained leads
-every one that explains it. (Neira and Tardos, "Data association in stochastic mapping using the joint compatibility
-test", 2001, count pairs; here wide ellipses pay for their width, and misses for standing in the image.) The search is
-bounded by nodes, never by the clock: where they run out, the sharper half of the things is searched by itself, which
-sharpens the others for the next search.
+A pair is accepted when the best assignment leads every one that makes something else of the prediction by a margin, one
+for another detection and one for none; and a detection is of nothing known when the best that leaves it unexplained
+leads every one that explains it. (Neira and Tardos, "Data association in stochastic mapping using the joint
+compatibility test", 2001, count pairs; here wide ellipses pay for their width, and misses for standing in the image.)
+The search is bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched
+by itself, which sharpens the others for the next search.
 """
 
 import math
@@ -23,19 +23,19 @@ from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, diag
 from activeslam_gym.slam.hypotheses import Hypotheses, accept, condition, measure_distances
 from activeslam_gym.slam.sight import pixel_rows
 
-MOST_THINGS = 14  # a search takes so many things, the sharpest
+MOST_THINGS = 14  # a search takes so many predictions, the sharpest
 MISSED = -1  # the answer in place of the number of a detection
 
 
 class Margins(NamedTuple):
-    """By how much what a thing is must lead what else it may be, in ln; at most ``model.margin``, where search ends."""
+    """The lead that the answer for a prediction needs over any other, in ln; at most ``model.margin``."""
 
     other: np.ndarray  # (v,) another detection
     missed: np.ndarray  # (v,) none
 
 
 class Search(NamedTuple):
-    """A depth-first search that decides one thing a level; n + 1 levels of n things and M detections."""
+    """A depth-first search that decides one prediction a level; n + 1 levels of n predictions and M detections."""
 
     thing: np.ndarray  # (n + 1,) the one that the level decides
     choice: np.ndarray  # (n + 1, M + 1) what it may be: detections, the likeliest first, and MISSED
@@ -43,16 +43,16 @@ class Search(NamedTuple):
     tried: np.ndarray  # (n + 1,) and how many of them have been followed
     answer: np.ndarray  # (n + 1, n) the decisions so far
     score: np.ndarray  # (n + 1,) their log likelihood
-    rest: np.ndarray  # (n + 1,) upper bound of what the other open things add
-    most: np.ndarray  # (n,) upper bound of the worth of any pair of the thing
-    reached: np.ndarray  # (M,) room to mark what some open thing reaches
+    rest: np.ndarray  # (n + 1,) upper bound of what the other open predictions add
+    most: np.ndarray  # (n,) upper bound of the worth of any pair of the prediction
+    reached: np.ndarray  # (M,) room to mark what some open prediction reaches
     pair_worth: float  # see `worth_of_pair`
 
 
 class Outcome(NamedTuple):
     """The greatest scores that were found."""
 
-    with_pair: np.ndarray  # (n, M + 1) of those in which the thing is the detection; in the last column, is missed
+    with_pair: np.ndarray  # (n, M + 1) of those in which the prediction is the detection; in the last column, is missed
     without: np.ndarray  # (M,) of those that leave the detection unexplained
     answer: np.ndarray  # (n,) the best
 
@@ -67,13 +67,13 @@ def match_jointly(
     of_thing: np.ndarray,
     novelty: np.ndarray,
 ) -> tuple[int, bool]:
-    """Match the open things of ``h`` together, and condition the rest on the matches.
+    """Match the open predictions of ``h`` together, and condition the rest on the matches.
 
-    Returns how many were matched, and whether the search took all things in reach.
+    Returns how many were matched, and whether the search took all predictions in reach.
 
-    ``model``: ASSOCIATION; ``pair_worth``: see `worth_of_pair`; ``margins``: the leads that matches of the v things
-    need. Writes ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a detection
-    unexplained leads, 0 where the search did not take all things in reach.
+    ``model``: ASSOCIATION; ``pair_worth``: see `worth_of_pair`; ``margins``: the leads that matches of the v
+    predictions need. Writes ``of_thing`` (v,), and ``novelty`` (M,): by how much the best assignment that leaves a
+    detection unexplained leads, 0 where the search did not take all predictions in reach.
     """
     in_reach = _in_reach(model, h)
     chosen = in_reach[:MOST_THINGS]
@@ -105,7 +105,7 @@ def match_jointly(
 def _search(
     model: Record, h: Hypotheses, chosen: np.ndarray, detections: np.ndarray, pair_worth: float
 ) -> tuple[Outcome, float]:
-    """The outcome for the ``chosen`` (n,) things, and the greatest score: -inf where the nodes ran out."""
+    """The outcome for the ``chosen`` (n,) predictions, and the greatest score: -inf where the nodes ran out."""
     n, M = chosen.shape[0], detections.shape[0]
     levels = _levels(h, chosen)
     search = Search(
@@ -126,7 +126,7 @@ def _search(
 
 @compiled
 def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
-    """The open things with a free detection inside the birth gate, the sharpest first, by tr S."""
+    """The open predictions with a free detection inside the initialisation gate, the sharpest first, by tr S."""
     chosen, size, n = np.empty(h.open.shape[0], np.int64), np.empty(h.open.shape[0]), 0
     for a in range(h.open.shape[0]):
         near = 0
@@ -145,7 +145,7 @@ def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
 
 @compiled
 def _levels(h: Hypotheses, chosen: np.ndarray) -> Hypotheses:
-    """Room for the hypotheses of n + 1 levels, with a leading axis; the first is that of the ``chosen`` (n,) things."""
+    """Room for the hypotheses of n + 1 levels, with a leading axis; the first has the ``chosen`` (n,) predictions."""
     n, M, rows = chosen.shape[0], h.free.shape[0], pixel_rows(chosen)
     levels = Hypotheses(
         np.empty((n + 1, 2 * n)),
@@ -205,10 +205,10 @@ def _explore(model: Record, levels: Hypotheses, search: Search, outcome: Outcome
 
 @compiled
 def _bound_pairs(S: np.ndarray, detections: np.ndarray, pair_worth: float) -> np.ndarray:
-    """(n,) upper bound of the worth of any pair of each thing: at the predicted pixel, given where all others are.
+    """(n,) upper bound of the worth of any pair of each prediction: at the predicted pixel, given where all others are.
 
     Of a joint covariance with the inverse A, what is given all others has the covariance A_aa^-1: no conditioning makes
-    a thing sharper. It is taken with the least R of the ``detections``.
+    a prediction sharper. It is taken with the least R of the ``detections``.
     """
     n, least, ratio = S.shape[0], np.inf, -np.inf
     for i in range(detections.shape[0]):
@@ -232,7 +232,7 @@ def _bound_pairs(S: np.ndarray, detections: np.ndarray, pair_worth: float) -> np
 
 @borrowing
 def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: np.ndarray) -> bool:
-    """Prepare a level: things without a detection are missed, and the one with the fewest is decided next.
+    """Prepare a level: predictions without a detection are missed, and the one with the fewest is decided next.
 
     False where nothing is left to decide.
     """
@@ -268,7 +268,7 @@ def _look(model: Record, h: Hypotheses, search: Search, depth: int, detections: 
 
 @borrowing
 def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> None:
-    """The free detections near the level's thing, the likeliest first, and MISSED."""
+    """The free detections near the level's prediction, the likeliest first, and MISSED."""
     a, choice, count = search.thing[depth], search.choice[depth], 0
     for i in range(h.free.shape[0]):
         if h.free[i] and h.d2[a, i] < model.birth_gate:
@@ -283,14 +283,14 @@ def _list_choices(model: Record, h: Hypotheses, search: Search, depth: int) -> N
 
 
 @borrowing
-def worth_of_pair(model: Record, strangers: float) -> float:
-    """The log likelihood ratio of a pair against a stranger, plus half of the pair's cost."""
-    return 0.5 * model.clutter_cost - math.log(strangers)
+def worth_of_pair(model: Record, unmapped: float) -> float:
+    """The log likelihood ratio of a pair against an unmapped detection, plus half of the pair's cost."""
+    return 0.5 * model.clutter_cost - math.log(unmapped)
 
 
 @borrowing
 def log_missed(model: Record, h: Hypotheses, a: int) -> float:
-    """ln(1 - P_D P(in the image)) of thing ``a``, the axes of its measured pixel taken as independent."""
+    """ln(1 - P_D P(in the image)) of prediction ``a``, the axes of its measured pixel taken as independent."""
     wide_u = math.sqrt(2.0 * (h.S[2 * a, 2 * a] + model.pixel_var))
     wide_v = math.sqrt(2.0 * (h.S[2 * a + 1, 2 * a + 1] + model.pixel_var))
     u, v = h.z[2 * a], h.z[2 * a + 1]

@@ -37,7 +37,7 @@ class Mean(NamedTuple):
 
 @compiled
 def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, pixels: np.ndarray) -> bool:
-    """x ⊞ delta, P - W^T W by the ``pixels`` (2 m,) of the m things in ``sight``, which is overwritten.
+    """x ⊞ delta, P - W^T W by the ``pixels`` (2 m,) of the m predictions in ``sight``, which is overwritten.
 
     The iterated Kalman filter (Bell and Cathey 1993), which is Gauss and Newton's descent of the cost
     delta^T P^-1 delta + (z - h)^T R^-1 (z - h): delta = K (z - h(x_i) + H_i delta_i) with H_i, and so K and W, taken at
@@ -170,7 +170,7 @@ def _bend(
 
 @borrowing
 def _along(thing: Record, axis: int, delta: np.ndarray) -> float:
-    """H delta of one of a thing's two rows."""
+    """H delta of one of a prediction's two rows."""
     total = 0.0
     for i in range(POSE_DIM):
         total += thing.H_camera[axis, i] * delta[i]

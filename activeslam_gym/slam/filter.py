@@ -48,7 +48,7 @@ class Filter:
         camera: (13,) first mean: position, quaternion (scalar first), velocity, angular velocity; None: the scenario's.
         covariance: (12, 12) of its tangent: position, rotation (world frame), velocity, angular velocity; None: the
             scenario's.
-        boxes: (B, 2, 3) lowest and highest corners [m] of the boxes that are known to hide things.
+        boxes: (B, 2, 3) lowest and highest corners [m] of the boxes that are known to occlude.
 
     Raises:
         ValueError: an array is not of its shape, or not finite.
@@ -136,10 +136,10 @@ class Filter:
         ``detections`` (M,) is an array of type DETECTION (see `detections_of`); several may bear one id. ``labelled``:
         the ids are certain. Features that were missed too often are deleted.
 
-        ``jointly``: all bear ids, since each thing was searched for around its predicted pixel, and their looks and
-        places together choose the right ones (`slam.appearance`); if fewer than ``least`` agree, none is believed. Then
-        the searcher counts misses and deletes. It may search some things, update, and then search the rest of the same
-        frame by the new `sight`.
+        ``jointly``: all bear ids, since each prediction was searched for around its predicted pixel, and their looks
+        and places together choose the right ones (`slam.appearance`); if fewer than ``least`` agree, none is believed.
+        Then the searcher counts misses and deletes. It may search some predictions, update, and then search the rest of
+        the same frame by the new `sight`.
 
         Raises:
             ValueError: detections that are not finite, or not as ``jointly`` wants them.
@@ -193,7 +193,7 @@ class Filter:
 
     def suppose(self, id: int, inverse_depth: float) -> None:
         """Move the prior mean of the inverse depth [1/m] of feature ``id``, of which nothing was measured since its
-        birth; the deviation stays.
+        initialisation; the deviation stays.
 
         Raises:
             KeyError: no feature has that id.
@@ -208,8 +208,9 @@ class Filter:
         self._sight = None
 
     def share_depths(self, ids: Sequence[int] | np.ndarray, share: float) -> None:
-        """Of the features ``ids``, of which nothing was measured since their births, a ``share`` of the variance of the
-        inverse depth is common to all: they hang on one wall, and the prior is wrong by as much for each.
+        """Of the features ``ids``, of which nothing was measured since their initialisations, a ``share`` of the
+        variance of the inverse depth is common to all: they hang on one wall, and the prior is wrong by as much for
+        each.
 
         Raises:
             KeyError: no feature has an id.
@@ -225,7 +226,7 @@ class Filter:
         self._sight = None
 
     def delete(self, id: int) -> None:
-        """Forget a feature.
+        """Delete a feature.
 
         Raises:
             KeyError: no feature has that id.

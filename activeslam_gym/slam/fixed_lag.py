@@ -231,7 +231,7 @@ class FixedLag:
             self._isam.update(constrainedKeys=last, force_relinearize=True)
 
     def _marginalise(self, first: int) -> None:
-        """Forget the poses before the frame ``first``, and linearise all others again.
+        """Delete the poses before the frame ``first``, and linearise all others again.
 
         The factors of those poses, linearised at the present estimate, give a linear factor on the rest.
         """

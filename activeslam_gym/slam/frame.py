@@ -55,7 +55,7 @@ def filter_frame(
 ) -> None:
     """Advance the belief by one frame; sets ``detections.match`` (M,), of new features too.
 
-    ``u`` (6,) are the accelerations that the filter knows, ``boxes`` those that it knows to hide things. ``labelled``:
+    ``u`` (6,) are the accelerations that the filter knows, ``boxes`` those that it knows to occlude. ``labelled``:
     the detections' ids are certain; one without an id is of nothing known.
     """
     predict(models.motion, belief, u, models.motion.dt)
@@ -126,8 +126,8 @@ def use_identified(
 ) -> None:
     """Associate detections that bear ids, update, and turn features into points; see `appearance`.
 
-    No misses are counted and nothing is deleted: the searcher knows which things it searched, and may come again in
-    the same frame.
+    No misses are counted and nothing is deleted: the searcher knows which predictions it searched, and may come again
+    in the same frame.
     """
     of_thing = associate_identified(models.filter.appearance, sight, detections, least)
     counts.rejected_matches += np.sum(detections["match"] == REJECTED)
@@ -140,7 +140,7 @@ def use_identified(
 
 @compiled
 def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
-    """(v,) the likeliest detection that bears each thing's id, or -1; sets ``detections.match`` to their ids."""
+    """(v,) the likeliest detection that bears each prediction's id, or -1; sets ``detections.match`` to their ids."""
     of_thing = np.full(sight.thing.shape[0], -1)
     for i in range(detections.shape[0]):
         detections[i].match = detections[i].id if detections[i].id != ANYTHING else NEW
@@ -188,7 +188,7 @@ def update_by(
     detections: np.ndarray,
     frames: float,
 ) -> None:
-    """Correct by the matched things, each with the R of its own detection.
+    """Correct by the matched predictions, each with the R of its own detection.
 
     So many ``frames`` tell of the curvature of a feature what one does (see `PRODUCT_FRAMES`), so each is given as many
     times that noise.

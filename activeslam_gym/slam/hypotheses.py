@@ -14,13 +14,13 @@ from activeslam_gym.slam.sight import Sight
 
 
 class Hypotheses(NamedTuple):
-    """The open questions between v predicted things and M detections."""
+    """The open questions between v predictions and M detections."""
 
     z: np.ndarray  # (2 v,) predicted pixels, given the matches so far [px]
     S: np.ndarray  # (2 v, 2 v) their joint covariance, given the matches so far; each detection adds its own R [px^2]
-    open: np.ndarray  # (v,) bool: things without a match
+    open: np.ndarray  # (v,) bool: predictions without a match
     free: np.ndarray  # (M,) bool: detections without a match
-    allowed: np.ndarray  # (v, M) bool: whether the detection may be the thing, by its id
+    allowed: np.ndarray  # (v, M) bool: whether the detection may be the prediction, by its id
     d2: np.ndarray  # (v, M) squared Mahalanobis distances; inf where it may not
     cost: np.ndarray  # (v, M) d^2 + ln |S + R| - 2 log_ratio: -2 ln of the likelihood, less a constant
 
@@ -39,14 +39,14 @@ def predicted_pixels(sight: Sight) -> tuple[np.ndarray, np.ndarray]:
 
 @borrowing
 def innovation_of(S: np.ndarray, a: int, detection: Record) -> tuple[float, float, float]:
-    """(s00, s01, s11) of S_aa + R: thing ``a``'s innovation covariance with the R of the ``detection``."""
+    """(s00, s01, s11) of S_aa + R: prediction ``a``'s innovation covariance with the R of the ``detection``."""
     R = detection.R
     return S[2 * a, 2 * a] + R[0, 0], S[2 * a, 2 * a + 1] + R[0, 1], S[2 * a + 1, 2 * a + 1] + R[1, 1]
 
 
 @borrowing
 def distance_and_det(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> tuple[float, float]:
-    """(d^2, |S_aa + R|): the squared Mahalanobis distance of a detection from the predicted pixel of thing ``a``."""
+    """(d^2, |S_aa + R|): the squared Mahalanobis distance of a detection from prediction ``a``."""
     s00, s01, s11 = innovation_of(S, a, detection)
     return squared_distance(s00, s01, s11, detection.pixel[0] - z[2 * a], detection.pixel[1] - z[2 * a + 1])
 
@@ -61,7 +61,7 @@ def distance_by_own_noise(z_hat: np.ndarray, S: np.ndarray, R: np.ndarray, detec
 
 @borrowing
 def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
-    """Write distances and costs of the open things."""
+    """Write distances and costs of the open predictions."""
     for a in range(h.open.shape[0]):
         if not h.open[a]:
             continue
@@ -76,7 +76,7 @@ def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
 
 @borrowing
 def accept(h: Hypotheses, a: int, i: int, detections: np.ndarray) -> None:
-    """Match thing ``a`` to detection ``i``, and condition the things that stay open on it."""
+    """Match prediction ``a`` to detection ``i``, and condition the predictions that stay open on it."""
     h.open[a] = False
     h.free[i] = False
     condition(h.z, h.S, h.open, a, detections[i])
@@ -84,9 +84,9 @@ def accept(h: Hypotheses, a: int, i: int, detections: np.ndarray) -> None:
 
 @borrowing
 def condition(z: np.ndarray, S: np.ndarray, others: np.ndarray, a: int, detection: Record) -> None:
-    """Condition the joint Gaussian of ``others`` (v,) bool, without ``a``, on thing ``a`` being ``detection``.
+    """Condition the joint Gaussian of ``others`` (v,) bool, without ``a``, on prediction ``a`` being ``detection``.
 
-    z_o += S_oa (S_aa + R)^-1 nu, S_o -= S_oa (S_aa + R)^-1 S_a. Rows of all other things stay as they are.
+    z_o += S_oa (S_aa + R)^-1 nu, S_o -= S_oa (S_aa + R)^-1 S_a. Rows of all other predictions stay as they are.
     """
     s00, s01, s11 = innovation_of(S, a, detection)
     det = max(s00 * s11 - s01 * s01, 1e-300)

@@ -40,13 +40,13 @@ from activeslam_gym.slam.map import append_feature, convert_to_point, remove_fea
 TRACK_RADIUS_PX = 15.0
 """A track is followed to the nearest new detection within this distance of where its direction projects [px]."""
 ALONE_STDS = 6.0
-"""Nothing is born while another unexplained detection is nearer than so many deviations of the image noise."""
+"""Nothing is initialised while another unexplained detection is nearer than so many deviations of the image noise."""
 
 INITIALISATION, initialisation_of = constants(
     Scenario(),
     birth_detections="i8",
     clear_frames=lambda s: frames_of_clarity(s, 0.5),  # for so many, a track that was not alone must be
-    alone_px=lambda s: ALONE_STDS * s.pixel_std,  # a birth's distance from other unexplained detections [px]
+    alone_px=lambda s: ALONE_STDS * s.pixel_std,  # an initialisation's distance from other unexplained detections [px]
     inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY
     rho_mean=lambda s: s.inverse_depth_mean,  # first inverse depth [1/m]
     rho_std=lambda s: s.inverse_depth_std,
@@ -59,7 +59,7 @@ INITIALISATION, initialisation_of = constants(
     maximum_misses="i8",
     miss_spacing="f8",  # misses from places nearer to each other count once [m]
 )
-"""Constants of births, conversions and deletions; see the fields of `Scenario`."""
+"""Constants of initialisations, conversions and deletions; see the fields of `Scenario`."""
 
 
 # Tracks -------------------------------------------------------------------------------------------------------------
@@ -70,8 +70,9 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
     """Follow detections (M,) that nothing explains; returns the indices of those that now deserve a feature.
 
     A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
-    near it. It may hop between two landmarks that are seen side by side; so a birth waits until its detection stands
-    alone, lest what is born of one is fed by the other; and where detections are missed, until it did for a while.
+    near it. It may hop between two landmarks that are seen side by side; so an initialisation waits until its detection
+    stands alone, lest what is initialised of one is fed by the other; and where detections are missed, until it did for
+    a while.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
     taken, ripe, count = detections["match"] != NEW, np.empty(detections.shape[0], np.int64), 0
@@ -135,7 +136,7 @@ def _is_alone(model: Record, detections: np.ndarray, i: int) -> bool:
     return True
 
 
-# Birth --------------------------------------------------------------------------------------------------------------
+# Initialisation -----------------------------------------------------------------------------------------------------
 
 
 @compiled

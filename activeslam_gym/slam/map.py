@@ -88,7 +88,7 @@ def draw_bias(belief: Belief, K: int, k: int, var: float) -> None:
 
 @borrowing
 def remove_feature(belief: Belief, k: int) -> None:
-    """Forget feature ``k``: marginalise it out, and close its gap."""
+    """Delete feature ``k``: marginalise it out, and close its gap."""
     start, width = belief.feature[k].start, KIND_DIM[belief.feature[k].kind]
     _close_gap(belief, start, width)
     belief.state.count -= 1
@@ -98,7 +98,7 @@ def remove_feature(belief: Belief, k: int) -> None:
 
 @borrowing
 def remove_id(belief: Belief, id: int) -> None:
-    """Forget the feature of that ``id``, if there is one."""
+    """Delete the feature of that ``id``, if there is one."""
     for k in range(belief.state.count):
         if belief.feature[k].serial == id:
             remove_feature(belief, k)

@@ -48,8 +48,8 @@ def contradicted(
 ) -> bool:
     """Whether the fiducials have contradicted the belief for a while; takes this frame into the running mean.
 
-    ``of_thing`` (v,): the detections that the things in ``sight`` were taken for, or -1; ``waits`` (v,): those that a
-    detection may be of.
+    ``of_thing`` (v,): the detections that the predictions in ``sight`` were taken for, or -1; ``waits`` (v,): those
+    that a detection may be of.
     """
     total, count = 0.0, 0
     for a in range(of_thing.shape[0]):

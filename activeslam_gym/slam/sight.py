@@ -43,7 +43,7 @@ from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_
 POSE_DIM = 6  # a pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation
 SEARCH_STDS = 4.3
 """A feature is searched for when its predicted pixel is within so many standard deviations of the image: the radius of
-the birth gate, so that no known feature is born again just outside."""
+the initialisation gate, so that no known feature is initialised twice, just outside."""
 INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many standard deviations inside
 TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
 
@@ -65,18 +65,18 @@ THING = record(
     R=("f8", (2, 2)),  # covariance of the measurement's noise: the lens's own, or a matched detection's [px^2]
     curvature=("f8", (2, 2)),  # covariance of the terms that the linearisation leaves out [px^2]
 )
-"""One predicted measurement, of a thing in reach."""
+"""One predicted measurement: of a fiducial or a feature in reach."""
 
 
 class Sight(NamedTuple):
-    """Predicted measurements of v things, fiducials first; their joint covariances."""
+    """The predicted measurements (predictions) of v fiducials and features, in this order, and their covariances."""
 
     thing: np.ndarray
     """(v,) THING."""
     HP: np.ndarray
     """(2 v, dim) covariance of the predicted pixels with the state [px × unit of the state]."""
     S: np.ndarray
-    """(2 v, 2 v) innovation covariance H P H^T + R, and each thing's ``curvature`` [px^2]."""
+    """(2 v, 2 v) innovation covariance H P H^T + R, and each prediction's ``curvature`` [px^2]."""
 
 
 @compiled
@@ -225,7 +225,7 @@ def _measure_from_first(view: View, feature: Record, thing: Record) -> bool:
 def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: np.ndarray) -> Sight:
     """The fiducials (K, 3), and all features but rays, whose predicted pixel is within reach of the image.
 
-    ``boxes`` (B, 2, 3) are those that the filter knows to hide things.
+    ``boxes`` (B, 2, 3) are those that the filter knows to occlude.
     """
     K, P, v = fiducials.shape[0], belief.covariance, 0
     view, things = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, THING)
@@ -338,7 +338,7 @@ def innovation_covariance(things: np.ndarray, HP: np.ndarray) -> np.ndarray:
     """S (2 v, 2 v) of ``things`` (v,) from their ``HP``, see `Sight`; symmetric to the bit."""
     m = HP.shape[0]
     S = np.empty((m, m))
-    for c in range(0, m, 2):  # both rows of a thing's H at once
+    for c in range(0, m, 2):  # both rows of a prediction's H at once
         thing = things[c // 2]
         H_camera, H_feature, column = thing.H_camera, thing.H_feature, thing.column
         for r in range(c + 2):

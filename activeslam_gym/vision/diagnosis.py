@@ -16,7 +16,7 @@ _TURNING = 0.2  # share of the map with a known depth, under which the camera ha
 
 DARK = "is dark (99 % of its pixels have {level} of 255 or less): more light, or a longer exposure, would help"
 TURNED = "the camera had moved sideways by next to nothing, and turning gives no depth"
-BLANK = "has no corners (a blank wall, or blur): keep things with texture in view"
+BLANK = "has no corners (a blank wall, or blur): keep textured objects in view"
 
 
 def blemish(image: np.ndarray) -> str:

@@ -1,4 +1,4 @@
-"""One image: predict, search, associate, update; then births where the map is thin, and deletions.
+"""One image: predict, search, associate, update; then initialisations where the map is thin, and deletions.
 
 The front end finds pixels for predicted features. The filter does not know of images, and decides alone which
 candidates it believes.
@@ -64,8 +64,8 @@ class FrontEnd:
 
     def start(self, image: np.ndarray, drawn: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> None:
         """The first image (h, w): the fiducials' templates at ``corners`` (K, 2) [px] of ``drawn`` (h, w) float32, in
-        the filter's pixels, on the plane with ``normal`` (3,) (world, away from the camera), and first births. The
-        corners have told the pose; they do not update again."""
+        the filter's pixels, on the plane with ``normal`` (3,) (world, away from the camera), and first initialisations.
+        The corners have told the pose; they do not update again."""
         image = self._reduced(image)
         for k, corner in enumerate(corners):
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
@@ -92,7 +92,7 @@ class FrontEnd:
 
     @property
     def candidates(self) -> np.ndarray:
-        """(M,) DETECTION: those of the last image with the filter's answer, in its pixels; births at the end."""
+        """(M,) DETECTION: those of the last image with the filter's answer, in its pixels; new features at the end."""
         if len(self._found) > 1:
             self._found = [np.concatenate(self._found)]
         return self._found[0]
@@ -155,8 +155,8 @@ class FrontEnd:
         return reduced(image, self._scale)
 
     def _notice(self, searched: int, matched: int) -> bool:
-        """Whether so much of the map is in sight that features may be judged and born. Remembers the view, or counts
-        one more image without the map."""
+        """Whether so much of the map is in sight that features may be judged and initialised. Remembers the view, or
+        counts one more image without the map."""
         s = self.settings
         if self._suffices(matched, searched):
             self._blind = 0
@@ -261,7 +261,7 @@ class FrontEnd:
         return np.concatenate((self.filter.fiducials, self.filter.positions))[rows]
 
     def _candidates(self, ids: np.ndarray, places: np.ndarray, findings: Findings) -> np.ndarray:
-        """The findings of the things ``ids`` (v,), whose templates are at ``places`` (v,), as candidates (M,); new
+        """The findings of the predictions ``ids`` (v,), whose templates are at ``places`` (v,), as candidates (M,); new
         features pull little: some follow an edge."""
         s, (row, peak) = self.settings, findings.candidates
         out = np.zeros(row.shape[0], DETECTION)
@@ -292,7 +292,7 @@ class FrontEnd:
     # The map ----------------------------------------------------------------------------------------------------------
 
     def _learn(self, clear: bool, fertile: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
-        """Judge the features if the image is ``clear``, and add new ones if it is ``fertile``: births, deletions."""
+        """Delete features if the image is ``clear``, and initialise new ones if it is ``fertile``."""
         sight, searched = self.filter.sight(), self._searched
         points = self._points(sight.thing["row"])
         if clear:

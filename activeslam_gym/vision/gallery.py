@@ -58,7 +58,7 @@ class Gallery:
         store(view, self.templates, self._place[id], id, grey, np.asarray(pixel, float), normal, slope_std)
 
     def remove(self, id: int) -> None:
-        """Forget a feature."""
+        """Delete a feature."""
         self.templates.id[self._place.pop(id)] = 0
 
     def places(self, ids: Any) -> np.ndarray:

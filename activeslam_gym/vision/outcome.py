@@ -19,7 +19,7 @@ class FrameLog(NamedTuple):
     rejected: int  # found and not believed
     births: int
     deletions: int
-    clear: bool  # so much of the searched was matched that features could be judged and born
+    clear: bool  # so much of the searched was matched that features could be judged and initialised
     lost: bool  # too little of the map was matched to tell the pose
     relocalised: bool  # the map was lost, and found again in this image
     metric: bool  # the scale is known: there are fiducials
@@ -27,7 +27,7 @@ class FrameLog(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """Where m things were searched in the last image, and with which outcome."""
+    """Where m templates were searched in the last image, and with which outcome."""
 
     id: np.ndarray  # (m,)
     pixel: np.ndarray  # (m, 2) as predicted [px]

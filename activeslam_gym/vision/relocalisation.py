@@ -35,7 +35,7 @@ def remember(views: list[np.ndarray], pose: np.ndarray) -> None:
 def locate(camera: Record, ids: np.ndarray, points: np.ndarray, pixels: np.ndarray, least: int) -> np.ndarray | None:
     """The pose (7,) from which the most of the ``points`` (n, 3) are at their ``pixels`` (n, 2), or None.
 
-    A thing, by its number ``ids`` (n,), may be at several pixels; ``least`` different ones must agree.
+    A feature, by its number ``ids`` (n,), may be at several pixels; ``least`` different ones must agree.
     """
     if len(np.unique(ids)) < least:
         return None

@@ -106,7 +106,7 @@ def _is_searchable(model: Record, image: np.ndarray, z: np.ndarray, S: np.ndarra
 
 @compiled
 def _normalise(T: np.ndarray) -> bool:
-    """Give a drawn template mean 0 and length 1, its unseen pixels 0; False if there is nothing on it."""
+    """Give a drawn template mean 0 and length 1, its invisible pixels 0; False if there is nothing on it."""
     values = T.reshape(_COUNT)
     total, seen = 0.0, 0
     for k in range(_COUNT):

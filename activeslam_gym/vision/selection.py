@@ -13,14 +13,14 @@ def among(ids: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 
 def own_covariances(S: np.ndarray) -> np.ndarray:
-    """(v, 2, 2) each thing's own block of the joint ``S`` (2 v, 2 v)."""
+    """(v, 2, 2) each prediction's own block of the joint ``S`` (2 v, 2 v)."""
     v = len(S) // 2
     return S.reshape(v, 2, v, 2)[np.arange(v), :, np.arange(v), :]
 
 
 @compiled
 def most_telling(S: np.ndarray, R: np.ndarray, allowed: np.ndarray, count: int) -> np.ndarray:
-    """(v,) bool: ``count`` of the ``allowed`` (v,) things, or all if there are fewer, chosen one by one.
+    """(v,) bool: ``count`` of the ``allowed`` (v,) predictions, or all if there are fewer, chosen one by one.
 
     The next is that with the greatest mutual information of its pixel and the estimate, given those chosen before:
     1/2 log (det S_aa / det R_a), S_aa the part of ``S`` (2 v, 2 v) = H P H^T + R that they leave (Davison 2005). ``R``
@@ -38,7 +38,7 @@ def most_telling(S: np.ndarray, R: np.ndarray, allowed: np.ndarray, count: int) 
                 if ratio > most:
                     best, most = a, ratio
         chosen[best] = True
-        first, second = W[k], W[k + 1]  # rows of the factor of S, of the things in the order of their choice
+        first, second = W[k], W[k + 1]  # rows of the factor of S, of the predictions in the order of their choice
         for i in range(2 * v):
             first[i], second[i] = S[2 * best, i], S[2 * best + 1, i]
         for j in range(k):

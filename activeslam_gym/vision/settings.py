@@ -63,10 +63,10 @@ class FrontEndSettings:
 
     # New features
     visible: int = 32  # features wanted in view
-    births: int = 4  # most births of a frame
+    births: int = 4  # most initialisations of a frame
     births_every: int = 3  # frames between two searches for corners, unless fewer than half of the wanted are in view
-    spacing: float = 13.0  # distance of a birth from other features [px]
-    least_corner: float = 4e-4  # least corner strength of a birth
+    spacing: float = 13.0  # distance of an initialisation from other features [px]
+    least_corner: float = 4e-4  # least corner strength of an initialisation
     least_ratio: float = 0.0  # least ratio of its gradients' eigenvalues: along an edge, features slide
     depth_prior: float = 4.0  # mapped features that outweigh the scenario's inverse depth of a new one; inf: none does
     least_depth_spread: float = 1.5  # deviation of that inverse depth, at least so many times its mean
@@ -82,14 +82,14 @@ class FrontEndSettings:
     most_strain: float = 0.12  # deleted where the halves of its template move that differently, as at an edge [px]
     strain_of_tilt: float = 0.03  # and as much more as the halves of a tilted plane may, for each pixel of parallax
     memory: float = 0.9  # share of the record that is left after one more search
-    clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or born
+    clear: float = 0.5  # a frame in which a smaller share is matched is blurred: no feature is judged or initialised
     least_clear: int = 3  # and so is one in which fewer are matched
 
     # Recovery
     recover: bool = True  # whether `least_share` is demanded, scouts go first, and a lost map is sought
     lost_after: int = 3  # frames in a row in which next to nothing is found, until the map is sought in the whole image
     regained: int = 7  # fewer matches do not end that: in the wide ellipses of a lost camera, three agree by chance
-    patience: int = 20  # such frames until features are judged and born again in any case
+    patience: int = 20  # such frames until features are judged and initialised again in any case
     sought: int = 20  # features that are sought, those with the best record
     constellation: int = 7  # so many must agree with one pose
 

@@ -1,4 +1,4 @@
-"""Draw a room: where things are, and where the camera really starts."""
+"""Draw a room: landmarks, fiducials, boxes, and the true start of the camera."""
 
 import dataclasses
 import math

@@ -22,7 +22,7 @@ TRUTH = record(
     frame="i8",  # the world's clock: frames that are over
     boxes="i8",  # how many boxes the room has
 )
-"""What is true of one run, beside where things are."""
+"""The ground truth of one run, beside the positions of its room."""
 
 SENSOR = record(
     missed_detection_probability="f8",
@@ -42,7 +42,7 @@ class World(NamedTuple):
     normals: np.ndarray
     """(L, 3) unit normals of the surfaces that the landmarks are on; (0, 3) where they are seen from all sides."""
     boxes: np.ndarray
-    """(B, 2, 3) lowest and highest corner of what hides things and stops the camera [m]; see `boxes_of`."""
+    """(B, 2, 3) lowest and highest corner of what occludes and stops the camera [m]; see `boxes_of`."""
 
 
 @inlined

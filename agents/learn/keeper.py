@@ -70,7 +70,7 @@ class Keeper(BaseCallback):
         card |= {"steps_trained": self.learner.num_timesteps, "seconds_trained": round(self.seconds(), 1)}
         scenarios = self.args.scenarios
         if len(scenarios) == 1:
-            print(f"Now {rooms} unseen rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
+            print(f"Now {rooms} other rooms for the kept weights, and for {', '.join(REFERENCES)}:", flush=True)
             card["results"], summary = results(self.weights, rooms, self.args, *scenarios)
             print(f"\n{text(summary)}\n")
         else:

@@ -24,7 +24,7 @@ def trained_scenario(name: str) -> Scenario:
 
 @dataclass(frozen=True)
 class Recipe:
-    """The arguments that decide what is learned."""
+    """The arguments that determine a training."""
 
     algorithm: Algorithm = "ppo"
     """Learner of Stable-Baselines3; DQN learns on the 21 joint actions, SAC on the continuous ones."""

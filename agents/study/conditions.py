@@ -79,7 +79,7 @@ CHOICES: tuple[Choice, ...] = (
     _choice("literal", "scenario `paper-literal`: 45° at the start, depth particles", scenario="paper-literal"),
     _choice("unpropagated", "a candidate motion keeps the present covariance (horizon 0)", _rereads("unpropagated")),
     _choice("gaze-1s", "a candidate gaze is held 1 s before it is scored", fields=(("gaze_horizon", 1.0),)),
-    _choice("redrawn", "expected landmarks drawn anew", place="another-draw"),
+    _choice("redrawn", "expected landmarks drawn again", place="another-draw"),
     _choice("lattice", "expected landmarks on a lattice", place="lattice"),
     _choice("capped", "an expected landmark's pixel varies by no more than the image", _rereads("capped")),
 )

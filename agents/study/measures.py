@@ -125,7 +125,7 @@ def _closures(episode: Episode, notes: Notes) -> dict[str, float]:
 
 
 def _commands(episode: Episode, notes: Notes) -> dict[str, float]:
-    """Shares of the commands; of the lateral ones apart for those within a period after a birth, and for others."""
+    """Shares of the commands; of lateral ones also within a period after an initialisation, and otherwise."""
     motions = np.array(motion_counts(episode))
     read = np.flatnonzero(episode.motion_read)
     lateral = np.isin(episode.actions[read, 0], LATERAL)

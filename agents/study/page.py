@@ -46,16 +46,16 @@ Everything else is measured until the run's end.
 strategies; *unvisited counted*: with the others of the 27 at their prior. A *loop closure*: a fiducial or feature is
 matched again after 5 s without; its drop is the change of log₂\\|P\\| in the second from it on against that in the
 second before, where that has no closure of its own. *Lateral*: right, left, up, down, as four of seven commands are by
-chance. *After a birth / a mapping*: the command that follows a motion period in which a feature was born / reached
-σ/depth < 0.3.
-`hand-held` is that scenario; `calm` is the same with 1 px of noise, ± 9° of swing, and a filter that assumes 2 m/s² and
-1 rad/s²: its detections have no appearance, by which the paper's live system tells its features apart."""
+chance. *After an initialisation / a mapping*: the command that follows a motion period in which a feature was
+initialised / reached σ/depth < 0.3. `hand-held` is that scenario; `calm` is the same with 1 px of noise, ± 9° of swing,
+and a filter that assumes 2 m/s² and 1 rad/s²: its detections have no appearance, by which the paper's live system tells
+its features apart."""
 
 PIXELS = """\
 ## The live system, from rendered pixels
 
 A simulated person in a rendered room, as the [live system](live.md) sees it: one who follows the advice, one who moves
-at random, and one who stays. By a command of its own, `python -m agents live`, which `make figures` runs too.
+at random, and one that stays. By a command of its own, `python -m agents live`, which `make figures` runs too.
 
 <!-- generated: live-claims -->
 <!-- end: live-claims -->"""

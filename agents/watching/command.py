@@ -129,7 +129,7 @@ def watch(args: Args) -> Iterator[Path]:
                 told = "no screen was found to watch on; --save clip.gif, --rerun or --tum write files instead"
                 raise gym.error.Error(told) from warning
         row = outcome(episode)
-        end = "lost" if episode.lost else f"{row['bits']:.0f} bits removed"
+        end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(
             f"{label(name)}, room {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
             f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"

@@ -155,7 +155,7 @@ LIVE_READINGS: dict[str, Scenario] = {
     "motion by the whole information": replace(_LIVE, motion_criterion="mutual_information"),
     "no negative information": replace(_LIVE, negative_information=False),
     "steps of 0.15 m": replace(_LIVE, step_length=0.15),
-    "lens, births and priors of paper-2006": replace(_LIVE, **_FITTED),
+    "lens, initialisation and priors of paper-2006": replace(_LIVE, **_FITTED),
 }
 """Readings of the live system: where the motion's criterion or the size of the map is not stated, for example."""
 

@@ -106,6 +106,8 @@ def test_a_batch_of_scenarios_plays_what_each_plays_alone() -> None:
         steps = [one.step(part) for one, part in zip(alone, (actions[:2], actions[2:]))]
         own = [step[0] for step in steps]
         seen, rewards, dones, infos = together.step(actions)
+        ends = [info["terminal_observation"] for info in infos if "terminal_observation" in info]
+        assert len(ends) == dones.sum() and all(end.shape == seen[0].shape for end in ends)
         np.testing.assert_array_equal(dones, np.concatenate([step[2] for step in steps]))
         assert [info.get("episode", {}).get("r") for info in infos] == [
             info.get("episode", {}).get("r") for step in steps for info in step[3]

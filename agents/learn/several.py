@@ -34,6 +34,7 @@ class SeveralScenarios(VecEnv):
         ends = np.cumsum([one.num_envs for one in self.batches]).tolist()
         self.observed: list[np.ndarray] = []
         """The last observations of each batch, in its own layout."""
+        self._contexts: list[np.ndarray] = []
         self._rows = [slice(end - one.num_envs, end) for end, one in zip(ends, self.batches)]
         self._pool = ThreadPoolExecutor(os.cpu_count())
         space = spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
@@ -56,6 +57,10 @@ class SeveralScenarios(VecEnv):
         """One decision of every environment."""
         each = self._pool.map(lambda one: one.step_wait(), self.batches)
         observations, rewards, dones, infos = zip(*each)
+        for inputs, contexts, of_batch in zip(self._inputs, self._contexts, infos):
+            for context, info in zip(contexts, of_batch):
+                if "terminal_observation" in info:  # with the context of the decision before the end
+                    info["terminal_observation"] = inputs(info["terminal_observation"][None], context[None])[0]
         every_info = [info for of_batch in infos for info in of_batch]
         return self._laid_out(observations), np.concatenate(rewards), np.concatenate(dones), every_info
 
@@ -88,6 +93,5 @@ class SeveralScenarios(VecEnv):
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
     def _laid_out(self, observed: Sequence[np.ndarray]) -> np.ndarray:
-        self.observed = list(observed)
-        parts = zip(self._inputs, observed, self.batches)
-        return np.concatenate([inputs(own, batch.unwrapped.context) for inputs, own, batch in parts])
+        self.observed, self._contexts = list(observed), [one.unwrapped.context for one in self.batches]
+        return np.concatenate([inputs(*own) for inputs, *own in zip(self._inputs, observed, self._contexts)])

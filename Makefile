@@ -42,9 +42,11 @@ check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR a
 
 LIVE := -m agents live --rooms $(if $(EPISODES),$(EPISODES) $(EPISODES),50 20) --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
 
-figures: $(VENV)/.advice ## the paper's study over 100 episodes, and the live system's (half an hour or more): results/figures, of which docs/ holds a copy
+figures: $(VENV)/.advice ## the paper's study over 100 episodes, and the live system's (half an hour or more): results/figures and docs
 	$(RUN) -m agents study --episodes $(or $(EPISODES),100) --choice-episodes $(or $(EPISODES),50) --seed 1000000 --out results/figures
 	$(RUN) $(LIVE) results/figures/STUDY.md
+	cp results/figures/STUDY.md docs/STUDY.md
+	cp results/figures/images/study/*.png docs/images/study/
 
 advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (a quarter of an hour on two cores): results/live
 	$(RUN) $(LIVE) docs/STUDY.md

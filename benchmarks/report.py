@@ -4,6 +4,7 @@ import platform
 from dataclasses import dataclass, field
 from typing import Any
 
+from activeslam_gym import BEHAVIOUR
 from agents.tools.machine import machine, versions
 from agents.tools.sections import listed, table
 
@@ -38,8 +39,8 @@ class Section:
 
 
 def provenance(command: str) -> str:
-    """The command, the machine and the versions."""
-    return f"```bash\n{command}\n```\n\n{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}."
+    """The command, the machine, the versions and `BEHAVIOUR`."""
+    return f"```bash\n{command}\n```\n\n{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}, BEHAVIOUR {BEHAVIOUR}."
 
 
 def report(sections: list[Section]) -> str:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from activeslam_gym import BEHAVIOUR
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents.study.claims import CLAIMS
 from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES, Row, Rows, while_alive
@@ -67,9 +68,9 @@ def markdown(rows: Rows, findings: Sequence[Finding], settings: dict[str, Any]) 
     return "\n\n".join(
         [
             "# The paper's study",
-            _settings(settings),
+            f"<!-- generated: study -->\n{_settings(settings)}",
             "## Claims",
-            _claims_table(findings),
+            f"{_claims_table(findings)}\n<!-- end: study -->",
             READING.format(count=round(len(findings), -1), fewest=FEWEST_ROOMS, lost=LOST_POSITION_ERROR),
             PIXELS,
             "## Pictures",
@@ -92,7 +93,7 @@ def _settings(settings: dict[str, Any]) -> str:
         "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
         f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote this page and everything in it. "
         f"{rooms}, for the paper's strategies and what single claims need; the first {settings['choice_episodes']} of "
-        f"them for the other choices. {settings['machine']}; {listed(settings['versions'])}."
+        f"them for the other choices. {settings['machine']}; {listed(settings['versions'])}, BEHAVIOUR {BEHAVIOUR}."
     )
 
 

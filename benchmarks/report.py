@@ -40,7 +40,8 @@ class Section:
 
 def provenance(command: str) -> str:
     """The command, the machine, the versions and `BEHAVIOUR`."""
-    return f"```bash\n{command}\n```\n\n{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}, BEHAVIOUR {BEHAVIOUR}."
+    measured_on = f"{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}, BEHAVIOUR {BEHAVIOUR}."
+    return f"```bash\n{command}\n```\n\n{measured_on}"
 
 
 def report(sections: list[Section]) -> str:

@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency results check-results figures advice bench clients clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners results check-results figures advice bench clients clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -27,6 +27,16 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, b
 SUITE    := development
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus generalist
 ENTERED  := --suite $(SUITE) --out results/entries $(if $(EPISODES),--episodes $(EPISODES))
+
+# The learners of Stable-Baselines3 with their defaults, and the shipped policy's five seeds, in the scenarios of the suite.
+LEARNERS := ppo a2c dqn sac
+ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
+LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --held-out-rooms 8 --unseen-rooms 0
+
+learners: $(VENV)/.agents ## train five seeds of each learner with its defaults (hours; the same command goes on): results/learners
+	for one in $(LEARNERS); do for seed in 0 1 2 3 4; do \
+		OMP_NUM_THREADS=1 $(RUN) -m agents train --algorithm $$one --seed $$seed $(LEARNED) --out results/learners/$$one-$$seed || exit 1; \
+	done; done
 
 results: $(VENV)/.agents $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md README.md --resume

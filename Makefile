@@ -7,7 +7,7 @@ VENV    := .venv
 RUN     := $(VENV)/bin/python
 PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
-POLICIES := generalist ppo ppo-entropy random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2 greedy-plus
+POLICIES := generalist ppo ppo-entropy random stay sweep best-constant best-sequence mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2 greedy-plus
 CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help

@@ -22,6 +22,7 @@ demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: 
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, both initialisers (minutes): results/consistency
 	$(RUN) -m agents consistency --episodes $(or $(EPISODES),100) --seed 2000000 --out results/consistency --report docs/consistency_report.md
+	cp results/consistency/nees.png docs/images/nees.png
 
 # SUITE: of which the leaderboard is. EPISODES: so many of everything, to try it in minutes (the pages then say so).
 SUITE    := development

@@ -26,23 +26,28 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, b
 
 # SUITE: of which the leaderboard is. EPISODES: so many of everything, to try it in minutes (the pages then say so).
 SUITE    := development
-ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus generalist
+ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
 ENTERED  := --suite $(SUITE) --out results/entries $(if $(EPISODES),--episodes $(EPISODES))
 
-# The learners of Stable-Baselines3 with their defaults, and the shipped policy's five seeds, in the scenarios of the suite.
+# The learners of Stable-Baselines3 with their defaults, in scenarios that ask for decisions.
 LEARNERS := ppo a2c dqn sac
+SEEDS    := 0 1 2 3 4
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
-LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --held-out-rooms 8 --unseen-rooms 0
+LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps $(if $(EPISODES),400,40000) --held-out-rooms 8 --unseen-rooms 0
 
 learners: $(VENV)/.agents ## train five seeds of each learner with its defaults (hours; the same command goes on): results/learners
-	for one in $(LEARNERS); do for seed in 0 1 2 3 4; do \
+	for one in $(LEARNERS); do for seed in $(SEEDS); do \
 		OMP_NUM_THREADS=1 $(RUN) -m agents train --algorithm $$one --seed $$seed $(LEARNED) --out results/learners/$$one-$$seed || exit 1; \
 	done; done
 
-results: $(VENV)/.agents $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
+results: learners $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(ENTERED) || exit 1; done
+	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) $(ENTERED)
+	for one in $(LEARNERS); do \
+		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) $(ENTERED) || exit 1; \
+	done
 	$(RUN) -m agents leaderboard --suite $(SUITE) --entries results/entries --report docs/leaderboard.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),20) --report docs/BOUNDS.md
 	$(MAKE) consistency figures bench

@@ -42,8 +42,8 @@ class Recipe:
     imitated_steps: int = 40_000
     """Decisions of imitation, beside those of learning; in the end they are the learner's own."""
     total_steps: int = 100_000
-    """Decisions of learning by reward, rounded up to whole rollouts (PPO: an episode of every environment); 0: after
-    the teachers' nothing more is learned."""
+    """Decisions of learning by reward, rounded up to whole rollouts (PPO: an episode of every environment); 0:
+    imitation alone."""
     decision_period: float = 1.0
     """Time between decisions, the environment's gaze_period [s]. Short ones learn slowly: chance holds no course."""
     duration: float | None = None

@@ -70,9 +70,7 @@ def test_fewer_rooms_may_be_played_longer() -> None:
 
 def test_commands_are_told_apart_by_births_and_changes_by_closures() -> None:
     told = advising.commands(runs())
-    assert (
-        "| after initialisations | 52 [52, 52] |" in told
-    )  # 12 of 23: the second of an initialisation, and the one after it
+    assert "| after initialisations | 52 [52, 52] |" in told  # 12 of 23: its second, and the one after it
     assert "| otherwise | 0 [0, 0] |" in told
     assert "LEFT 20 %" in told and "FORWARD 80 %" in told
     assert advising.first_minute(runs(2)[FOLLOW]).sum() == 120

@@ -17,7 +17,7 @@ IDIOMS = tuple(
     line.strip()
     for line in r"""
     looks? at nothing
-    \bblind(ly)?\b
+    (?<!colour-)\bblind(ly)?\b
     \bunseen\b
     (nobody|none) has seen
     \b(dis)?honest(y|ly)?\b

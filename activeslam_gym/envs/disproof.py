@@ -5,9 +5,10 @@ of counting and the unmapped part of the log score keep the room's prior, so tha
 rewards telescope as before.
 
 A point is looked at once a viewpoint, when it has stood well inside the image for longer than an initialisation takes:
-frames from one place are not independent. A look misses what is there with the probability 1 - P_D, and tells nothing
-then. A disproved point is redrawn where no viewpoint of this run would have seen it: in the room, or on its walls where
-landmarks are on surfaces. Draw r of point e is one of (key, e, r), so that no other point's fate changes it.
+frames from one place are not independent. A look misses what is there with the probability 1 - P_D, and is no
+evidence then. A disproved point is redrawn where no viewpoint of this run would have seen it: in the room, or on its
+walls where landmarks are on surfaces. Draw r of point e is one of (key, e, r), so that no other point's fate changes
+it.
 """
 
 import math

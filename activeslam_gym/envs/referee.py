@@ -66,7 +66,7 @@ def judge_matches(
     clutter.
 
     A feature is what the detection of its initialisation was of, for life: no later match frees a false claim, and none
-    takes a true one away. Wrong is a match with anything else, and every match of a feature that was initialised of
+    takes a true one away. Wrong is a match with anything else, and every match of a feature that was initialised from
     clutter; its initialisation is false. Call it after every frame, after `reconcile`, so that a feature of which
     nothing is known is a new one.
     """
@@ -89,7 +89,7 @@ def judge_matches(
 
 @borrowing
 def true_id(owner: np.ndarray, fiducial_count: int, label: int) -> int:
-    """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature initialised of the
+    """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature of the
     point.
 
     ANYTHING where the point has no feature yet; REJECTED for clutter, of which nothing shall be made.

@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from activeslam_gym.envs.snapshot import Snapshot
 
-# Okabe and Ito's colours, for all readers: blue is believed, black is true, green is known, vermillion is
+# Okabe and Ito's colours, safe for colour-blind readers: blue is believed, black is true, green is known, vermillion is
 # the camera.
 MAPPED, INITIALISED, EXPECTED = "#0072B2", "#7CC4F0", "#B0B4B8"
 TRUTH, FIDUCIAL, CAMERA = "#1A1A1A", "#009E73", "#D55E00"

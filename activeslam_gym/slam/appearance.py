@@ -7,12 +7,11 @@ looks, of which there is one in every A pixels that are searched,
     log_ratio + ln N(z; z_hat, S_c) - ln(1 / A) = log_ratio + ln(A / (2 pi sqrt|S_c|)) - d^2 / 2,
 
 with S_c the innovation covariance of the prediction given what has been accepted so far. The density of unmapped
-detections is by the
-pixel: one unmapped detection in every ellipse, whatever its size, would be too kind to large ellipses.
+detections is by the pixel: one in every ellipse, whatever its size, would be too kind to large ellipses.
 
 1. Every detection votes as if it were the only one known: its own worth and, given it, each other prediction's best.
-   One point tells most of the camera's motion (Civera, Grasa, Davison and Montiel, "1-point RANSAC for EKF filtering",
-   2010; here nothing is left to chance, since all are tried). The first vote is accepted.
+   One point determines most of the camera's motion (Civera, Grasa, Davison and Montiel, "1-point RANSAC for EKF
+   filtering", 2010; here nothing is left to chance, since all are tried). The first vote is accepted.
 2. Then the worthiest detection given all that are accepted, until none inside the gate is worth more than nothing.
 """
 

@@ -71,7 +71,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
 
     A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
     near it. It may hop between two landmarks that are seen side by side; so an initialisation waits until its detection
-    stands alone, lest what is initialised of one is fed by the other; and where detections are missed, until it did for
+    stands alone, lest the feature of one is matched to the other; and where detections are missed, until it did for
     a while.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track

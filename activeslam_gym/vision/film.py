@@ -15,7 +15,7 @@ from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.outcome import DOUBTED, MATCHED, MISSED, Searched
 
-# Okabe and Ito's colours, as in `rendering.scene`.
+# Okabe and Ito's colours, safe for colour-blind readers, as in `rendering.scene`.
 BLUE, SKY, ORANGE, VERMILLION, GREEN, GREY = "#0072B2", "#56B4E9", "#E69F00", "#D55E00", "#009E73", "#9AA0A6"
 PURPLE, YELLOW = "#CC79A7", "#F0E442"
 OUTCOMES = {MATCHED: (GREEN, "found"), MISSED: (PURPLE, "missed"), DOUBTED: (YELLOW, "rejected")}

@@ -65,7 +65,7 @@ class FrontEnd:
     def start(self, image: np.ndarray, drawn: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> None:
         """The first image (h, w): the fiducials' templates at ``corners`` (K, 2) [px] of ``drawn`` (h, w) float32, in
         the filter's pixels, on the plane with ``normal`` (3,) (world, away from the camera), and first initialisations.
-        The corners have told the pose; they do not update again."""
+        The pose comes from the corners; they do not update again."""
         image = self._reduced(image)
         for k, corner in enumerate(corners):
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)

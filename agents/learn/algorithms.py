@@ -114,7 +114,7 @@ class RolloutOfScenarios(RolloutBuffer):
 def require_device(name: str) -> None:
     """Raise ValueError for a device that PyTorch does not know, or that this machine lacks."""
     try:
-        torch.empty(1, device=name)
+        torch.zeros(1, device=name).item()
     except (RuntimeError, AssertionError, NotImplementedError) as error:
         allowed = ", ".join(["cpu", *(["cuda"] if torch.cuda.is_available() else [])])
         raise ValueError(f"device: {name!r}; allowed on this machine: {allowed}") from error

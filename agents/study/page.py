@@ -49,8 +49,8 @@ matched again after 5 s without; its drop is the change of log₂\\|P\\| in the 
 second before, where that has no closure of its own. *Lateral*: right, left, up, down, as four of seven commands are by
 chance. *After an initialisation / a mapping*: the command that follows a motion period in which a feature was
 initialised / reached σ/depth < 0.3. `hand-held` is that scenario; `calm` is the same with 1 px of noise, ± 9° of swing,
-and a filter that assumes 2 m/s² and 1 rad/s²: its detections have no appearance, by which the paper's live system tells
-its features apart."""
+and a filter that assumes 2 m/s² and 1 rad/s²: its detections have no appearance, by which the paper's live system
+distinguishes its features."""
 
 PIXELS = """\
 ## The live system, from rendered pixels

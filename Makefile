@@ -25,9 +25,10 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, b
 	cp results/consistency/nees.png docs/images/nees.png
 
 # SUITE: of which the leaderboard is. EPISODES: so many of everything, to try it in minutes (the pages then say so).
-SUITE    := development
+SUITE    := v1
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
-ENTERED  := --suite $(SUITE) --out results/entries $(if $(EPISODES),--episodes $(EPISODES))
+BOARD    := $(if $(EPISODES),results/entries,agents/suite/entries)
+PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 
 # The learners of Stable-Baselines3 with their defaults, in scenarios that ask for decisions.
 LEARNERS := ppo a2c dqn sac
@@ -36,19 +37,18 @@ ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+co
 LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps $(if $(EPISODES),400,40000) --held-out-rooms 8 --unseen-rooms 0
 
 learners: $(VENV)/.agents ## train five seeds of each learner with its defaults (hours; the same command goes on): results/learners
-	for one in $(LEARNERS); do for seed in $(SEEDS); do \
-		OMP_NUM_THREADS=1 $(RUN) -m agents train --algorithm $$one --seed $$seed $(LEARNED) --out results/learners/$$one-$$seed || exit 1; \
-	done; done
+	printf '%s\n' $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
+		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
 
 results: learners $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
-	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(ENTERED) || exit 1; done
-	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) $(ENTERED)
+	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) --out $(BOARD) || exit 1; done
+	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) $(PLAYED) --out $(BOARD)
 	for one in $(LEARNERS); do \
-		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) $(ENTERED) || exit 1; \
+		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) $(PLAYED) --out $(BOARD) || exit 1; \
 	done
-	$(RUN) -m agents leaderboard --suite $(SUITE) --entries results/entries --report docs/leaderboard.md
+	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),20) --report docs/BOUNDS.md
 	$(MAKE) consistency figures bench
 	$(RUN) -m agents check-results

@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium as gym
 
 from activeslam_gym import SCENARIOS
+from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Store
 from activeslam_gym.files import written_whole
 
@@ -43,8 +44,8 @@ def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] in SCENARIOS}
     for name in names or SCENARIOS:
-        env: Any = gym.make("ActiveSLAM-v0", scenario=name).unwrapped
-        entry = choose(SCENARIOS[name], env.motion_period, env.motion_period, env.duration, STORE)
+        env: Any = gym.make(f"ActiveSLAM{'Pixels' if name in IMAGE_SCENARIOS else ''}-v0", scenario=name).unwrapped
+        entry = choose(env.scenario, env.motion_period, env.motion_period, env.duration, STORE)
         table = {key: one for key, one in table.items() if one["scenario"] != name} | {key_of(env): entry}
         print(f"{name}: {entry['medians']}", flush=True)
         with written_whole(path) as unfinished:

@@ -8,7 +8,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
+from activeslam_gym.sensors.sensor import CORNERS, IMAGES
 
 from .fixed import Planned
 from .policy import Actions, Environment, played
@@ -27,7 +28,7 @@ from .policy import Actions, Environment, played
 TABLE = Path(__file__).with_name("best_constants.json")
 ROOMS = 8  # in so many rooms all constants are tried,
 FINALISTS = 4  # and so many of them
-MORE_ROOMS = 24  # in so many more
+LAST_ROOMS = 32  # are judged in so many new rooms
 
 BATCH = 64  # episodes at a time
 Choose = Callable[..., dict[str, Any]]  # (scenario, gaze period, motion period, duration, store) -> an entry of a table
@@ -89,23 +90,29 @@ def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dic
     return choose(scenario, *times)
 
 
+def searched(scenario: Scenario) -> Scenario:
+    """The scenario in which most episodes of a search are played: one of images has the sensor `corners`."""
+    return replace(scenario, sensor=CORNERS) if scenario.sensor == IMAGES else scenario
+
+
 def choose(
     scenario: Scenario, gaze_period: float, motion_period: float, duration: float, store: Store = NOT_KEPT
 ) -> dict[str, Any]:
     """The constant action of the highest median log score: its names, and the medians of the finalists [bit].
 
-    All constants play `ROOMS` rooms, the best `FINALISTS` of them `MORE_ROOMS` more.
+    All constants play `ROOMS` rooms (see `searched`), the best `FINALISTS` of them `LAST_ROOMS` new ones, with images
+    where the scenario has them.
     """
     times, split = (gaze_period, motion_period, duration), TRAINING_SEED + ROOMS
     plans = CONSTANTS[:, None]
-    first = log_scores(plans, scenario, range(TRAINING_SEED, split), times, store)
+    first = log_scores(plans, searched(scenario), range(TRAINING_SEED, split), times, store)
     finalists = np.argsort(-np.median(first, axis=1), kind="stable")[:FINALISTS]
-    more = log_scores(plans[finalists], scenario, range(split, split + MORE_ROOMS), times, store)
-    medians = np.median(np.concatenate((first[finalists], more), axis=1), axis=1)
+    last = log_scores(plans[finalists], scenario, range(split, split + LAST_ROOMS), times, store)
+    medians = np.median(last, axis=1)
     ranked = sorted(zip(medians.tolist(), CONSTANTS[finalists].tolist()), reverse=True)
     named = {f"{Motion(motion).name} {Gaze(gaze).name}": round(median, 1) for median, (motion, gaze) in ranked}
     motion, gaze = next(iter(named)).split()
-    return {"scenario": scenario.name, "motion": motion, "gaze": gaze, "rooms": ROOMS + MORE_ROOMS, "medians": named}
+    return {"scenario": scenario.name, "motion": motion, "gaze": gaze, "rooms": LAST_ROOMS, "medians": named}
 
 
 def log_scores(

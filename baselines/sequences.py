@@ -85,9 +85,11 @@ def choose_sequence(
     """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
-    same rooms; at last those left and every constant play new rooms, by which alone the best is told.
+    same rooms; at last those left and every constant play new rooms, by which alone the best is told. A scenario of
+    images is played with images only then, by the best (see `constants.searched`).
     """
-    play = partial(log_scores, scenario=scenario, times=(gaze_period, motion_period, duration), store=store)
+    times, quick = (gaze_period, motion_period, duration), constants.searched(scenario)
+    play = partial(log_scores, scenario=quick, times=times, store=store)
     rng, first = np.random.default_rng(0), TRAINING_SEED
     held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
     pool = held + [random_sequence(rng) for _ in range(RANDOM)]
@@ -103,8 +105,10 @@ def choose_sequence(
         ended = play(children, seeds=seeds[tried:])
         pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
     pool = list(dict.fromkeys([*pool, *held]))
-    last = play(pool, seeds=range(seeds.stop, seeds.stop + LAST_ROOMS))
-    pool, last = _best(pool, last, HALVINGS[-1][1])
+    new = range(seeds.stop, seeds.stop + LAST_ROOMS)
+    pool, last = _best(pool, play(pool, seeds=new), HALVINGS[-1][1])
+    if quick != scenario:
+        pool, last = _best(pool, log_scores(pool, scenario, new, times, store), len(pool))
     medians = {one.told(): round(float(np.median(row)), 1) for one, row in zip(pool, last)}
     named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
     return {"scenario": scenario.name, "sequence": named, "rooms": LAST_ROOMS, "medians": medians}

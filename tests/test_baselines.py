@@ -227,7 +227,7 @@ def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
 @pytest.mark.parametrize("scenario", ["paper", "hand-held"])
 @pytest.mark.parametrize("name", baselines.names())
 def test_runs_on_the_environment(name: str, scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for few in ("ROOMS", "FINALISTS", "MORE_ROOMS"):  # of the choice of a constant
+    for few in ("ROOMS", "FINALISTS", "LAST_ROOMS"):  # of the choice of a constant
         monkeypatch.setattr(constants, few, 1)
     for few, value in (("HALVINGS", ((1, 1),)), ("REFINEMENTS", 0), ("LAST_ROOMS", 1)):  # of that of a sequence
         monkeypatch.setattr(sequences, few, value)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +56,10 @@ def test_a_name_changes_no_choice_and_a_field_or_a_time_does() -> None:
 def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name, rooms in (("ROOMS", 3), ("FINALISTS", 21), ("MORE_ROOMS", 2)):
+    for name, rooms in (("ROOMS", 3), ("FINALISTS", 21), ("LAST_ROOMS", 2)):
         monkeypatch.setattr(constants, name, rooms)
     chosen = choose(Scenario(), *SECOND)
-    scores = log_scores(CONSTANTS[:, None], Scenario(), range(2**32, 2**32 + 5), SECOND)
+    scores = log_scores(CONSTANTS[:, None], Scenario(), range(2**32 + 3, 2**32 + 5), SECOND)
     medians = {f"{Motion(m).name} {Gaze(g).name}": np.median(row) for (m, g), row in zip(CONSTANTS, scores)}
     assert f"{chosen['motion']} {chosen['gaze']}" == max(medians, key=lambda name: medians[name])
     assert chosen["medians"] == {name: pytest.approx(median, abs=0.06) for name, median in medians.items()}
@@ -66,6 +67,23 @@ def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once
     first = best_constant(env)
     assert "'mine'" in capsys.readouterr().err
     assert best_constant(env) == first and not capsys.readouterr().err
+
+
+def test_of_images_all_are_searched_without_them_and_the_finalists_judged_with_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    images, played = replace(SCENARIOS["pixels"], sensor="images"), []
+
+    def scores(plans: list[Any], scenario: Scenario, seeds: range, *_: Any) -> np.ndarray:
+        played.append((scenario.sensor, len(plans)))
+        return np.random.default_rng(len(played)).normal(size=(len(plans), len(seeds)))
+
+    monkeypatch.setattr(constants, "log_scores", scores)
+    choose(images, *SECOND)
+    assert played == [("corners", 21), ("images", constants.FINALISTS)]
+    played.clear()
+    sequences.choose_sequence(images, *SECOND)
+    assert {sensor for sensor, _ in played[:-1]} == {"corners"} and played[-1] == ("images", 6)
 
 
 def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -323,6 +324,8 @@ def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path, mo
     assert len(stale(page)) == 1  # of a manifest that is not here
     monkeypatch.setattr(manifest, "FOLDER", tmp_path / "of")
     assert stale(page) == []
+    assert main(["leaderboard", *arguments, "--episodes", "1"]) == 0 and "1 episodes each" in page.read_text()
+    assert re.search(r"\| stay \| 10 ", page.read_text())  # of 10 and 20 the first
     page.write_text(page.read_text().replace(f"BEHAVIOUR {activeslam_gym.BEHAVIOUR}", "BEHAVIOUR 1"))
     assert "is of BEHAVIOUR 1" in stale(page)[0]
     assert main(["check-results", "--pages", str(page)]) == 1

@@ -34,7 +34,7 @@ class Args:
     """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again."""
 
     def __post_init__(self) -> None:
-        within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
+        within(self, jobs=(1, 4096))
         given(self, "name", "policies")
         if file_name(self.name) != self.name:
             raise ValueError(f"name: {self.name!r}; allowed: letters, digits, '_', '.' and '-'")
@@ -43,9 +43,7 @@ class Args:
 def main(args: Args) -> int:
     """Play and write; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
     of, folder = suite(args.suite), args.out / args.name
-    count = of.episodes if args.episodes is None else args.episodes
-    if not 1 <= count <= of.episodes:
-        raise ValueError(f"episodes: {count}; allowed: 1 to {of.episodes}")
+    count = of.played(args.episodes)
     _check_policies(args, of)
     writable_folder("out", folder)
     with alone_in(folder):

@@ -5,7 +5,7 @@ An entry is a folder of its name with ``entry.json`` and, for learned policies, 
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ SOURCES = ("activeslam_gym", "baselines", "agents.learn")  # packages that decid
 VERSIONS = (*LIBRARIES, *IMAGE_LIBRARIES, *policies.LEARNING_LIBRARIES)
 COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
 TUPLES = ("policies", "contents", "training")
+CUT = ("scores", "lost")
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,11 @@ class Entry:
     def episodes(self) -> int:
         """The number of episodes of each scenario."""
         return len(next(iter(self.scores.values()))[0])
+
+    def first(self, count: int) -> "Entry":
+        """With the first ``count`` episodes of each scenario alone."""
+        cut = {name: {one: [row[:count] for row in rows] for one, rows in getattr(self, name).items()} for name in CUT}
+        return replace(self, **cut)
 
     def gains(self, scenario: str) -> NDArray[np.float64]:
         """The scores (P, E) in a scenario [bit]."""

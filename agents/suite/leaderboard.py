@@ -34,6 +34,8 @@ class Args(Pages, Figures):
     """Folder of the entries, NAME/entry.json each."""
     suite: str = "development"
     """Name of the suite, or a manifest of your own; entries of others are left out."""
+    episodes: int | None = None
+    """The first so many episodes of each scenario; all if not given. Entries with fewer are left out."""
     out: Path = Path("results/leaderboard")
     """Folder of the picture."""
 
@@ -41,11 +43,12 @@ class Args(Pages, Figures):
 def main(args: Args) -> int:
     """Print the tables, and put them into the pages. Raises ValueError for a bad entry, or where there is none."""
     of = suite(args.suite)
+    count = of.played(args.episodes)
     args.check_pages(SECTION)
     found = [one for path in sorted(args.entries.glob(f"*/{entries.FILE}")) if (one := _read(path)).suite == of.name]
-    for short in (one for one in found if one.episodes < of.episodes):
-        print(f"Left out: {short.name}, which has {short.episodes} of {of.episodes} episodes.")
-    found = [one for one in found if one.episodes == of.episodes]
+    for short in (one for one in found if one.episodes < count):
+        print(f"Left out: {short.name}, which has {short.episodes} of {count} episodes.")
+    found = [one.first(count) for one in found if one.episodes >= count]
     if not found:
         raise ValueError(f"entries: {str(args.entries)!r} has no whole entry of the suite {of.name!r}")
     tables = board(of, found)
@@ -88,7 +91,7 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
     ]
     header = ["entry", "failures, %", "normalised score (IQM)", "improvement, %", "training", "note"]
     return [
-        Table(f"All scenarios: {of.label}", header, whole),
+        Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
         Table(
             "The best open-loop entry",

@@ -50,6 +50,12 @@ class Suite:
         """The line of a page by which `check-results` knows the suite."""
         return f"suite {self.name}, manifest {self.digest}"
 
+    def played(self, episodes: int | None) -> int:
+        """How many episodes of each scenario are asked for, all by None. Raises ValueError for more than there are."""
+        if episodes is not None and not 1 <= episodes <= self.episodes:
+            raise ValueError(f"episodes: {episodes}; allowed: 1 to {self.episodes}")
+        return episodes or self.episodes
+
     def seeds(self, scenario: str, episodes: int) -> list[int]:
         """The seeds of the first ``episodes`` test episodes of a scenario."""
         if not self.commit:

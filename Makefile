@@ -77,7 +77,7 @@ docs: $(VENV)/.docs ## the manual, in results/site, to be opened as a file; a wa
 
 clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images/clips
 	@mkdir -p docs/images/clips
-	for policy in $(POLICIES); do $(RUN) -m agents watch --policy $$policy --seed 1000111 --gaze-period 0.25 --width 480 --every 1 \
+	for policy in $(POLICIES); do $(RUN) -m agents watch --policies $$policy --seed 1000111 --gaze-period 0.25 --width 480 --every 1 \
 		--save docs/images/clips/$$policy.gif || exit 1; done
 
 stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random ones (minutes): does it break?

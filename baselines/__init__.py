@@ -32,7 +32,6 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "variance-reduction": partial(greedy, motion_criterion="variance_reduction", gaze_criterion="variance_reduction"),
     "joint-mi": partial(JointGreedy, gaze_criterion="mutual_information"),
     "lookahead-2": partial(Lookahead, horizon=2),
-    "held-information": HeldInformation,
     "greedy-plus": HeldInformation,
     "rollout": Rollout,
 }

@@ -1,4 +1,4 @@
-"""`held-information`: the first action of the best held action, with measurements predicted on its way."""
+"""`greedy-plus`: the first action of the best held action, with measurements predicted on its way."""
 
 import numpy as np
 

@@ -27,7 +27,7 @@ READINGS: dict[str, tuple[Callable[[Any], Policy], tuple[float, ...]]] = {
     "plan_horizon": (HeldInformation, (4.0, 8.0, 12.0, 16.0)),
     "plan_position_std": (HeldInformation, (0.125, 0.25, 0.5, 1.0)),
 }
-"""Each field, the policy that it is chosen for (`mi-mi`, `held-information`), and its candidates [s, s, m]."""
+"""Each field, the policy that it is chosen for (`mi-mi`, `greedy-plus`), and its candidates [s, s, m]."""
 EPISODES, BATCH = 32, 16
 """Training episodes of each candidate, beside those that choose the open loops; episodes at a time."""
 TRIED_WITH = 0.5  # ``plan_position_std`` [m] with which the horizon is chosen

@@ -26,7 +26,7 @@ class LookAround(Policy):
 
 
 def make(env: Environment) -> LookAround:
-    """What `--policy examples.extend_policy:make` calls."""
+    """What `--policies examples.extend_policy:make` calls."""
     return LookAround(env)
 
 

@@ -70,7 +70,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     # policies
     (PLAY, "--policies", "nobody MI-FISHER ppo2", UNKNOWN),
     ("bounds", "--greedy", "nobody", UNKNOWN),
-    ("watch", "--policy", "nobody", UNKNOWN),
+    ("watch", "--policies", "nobody", UNKNOWN),
     (PLAY, "--policies", "", "policies: none given; allowed: one name or more"),
     ("bounds", "--scenarios", "", "scenarios: none given; allowed: one name or more"),
     ("bounds", "--scenarios", "nowhere", "scenario must be one of paper"),
@@ -83,7 +83,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--policies", "own:returns_none own:other_predict", "asked for (action, state): TypeError"),
     ("compare", "--policies", "own:raises_later", "asked for (action, state): ZeroDivisionError"),
     ("compare", "--policies", "own:one_number own:too_many own:not_a_number", "action must be two whole numbers"),
-    ("watch", "--policy", "own:no_such_gaze", "action must be two whole numbers"),
+    ("watch", "--policies", "own:no_such_gaze", "action must be two whole numbers"),
     ("compare", "--reference", "nobody ppo MI-FISHER", "is not compared; allowed: mi-constant"),
     ("train", "--reward", "bogus 5", "reward must be one of entropy, log_score"),
     # numbers, beside those of `test_every_number_of_every_command_is_bounded_and_named`

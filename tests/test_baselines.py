@@ -129,7 +129,7 @@ def test_held_information_plays_the_best_held_action(num_envs: int | None) -> No
 
 def test_held_information_takes_the_least_uncertain_plan_where_none_is_safe() -> None:
     env: Any = gym.make("ActiveSLAM-v0", scenario={"plan_position_std": 1e-6}, duration=6.0)
-    policy, observation = baselines.make("held-information", env), env.reset(seed=4)[0]
+    policy, observation = baselines.make("greedy-plus", env), env.reset(seed=4)[0]
     position_std = env.unwrapped.forecast(held_plans(20, 6)).position_std
     motion, gaze = policy.predict(observation)[0]
     assert position_std[7 * gaze + motion] <= position_std.min() + TIE and np.ptp(position_std) > 0.01
@@ -218,7 +218,7 @@ def test_shapes_of_observations_and_actions() -> None:
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
     named = "random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher net-net fisher-fisher"
-    named += " variance-reduction joint-mi lookahead-2 held-information greedy-plus rollout"
+    named += " variance-reduction joint-mi lookahead-2 greedy-plus rollout"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())

@@ -75,7 +75,7 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
     from PIL import Image
 
     clip = tmp_path / "new" / "clip.gif"
-    args = watch.Args(policy=("sweep", "stay"), duration=2.0, every=0.5, width=300, save=clip, tum=tmp_path / "tum")
+    args = watch.Args(policies=("sweep", "stay"), duration=2.0, every=0.5, width=300, save=clip, tum=tmp_path / "tum")
     assert watch.main(args) == 0
     with Image.open(clip) as animation:
         assert animation.n_frames == 5 and animation.width == 600

@@ -294,7 +294,7 @@ def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
 
     monkeypatch.setattr("agents.tools.arguments.find_spec", lambda name: None)
     monkeypatch.setattr(tasks, "play_tasks", interrupted)
-    summary = compare(Args(policies=("stay",), policy=("sweep",), episodes=5, seed=0, out=tmp_path, jobs=1))
+    summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1))
     assert summary is not None
     assert summary.notes[-2:] == [
         "Interrupted: 2 of 10 episodes.",

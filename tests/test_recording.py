@@ -98,7 +98,7 @@ def test_lost_and_interrupted_runs_are_recorded_and_watch_records_each_policy(tm
         file.log(env, env.reset(seed=0)[1])
         raise KeyboardInterrupt
     file.close()
-    args = watch.Args(policy=("sweep", "stay"), duration=1.0, gaze_period=0.25, rerun=tmp_path / "w.rrd")
+    args = watch.Args(policies=("sweep", "stay"), duration=1.0, gaze_period=0.25, rerun=tmp_path / "w.rrd")
     assert watch.main(args) == 0
     names = ("interrupted", "lost", "w-stay", "w-sweep")
     assert sorted(path.name for path in tmp_path.iterdir()) == [f"{name}.rrd" for name in names]

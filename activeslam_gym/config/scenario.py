@@ -43,9 +43,9 @@ class EpisodeSettings(bounds.Settings):
     gaze_horizon: bounds.PositiveFloatOrNone = 5.0
     """Time for which a scored candidate turn is held [s], at least a gaze period; None: one gaze period."""
     plan_horizon: bounds.PositiveFloat = 12.0
-    """Time over which `held-information` judges each held action, to the end of the episode at most [s]."""
+    """Time over which `greedy-plus` judges each held action, to the end of the episode at most [s]."""
     plan_position_std: bounds.PositiveFloat = 0.25
-    """`held-information` avoids plans on which the position's standard deviation is foreseen to exceed this [m]."""
+    """`greedy-plus` avoids plans on which the position's standard deviation is foreseen to exceed this [m]."""
     amortised_decision: bounds.Switch = False
     """Whether one motion candidate is evaluated a frame and a command issued a second (section V of the paper)."""
 

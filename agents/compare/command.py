@@ -23,8 +23,6 @@ class Args(Rooms, Pages, Figures):
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
     """Names of policies, or 'package.module:factory' of your own, called as factory(env)."""
-    policy: tuple[str, ...] = ()
-    """More of them, beside `policies`."""
     episodes: int = 8
     out: Path = Path("results/compare")
     """Folder of the results."""
@@ -41,14 +39,14 @@ class Args(Rooms, Pages, Figures):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given(self, *(() if self.policy else ("policies",)))
+        given(self, "policies")
         if self.reference not in {*self.names, Args.reference}:
             raise ValueError(f"reference: {self.reference!r} is not compared; allowed: {', '.join(self.names)}")
 
     @property
     def names(self) -> tuple[str, ...]:
         """The policies, each once."""
-        return tuple(dict.fromkeys((*self.policies, *self.policy)))
+        return tuple(dict.fromkeys(self.policies))
 
     @property
     def environment(self) -> dict[str, Any]:

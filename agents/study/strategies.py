@@ -1,6 +1,6 @@
 """The paper's strategies with another reading of what it leaves open: how a candidate action is scored.
 
-They are factories for `package.module:factory`, so that `python -m agents compare --policy` takes them too.
+They are factories for `package.module:factory`, so that `python -m agents compare --policies` takes them too.
 """
 
 from functools import partial

@@ -34,7 +34,7 @@ class Args:
     """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again."""
 
     def __post_init__(self) -> None:
-        within(self, jobs=(1, 4096))
+        within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
         given(self, "name", "policies")
         if file_name(self.name) != self.name:
             raise ValueError(f"name: {self.name!r}; allowed: letters, digits, '_', '.' and '-'")

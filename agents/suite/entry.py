@@ -25,7 +25,6 @@ SOURCES = ("activeslam_gym", "baselines", "agents.learn")  # packages that decid
 VERSIONS = (*LIBRARIES, *IMAGE_LIBRARIES, *policies.LEARNING_LIBRARIES)
 COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
 TUPLES = ("policies", "contents", "training")
-CUT = ("scores", "lost")
 
 
 @dataclass(frozen=True)
@@ -54,8 +53,9 @@ class Entry:
 
     def first(self, count: int) -> "Entry":
         """With the first ``count`` episodes of each scenario alone."""
-        cut = {name: {one: [row[:count] for row in rows] for one, rows in getattr(self, name).items()} for name in CUT}
-        return replace(self, **cut)
+        scores = {scenario: [row[:count] for row in rows] for scenario, rows in self.scores.items()}
+        lost = {scenario: [row[:count] for row in rows] for scenario, rows in self.lost.items()}
+        return replace(self, scores=scores, lost=lost)
 
     def gains(self, scenario: str) -> NDArray[np.float64]:
         """The scores (P, E) in a scenario [bit]."""

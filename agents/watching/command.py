@@ -27,7 +27,7 @@ LONGEST = 60.0  # of a picture of the animation [s]
 class Args:
     """Watch an episode in a window or, with --save, --rerun or --tum, in files."""
 
-    policy: tuple[str, ...] = ("mi-fisher",)
+    policies: tuple[str, ...] = ("mi-fisher",)
     """Policies: names, a file of weights (.npz), or 'package.module:factory'."""
     seed: int = 1_000_000
     """The room: reset(seed=seed)."""
@@ -55,7 +55,7 @@ class Args:
 
     def check(self) -> None:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
-        given(self, "policy")
+        given(self, "policies")
         within(self, seed=SEEDS, width=(64, 4096))
         positive(self, "every", "speed")
         if self.every / self.speed > LONGEST:
@@ -72,7 +72,7 @@ class Args:
             for folder in self.recording:
                 read_about(folder)
         else:
-            check(self.policy, [self.environment])
+            check(self.policies, [self.environment])
         for name in ("save", "rerun"):
             if path := getattr(self, name):
                 writable_file(name, path)
@@ -114,7 +114,7 @@ def watch(args: Args) -> Iterator[Path]:
         ValueError: an unknown policy, or a bad argument of the environment.
         ImportError, gymnasium.error.Error: a package that shows or records, or a screen, is missing.
     """
-    films, titles = [], labels(args.policy)
+    films, titles = [], labels(args.policies)
     for name, title in titles.items():
         film, env = Film(args.every, args.width), make_environment(args.environment)
         looks: list[Look] = [film.look] if args.save else []

@@ -34,6 +34,7 @@ class Motion(IntEnum):
 
     FORWARD = 0
     BACKWARDS = 1
+    BACKWARD = 1  # another name of BACKWARDS
     RIGHT = 2
     LEFT = 3
     UP = 4

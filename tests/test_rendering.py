@@ -121,6 +121,10 @@ def test_ellipses_and_great_circles_lie_at_their_sigmas_and_within_the_outline()
         np.testing.assert_allclose(squares(points, covariances), 4.0)
     origin, on_page = np.zeros((4, 3)), geometry.VIEW @ covariances @ geometry.VIEW.T
     np.testing.assert_allclose(squares(geometry.ellipsoid_outlines(origin, covariances, 2.0), on_page), 4.0)
+    longest = np.sqrt(np.linalg.eigvalsh(covariances).max(1))
+    np.testing.assert_allclose(geometry.shortened(covariances, longest.max()), covariances, atol=1e-12)
+    cut = geometry.shortened(covariances, 0.5 * longest.min())
+    np.testing.assert_allclose(np.sqrt(np.linalg.eigvalsh(cut).max(1)), 0.5 * longest.min())
     circles = geometry.screen_from_world(geometry.great_circles(origin, covariances, 2.0)).reshape(4, -1, 2)
     assert squares(circles, on_page).max() <= 4.0 + 1e-9
 

@@ -31,6 +31,12 @@ def principal_axes(covariances: np.ndarray) -> np.ndarray:
     return eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None, :]
 
 
+def shortened(covariances: np.ndarray, longest: float) -> np.ndarray:
+    """The covariances (n, d, d) with semi-axes of one sigma of at most `longest` [m]."""
+    eigenvalues, eigenvectors = np.linalg.eigh(covariances)
+    return (eigenvectors * np.minimum(eigenvalues, longest**2)[:, None, :]) @ np.swapaxes(eigenvectors, 1, 2)
+
+
 def _circle(points: int) -> np.ndarray:
     """Cosine, sine and zero (3, points) of angles once round."""
     angle = np.linspace(0.0, 2.0 * np.pi, points)

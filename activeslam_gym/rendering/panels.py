@@ -26,6 +26,7 @@ from activeslam_gym.rendering.scene import (
     GATE_SIGMAS,
     GRID,
     INITIALISED,
+    LONGEST,
     MAPPED,
     MUTED,
     TEXT,
@@ -110,6 +111,7 @@ class MapPanel:
         means, covariances, colours = scene.believed_points(snapshot)
         order = np.argsort(means @ geometry.TOWARDS_VIEWER)
         means, covariances, colours = means[order], covariances[order], colours[order]
+        covariances = geometry.shortened(covariances, LONGEST / ELLIPSOID_SIGMAS)
         outlines = geometry.ellipsoid_outlines(means, covariances, ELLIPSOID_SIGMAS)
         circles = screen_from_world(geometry.great_circles(means, covariances, ELLIPSOID_SIGMAS))
         self._outlines.set(verts=outlines, facecolor=_faded(colours, 0.16), edgecolor=_faded(colours, 0.95))

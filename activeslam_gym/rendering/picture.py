@@ -67,10 +67,10 @@ class Picture:
         error_cm = 100 * np.linalg.norm(snapshot.position - snapshot.true_position)
         mapped = f"{np.count_nonzero(snapshot.mapped)} of {len(snapshot.true_landmarks)}"
         if self._small:
-            self._title.set_text(f"t = {snapshot.time:.1f} s")
+            self._title.set_text(f"{snapshot.scenario.name}   t = {snapshot.time:.1f} s")
             self._summary.set_text(f"{mapped} mapped, camera {error_cm:.1f} cm off")
         else:
-            self._title.set_text(f"Active SLAM   t = {snapshot.time:.1f} s")
+            self._title.set_text(f"{snapshot.scenario.name}   t = {snapshot.time:.1f} s")
             self._summary.set_text(f"{mapped} landmarks mapped   ·   position error {error_cm:.1f} cm")
         for panel in self._panels:
             panel.update(snapshot)

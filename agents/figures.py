@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from activeslam_gym import Gaze, Motion
-from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts
+from activeslam_gym.evaluation import Episode, gaze_counts, motion_counts, outcome
 from activeslam_gym.files import written_whole
 from activeslam_gym.rendering.geometry import ellipses
 from activeslam_gym.rendering.scene import FIDUCIAL
 from agents.summary import grouped
+from agents.tools.statistics import estimate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,8 +37,30 @@ Curves = tuple[np.ndarray, np.ndarray]  # times (G,), and values (curves, G)
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
     """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
     by_policy = grouped(episodes)
-    figures = (entropies, errors, maps, actions, decision_times)
+    figures = (scores, entropies, errors, maps, actions, decision_times)
     return [save_figure(draw(by_policy), folder / f"{draw.__name__}.png") for draw in figures]
+
+
+def scores(by_policy: Runs) -> Figure:
+    """The log score gained in each episode, the best policy on top, with the median and its 95 % interval."""
+    gains = {name: np.array([outcome(run)["log_score_gain"] for run in runs]) for name, runs in by_policy.items()}
+    medians = {name: estimate(values, "median") for name, values in gains.items()}
+    order = sorted(medians, key=lambda name: np.nan_to_num(medians[name].value, nan=-np.inf))
+    high = 1.05 * max(1.0, *(np.nanmax(values, initial=1.0) for values in gains.values()))
+    low = -0.15 * high
+    figure, (axes,) = _panels(1, (7.5, 1.2 + 0.32 * len(order)))
+    for row, name in enumerate(order):
+        lost = np.array([run.lost for run in by_policy[name]])
+        shown = np.fmax(gains[name], 0.97 * low)
+        axes.plot(shown[~lost], np.full(np.sum(~lost), row), "|", color=ESTIMATE, ms=9, alpha=0.5)
+        axes.plot(shown[lost], np.full(np.sum(lost), row), "x", color=LOST, ms=5)
+        median = medians[name]
+        axes.plot([median.low, median.high], [row, row], color=TRUTH, linewidth=2.0)
+        axes.plot(median.value, row, "D", color=TRUTH, ms=5)
+    axes.axvline(0.0, color="0.7", linewidth=0.8, zorder=0)
+    axes.set(yticks=range(len(order)), yticklabels=order, ylim=(-0.6, len(order) - 0.4), xlim=(low, high))
+    axes.set(xlabel="log score gained, bits; ◆ median with 95 % interval, red × lost; lower ones at the left edge")
+    return figure
 
 
 def entropies(by_policy: Runs) -> Figure:

@@ -20,7 +20,6 @@ from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
-from activeslam_gym.sensors.sensor import CORNERS, IMAGES
 
 from .fixed import Planned
 from .policy import Actions, Environment, played
@@ -92,7 +91,7 @@ def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dic
 
 def searched(scenario: Scenario) -> Scenario:
     """The scenario in which most episodes of a search are played: one of images has the sensor `corners`."""
-    return replace(scenario, sensor=CORNERS) if scenario.sensor == IMAGES else scenario
+    return replace(scenario, sensor="corners") if scenario.sensor == "images" else scenario
 
 
 def choose(

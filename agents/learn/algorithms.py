@@ -127,11 +127,12 @@ def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "
     if several:
         buffer = {"scenarios": len(recipe.scenarios)}
         rollout |= {"rollout_buffer_class": RolloutOfScenarios, "rollout_buffer_kwargs": buffer}
+    replay = {"buffer_size": REPLAY_STEPS, "gradient_steps": env.num_envs}  # with `train_freq` one in four decisions
     own: dict[str, dict[str, Any]] = {
         "ppo": {**rollout, **entropy, "n_epochs": recipe.epochs, "target_kl": recipe.target_kl},
         "a2c": entropy,
-        "dqn": {"buffer_size": REPLAY_STEPS},
-        "sac": {"buffer_size": REPLAY_STEPS},
+        "dqn": {**replay, "train_freq": 4},
+        "sac": {**replay, "train_freq": 4},
     }
     learner = CLASSES[recipe.algorithm](
         "MlpPolicy",

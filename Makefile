@@ -44,9 +44,11 @@ results: learners $(VENV)/.advice ## every number and picture of the pages, at o
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md README.md --resume
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) --out $(BOARD) || exit 1; done
-	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) $(PLAYED) --out $(BOARD)
+	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
+		--note "imitates policies of single scenarios (DAgger), in all named scenarios" $(PLAYED) --out $(BOARD)
 	for one in $(LEARNERS); do \
-		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) $(PLAYED) --out $(BOARD) || exit 1; \
+		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) \
+			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) --out $(BOARD) || exit 1; \
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),20) --report docs/BOUNDS.md

@@ -10,6 +10,7 @@ import pytest
 
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.evaluation import Store, code, run_episode
+from agents.task import make_environment
 from baselines import constants, sequences
 from baselines.constants import key_of
 from baselines.constants import log_scores as scores_of_plans
@@ -107,6 +108,6 @@ def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_
     shipped = json.loads(TABLE.read_text(encoding="utf-8"))
     assert "paper" in {entry["scenario"] for entry in shipped.values()}
     for key, entry in shipped.items():
-        env = gym.make("ActiveSLAM-v0", scenario=entry["scenario"]).unwrapped
+        env = make_environment({"scenario": entry["scenario"]}).unwrapped
         assert key == key_of(env), "regenerate it: python -m baselines"
         assert max(entry["medians"], key=entry["medians"].get) == best_sequence(env).told()

@@ -41,7 +41,7 @@ learners: $(VENV)/.agents ## train five seeds of each learner with its defaults 
 		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
 
 results: learners $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
-	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md README.md --resume
+	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) --out $(BOARD) || exit 1; done
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
@@ -50,7 +50,7 @@ results: learners $(VENV)/.advice ## every number and picture of the pages, at o
 		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) \
 			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) --out $(BOARD) || exit 1; \
 	done
-	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md
+	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),20) --report docs/BOUNDS.md
 	$(MAKE) consistency figures bench
 	$(RUN) -m agents check-results

@@ -45,18 +45,18 @@ def rewards() -> str:
 
 
 def leaderboard() -> str:
-    """Every policy with its clip and, where the README's table has it, its score; in the README's order."""
+    """Every policy with its clip and, where the headline of RESULTS.md has it, its score; in that order."""
     import baselines
     from agents import pretrained
     from agents.tools.sections import sections_of
 
     root = Path(__file__).resolve().parents[1]
-    table = sections_of(root / "README.md")["headline"]
+    table = sections_of(root / "RESULTS.md")["headline"]
     found = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines() if "|" in line]
     scored = {row[0]: row for row in found[2:]}
     titles = ("log score gain, bits (median)", "under 0, %", "lost, %")
     if missing := [title for title in titles if title not in found[0]]:
-        raise ValueError(f"the README's headline has no column {', '.join(missing)}")
+        raise ValueError(f"the headline of RESULTS.md has no column {', '.join(missing)}")
     columns = [found[0].index(title) for title in titles]
     clips = {path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif")}
     rows = []

@@ -23,7 +23,7 @@ from agents.tools.sections import Table
 from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate
 
 Array = NDArray[np.float64]
-SECTION = "leaderboard"
+SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and the first alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ def main(args: Args) -> int:
     """Print the tables, and put them into the pages. Raises ValueError for a bad entry, or where there is none."""
     of = suite(args.suite)
     count = of.played(args.episodes)
-    args.check_pages(SECTION)
+    args.check_pages(SECTION, SHORT)
     found = [one for path in sorted(args.entries.glob(f"*/{entries.FILE}")) if (one := _read(path)).suite == of.name]
     for short in (one for one in found if one.episodes < count):
         print(f"Left out: {short.name}, which has {short.episodes} of {count} episodes.")
@@ -54,7 +54,7 @@ def main(args: Args) -> int:
     tables = board(of, found)
     print("\n\n".join(table.aligned() for table in tables))
     text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
-    args.publish("leaderboard", leaderboard=text)
+    args.publish("leaderboard", leaderboard=text, board=f"{tables[0].markdown()}\n\n{LEGEND}")
     if args.drawn:
         print(f"Written to {profiles(of, found, args.out / 'profiles.png')}")
     return 0

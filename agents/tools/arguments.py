@@ -92,7 +92,8 @@ def command_line(name: str, args: Any) -> str:
     told = []
     for one in sorted(fields(args), key=lambda field: (field.name == "seed", field.name != "policies")):
         value = getattr(args, one.name)
-        if one.name in ("episodes", "rooms", "seed") or (one.name not in UNTOLD and value != one.default):
+        of_rooms = one.name in ("episodes", "rooms", "seed") and value is not None
+        if of_rooms or (one.name not in UNTOLD and value != one.default):
             several = value if isinstance(value, tuple) else (value,)
             texts = [f"{part:g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
             told.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")

@@ -202,7 +202,7 @@ def test_training_begins_near_the_action_that_the_best_sequence_holds_longest(al
     env = algorithms.make_training(recipe)
     policy = algorithms.make_learner(recipe, env, None).policy
     drawn = policy.get_distribution(torch.as_tensor(env.reset())).distribution
-    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.DOWN, Gaze.STAY)}[scenario]
+    longest = {"paper": (Motion.LEFT, Gaze.RIGHT), "sprint": (Motion.RIGHT, Gaze.LEFT)}[scenario]
     for part, held in zip(drawn, longest):
         others = (1.0 - 0.7) / (part.probs.shape[1] - 1)
         expected = np.where(np.arange(part.probs.shape[1]) == held, 0.7, others)

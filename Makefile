@@ -30,13 +30,13 @@ ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher 
 BOARD    := $(if $(EPISODES),results/entries,agents/suite/entries)
 PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 
-# The learners of Stable-Baselines3 with their defaults, in scenarios that ask for decisions.
+# The learners of Stable-Baselines3 with the defaults of `agents train`, in scenarios that ask for decisions.
 LEARNERS := ppo a2c dqn sac
 SEEDS    := 0 1 2 3 4
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
 LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps $(if $(EPISODES),400,40000) --held-out-rooms 8 --unseen-rooms 0
 
-learners: $(VENV)/.agents ## train five seeds of each learner with its defaults (hours; the same command goes on): results/learners
+learners: $(VENV)/.agents ## train five seeds of each learner (hours; the same command goes on): results/learners
 	printf '%s\n' $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
 

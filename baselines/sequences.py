@@ -85,7 +85,7 @@ def choose_sequence(
     """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
-    same rooms; at last those left and every constant play new rooms, by which alone the best is told. A scenario of
+    same rooms; at last those left and every constant play new rooms, by which alone the best is chosen. A scenario of
     images is played with images only then, by the best (see `constants.searched`).
     """
     times, quick = (gaze_period, motion_period, duration), constants.searched(scenario)

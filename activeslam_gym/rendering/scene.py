@@ -17,7 +17,7 @@ TEXT, MUTED, GRID, FLOOR, WALL = "#1F2328", "#6B7280", "#DFE3E8", "#F3F5F7", "#F
 ELLIPSOID_SIGMAS, GATE_SIGMAS = 2.0, 3.0
 """Standard deviations drawn: of a landmark in the map, of a prediction in the image."""
 LONGEST = 1.0
-"""Greatest half-length of an ellipsoid in the map [m]: the depth of a new feature is hardly known."""
+"""Greatest half-length of an ellipsoid in the map [m]: the depth of a new feature is very uncertain."""
 _CAMERA_DIM = 12  # rows of the camera in the snapshot's covariance; three of each landmark follow
 
 

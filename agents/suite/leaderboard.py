@@ -89,10 +89,12 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
     each = [
         [entry.name, *(aggregate(entry.gains(one)[None]).text(digits=0) for one in of.scenarios)] for entry in order
     ]
+    failed = [[entry.name, *(f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)] for entry in order]
     header = ["entry", "failures, %", "normalised score (IQM)", "improvement, %", "training", "note"]
     return [
         Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
+        Table("Failures, %", ["entry", *of.scenarios], failed),
         Table(
             "The best open-loop entry",
             ["scenario", "entry"],

@@ -122,7 +122,7 @@ def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
         [episode(name, seed, bits) for seed in range(4)] for name, bits in (("stay", -5.0), ("sweep", 10.0))
     )
     headline = summarise([*lost, *wrong, *sound]).notes[0]
-    assert "can" in headline and ": sweep, 20.0" in headline
+    assert "): sweep, 20.0" in headline
     assert "own:lost is lost in 75 % of the rooms; stay has a median log score gain of 0 or less" in headline
     assert summarise([*lost, *wrong]).notes[0].startswith("No policy has won anything. Not in the running: own:lost")
 

@@ -96,7 +96,7 @@ def scores(comparison: compare.Args) -> Scores:
 
 def bounds_table(found: Mapping[str, Mapping[int, float]]) -> str:
     """A row for each policy: its log score, its lead over the best constant, and its share of the planner's."""
-    header = ["policy", "log score, bits (median)", f"lead over {BASE} (IQM)", "lead (median)", "share, %", "rooms"]
+    header = ["policy", "log score, bits (median)", f"lead over {BASE} (IQM)", "lead (median)", "share, %", "episodes"]
     of_lead, rows = shares(found, PLANNER, BASE), []
     for name, own in found.items():
         lead = np.array([own[seed] - found[BASE][seed] for seed in own])

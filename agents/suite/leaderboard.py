@@ -63,9 +63,9 @@ def main(args: Args) -> int:
 LEGEND = (
     "Failures: episodes that were lost, or gained a log score under 0. Normalised score: the gain over the "
     "interquartile mean of the best open-loop entry in the same scenario, which is held fixed. IQM: interquartile mean "
-    "over scenarios, training seeds and episodes. Improvement: the probability to gain more than that entry in the "
+    "over scenarios, training seeds and episodes. Probability to gain more: than that entry in the "
     "same episode, mean over scenarios. [ ]: 95 % interval, by a bootstrap of training seeds, and of episodes in each "
-    "scenario; of failures at least Clopper and Pearson's. From five training seeds it is still too narrow."
+    "scenario; of failures at least Clopper and Pearson's. With only five training seeds it is too narrow."
 )
 
 
@@ -90,7 +90,7 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
         [entry.name, *(aggregate(entry.gains(one)[None]).text(digits=0) for one in of.scenarios)] for entry in order
     ]
     failed = [[entry.name, *(f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)] for entry in order]
-    header = ["entry", "failures, %", "normalised score (IQM)", "improvement, %", "training", "note"]
+    header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
     return [
         Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),

@@ -89,6 +89,13 @@ def test_fewer_than_four_corners_tell_of_no_pose() -> None:
     assert all(restart.camera_instead(three, at_rest(MIRRORED), SURE) is None for _ in range(100))
 
 
+def test_two_corners_found_twice_each_tell_of_no_pose() -> None:
+    """They are four detections, of which OpenCV once raised an error out of the environment's step."""
+    restart, found = Restart(CAMERA, CORNERS, STD), detected(projected(CAMERA, TRUTH, CORNERS))
+    found["match"][2:4], found["pixel"][2:4] = found["match"][:2], found["pixel"][:2] + 0.01
+    assert all(restart.camera_instead(found, at_rest(MIRRORED), SURE) is None for _ in range(100))
+
+
 def test_the_map_of_a_wrong_pose_goes_and_a_new_one_is_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     pose = pose_at((0.1, 0.05, 0.7), (0.0, 0.1, 0.0))
     image, logs = image_from(pose, target=True, samples=2), []

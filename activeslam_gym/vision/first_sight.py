@@ -150,7 +150,10 @@ def start_pose(
         ValueError: no pose explains the pixels.
     """
     cv2, rays = opencv(), np.array([ray_from_pixel(camera, pixel)[:2] for pixel in pixels])
-    _, turn, shift = cv2.solvePnP(points, rays, np.eye(3), None)
+    try:
+        _, turn, shift = cv2.solvePnP(points, rays, np.eye(3), None)
+    except cv2.error as error:  # of corners that are on one line, or found twice
+        raise ValueError("the target's corners determine no pose") from error
     half_turn = Rotation.from_rotvec(np.pi * shift.ravel() / np.linalg.norm(shift))  # about the sight line
     mirrored = (half_turn * Rotation.from_rotvec(turn.ravel()) * Rotation.from_rotvec((0.0, 0.0, np.pi))).as_rotvec()
     fits = []

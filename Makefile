@@ -51,7 +51,7 @@ results: learners $(VENV)/.advice ## every number and picture of the pages, at o
 			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) --out $(BOARD) || exit 1; \
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
-	$(RUN) -m agents bounds --episodes $(or $(EPISODES),20) --report docs/BOUNDS.md
+	$(RUN) -m agents bounds --episodes $(or $(EPISODES),10) --report docs/BOUNDS.md
 	$(MAKE) consistency figures bench
 	$(RUN) -m agents check-results
 

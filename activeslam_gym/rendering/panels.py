@@ -284,7 +284,7 @@ def map_legend(small: bool = False) -> dict[str, list]:
         "true camera": _key("", TRUTH, 1, line=_DASHED),
     }
     if small:
-        return {"handles": list(entries.values())[::2], "labels": ["mapped", "true", "known", "camera"]}
+        return {"handles": list(entries.values())[::2], "labels": ["mapped", "true", "fiducial", "camera"]}
     return {"handles": list(entries.values()), "labels": list(entries)}
 
 

@@ -1,5 +1,6 @@
 """`python -m agents bounds`: every kind of policy in the same rooms, between open-loop policies and upper bounds."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -107,13 +108,16 @@ def bounds_table(found: Mapping[str, Mapping[int, float]]) -> str:
 
 
 def draw(results: Mapping[str, Mapping[str, Mapping[int, float]]], path: Path) -> Path:
-    """Draw scenario → policy → seed → log score into `path`: each room a dot, medians with their intervals.
+    """Draw scenario → policy → seed → log score into `path`: each episode a dot, medians with their intervals.
 
     The first policy is at the top of a panel, with a line at its median.
     """
-    height = 1.2 + 0.34 * max(len(found) for found in results.values())
-    figure, panels = grid_of_panels(len(results), 1, (7.0, height))
-    for axes, (scenario, found) in zip(panels[:, 0], results.items()):
+    height = 1.0 + 0.22 * max(len(found) for found in results.values())
+    columns = min(len(results), 2)
+    figure, panels = grid_of_panels(math.ceil(len(results) / columns), columns, (5.4, height))
+    for axes in panels.flat[len(results) :]:
+        axes.remove()
+    for axes, (scenario, found) in zip(panels.flat, results.items()):
         scores = [np.array(list(of_policy.values())) for of_policy in found.values()]
         medians = [estimate(values, "median") for values in scores]
         for y, (values, median) in enumerate(zip(scores, medians)):
@@ -125,5 +129,5 @@ def draw(results: Mapping[str, Mapping[str, Mapping[int, float]]], path: Path) -
         axes.set_xlim(lowest - 0.05 * (highest - lowest), highest + 0.05 * (highest - lowest))
         axes.set_yticks(range(len(found)), list(found), fontsize=8)
         axes.invert_yaxis()
-        axes.set(title=scenario, xlabel="log score gained, bits (dots: rooms; diamonds: medians, with intervals)")
+        axes.set(title=scenario, xlabel="log score gained, bits (dots: episodes; diamonds: medians)")
     return save_figure(figure, path)

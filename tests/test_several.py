@@ -190,6 +190,19 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
         np.testing.assert_array_equal(actions[0], action)
 
 
+@pytest.mark.parametrize("algorithm", ["dqn", "sac"])
+def test_learners_without_an_actor_critic_act_everywhere_too(tmp_path: Path, algorithm: Any) -> None:
+    """Their weights once read an observation without the context, and did not fit."""
+    pytest.importorskip("tensorboard")
+    small = SHORT | {"held_out_rooms": 1, "unseen_rooms": 0}
+    train(Args(out=tmp_path, scenario="sprint+office", algorithm=algorithm, total_steps=8, **small))
+    for name in ("paper", "office"):
+        env = gym.make("ActiveSLAM-v0", scenario=name, gaze_period=1.0)
+        policy = agents.load("policy", env, tmp_path)
+        action, _ = policy.predict(env.reset(seed=3)[0])
+        assert env.action_space.contains(action) and policy._inputs.contextual
+
+
 def test_imitation_alone_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
     pytest.importorskip("tensorboard")

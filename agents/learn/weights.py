@@ -89,8 +89,8 @@ class LearnedPolicy:
         self._env = core_of(env)
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
-        first = weights.get("features_extractor.globals.0.weight")
-        self._inputs = Inputs(observation_layout(env), None if first is None else first.shape[1])
+        firsts = [value for name, value in weights.items() if name.endswith("features_extractor.globals.0.weight")]
+        self._inputs = Inputs(observation_layout(env), firsts[0].shape[1] if firsts else None)
         self._actor = _actor(self._inputs.layout, weights, card)
         self._space = getattr(self._env, "single_action_space", self._env.action_space)
 

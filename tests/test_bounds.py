@@ -135,8 +135,8 @@ def test_the_command_writes_table_and_figure(tmp_path: Path, monkeypatch: pytest
     where = ["--learned", "sweep", "--out", str(tmp_path / "out"), "--report", str(page), "--jobs", "1"]
     assert main(["bounds", *given, *where]) == 0
     rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
-    planners = ["planner, 8 runs", "planner, 24 runs", "planner, 72 runs", "clairvoyant planner"]
-    names = ["best-constant", "best-sequence", "mi-constant", "sweep", *planners, "sees everything"]
+    planners = ["planner, 8 runs", "planner, 24 runs", "planner, 72 runs", "oracle planner"]
+    names = ["best-constant", "best-sequence", "mi-constant", "sweep", *planners, "upper bound on its path"]
     assert [row.split(" | ")[0][2:] for row in rows[2:]] == names
     pytest.importorskip("matplotlib")
     assert (tmp_path / "images" / "bounds.png").stat().st_size > 10_000

@@ -49,7 +49,6 @@ IDIOMS = tuple(
 """Private words for which the field has its own; names in code are left alone."""
 NAMES = {"births", "forfeit"}  # keys of `info`, in messages that show them
 EXCEPTIONS = {
-    "docs/BOUNDS.md": {r"\bclairvoyant\b", r"sees everything"},  # names of rows of its table
     "docs/STUDY.md": set(IDIOMS),  # `python -m agents study` writes the page
 }
 

@@ -22,10 +22,10 @@ from agents.tools.sections import Table
 from agents.tools.statistics import estimate, shares
 
 BASE, SEQUENCE = "best-constant", "best-sequence"
-CLAIRVOYANT, CEILING = "clairvoyant planner", "sees everything"
+ORACLE, CEILING = "oracle planner", "upper bound on its path"
 PLANNERS = {f"planner, {budget} runs": f"agents.bounds.planners:{size}" for size, budget in BUDGETS.items()}
 PLANNER = list(PLANNERS)[-1]
-SOURCES = PLANNERS | {CLAIRVOYANT: "agents.bounds.planners:clairvoyant"}
+SOURCES = PLANNERS | {ORACLE: "agents.bounds.planners:oracle"}
 """Name in the table → the policy, where it is another."""
 Scores = dict[str, dict[int, float]]  # policy → seed → log score gained [bit]
 

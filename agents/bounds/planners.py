@@ -13,7 +13,7 @@ BASE = "generalist"
 BUDGETS = {"small": 8, "medium": 24, "large": 72}  # imagined runs for each decision
 
 
-class Clairvoyant(Rollout):
+class Oracle(Rollout):
     """The oracle planner: it knows the true room, but not the noise; its plans are scored over several draws of it."""
 
     imagination = Hindsight
@@ -27,4 +27,4 @@ def planner(env: Environment, budget: int, kind: type[Rollout] = Rollout) -> Rol
 
 
 small, medium, large = (partial(planner, budget=budget) for budget in BUDGETS.values())
-clairvoyant = partial(planner, budget=BUDGETS["large"], kind=Clairvoyant)
+oracle = partial(planner, budget=BUDGETS["large"], kind=Oracle)

@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners results check-results figures advice bench clients clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners results check-results figures advice bench clients client-figures clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -24,7 +24,7 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, b
 	$(RUN) -m agents consistency --episodes $(or $(EPISODES),100) --seed 2000000 --out results/consistency --report docs/consistency_report.md
 	cp results/consistency/nees.png docs/images/nees.png
 
-# SUITE: of which the leaderboard is. EPISODES: so many of everything, to try it in minutes (the pages then say so).
+# SUITE: of which the leaderboard is. EPISODES: so many of everything but times and libraries, to try it in minutes (the pages then say so).
 SUITE    := v1
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
 BOARD    := $(if $(EPISODES),results/entries,agents/suite/entries)
@@ -52,7 +52,7 @@ results: learners $(VENV)/.advice ## every number and picture of the pages, at o
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),10) --report docs/BOUNDS.md
-	$(MAKE) consistency figures bench
+	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 	$(RUN) -m agents check-results
 
 check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR and this manifest? (before a release)
@@ -97,6 +97,9 @@ clients: $(CLIENTS:%=client-%) ## other people's learners, each in an environmen
 
 $(CLIENTS:%=client-%): client-%: .venvs/%/.made
 	OMP_NUM_THREADS=1 .venvs/$*/bin/python -m pytest -m '' $(TESTS_$*)
+
+client-figures: $(VENV)/.demo $(addprefix .venvs/,$(addsuffix /.made,sb3 torchrl rllib cleanrl)) ## does each library learn? (ten minutes): docs/clients.md
+	$(RUN) -m benchmarks.studies.clients --report docs/clients.md
 
 lint: $(VENV)/.dev ## ruff (lint and format) and mypy
 	$(RUN) -m ruff check .

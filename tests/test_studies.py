@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents import task as tasks
-from benchmarks.studies import consistency, images, rules, worlds
+from benchmarks.studies import clients, consistency, images, rules, worlds
 from tests.test_compare import episode
 
 
@@ -86,3 +86,41 @@ def test_a_rule_does_in_a_batch_what_it_does_alone(name: str) -> None:
     assert len(taken) == 1 if name == "RIGHT_LEFT" else len(taken) > 1
     with pytest.raises(AttributeError, match="has no attribute 'RIGHT_DOWN'"):
         rules.RIGHT_DOWN  # noqa: B018
+
+
+@pytest.fixture
+def interpreter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """In the place of SB3's: it prints a version, or the last line of a script; the other environments are missing."""
+    python = tmp_path / ".venvs" / "sb3" / "bin" / "python"
+    python.parent.mkdir(parents=True)
+    python.write_text(
+        '#!/bin/sh\nif [ "$1" = -c ]; then echo 9.8.7; else echo "x: -2 -> 491 bits, 8960 steps in 3 s"; fi\n'
+    )
+    python.chmod(0o755)
+    examples = clients.ROOT / "examples"
+    monkeypatch.setattr(clients, "ROOT", tmp_path)
+    (tmp_path / "examples").symlink_to(examples)
+    return python
+
+
+def test_clients_are_run_once_in_their_own_environments(
+    interpreter: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clients.main(["--out", str(tmp_path / "out")])
+    rows = capsys.readouterr().out.splitlines()[-6:]
+    assert all(" 9.8.7, " in row and row.endswith("| 8 960 | -2 → 491 | 3 |") for row in rows)
+    interpreter.write_text('#!/bin/sh\nif [ "$1" = -c ]; then echo 9.8.7; else exit 1; fi\n')
+    clients.main(["--out", str(tmp_path / "out")])
+    assert capsys.readouterr().out.splitlines()[-6:] == rows
+    with pytest.raises(ValueError, match=r"sb3.py ended with 1, without its last line"):
+        clients.main(["--out", str(tmp_path / "other")])
+
+
+def test_a_page_of_clients_needs_all_of_them(
+    interpreter: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- generated: clients -->\n<!-- end: clients -->\n")
+    with pytest.raises(SystemExit):
+        clients.main(["--report", str(page)])
+    assert "not installed: cleanrl, rllib, torchrl; make client-figures installs them" in capsys.readouterr().err

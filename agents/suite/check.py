@@ -18,6 +18,7 @@ PAGES = (
     "docs/BOUNDS.md",
     "docs/live.md",
     "docs/consistency_report.md",
+    "docs/clients.md",
 )
 
 

@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners results check-results figures advice bench clients client-figures clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners leaderboard results check-results figures advice bench clients client-figures clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-12s %s\n", $$1, $$2}' Makefile
@@ -40,9 +40,7 @@ learners: $(VENV)/.agents ## train five seeds of each learner (hours; the same c
 	printf '%s\n' $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
 
-results: learners $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
-	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume
-	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
+leaderboard: learners $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) --out $(BOARD) || exit 1; done
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
 		--note "imitates policies of single scenarios (DAgger), in all named scenarios" $(PLAYED) --out $(BOARD)
@@ -51,6 +49,10 @@ results: learners $(VENV)/.advice ## every number and picture of the pages, at o
 			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) --out $(BOARD) || exit 1; \
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
+
+results: leaderboard $(VENV)/.advice ## every number and picture of the pages, at one commit (hours; the same command goes on)
+	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume
+	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),10) --report docs/BOUNDS.md
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 	$(RUN) -m agents check-results

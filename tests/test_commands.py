@@ -12,6 +12,7 @@ from activeslam_gym.config import benchmark_seed
 from agents.__main__ import COMMANDS, main
 from agents.compare import generalise
 from agents.tools.arguments import scenario_argument
+from agents.tools.files import json_text
 from agents.tools.sections import put_section
 from agents.watching import command as watch
 from agents.watching.film import LOST, Film, side_by_side
@@ -114,3 +115,10 @@ def test_a_shorter_film_stands_still_at_its_end() -> None:
     pictures = [np.full((4, 40, 3), value, np.uint8) for value in (10, 20, 30)]
     together = side_by_side([pictures, pictures[:1]], ["a", "b"])
     assert len(together) == 3 and together[2][-1, 0, 0] == 30 and together[2][-1, -1, 0] == 10
+
+
+def test_json_has_a_line_for_a_list_of_numbers_and_keeps_texts() -> None:
+    value = {"scores": [[1e-7, -2.5, None], [True, 4]], "text": "[1,\n  2]", "texts": ["[1,  2]", "a"], "none": []}
+    text = json_text(value)
+    assert json.loads(text) == value
+    assert "    [1e-07, -2.5, null],\n    [true, 4]\n" in text

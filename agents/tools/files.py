@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,8 +27,9 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def json_text(value: Any) -> str:
-    """`value` as JSON; a number that is not finite becomes null, a path its text."""
-    return json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False, default=os.fspath) + "\n"
+    """`value` as JSON; a number that is not finite becomes null, a path its text. A list of numbers is one line."""
+    text = json.dumps(_finite(value), indent=2, ensure_ascii=False, allow_nan=False, default=os.fspath)
+    return re.sub(r"\[\n[-+.\w\s,]+\]", lambda numbers: "[" + " ".join(numbers[0][1:-1].split()) + "]", text) + "\n"
 
 
 def write_text(path: Path, text: str) -> None:

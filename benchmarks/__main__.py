@@ -16,7 +16,7 @@ from agents.tools.sections import page_with, put_section
 
 from .report import Section, bar_table, provenance, report
 
-Part = Literal["single", "batch", "stages", "scores", "growth", "peers", "memory", "start"]
+Part = Literal["single", "batch", "images", "stages", "scores", "growth", "peers", "memory", "start"]
 """Each is a module of this package with `run(quick) -> Section`."""
 
 

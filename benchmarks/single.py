@@ -25,7 +25,7 @@ def run(quick: bool) -> Section:
         }
         section.rows.append(row)
         if frames == 1:
-            section.bars.append(Bar("one environment, default", frames / time, 8e3, "frames/s", at_least=True))
+            section.bars.append(Bar("one environment, a frame a step", frames / time, 8e3, "frames/s", at_least=True))
     section.notes.append(
         f"From {WARM_UP} s to {END} s of `sweep`, median of {repeats} seeds. "
         f"CartPole-v1 through `gymnasium.make`: {cartpole:,.0f} steps/s."

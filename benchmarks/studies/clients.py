@@ -2,30 +2,26 @@
 
     python -m benchmarks.studies.clients --report docs/clients.md
 
-Prints the mean return in bits before and after training, and the time. A library whose environment is not made is left
-out of what is printed, and refused for a page. `make client-figures` makes the environments first.
+Prints the mean return in bits before and after training, and the time. Skips libraries that are not installed;
+``--report`` needs them all, and `make client-figures` installs them.
 """
 
 import argparse
 import os
 import re
 import subprocess
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from activeslam_gym.evaluation import Store
-from activeslam_gym.evaluation.code import digest
-from activeslam_gym.evaluation.store import Arrays
 from agents.tools.sections import page_with, provenance, put_section
 from agents.tools.sections import table as markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = ("Client", "Script", "Steps", "Before → after [bit]", "Time [s]")
 LINE = re.compile(r": (-?\d+) -> (-?\d+) bits, (\d+) steps in (\d+) s$", re.MULTILINE)
-"""What every script prints last."""
+"""The last line of each script's output."""
 
 
 class Client(NamedTuple):
@@ -34,8 +30,8 @@ class Client(NamedTuple):
     environment: str
     """Folder under .venvs."""
     package: str
-    """Whose version is told."""
-    what: str
+    """The package whose version the table shows."""
+    description: str
     script: str
     """In examples/."""
     arguments: tuple[str, ...] = ()
@@ -65,39 +61,29 @@ def version_of(client: Client) -> str:
     return subprocess.run([python_of(client), "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def trained(client: Client, folder: Path) -> Arrays:
-    """Run its script in ``folder``; before and after [bit], steps, seconds. Raises ValueError where it fails."""
+def trained(client: Client) -> list[int]:
+    """Run its script: before and after [bit], steps, seconds. Raises ValueError where it fails."""
     command = [str(python_of(client)), str(ROOT / "examples" / client.script), *client.arguments]
-    folder.mkdir(parents=True, exist_ok=True)
-    done = subprocess.run(
-        command, cwd=folder, env={**os.environ, "OMP_NUM_THREADS": "1"}, capture_output=True, text=True
-    )
-    if not (found := LINE.search(done.stdout)):
-        raise ValueError(f"{client.script} ended with {done.returncode}, without its last line: {done.stderr[-500:]}")
-    return {"figures": np.array([int(one) for one in found.groups()])}
+    one_thread = {**os.environ, "OMP_NUM_THREADS": "1"}
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(command, cwd=folder, env=one_thread, capture_output=True, text=True)
+    found = LINE.search(done.stdout)
+    if done.returncode or not found:
+        raise ValueError(f"{client.script} ended with {done.returncode}: {done.stdout[-200:]} {done.stderr[-500:]}")
+    return [int(one) for one in found.groups()]
 
 
-def row_of(client: Client, out: Path) -> list[str]:
-    """Its row; what was run before with the same versions and sources is kept."""
-    script, label = ROOT / "examples" / client.script, "-".join((client.script.replace("/", "-"), *client.arguments))
-    version = version_of(client)
-    key = {"client": [client.package, version, *client.arguments], "script": digest(script)}
-    arrays = Store(out).of(label, key, lambda: trained(client, out / label))
-    before, after, steps, seconds = (int(one) for one in arrays["figures"])
-    shown = f"[{client.script}](../examples/{client.script})" + "".join(f" `{one}`" for one in client.arguments)
-    return [
-        f"{client.package} {version}, {client.what}",
-        shown,
-        f"{steps:,}".replace(",", " "),
-        f"{before} → {after}",
-        f"{seconds}",
-    ]
+def row_of(client: Client) -> list[str]:
+    """Its row of the table."""
+    before, after, steps, seconds = trained(client)
+    script = " ".join((f"[{client.script}](../examples/{client.script})", *(f"`{one}`" for one in client.arguments)))
+    name = f"{client.package} {version_of(client)}, {client.description}"
+    return [name, script, f"{steps:,}".replace(",", " "), f"{before} → {after}", str(seconds)]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run, print, and fill the page's section "clients"."""
     made = argparse.ArgumentParser(prog="python -m benchmarks.studies.clients", description=__doc__)
-    made.add_argument("--out", type=Path, default=Path("results/clients"), help="folder of what was run")
     made.add_argument("--report", type=Path, help='a page whose generated section "clients" is made')
     args = made.parse_args(arguments)
     missing = sorted({client.environment for client in CLIENTS if not python_of(client).exists()})
@@ -105,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         page_with(args.report, "clients")
         if missing:
             made.error(f"argument --report: not installed: {', '.join(missing)}; make client-figures installs them")
-    rows = [row_of(client, args.out) for client in CLIENTS if client.environment not in missing]
+    rows = [row_of(client) for client in CLIENTS if client.environment not in missing]
     text = f"{provenance('make client-figures')}\n\n{markdown(HEADER, rows)}"
     print(text)
     if args.report:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.stats import bootstrap
 
 from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
@@ -21,7 +22,8 @@ from benchmarks.studies import parser, played, tasks
 TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
 LAGS = (1, 5, 20)  # frames, of the correlation of a feature's errors
 HEADER = (
-    *("policy", "log score, median [bit]", "under 0, lost", "NEES/dof at 5 / 15 / 35 s: pose", "landmarks (greatest)"),
+    *("policy", "log score, median [bit]", "under 0, lost, either"),
+    *("NEES/dof at 5 / 15 / 35 s [95 % interval of the last] (greatest): pose", "landmarks"),
     *("depths, estimated over true", "wrong matches", "position error, median [cm]", "landmarks mapped", "ms a step"),
 )
 
@@ -97,9 +99,14 @@ def _means(rows: np.ndarray) -> str:
     return " / ".join(f"{np.nanmean(column):.2f}" for column in rows.T if not np.isnan(column).all())
 
 
-def _greatest(rows: np.ndarray) -> float:
-    """The greatest number of ``rows``; NaN where there is none."""
-    return float(np.nanmax(rows)) if not np.isnan(rows).all() else np.nan
+def _nees(rows: np.ndarray) -> str:
+    """The means of ``rows`` (n, 3), the 95 % bootstrap interval of the last column's, and the greatest number."""
+    last = rows[~np.isnan(rows[:, -1]), -1]
+    interval = ""
+    if len(last) > 1:
+        low, high = bootstrap((last,), np.mean, method="percentile", rng=0).confidence_interval
+        interval = f" [{low:.2f}, {high:.2f}]"
+    return f"{_means(rows)}{interval}" + (f" ({np.nanmax(rows):.1f})" if not np.isnan(rows).all() else "")
 
 
 def summary(by_policy: dict[str, list[Episode]]) -> str:
@@ -107,16 +114,16 @@ def summary(by_policy: dict[str, list[Episode]]) -> str:
     rows = []
     for policy, runs in by_policy.items():
         scores = np.array([run.log_score[-1] for run in runs])
-        landmarks = np.array([landmark_nees(run) for run in runs])
-        pose, depth = (_means(np.array([run.notes[name] for run in runs])) for name in ("nees", "depth"))
+        lost = np.array([run.lost for run in runs])
+        pose, depth = (np.array([run.notes[name] for run in runs]) for name in ("nees", "depth"))
         wrong = sum(run.events["wrong_matches"].sum() for run in runs) / sum(run.notes["matches"] for run in runs)
         rows.append([
             f"{policy}, {len(runs)} rooms",
             f"{np.median(scores):.0f}",
-            f"{np.mean(scores < 0.0):.0%}, {np.mean([run.lost for run in runs]):.0%}",
-            pose,
-            f"{_means(landmarks)} ({_greatest(landmarks):.1f})",
-            depth,
+            ", ".join(f"{np.mean(one):.0%}" for one in (scores < 0.0, lost, lost | (scores < 0.0))),
+            _nees(pose),
+            _nees(np.array([landmark_nees(run) for run in runs])),
+            _means(depth),
             f"{wrong:.2%}",
             f"{100 * np.median([run.position_error[-1] for run in runs]):.1f}",
             f"{np.mean([run.distinct_landmarks[-1] for run in runs]):.1f}",

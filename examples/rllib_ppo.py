@@ -28,7 +28,12 @@ def main(iterations: int = 10, address: str | None = None, workers: int = 2) -> 
     config = (
         PPOConfig()
         .environment("active-slam")
-        .env_runners(num_env_runners=workers, num_envs_per_env_runner=16, rollout_fragment_length=140)
+        .env_runners(
+            num_env_runners=workers,
+            num_envs_per_env_runner=16,
+            rollout_fragment_length=140,
+            sample_timeout_s=600.0,  # the first may compile the kernels
+        )
         .training(
             train_batch_size_per_learner=2240 * workers,
             minibatch_size=448,

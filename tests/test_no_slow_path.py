@@ -97,7 +97,9 @@ def arrays(tree: tuple[Any, ...]) -> int:
 PARTS = "single", "scores", "batch", "memory"
 
 
-@pytest.mark.parametrize("parts", [PARTS, pytest.param(("stages", "growth", "peers", "images"), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "parts", [PARTS, pytest.param(("stages", "growth", "peers", "images"), marks=pytest.mark.slow)]
+)
 def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("tyro")
     from benchmarks.__main__ import Args, main

@@ -78,7 +78,9 @@ def row_of(client: Client) -> list[str]:
     before, after, steps, seconds = trained(client)
     script = " ".join((f"[{client.script}](../examples/{client.script})", *(f"`{one}`" for one in client.arguments)))
     name = f"{client.package} {version_of(client)}, {client.description}"
-    return [name, script, f"{steps:,}".replace(",", " "), f"{before} → {after}", str(seconds)]
+    row = [name, script, f"{steps:,}".replace(",", " "), f"{before} → {after}", str(seconds)]
+    print(", ".join(row), flush=True)
+    return row
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

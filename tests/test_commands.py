@@ -13,7 +13,7 @@ from agents.__main__ import COMMANDS, main
 from agents.compare import generalise
 from agents.tools.arguments import scenario_argument
 from agents.tools.files import json_text
-from agents.tools.sections import put_section
+from agents.tools.sections import put_section, table
 from agents.watching import command as watch
 from agents.watching.film import LOST, Film, side_by_side
 
@@ -122,3 +122,11 @@ def test_json_has_a_line_for_a_list_of_numbers_and_keeps_texts() -> None:
     text = json_text(value)
     assert json.loads(text) == value
     assert "    [1e-07, -2.5, null],\n    [true, 4]\n" in text
+
+
+def test_a_bar_in_a_cell_of_a_table_is_escaped_once() -> None:
+    assert table(["a", "log₂|P|"], [["1", r"|x\|"]]).splitlines() == [
+        r"| a | log₂\|P\| |",
+        "|---|---|",
+        r"| 1 | \|x\| |",
+    ]

@@ -33,7 +33,7 @@ class Table(NamedTuple):
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") -> str:
-    """A Markdown table; everything to the left if there is no `rule` under the header. Bare bars in cells are escaped."""
+    """A Markdown table; all to the left if there is no `rule` under the header. Bare bars in cells are escaped."""
     lines = ["| " + " | ".join(re.sub(r"(?<!\\)\|", r"\|", one) for one in cells) + " |" for cells in (header, *rows)]
     return "\n".join([lines[0], rule or "|---" * len(header) + "|", *lines[1:]])
 

@@ -1,5 +1,6 @@
 """`python -m benchmarks.studies.…`, small; their whole tables are in docs/."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,6 +71,15 @@ def test_images_tells_nees_and_noise(capsys: pytest.CaptureFixture[str]) -> None
     assert name == "stay, 1 rooms" and float(score) > 0.0 and 0.0 < float(pose.split()[0]) < 30.0
     assert 0.0 < float(landmarks.split()[0]) < 30.0 and 0.5 < float(depths) < 2.0
     assert noise.startswith("noise of a matched pixel: rms 0.")
+
+
+def test_nees_are_means_the_interval_of_the_last_and_the_greatest() -> None:
+    rows = np.array([[1.0, np.nan, value] for value in np.arange(1.0, 41.0)])
+    found = re.fullmatch(r"1.00 / 20.50 \[(.*), (.*)\] \(40.0\)", images._nees(rows))
+    assert found
+    low, high = map(float, found.groups())
+    assert 15.5 < low < 18.0 and 23.0 < high < 25.5
+    assert images._nees(np.full((2, 3), np.nan)) == ""
 
 
 @pytest.mark.parametrize("name", ["GoBack", "Face", "TurnIn", "SpinThenOrbit", "RIGHT_LEFT"])

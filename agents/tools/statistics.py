@@ -95,7 +95,7 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     elif statistic == "median":
         value, (low, high) = np.median(rooms), quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
-        value, (low, high) = _iqm(rooms), _bootstrap(rooms, _iqm)
+        value, (low, high) = _iqm(rooms), bootstrap_interval(rooms, _iqm)
     return Estimate(float(value), float(low), float(high), len(rooms), statistic)
 
 
@@ -119,7 +119,7 @@ def estimate_ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
     """
     rooms: Array = np.stack([np.asarray(one, dtype=float) for one in (parts, wholes)], axis=-1)
     value = float(_ratio(rooms)) if len(rooms) else np.nan
-    return Estimate(value, *_bootstrap(rooms, _ratio), len(rooms), "IQM")
+    return Estimate(value, *bootstrap_interval(rooms, _ratio), len(rooms), "IQM")
 
 
 def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
@@ -148,7 +148,7 @@ def _ratio(rooms: Array) -> Array:
     return np.divide(part, whole, out=np.full_like(part, np.nan), where=whole > 0.0)
 
 
-def _bootstrap(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
+def bootstrap_interval(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
     """Percentile bootstrap over rooms (the first axis), the same at each call; NaN where a resample has no figure."""
     if len(rooms) < FEWEST:
         return np.nan, np.nan

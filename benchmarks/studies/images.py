@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import bootstrap
 
 from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
 from agents.tools.sections import table as markdown
+from agents.tools.statistics import bootstrap_interval
 from benchmarks.studies import parser, played, tasks
 
 TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
@@ -101,12 +101,11 @@ def _means(rows: np.ndarray) -> str:
 
 def _nees(rows: np.ndarray) -> str:
     """The means of ``rows`` (n, 3), the 95 % bootstrap interval of the last column's, and the greatest number."""
-    last = rows[~np.isnan(rows[:, -1]), -1]
-    interval = ""
-    if len(last) > 1:
-        low, high = bootstrap((last,), np.mean, method="percentile", rng=0).confidence_interval
-        interval = f" [{low:.2f}, {high:.2f}]"
-    return f"{_means(rows)}{interval}" + (f" ({np.nanmax(rows):.1f})" if not np.isnan(rows).all() else "")
+    if np.isnan(rows).all():
+        return ""
+    low, high = bootstrap_interval(rows[~np.isnan(rows[:, -1]), -1], lambda drawn: drawn.mean(axis=1))
+    interval = "" if np.isnan(low) else f" [{low:.2f}, {high:.2f}]"
+    return f"{_means(rows)}{interval} ({np.nanmax(rows):.1f})"
 
 
 def summary(by_policy: dict[str, list[Episode]]) -> str:

@@ -30,22 +30,26 @@ ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher 
 BOARD    := $(if $(EPISODES),results/entries,agents/suite/entries)
 PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 
-# The learners of Stable-Baselines3 with the defaults of `agents train`, in scenarios that ask for decisions.
+# The learners of Stable-Baselines3 with the defaults of `agents train`, in scenarios that ask for decisions; their weights
+# lie in the entries' folders.
 LEARNERS := ppo a2c dqn sac
 SEEDS    := 0 1 2 3 4
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
-LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps $(if $(EPISODES),400,40000) --held-out-rooms 8 --unseen-rooms 0
+LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --held-out-rooms 8 --unseen-rooms 0
 
-learners: $(VENV)/.agents ## train five seeds of each learner (hours; the same command goes on): results/learners
+learners: $(VENV)/.agents ## train five seeds of each learner anew (an hour and a half; the same command goes on): weights of their entries
 	printf '%s\n' $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
+	for name in $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)); do for suffix in npz json; do \
+		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
+	done; done
 
-leaderboard: learners $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; with EPISODES=8 twenty minutes)
+leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this code already stays; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) --out $(BOARD) || exit 1; done
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
 		--note "imitates older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) --out $(BOARD)
 	for one in $(LEARNERS); do \
-		$(RUN) -m agents enter --name $$one-default --policies $(SEEDS:%=results/learners/$$one-%/policy.npz) \
+		$(RUN) -m agents enter --name $$one-default --policies agents/suite/entries/$$one-default/policy-?.npz \
 			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) --out $(BOARD) || exit 1; \
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md

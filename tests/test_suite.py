@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -147,6 +148,22 @@ def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str])
     assert not np.array(entry.lost["paper"]).any() and np.isfinite(entry.gains("paper")).all()
     assert verify(entered) == 0
     assert "2 of 2 episodes replayed, 0 with other scores: the entry holds." in capsys.readouterr().out
+
+
+def test_a_finished_entry_is_played_again_for_other_code_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entry = enter(tmp_path, "stay", "stay")
+    given = json.loads(entry.read_text())
+    entry.write_text(json.dumps(given | {"machine": "of then"}))
+    enter(tmp_path, "stay", "stay")
+    assert "of this code and these policies already" in capsys.readouterr().out
+    assert entries.read(entry).machine == "of then"
+    for other in ({"sources": given["sources"] | {"baselines": "0"}}, {"contents": ["0"]}, {"scores": "none"}):
+        entry.write_text(json.dumps(given | {"machine": "of then"} | other))
+        enter(tmp_path, "stay", "stay")
+        assert entries.read(entry) == replace(entries.read(entry), **{key: given[key] for key in ("scores", "lost")})
+        assert entries.read(entry).machine == given["machine"] and "Written to" in capsys.readouterr().out
 
 
 def test_a_learners_training_seeds_are_verified_with_their_weights(

@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from activeslam_gym.evaluation import Store
@@ -31,7 +31,8 @@ class Args:
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Processes."""
     out: Path = Path("results/entries")
-    """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again."""
+    """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again; nor is a
+    finished entry of the same policies and code."""
 
     def __post_init__(self) -> None:
         within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
@@ -50,6 +51,11 @@ def main(args: Args) -> int:
         names = [_beside(policy, folder, i) for i, policy in enumerate(args.policies)]
         environments = [of.environment(one) for one in of.scenarios]
         check(names, environments)
+        path = folder / entries.FILE
+        if kept := entries.finished(path, args.name, names, of, count):
+            write_json(path, asdict(replace(kept, note=args.note)))
+            print(f"{path} is of this code and these policies already. To play it again, delete it.")
+            return 0
         wanted = entries.tasks(names, of, count)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
         rehearse(names, environments, wanted[0].seed)
@@ -59,7 +65,6 @@ def main(args: Args) -> int:
             return 130
         found = {(one.policy, one.settings, one.seed): one for one in episodes}
         runs = [found[task.policy, task.settings, task.seed] for task in wanted]
-        path = folder / entries.FILE
         write_json(path, asdict(entries.made(args.name, names, of, args.note, runs)))
     print(f"Written to {path}. Check it: python -m agents verify {path}")
     return 0

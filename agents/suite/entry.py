@@ -92,21 +92,38 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
         return dict(zip(suite.scenarios, values.tolist()))
 
     return Entry(
-        name=name,
-        suite=suite.name,
-        manifest=suite.digest,
-        commit=suite.commit,
-        behaviour=suite.behaviour,
-        policies=tuple(Path(one).name if one.endswith(".npz") else one for one in names),
-        contents=tuple(map(content_of, names)),
-        sources={package: package_sources(package) for package in SOURCES},
-        versions=package_versions(VERSIONS),
+        **_decisive(name, names, suite),
         machine=machine(),
         training=tuple(map(cost_of, filter(pretrained.path_of, names))),
         note=note,
         scores=by_scenario("log_score_gain"),
         lost=by_scenario("lost"),
     )
+
+
+def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes: int) -> Entry | None:
+    """The entry in the file, if it is of these policies, suite and number of ``episodes``, and of this code."""
+    try:
+        kept = read(path)
+    except ValueError:
+        return None
+    is_same = kept.episodes == episodes and _decisive(name, names, suite).items() <= vars(kept).items()
+    return kept if is_same else None
+
+
+def _decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
+    """The fields of an entry that decide its scores, but for the processor."""
+    return {
+        "name": name,
+        "suite": suite.name,
+        "manifest": suite.digest,
+        "commit": suite.commit,
+        "behaviour": suite.behaviour,
+        "policies": tuple(Path(one).name if one.endswith(".npz") else one for one in names),
+        "contents": tuple(map(content_of, names)),
+        "sources": {package: package_sources(package) for package in SOURCES},
+        "versions": package_versions(VERSIONS),
+    }
 
 
 def content_of(policy: str) -> str:

@@ -37,7 +37,7 @@ SEEDS    := 0 1 2 3 4
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
 LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --held-out-rooms 8 --unseen-rooms 0
 
-learners: $(VENV)/.agents ## train five seeds of each learner anew (an hour and a half; the same command goes on): weights of their entries
+learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and a half; the same command goes on): weights of their entries
 	printf '%s\n' $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
 	for name in $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)); do for suffix in npz json; do \

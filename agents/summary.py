@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 import baselines
-from activeslam_gym import BEHAVIOUR
 from activeslam_gym.evaluation import TARGET, Episode, honesty, outcome
 from agents.tools.arguments import times_within
+from agents.tools.machine import code
 from agents.tools.sections import Table
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
@@ -161,7 +161,7 @@ def markdown(summary: Summary) -> str:
 def headline(summary: Summary) -> str:
     """One Markdown table, the highest log score first."""
     figures = {name: summary.policies[name] for name in by_log_score(summary.policies)}
-    return f"{_table('', figures, HEADLINE).markdown()}\n\n{LEGEND} BEHAVIOUR {BEHAVIOUR}."
+    return f"{_table('', figures, HEADLINE).markdown()}\n\n{LEGEND} {code()}."
 
 
 def _table(

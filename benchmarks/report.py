@@ -4,8 +4,7 @@ import platform
 from dataclasses import dataclass, field
 from typing import Any
 
-from activeslam_gym import BEHAVIOUR
-from agents.tools.machine import machine, versions
+from agents.tools.machine import code, machine, versions
 from agents.tools.sections import listed, table
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy", "scipy", "filterpy")
@@ -39,8 +38,8 @@ class Section:
 
 
 def provenance(command: str) -> str:
-    """The command, the machine, the versions and `BEHAVIOUR`."""
-    measured_on = f"{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}, BEHAVIOUR {BEHAVIOUR}."
+    """The command, the machine, the versions and the code."""
+    measured_on = f"{machine()}; {platform.platform()}; {listed(versions(PACKAGES))}, {code()}."
     return f"```bash\n{command}\n```\n\n{measured_on}"
 
 

@@ -21,6 +21,7 @@ from agents.suite import leaderboard, manifest
 from agents.suite.check import stale
 from agents.suite.entry import Entry
 from agents.suite.manifest import DRAWN, draw, drawn_seed, draws, suite
+from agents.tools.machine import code
 
 
 def written(folder: Path, **changes: Any) -> Path:
@@ -349,6 +350,18 @@ def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path, mo
     assert main(["check-results", "--pages", str(page)]) == 1
     page.write_text("<!-- generated: a -->\n1\n<!-- end: a -->\n")
     assert "does not say" in stale(page)[0]
+
+
+def test_pages_and_entries_of_several_codes_are_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entered: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(entries, "FOLDER", entered.parents[1])
+    page, other = tmp_path / "page.md", "0" * 12
+    page.write_text(f"<!-- generated: a -->\n{code()}.\n<!-- end: a -->\n")
+    assert main(["check-results", "--pages", str(page)]) == 0
+    page.write_text(page.read_text().replace(code(), f"BEHAVIOUR {activeslam_gym.BEHAVIOUR}, code {other}"))
+    assert main(["check-results", "--pages", str(page)]) == 1
+    assert f"- {other}: {page} (a)\n" in (said := capsys.readouterr().out) and ": the entry stay\n" in said
 
 
 def test_a_page_of_another_manifest_is_stale(tmp_path: Path) -> None:

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym import BEHAVIOUR
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from agents.study.claims import CLAIMS
 from agents.study.conditions import CHOICES, LIVE, SINGLES, STRATEGIES, Row, Rows, while_alive
 from agents.study.verdicts import FEWEST_ROOMS, Finding, under_choices
+from agents.tools.machine import code
 from agents.tools.sections import listed, table
 from agents.tools.statistics import Column
 
@@ -93,7 +93,7 @@ def _settings(settings: dict[str, Any]) -> str:
         "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
         f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote this page and everything in it. "
         f"{rooms}, for the paper's strategies and what single claims need; the first {settings['choice_episodes']} of "
-        f"them for the other choices. {settings['machine']}; {listed(settings['versions'])}, BEHAVIOUR {BEHAVIOUR}."
+        f"them for the other choices. {settings['machine']}; {listed(settings['versions'])}, {code()}."
     )
 
 

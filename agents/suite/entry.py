@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.evaluation import Episode, outcome
-from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LIBRARIES, digest, package_sources, package_versions
+from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LIBRARIES, digest, package_versions
 from agents import policies, pretrained
 from agents.suite.manifest import Suite
 from agents.task import Task, file_name
 from agents.tools.files import reading
-from agents.tools.machine import machine
+from agents.tools.machine import machine, sources
 
 FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
-SOURCES = ("activeslam_gym", "baselines", "agents.learn")  # packages that decide a score, beside the policy's own files
 VERSIONS = (*LIBRARIES, *IMAGE_LIBRARIES, *policies.LEARNING_LIBRARIES)
 COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
 TUPLES = ("policies", "contents", "training")
@@ -38,7 +37,7 @@ class Entry:
     behaviour: int
     policies: tuple[str, ...]  # P names; of weights, the file beside the entry's
     contents: tuple[str, ...]  # P digests of the policies' own files
-    sources: dict[str, str]  # digests of `SOURCES`
+    sources: dict[str, str]  # digests of `machine.SOURCES`
     versions: dict[str, str]  # of `VERSIONS`
     machine: str
     training: tuple[dict[str, Any], ...]  # of each learned policy, `COST`
@@ -121,7 +120,7 @@ def _decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
         "behaviour": suite.behaviour,
         "policies": tuple(Path(one).name if one.endswith(".npz") else one for one in names),
         "contents": tuple(map(content_of, names)),
-        "sources": {package: package_sources(package) for package in SOURCES},
+        "sources": sources(),
         "versions": package_versions(VERSIONS),
     }
 

@@ -14,12 +14,13 @@ import tyro
 
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Store, outcome
-from activeslam_gym.evaluation.code import package_sources, package_versions
+from activeslam_gym.evaluation.code import package_versions
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.task import Task, check, play_until_interrupted, rehearse
 from agents.tools.arguments import within
+from agents.tools.machine import sources
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
 IMAGE_SHARE = 0.1  # of the image episodes is replayed
@@ -112,7 +113,7 @@ def _of_another_suite(entry: Entry, of: Suite) -> list[str]:
 
 def _changed(entry: Entry, names: list[str]) -> list[str]:
     """The policies and costs that are not those of the files here. Of other code and versions a line is printed."""
-    here = {package: package_sources(package) for package in entries.SOURCES}
+    here = sources()
     others = [f"the sources of {name}" for name, now in here.items() if entry.sources.get(name) != now]
     versions = package_versions(entries.VERSIONS)
     others += [

@@ -6,9 +6,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import NamedTuple
 
-from activeslam_gym import BEHAVIOUR
 from agents.tools.files import reading, writable_folder, write_text
-from agents.tools.machine import machine, versions
+from agents.tools.machine import code, machine, versions
 
 PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
 
@@ -39,9 +38,9 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") 
 
 
 def provenance(command: str) -> str:
-    """The command, the day, the machine, the versions and `BEHAVIOUR`, as Markdown."""
+    """The command, the day, the machine, the versions and the code, as Markdown."""
     day = f"{datetime.now(timezone.utc):%Y-%m-%d}"
-    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}, BEHAVIOUR {BEHAVIOUR}."
+    return f"```bash\n{command}\n```\n\n{day}; {machine()}; {listed(versions(PACKAGES))}, {code()}."
 
 
 def listed(versions: Mapping[str, str]) -> str:

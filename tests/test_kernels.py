@@ -313,3 +313,10 @@ def test_no_two_choices_have_one_name() -> None:
     tables = [list(CRITERIA.values()), list(REWARDS.values())]
     names = [one_of(table[k:]).__qualname__ for table in tables for k in range(len(table))]
     assert len(set(names)) == len(names)
+
+
+def test_no_kernel_lets_the_compiler_reorder_sums() -> None:
+    """It did so in the search of images, in another way on each type of processor."""
+    package = Path(kernels.__file__).parent
+    found = [path.name for path in package.rglob("*.py") if "fastmath=True" in path.read_text(encoding="utf-8")]
+    assert not found

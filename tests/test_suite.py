@@ -151,6 +151,13 @@ def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str])
     assert "2 of 2 episodes replayed, 0 with other scores: the entry holds." in capsys.readouterr().out
 
 
+def test_another_processor_is_told(
+    edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert verify(edited(lambda given: given.update(machine="Abacus, 2 cores"))) == 0
+    assert "Not as on the entrant's machine: Abacus, 2 cores → " in capsys.readouterr().out
+
+
 def test_a_finished_entry_is_played_again_for_other_code_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

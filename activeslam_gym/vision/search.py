@@ -141,7 +141,7 @@ def integrals(image: np.ndarray) -> np.ndarray:
     return out
 
 
-@compiled(fastmath=True)
+@compiled(fastmath={"contract"})
 def _cross(image: np.ndarray, T: np.ndarray, top: int, left: int, out: np.ndarray) -> None:
     """out[x] = sum of T times the window of ``image`` whose first pixel is (left + x, top). The front end's hot loop.
 

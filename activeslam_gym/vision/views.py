@@ -57,7 +57,7 @@ def projected(camera: Record, pose: np.ndarray, points: np.ndarray) -> np.ndarra
     """
     R_WC, out = rotation_matrix(pose[3:7]), np.empty((len(points), 2))
     for z, point in zip(out, points):
-        if not pixel_from_camera_point(camera, R_WC.T @ (point - pose[:3]), z):
+        if not pixel_from_camera_point(camera, camera_point(R_WC, pose, point), z):
             raise ValueError("a corner of the target is behind the camera")
     return out
 

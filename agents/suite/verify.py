@@ -20,7 +20,7 @@ from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.task import Task, check, play_until_interrupted, rehearse
 from agents.tools.arguments import within
-from agents.tools.machine import sources
+from agents.tools.machine import machine, processor, sources
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
 IMAGE_SHARE = 0.1  # of the image episodes is replayed
@@ -119,6 +119,8 @@ def _changed(entry: Entry, names: list[str]) -> list[str]:
     others += [
         f"{one} {entry.versions.get(one)} → {now}" for one, now in versions.items() if entry.versions.get(one) != now
     ]
+    if not entry.machine.startswith(f"{processor()}, "):
+        others.append(f"{entry.machine} → {machine()}")
     if others:
         print(f"Not as on the entrant's machine: {', '.join(others)}.")
     pairs = zip(entry.policies, entry.contents, map(entries.content_of, names))

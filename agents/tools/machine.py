@@ -20,13 +20,15 @@ def machine() -> str:
 
 
 def processor() -> str:
-    """The processor's name, or "unknown"."""
+    """The processor's name, with its family and model where they are told, or "unknown"."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or "unknown"
+    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    name = told.get("model name") or platform.processor() or "unknown"
+    kind = f" (family {told['cpu family']}, model {told['model']})" if {"cpu family", "model"} <= told.keys() else ""
+    return name + kind
 
 
 def versions(packages: tuple[str, ...]) -> dict[str, str]:

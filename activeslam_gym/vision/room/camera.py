@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 
+from activeslam_gym.camera import world_from_camera
 from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import quaternion_product, rotation_matrix
 from activeslam_gym.kernels import Record
@@ -64,7 +65,7 @@ def introduce_target(front_end: FrontEnd, fiducials: np.ndarray, start: np.ndarr
     """Tell the front end the looks of the ``fiducials`` (4, 3) of a room: corners of the target, as it is printed, that
     hangs before ``start`` (7,)."""
     facing = quaternion_product(FACING, start[3:] * (1, -1, -1, -1))
-    normal = rotation_matrix(start[3:]) @ _AHEAD
+    normal = np.array(world_from_camera(rotation_matrix(start[3:]), _AHEAD))
     front_end.show(partial(target_seen, front_end.camera, fiducials.mean(axis=0), facing=facing), normal)
 
 
@@ -76,5 +77,6 @@ def target_seen(
 
     ``facing`` (4,): the turn of the world into the frame of the target.
     """
-    own = np.concatenate((rotation_matrix(facing) @ (pose[:3] - middle), quaternion_product(facing, pose[3:])))
+    place = world_from_camera(rotation_matrix(facing), pose[:3] - middle)
+    own = np.concatenate((place, quaternion_product(facing, pose[3:])))
     return printed_rectangle(camera, _TARGET, SHEET_SIZE, own, k, _SOFTNESS)

@@ -9,7 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from activeslam_gym.camera import camera_point, distance_between, pixel_from_camera_point, ray_from_pixel
+from activeslam_gym.camera import (
+    camera_point,
+    distance_between,
+    pixel_from_camera_point,
+    ray_from_pixel,
+    world_from_camera,
+)
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record, borrowing, compiled, record
 from activeslam_gym.motion import QUATERNION
@@ -49,7 +55,8 @@ def scene_point(scene: Scene, state: np.ndarray, camera: Record, pixel: np.ndarr
 
     ``state`` begins with the camera's position and quaternion. The nearest of all rectangles, each tested in turn.
     """
-    origin, ray = state[:3], rotation_matrix(state[QUATERNION]) @ ray_from_pixel(camera, pixel)
+    origin, R_WC = state[:3], rotation_matrix(state[QUATERNION])
+    ray = np.array(world_from_camera(R_WC, ray_from_pixel(camera, pixel)))
     nearest, surface = math.inf, -1
     for k in range(scene.surfaces.shape[0]):
         depth = _depth_along(scene.surfaces[k], origin, ray)

@@ -30,7 +30,10 @@ CLIENTS: dict[str, tuple[str, str, tuple[Any, ...], dict[str, Any]]] = {
 """A script, the package that it needs, arguments of its `main`, and more of them for the smallest run."""
 
 
-@pytest.fixture(params=CLIENTS)
+LONG = ("sb3-a2c", "sb3-dqn")  # `sb3-ppo` runs the same script
+
+
+@pytest.fixture(params=[pytest.param(one, marks=[pytest.mark.slow] if one in LONG else []) for one in CLIENTS])
 def client(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Any, dict]:
     """The `main` of a client's script, in a folder of its own, and arguments for its smallest run."""
     script, package, arguments, smallest = CLIENTS[request.param]

@@ -95,7 +95,7 @@ def test_the_fit_is_exact_on_exact_corners() -> None:
     assert fit.residual_px < 1e-4
 
 
-@pytest.mark.parametrize("noise_px", [0.1, 0.5])
+@pytest.mark.parametrize("noise_px", [0.1, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_repeated_fits_spread_as_they_claim(noise_px) -> None:
     rng, lenses, stds = np.random.default_rng(7), [], []
     for _ in range(40):

@@ -34,13 +34,14 @@ PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 # lie in the entries' folders.
 LEARNERS := ppo a2c dqn sac
 SEEDS    := 0 1 2 3 4
+TRAINED  := $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%))
 ASKING   := office+corridor+corner+sprint+noisy+clusters+rooms+gallery-pixels+corner-pixels
 LEARNED  := --scenario $(ASKING) --reward log_score --num-envs 4 --total-steps 40000 --held-out-rooms 8 --unseen-rooms 0
 
 learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and a half; the same command goes on): weights of their entries
-	printf '%s\n' $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
+	printf '%s\n' $(TRAINED) | OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 xargs -P $(WORKERS) -I NAME sh -c 'name=NAME; \
 		exec $(RUN) -m agents train --algorithm $${name%-*} --seed $${name#*-} $(LEARNED) --out results/learners/$$name'
-	for name in $(foreach one,$(LEARNERS),$(SEEDS:%=$(one)-%)); do for suffix in npz json; do \
+	for name in $(TRAINED); do for suffix in npz json; do \
 		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
 	done; done
 

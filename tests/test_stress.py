@@ -18,7 +18,7 @@ def test_random_scenarios_are_legal_and_differ() -> None:
 def test_every_scenario_is_flown_and_a_number_that_is_not_finite_found(
     monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    assert stress.main(["--frames", "60", "--scenarios", "2"]) == 0
+    assert stress.main(["--frames", "160", "--scenarios", "2"]) == 0
     assert f"{len(SCENARIOS) + 2} scenarios" in capsys.readouterr().out
     step = ActiveSLAMVectorEnv.step
 

@@ -151,7 +151,7 @@ def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str])
     assert "2 of 2 episodes replayed, 0 with other scores: the entry holds." in capsys.readouterr().out
 
 
-def test_another_processor_is_told(
+def test_another_processor_is_named(
     edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert verify(edited(lambda given: given.update(machine="Abacus, 2 cores"))) == 0
@@ -163,12 +163,12 @@ def test_a_finished_entry_is_played_again_for_other_code_alone(
 ) -> None:
     entry = enter(tmp_path, "stay", "stay")
     given = json.loads(entry.read_text())
-    entry.write_text(json.dumps(given | {"machine": "of then"}))
+    entry.write_text(json.dumps(given | {"machine": "elsewhere"}))
     enter(tmp_path, "stay", "stay")
     assert "of this code and these policies already" in capsys.readouterr().out
-    assert entries.read(entry).machine == "of then"
+    assert entries.read(entry).machine == "elsewhere"
     for other in ({"sources": given["sources"] | {"baselines": "0"}}, {"contents": ["0"]}, {"scores": "none"}):
-        entry.write_text(json.dumps(given | {"machine": "of then"} | other))
+        entry.write_text(json.dumps(given | {"machine": "elsewhere"} | other))
         enter(tmp_path, "stay", "stay")
         assert entries.read(entry) == replace(entries.read(entry), **{key: given[key] for key in ("scores", "lost")})
         assert entries.read(entry).machine == given["machine"] and "Written to" in capsys.readouterr().out
@@ -346,6 +346,10 @@ def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path, mo
     copy.write_text(json.dumps(json.loads(copy.read_text()) | {"scores": {"paper": [[10.0, 20.0]]}}))
     arguments = ["--suite", name, "--entries", str(tmp_path / "of"), "--report", str(page), "--out", str(tmp_path)]
     assert main(["leaderboard", *arguments]) == 0
+    assert "another code" not in page.read_text()
+    copy.write_text(json.dumps(json.loads(copy.read_text()) | {"sources": {}}))
+    assert main(["leaderboard", *arguments]) == 0
+    assert "another code than that of this page: stay." in page.read_text()
     assert "| stay | 0.0 [" in page.read_text() and (tmp_path / "profiles.png").stat().st_size > 1000
     assert len(stale(page)) == 1  # of a manifest that is not here
     monkeypatch.setattr(manifest, "FOLDER", tmp_path / "of")
@@ -359,7 +363,7 @@ def test_the_leaderboard_is_made_from_a_folder(entered: Path, tmp_path: Path, mo
     assert "does not say" in stale(page)[0]
 
 
-def test_pages_and_entries_of_several_codes_are_told(
+def test_pages_and_entries_of_several_codes_are_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, entered: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(entries, "FOLDER", entered.parents[1])

@@ -20,15 +20,15 @@ def machine() -> str:
 
 
 def processor() -> str:
-    """The processor's name, with its family and model where they are told, or "unknown"."""
+    """The processor's name, with its family and model where they are known, or "unknown"."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    told = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    name = told.get("model name") or platform.processor() or "unknown"
-    kind = f" (family {told['cpu family']}, model {told['model']})" if {"cpu family", "model"} <= told.keys() else ""
-    return name + kind
+    fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    name = fields.get("model name") or platform.processor() or "unknown"
+    known = {"cpu family", "model"} <= fields.keys()
+    return name + (f" (family {fields['cpu family']}, model {fields['model']})" if known else "")
 
 
 def versions(packages: tuple[str, ...]) -> dict[str, str]:

@@ -293,7 +293,7 @@ def test_the_board_of_made_up_scores(monkeypatch: pytest.MonkeyPatch) -> None:
     loops = [of_scores("stay", [50.0 + 0.0 * episodes]), of_scores("sweep", [100.0 + 0.0 * episodes])]
     learned = of_scores("mine", [150.0 + episodes - 9.5 + run for run in (-1.0, 0.0, 1.0)], note="as it is")
     wrong = of_scores("sure", [np.where(episodes < 5, -1e6, 400.0)])  # it fails in a quarter of its episodes
-    whole, each, failed, best = leaderboard.board(suite("development"), [*loops, learned, wrong])
+    whole, each, leads, failed, best = leaderboard.board(suite("development"), [*loops, learned, wrong])
     rows = {row[0]: row[1:] for row in whole.rows}
     assert [row[0] for row in whole.rows] == ["sure", "mine", "sweep", "stay"]
     assert {row[1] for row in best.rows} == {"sweep"}
@@ -306,6 +306,7 @@ def test_the_board_of_made_up_scores(monkeypatch: pytest.MonkeyPatch) -> None:
     assert rows["mine"][0] == "0.0 [0.0, 2.3]"  # none of 160 failed, whatever the number of training seeds
     assert rows["sure"][0].startswith("25.0 [") and rows["sure"][2].startswith("75 [")
     assert dict(zip(each.header, each.rows[2]))["office"] == "100 [100, 100]"
+    assert [row[1] for row in leads.rows][2:] == ["0 [0, 0]", "-50 [-50, -50]"] and leads.rows[1][1].startswith("50 [4")
     assert [row[1] for row in failed.rows] == ["25.0", "0.0", "0.0", "0.0"]
 
 

@@ -92,11 +92,13 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
     each = [
         [entry.name, *(aggregate(entry.gains(one)[None]).text(digits=0) for one in of.scenarios)] for entry in order
     ]
+    leads = [[entry.name, *(lead(entry, best[one], one).text(digits=0) for one in of.scenarios)] for entry in order]
     failed = [[entry.name, *(f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)] for entry in order]
     header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
     return [
         Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
+        Table("Lead over the best open-loop entry in the same episode, bits (IQM)", ["entry", *of.scenarios], leads),
         Table("Failures, %", ["entry", *of.scenarios], failed),
         Table(
             "The best open-loop entry",
@@ -124,6 +126,11 @@ def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
 def aggregate(scores: Array) -> Estimate:
     """The interquartile mean of ``scores`` (S, P, E) of scenarios, training seeds and episodes, with its interval."""
     return _bootstrapped(scores, _iqm)
+
+
+def lead(entry: Entry, best: Entry, scenario: str) -> Estimate:
+    """The interquartile mean of what an entry gains more [bit] than the ``best`` one in the same episodes."""
+    return aggregate((entry.gains(scenario) - best.gains(scenario).mean(axis=0))[None])
 
 
 def improvement(entry: Entry, best: Mapping[str, Entry]) -> Estimate:

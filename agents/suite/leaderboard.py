@@ -92,13 +92,13 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
     each = [
         [entry.name, *(aggregate(entry.gains(one)[None]).text(digits=0) for one in of.scenarios)] for entry in order
     ]
-    leads = [[entry.name, *(lead(entry, best[one], one).text(digits=0) for one in of.scenarios)] for entry in order]
+    ahead = [[entry.name, *(aggregate(one[None]).text(digits=0) for one in leads(entry, best))] for entry in order]
     failed = [[entry.name, *(f"{100.0 * entry.failed(one).mean():.1f}" for one in of.scenarios)] for entry in order]
     header = ["entry", "failures, %", "normalised score (IQM)", "probability to gain more, %", "training", "note"]
     return [
         Table(f"All scenarios: {of.label}, {found[0].episodes} episodes each", header, whole),
         Table("Log score gained, bits (IQM)", ["entry", *of.scenarios], each),
-        Table("Lead over the best open-loop entry in the same episode, bits (IQM)", ["entry", *of.scenarios], leads),
+        Table("Lead over the best open-loop entry in the same episode, bits (IQM)", ["entry", *of.scenarios], ahead),
         Table("Failures, %", ["entry", *of.scenarios], failed),
         Table(
             "The best open-loop entry",
@@ -128,15 +128,14 @@ def aggregate(scores: Array) -> Estimate:
     return _bootstrapped(scores, _iqm)
 
 
-def lead(entry: Entry, best: Entry, scenario: str) -> Estimate:
-    """The interquartile mean of what an entry gains more [bit] than the ``best`` one in the same episodes."""
-    return aggregate((entry.gains(scenario) - best.gains(scenario).mean(axis=0))[None])
+def leads(entry: Entry, best: Mapping[str, Entry]) -> Array:
+    """(S, P, E): what it gains more [bit] than the ``best`` open-loop entry of a scenario in the same episode."""
+    return np.stack([entry.gains(one) - loop.gains(one).mean(axis=0) for one, loop in best.items()])
 
 
 def improvement(entry: Entry, best: Mapping[str, Entry]) -> Estimate:
     """The probability to gain more than the ``best`` open-loop entry in the same episode; ties are halves."""
-    gaps = np.stack([entry.gains(one) - loop.gains(one).mean(axis=0) for one, loop in best.items()])
-    return _bootstrapped(0.5 * (1.0 + np.sign(gaps)), lambda ahead: float(ahead.mean()))
+    return _bootstrapped(0.5 * (1.0 + np.sign(leads(entry, best))), lambda ahead: float(ahead.mean()))
 
 
 def failures(entry: Entry) -> Estimate:
@@ -160,10 +159,10 @@ def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:
     best = {one: best_open_loop(of, found, one) for one in of.scenarios}
     figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes, at = figure.subplots(), np.linspace(-0.5, 2.0, 251)
-    for entry in found:
+    for index, entry in enumerate(found):
         scores = _normalised(entry, best).reshape(len(best), -1, 1)
         shares = (scores >= at).mean(axis=(0, 1))
-        axes.plot(at, 100.0 * shares, label=entry.name)
+        axes.plot(at, 100.0 * shares, f"C{index}", ls="-" if index < 10 else "--", label=entry.name)  # of ten colours
     axes.set(xlabel="normalised log score x", ylabel="episodes with at least x, %", xlim=at[[0, -1]], ylim=(0.0, 100.0))
     axes.axvline(1.0, color="0.7", linewidth=0.8, zorder=0)
     axes.legend(fontsize=8)

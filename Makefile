@@ -55,7 +55,7 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
 
-results: leaderboard ## every number and picture of the pages, at one commit (hours; the same command goes on)
+results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
 	$(RUN) -m agents bounds --episodes $(or $(EPISODES),10) --report docs/BOUNDS.md

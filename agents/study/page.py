@@ -91,7 +91,7 @@ def _settings(settings: dict[str, Any]) -> str:
     rooms = f"{settings['episodes']} rooms, seeds {settings['seed']} … {settings['seed'] + settings['episodes'] - 1}"
     return (
         "The experiments of *Active Control for Single Camera SLAM* (ICRA 2006) over many rooms, beside what the paper "
-        f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote this page and everything in it. "
+        f"says.\n\nCommand: `{settings['command']}` (or `make figures`), which wrote all but section V. "
         f"{rooms}, for the paper's strategies and what single claims need; the first {settings['choice_episodes']} of "
         f"them for the other choices. {settings['machine']}; {listed(settings['versions'])}, {code()}."
     )

@@ -45,8 +45,7 @@ def rewards() -> str:
 
 
 def leaderboard() -> str:
-    """Every policy with its clip and, where the headline of RESULTS.md has it, its score; in that order."""
-    import baselines
+    """The policies of the headline of RESULTS.md, with scores and clips."""
     from agents import pretrained
     from agents.tools.sections import sections_of
 
@@ -60,11 +59,10 @@ def leaderboard() -> str:
     columns = [found[0].index(title) for title in titles]
     clips = {path.stem for path in (root / "docs" / "images" / "clips").glob("*.gif")}
     rows = []
-    for name in dict.fromkeys([*scored, *pretrained.names(), *baselines.names()]):
+    for name, row in scored.items():
         kind = f"learned: [its card](cards/{name}.md)" if name in pretrained.names() else "computed"
         clip = f"![{name} in the episode 1000111](images/clips/{name}.gif){{ width=320 }}" if name in clips else ""
-        numbers = [scored[name][column] for column in columns] if name in scored else ["not yet"] * 3
-        rows.append((f"`{name}`<br>{kind}", *numbers, clip))
+        rows.append((f"`{name}`<br>{kind}", *(row[column] for column in columns), clip))
     head = ("policy", "log score gain, bits: median", "under 0, %", "lost, %", "one episode, 4 times as fast")
     return _table(head, rows)
 

@@ -12,7 +12,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners leaderboard results check-results figures advice bench clients client-figures clips docs stress test test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners leaderboard results check-results figures advice bench clients client-figures clips docs stress test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' Makefile
@@ -92,7 +92,10 @@ clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images
 stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random ones (minutes): does it break?
 	$(RUN) -m benchmarks.stress
 
-test: lint ## lint, then every test but the slow ones, and the notebooks
+test: $(VENV)/.dev ## lint, every test but the slow ones, and the notebooks
+	$(MAKE) --jobs 2 lint pytest # mypy has one process
+
+pytest: $(VENV)/.dev
 	NOTEBOOK_STEPS=2240 NOTEBOOK_ROOMS=2 NOTEBOOK_SECONDS=10 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks
 
 test-oldest: ## the tests without those of learning, with the lowest versions that pyproject.toml allows and Python 3.10, if installed (10 minutes or more)

@@ -142,6 +142,7 @@ def test_the_target_is_found_with_a_bias_until_it_is_drawn_again() -> None:
     assert np.std([np.frombuffer(bias) for bias in errors]) == pytest.approx(SIGHTED.fiducial_bias_std, rel=0.6)
 
 
+@pytest.mark.slow
 def test_the_belief_is_about_as_certain_as_by_images() -> None:
     """Of three rooms, the deviations of the camera over time, and the features."""
     logs, counts = [], []

@@ -223,6 +223,7 @@ def test_contents_that_were_not_used_for_long_are_forgotten(copy: Path) -> None:
 
 
 @compiles
+@pytest.mark.slow
 def test_a_damaged_file_in_the_cache_is_made_anew_and_alone(copy: Path) -> None:
     """Flipped bits once crashed Python at every start, and one damaged file cost the files of other processes."""
     said(copy)

@@ -94,12 +94,11 @@ def arrays(tree: tuple[Any, ...]) -> int:
     return sum(arrays(part) if isinstance(part, tuple) else 1 for part in tree)
 
 
-PARTS = "single", "scores", "batch", "memory"
+PARTS = "single", "scores"
+MORE = "batch", "memory", "stages", "growth", "peers", "images"
 
 
-@pytest.mark.parametrize(
-    "parts", [PARTS, pytest.param(("stages", "growth", "peers", "images"), marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("parts", [PARTS, pytest.param(MORE, marks=pytest.mark.slow)])
 def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("tyro")
     from benchmarks.__main__ import Args, main

@@ -15,6 +15,7 @@ def test_random_scenarios_are_legal_and_differ() -> None:
     assert len(set(drawn)) == 20 and Scenario(name="random") not in drawn
 
 
+@pytest.mark.slow  # tests/test_env.py flies them too
 def test_every_scenario_is_flown_and_a_number_that_is_not_finite_found(
     monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:

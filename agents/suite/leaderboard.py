@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import trim_mean
 
 from agents.figures import save_figure
 from agents.suite import entry as entries
@@ -190,7 +189,9 @@ def _normalised(entry: Entry, best: Mapping[str, Entry]) -> Array:
 
 
 def _iqm(values: Array) -> float:
-    return float(trim_mean(values, 0.25, axis=None))
+    """That of `scipy.stats.trim_mean` to the bit, which takes ten times as long in a bootstrap."""
+    cut = values.size // 4
+    return float(np.partition(values, (cut, values.size - cut - 1), axis=None)[cut : values.size - cut].mean())
 
 
 def _training(entry: Entry, of: Suite) -> str:

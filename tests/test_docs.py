@@ -16,6 +16,7 @@ from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from agents import pretrained
+from agents.tools.sections import sections_of
 from examples import fisher_trace
 from tests.support import python
 
@@ -171,8 +172,11 @@ def test_the_manual_builds_without_a_warning_and_opens_as_a_file(tmp_path: Path)
     text = {page.relative_to(site).as_posix(): page.read_text(encoding="utf-8") for page in site.rglob("*.html")}
     names = [*REWARDS, *SCENARIOS, *first_names("Observation space")]
     assert all(f"<code>{name}</code>" in text["environment.html"] for name in names)
+    board = text["leaderboard.html"]
+    headline = [row[0] for row in rows(sections_of(ROOT / "RESULTS.md")["headline"])]
+    assert len(headline) > 10 and all(f"<code>{name}</code>" in board for name in headline) and "not yet" not in board
     clips = [path.name for path in (ROOT / "docs" / "images" / "clips").glob("*.gif")]
-    assert len(clips) > 10 and all(f"images/clips/{clip}" in text["leaderboard.html"] for clip in clips)
+    assert len(clips) > 10 and all(f"images/clips/{clip}" in board for clip in clips)
     assert {f"notebooks/{path.stem}.html" for path in NOTEBOOKS} <= set(text)
     formulas = text["mathematics.html"]
     assert formulas.count("<math ") > 50 and "arithmatex" not in formulas and "--8&lt;--" not in formulas

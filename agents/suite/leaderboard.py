@@ -20,7 +20,7 @@ from agents.suite.manifest import Suite, suite
 from agents.tools.arguments import Figures, Pages
 from agents.tools.machine import sources
 from agents.tools.sections import Table
-from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate
+from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
 
 Array = NDArray[np.float64]
 SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and the first alone
@@ -124,7 +124,7 @@ def best_open_loop(of: Suite, found: Sequence[Entry], scenario: str) -> Entry:
 
 def aggregate(scores: Array) -> Estimate:
     """The interquartile mean of ``scores`` (S, P, E) of scenarios, training seeds and episodes, with its interval."""
-    return _bootstrapped(scores, _iqm)
+    return _bootstrapped(scores, interquartile_mean)
 
 
 def leads(entry: Entry, best: Mapping[str, Entry]) -> Array:
@@ -134,7 +134,7 @@ def leads(entry: Entry, best: Mapping[str, Entry]) -> Array:
 
 def improvement(entry: Entry, best: Mapping[str, Entry]) -> Estimate:
     """The probability to gain more than the ``best`` open-loop entry in the same episode; ties are halves."""
-    return _bootstrapped(0.5 * (1.0 + np.sign(leads(entry, best))), lambda ahead: float(ahead.mean()))
+    return _bootstrapped(0.5 * (1.0 + np.sign(leads(entry, best))), _mean)
 
 
 def failures(entry: Entry) -> Estimate:
@@ -146,7 +146,7 @@ def failures(entry: Entry) -> Estimate:
     failed = np.stack([entry.failed(one) for one in entry.scores]).astype(float)
     count = failed[:, 0].size
     exact = estimate(np.arange(count) < round(count * failed.mean()), "share")
-    drawn = _bootstrapped(failed, lambda resampled: float(resampled.mean()))
+    drawn = _bootstrapped(failed, _mean)
     low, high = np.fmin(exact.low, drawn.low), np.fmax(exact.high, drawn.high)
     return Estimate(float(failed.mean()), float(low), float(high), failed.size, "share")
 
@@ -168,8 +168,8 @@ def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def _bootstrapped(scores: Array, figure: Callable[[Array], float]) -> Estimate:
-    """A figure of ``scores`` (S, P, E); its interval is NaN for fewer than `FEWEST` episodes.
+def _bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Estimate:
+    """A figure, (..., scores) -> (...), of ``scores`` (S, P, E); its interval is NaN for fewer than `FEWEST` episodes.
 
     A training seed is resampled with all its scenarios, since the same weights play them; episodes in each scenario.
     """
@@ -177,21 +177,24 @@ def _bootstrapped(scores: Array, figure: Callable[[Array], float]) -> Estimate:
 
     def resampled() -> Array:
         columns = rng.integers(E, size=(S, 1, E))
-        return np.take_along_axis(scores[:, rng.integers(P, size=P)], columns, axis=2)
+        return np.take_along_axis(scores[:, rng.integers(P, size=P)], columns, axis=2).ravel()
 
-    drawn = [figure(resampled()) for _ in range(RESAMPLES)] if E >= FEWEST else [np.nan]
-    low, high = np.quantile(drawn, TAILS)
-    return Estimate(figure(scores), float(low), float(high), scores.size, "mean")
+    low, high = np.nan, np.nan
+    if E >= FEWEST:
+        low, high = np.quantile(figure(np.stack([resampled() for _ in range(RESAMPLES)])), TAILS)
+    return Estimate(float(figure(scores.ravel())), float(low), float(high), scores.size, "mean")
 
 
 def _normalised(entry: Entry, best: Mapping[str, Entry]) -> Array:
     return np.stack([entry.gains(one) / _iqm(loop.gains(one)) for one, loop in best.items()])
 
 
+def _mean(scores: Array) -> Array:
+    return np.asarray(scores.mean(axis=-1))
+
+
 def _iqm(values: Array) -> float:
-    """That of `scipy.stats.trim_mean` to the bit, which takes ten times as long in a bootstrap."""
-    cut = values.size // 4
-    return float(np.partition(values, (cut, values.size - cut - 1), axis=None)[cut : values.size - cut].mean())
+    return float(interquartile_mean(values.ravel()))
 
 
 def _training(entry: Entry, of: Suite) -> str:

@@ -95,7 +95,7 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     elif statistic == "median":
         value, (low, high) = np.median(rooms), quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
-        value, (low, high) = _iqm(rooms), bootstrap_interval(rooms, _iqm)
+        value, (low, high) = interquartile_mean(rooms), bootstrap_interval(rooms, interquartile_mean)
     return Estimate(float(value), float(low), float(high), len(rooms), statistic)
 
 
@@ -135,8 +135,8 @@ def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
     return float(own), float(other)
 
 
-def _iqm(rooms: Array) -> Array:
-    """(..., rooms) -> (...)."""
+def interquartile_mean(rooms: Array) -> Array:
+    """(..., rooms) -> (...): the mean of the middle half."""
     from scipy.stats import trim_mean
 
     return np.asarray(trim_mean(rooms, 0.25, axis=-1))
@@ -144,7 +144,7 @@ def _iqm(rooms: Array) -> Array:
 
 def _ratio(rooms: Array) -> Array:
     """(..., rooms, 2) -> (...)."""
-    part, whole = _iqm(rooms[..., 0]), _iqm(rooms[..., 1])
+    part, whole = interquartile_mean(rooms[..., 0]), interquartile_mean(rooms[..., 1])
     return np.divide(part, whole, out=np.full_like(part, np.nan), where=whole > 0.0)
 
 

@@ -92,8 +92,9 @@ clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images
 stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random ones (minutes): does it break?
 	$(RUN) -m benchmarks.stress
 
+# mypy has one process: it runs beside the tests.
 test: $(VENV)/.dev ## lint, every test but the slow ones, and the notebooks
-	$(MAKE) --jobs 2 lint pytest # mypy has one process
+	$(MAKE) --jobs 2 lint pytest
 
 pytest: $(VENV)/.dev
 	NOTEBOOK_STEPS=2240 NOTEBOOK_ROOMS=2 NOTEBOOK_SECONDS=10 OMP_NUM_THREADS=1 $(RUN) -m pytest -n $(WORKERS) --dist worksteal --nbmake --nbmake-timeout=300 tests notebooks

@@ -6,11 +6,13 @@ to the whole process, and of the layers at hand one dies in a forked child and t
 at once. Here each environment has its own threads, started at the first use and again in a forked child.
 """
 
+import functools
+import inspect
 import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any
+from typing import Any, TypeVar
 
 from activeslam_gym.config import whole_number
 
@@ -27,16 +29,66 @@ _FEWEST = 8
 """Rows of a slice at least, but where there are hardly more rows than threads: each slice is a call of its own."""
 
 
+class OneThread:
+    """A context that one thread at a time may enter, as often as it likes.
+
+    Raises:
+        RuntimeError: another thread is inside.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._process = threading.RLock(), os.getpid()
+
+    def __enter__(self) -> None:
+        if self._lock.acquire(blocking=False):
+            return
+        if self._process == os.getpid():
+            raise RuntimeError("an environment is used by two threads at once; make one for each thread")
+        self.__init__()  # type: ignore[misc]  # in a forked child the thread that was inside is gone
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def __reduce__(self) -> Any:
+        """Copies and pickles are free."""
+        return OneThread, ()
+
+
+Class = TypeVar("Class", bound=type)
+
+
+def for_one_thread(cls: Class) -> Class:
+    """Decorator: the public methods and properties of a class with a `Workers` ``_workers`` enter its ``alone``."""
+
+    def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def call(self: Any, *arguments: Any, **named: Any) -> Any:
+            with self._workers.alone:
+                return function(self, *arguments, **named)
+
+        return call
+
+    for name, member in list(vars(cls).items()):
+        if name.startswith("_"):
+            continue
+        if inspect.isfunction(member):
+            setattr(cls, name, guarded(member))
+        elif isinstance(member, property) and member.fget:
+            setattr(cls, name, property(guarded(member.fget), member.fset, doc=member.__doc__))
+    return cls
+
+
 class Workers:
     """Calls kernels on contiguous slices of ``rows`` rows, which threads take one after another, the caller's too.
 
-    ``threads``: at most as many as rows; None: as many as cores that the process may use.
+    ``threads``: at most as many as rows; None: as many as cores that the process may use. ``alone``: entered by calls.
 
     Raises:
         ValueError: ``threads`` is no positive whole number.
     """
 
-    def __init__(self, rows: int, threads: int | None = None) -> None:
+    def __init__(self, rows: int, threads: int | None = None, alone: OneThread | None = None) -> None:
         wanted = available_cores() if threads is None else whole_number("num_threads", threads)
         self.threads = min(wanted, rows)
         """In use, the caller's included."""
@@ -45,7 +97,7 @@ class Workers:
         self._slices = list(zip(ends[:-1], ends[1:], strict=True))
         self._pool: ThreadPoolExecutor | None = None
         self._process = os.getpid()
-        self._busy = threading.Lock()
+        self.alone = alone or OneThread()
 
     def call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         """Call ``kernel(*arguments, start, stop)`` for every slice of rows, and wait for all.
@@ -54,13 +106,9 @@ class Workers:
             RuntimeError: another thread is in a call.
         """
         if self._process != os.getpid():  # a forked child has neither the parent's threads nor their locks
-            self._pool, self._busy, self._process = None, threading.Lock(), os.getpid()
-        if not self._busy.acquire(blocking=False):
-            raise RuntimeError("an environment is used by two threads at once; make one for each thread")
-        try:
+            self._pool, self._process = None, os.getpid()
+        with self.alone:
             self._call(kernel, *arguments)
-        finally:
-            self._busy.release()
 
     def _call(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         left = iter(self._slices)  # shared: each slice is given out once
@@ -86,8 +134,5 @@ class Workers:
         self._pool = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Copies and pickles start their own threads, and have a lock of their own."""
-        return {**self.__dict__, "_pool": None, "_busy": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _busy=threading.Lock())
+        """Copies and pickles start their own threads."""
+        return {**self.__dict__, "_pool": None}

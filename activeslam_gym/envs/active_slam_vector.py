@@ -20,9 +20,10 @@ from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import nearest_gaze
-from activeslam_gym.threads import Workers
+from activeslam_gym.threads import Workers, for_one_thread
 
 
+@for_one_thread
 class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """`ActiveSLAMEnv` for ``num_envs`` cameras, each in its own room; see there for what one of them is.
 
@@ -49,6 +50,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
     _encoding: Encoding = PAIRS
+    closed = True  # until the constructor has taken its arguments
 
     def __init__(
         self,
@@ -86,6 +88,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         self._begun, self._over = np.zeros(self.num_envs, bool), np.zeros(self.num_envs, bool)
         self._phases, self._commands = np.zeros(self.num_envs, np.int64), np.zeros((self.num_envs, 4))
         self._histories = [History() for _ in range(self.num_envs)]
+        self.closed = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -149,8 +152,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
-        if hasattr(self, "_workers"):  # the constructor may have refused its arguments
-            self._workers.close()
+        self._workers.close()
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -30,7 +30,7 @@ from activeslam_gym.motion import COMMANDS, POSITION, QUATERNION
 from activeslam_gym.slam.draws import count_in_longer_frames, drawn_from
 from activeslam_gym.slam.estimate import taken_estimate
 from activeslam_gym.slam.estimator import COMPILED
-from activeslam_gym.threads import Workers
+from activeslam_gym.threads import Workers, for_one_thread
 from activeslam_gym.world.room import draw_room
 from activeslam_gym.world.simulator import CLUTTER_LABEL
 
@@ -59,6 +59,7 @@ class Outcome(NamedTuple):
     """(R,) log2 N(imagined truth | belief) [bit]."""
 
 
+@for_one_thread
 class Imagination:
     """Imagined futures of environment ``i`` of ``env``; a single environment is its own 0th.
 
@@ -76,7 +77,7 @@ class Imagination:
             raise ValueError(f"imagined runs need scenario.estimator of {allowed}, got {env.scenario.estimator!r}")
         self._env, self._i, self._seed = env, i, seed
         self._batch = empty_runs(env.scenario, ROWS)
-        self._workers = Workers(ROWS, threads)
+        self._workers = Workers(ROWS, threads, env._workers.alone)
         self._rooms = empty_runs(env.scenario, 0)
         self._rng = np.random.default_rng(seed)
         self._places, self._chances = np.zeros((0, 3)), np.zeros(0)

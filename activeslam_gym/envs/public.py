@@ -27,7 +27,7 @@ from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT
 from activeslam_gym.registry import REGISTERED
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
-from activeslam_gym.threads import Workers
+from activeslam_gym.threads import Workers, for_one_thread
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import Truth, truth_of
 
@@ -105,6 +105,7 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
     }
 
 
+@for_one_thread
 class Reads:
     """B runs and what may be read of them: a batch has a leading axis B, a single environment (B = 1) none."""
 
@@ -278,6 +279,7 @@ class Reads:
         return [self._at(i) for i in range(len(self._runs.episode))]
 
 
+@for_one_thread
 class SingleReads(Reads):
     """Of one run: a batch of one, or one row of a larger batch, of which it shows the present state."""
 
@@ -330,6 +332,7 @@ class SingleReads(Reads):
         return _nees_per_dof(self._run)
 
 
+@for_one_thread
 class BatchReads(Reads):
     """Of a batch."""
 
@@ -345,7 +348,7 @@ class BatchReads(Reads):
         count = len(self._runs.episode)
         if i not in range(count):
             raise ValueError(f"i must be in 0 … {count - 1}, got {i!r}")
-        one = SingleReads(self.setting, row(self._runs, slice(i, i + 1)), Workers(1))
+        one = SingleReads(self.setting, row(self._runs, slice(i, i + 1)), Workers(1, alone=self._workers.alone))
         one._perceptions = self._perceptions[i : i + 1]
         return one
 

@@ -58,7 +58,6 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
-	$(RUN) -m agents bounds --episodes $(or $(EPISODES),10) --report docs/BOUNDS.md
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 	$(if $(EPISODES),,$(RUN) -m agents check-results)
 

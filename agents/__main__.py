@@ -6,7 +6,6 @@ from importlib import import_module
 
 PROGRAM = "python -m agents"
 COMMANDS = {
-    "bounds": "agents.bounds.command",
     "check-results": "agents.suite.check",
     "compare": "agents.compare.command",
     "consistency": "agents.consistency.command",

@@ -50,7 +50,7 @@ FILES = {
 FILES |= {"broken.py": "def (:", "broken.npz": "PK\3\4 not all", "broken.json": "{}", "half.npz": "", "half.json": "{"}
 
 PLAY = "compare consistency generalise"
-ROOMS = f"{PLAY} study bounds"
+ROOMS = f"{PLAY} study"
 UNKNOWN = "is unknown; allowed: random, stay, sweep"
 TABLE: tuple[tuple[str, str, str, str], ...] = (
     # files and folders
@@ -59,7 +59,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("watch", "--save", "TMP/file/a.gif /dev/null/a.png", "is no folder to write to"),
     ("watch", "--rerun", "TMP", "is a folder; allowed: a file"),
     ("watch", "--save", "clip clip.avi clip.GIF TMP", "must end in .gif, .webp, .png, .mp4, got"),
-    (f"{PLAY} bounds live", "--report", "TMP/absent.md TMP", "there is no page"),
+    (f"{PLAY} live", "--report", "TMP/absent.md TMP", "there is no page"),
     (PLAY, "--report", "TMP/page.md", "has no section <!-- generated:"),
     (PLAY, "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     (PLAY, "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
@@ -69,11 +69,8 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("export", "--policy", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     # policies
     (PLAY, "--policies", "nobody MI-FISHER ppo2", UNKNOWN),
-    ("bounds", "--greedy", "nobody", UNKNOWN),
     ("watch", "--policies", "nobody", UNKNOWN),
     (PLAY, "--policies", "", "policies: none given; allowed: one name or more"),
-    ("bounds", "--scenarios", "", "scenarios: none given; allowed: one name or more"),
-    ("bounds", "--scenarios", "nowhere", "scenario must be one of paper"),
     ("generalise", "--scenarios", "nowhere", "scenarios: nowhere; allowed: paper"),
     (PLAY, "--policies", "raising:make", "cannot be imported (ZeroDivisionError: division by zero (raising.py:1))"),
     ("compare", "--policies", "exits:make broken:make own:absent own: : :make a:b:c", "cannot be imported"),

@@ -115,10 +115,6 @@ class LearnedPolicy:
             logits = self._actor(torch.as_tensor(self._read(observations, np.full(len(observations), True))))
             return [part.softmax(dim=1).numpy() for part in logits]
 
-    def decisions(self, observations: np.ndarray, context: np.ndarray) -> np.ndarray:
-        """(B, D) of runs of the environment's scenario, and their context (B, C) -> the preferred actions."""
-        return self._decide(self._inputs(observations, context), True)
-
     def _read(self, observations: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """The inputs of the network, of the ``chosen`` environments."""
         context = np.atleast_2d(self._env.context) if self._inputs.contextual else observations

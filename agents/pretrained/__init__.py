@@ -1,6 +1,5 @@
 """The shipped weights, `NAME.npz`, each beside its card, `NAME.json`: how it was trained, and what it reached."""
 
-import json
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
@@ -15,9 +14,3 @@ def path_of(name: str) -> Path | None:
     """The shipped weights of that name, or the file of weights (policy.npz) that it is; None where there is none."""
     path = Path(name) if name.endswith(".npz") else FOLDER / f"{name}.npz"
     return path if path.is_file() else None
-
-
-def trained_in(scenario: str) -> list[str]:
-    """Names of the shipped policies that were trained in the named scenario."""
-    cards = {name: json.loads((FOLDER / f"{name}.json").read_text(encoding="utf-8")) for name in names()}
-    return [name for name, card in cards.items() if card["scenario"] == scenario]

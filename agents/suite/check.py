@@ -18,7 +18,6 @@ PAGES = (
     "docs/BENCHMARKS.md",
     "docs/leaderboard.md",
     "docs/STUDY.md",
-    "docs/BOUNDS.md",
     "docs/live.md",
     "docs/consistency_report.md",
     "docs/clients.md",

@@ -5,7 +5,7 @@ interquartile mean has one by the bootstrap, since it leaves out the tails. A me
 failure does not show how far it lies from the true mean.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -95,31 +95,8 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     elif statistic == "median":
         value, (low, high) = np.median(rooms), quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
-        value, (low, high) = interquartile_mean(rooms), bootstrap_interval(rooms, interquartile_mean)
+        value, (low, high) = interquartile_mean(rooms), bootstrap_interval(rooms)
     return Estimate(float(value), float(low), float(high), len(rooms), statistic)
-
-
-def shares(scores: Mapping[str, Mapping[int, float]], planner: str, base: str) -> dict[str, Estimate]:
-    """Policy → its lead over `base` divided by that of `planner`, from policy → seed → log score gained [bit].
-
-    Interquartile means over the rooms that all three saw.
-    """
-    found = {}
-    for name, own in scores.items():
-        seeds = [seed for seed in own if seed in scores[planner] and seed in scores[base]]
-        leads = ([one[seed] - scores[base][seed] for seed in seeds] for one in (own, scores[planner]))
-        found[name] = estimate_ratio(*leads)
-    return found
-
-
-def estimate_ratio(parts: ArrayLike, wholes: ArrayLike) -> Estimate:
-    """IQM of `parts` (rooms,) over that of `wholes` (rooms,), in pairs; NaN where the latter is not positive.
-
-    The interval is NaN where a resample of the rooms gives no ratio: the whole may be zero.
-    """
-    rooms: Array = np.stack([np.asarray(one, dtype=float) for one in (parts, wholes)], axis=-1)
-    value = float(_ratio(rooms)) if len(rooms) else np.nan
-    return Estimate(value, *bootstrap_interval(rooms, _ratio), len(rooms), "IQM")
 
 
 def paired_rmse(errors: ArrayLike, others: ArrayLike) -> tuple[float, float]:
@@ -142,16 +119,10 @@ def interquartile_mean(rooms: Array) -> Array:
     return np.asarray(trim_mean(rooms, 0.25, axis=-1))
 
 
-def _ratio(rooms: Array) -> Array:
-    """(..., rooms, 2) -> (...)."""
-    part, whole = interquartile_mean(rooms[..., 0]), interquartile_mean(rooms[..., 1])
-    return np.divide(part, whole, out=np.full_like(part, np.nan), where=whole > 0.0)
-
-
-def bootstrap_interval(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
-    """Percentile bootstrap over rooms (the first axis), the same at each call; NaN where a resample has no figure."""
+def bootstrap_interval(rooms: Array) -> tuple[float, float]:
+    """Percentile bootstrap of the interquartile mean over rooms (rooms,), the same at each call; NaN for too few."""
     if len(rooms) < FEWEST:
         return np.nan, np.nan
     drawn = np.random.default_rng(0).integers(len(rooms), size=(RESAMPLES, len(rooms)))
-    low, high = np.quantile(figure(rooms[drawn]), TAILS)
+    low, high = np.quantile(interquartile_mean(rooms[drawn]), TAILS)
     return float(low), float(high)

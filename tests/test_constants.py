@@ -1,7 +1,6 @@
-"""`best-constant`, shares of a lead, the loose bound, and the command that sets policies between their bounds."""
+"""`best-constant`, and the tables of the choices in the named scenarios."""
 
 import json
-import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +11,7 @@ import pytest
 
 import baselines
 from activeslam_gym import SCENARIOS, Gaze, Motion, Scenario
-from agents.__main__ import main
-from agents.bounds.ceiling import ceiling
-from agents.task import make_environment, run_policy
-from agents.tools.statistics import shares
+from agents.task import make_environment
 from baselines import __main__ as table
 from baselines import constants, readings, sequences
 from baselines.constants import CONSTANTS, TABLE, best_constant, choose, key_of, log_scores
@@ -104,39 +100,3 @@ def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(
     assert table.main(["nowhere"]) == 2
     told = capsys.readouterr().err
     assert all(name in told for name in ("nowhere", *SCENARIOS))
-
-
-def test_shares_of_the_planners_lead() -> None:
-    base = {0: 10.0, 1: 20.0, 2: 0.0}
-    planner = {0: 14.0, 1: 22.0}
-    half = {0: 11.0, 1: 22.0, 2: 99.0}  # room 2, which the planner has not seen, is left out
-    found = shares({"base": base, "planner": planner, "half": half}, "planner", "base")
-    assert [found[name].value for name in ("base", "planner", "half")] == [0.0, 1.0, 0.5]
-    assert found["half"].rooms == 2
-    assert math.isnan(shares({"a": base, "b": base}, "a", "b")["a"].value)  # a planner without a lead
-
-
-def test_the_loose_bound_is_above_a_real_run_and_below_it_with_a_worse_camera() -> None:
-    settings = {"gaze_period": 0.25, "duration": 10.0}
-    (episode,) = run_policy("orbit", make_environment(settings), [1])
-    gained = episode.log_score[-1] - episode.log_score[0]
-    best, worse = ceiling(episode, Scenario()), ceiling(episode, Scenario(pixel_std=4.0))
-    assert best > gained
-    assert best - worse == pytest.approx(3.0 * 27, abs=0.5)  # half the sharpness: a bit in each dimension
-
-
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_command_writes_table_and_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for few, value in (("HALVINGS", ((1, 2),)), ("REFINEMENTS", 0)):
-        monkeypatch.setattr(sequences, few, value)
-    page = tmp_path / "page.md"
-    page.write_text("<!-- generated: bounds -->\n<!-- end: bounds -->\n", encoding="utf-8")
-    given = ["--scenarios", "paper", "--episodes", "2", "--duration", "2", "--greedy", "mi-constant"]
-    where = ["--learned", "sweep", "--out", str(tmp_path / "out"), "--report", str(page), "--jobs", "1"]
-    assert main(["bounds", *given, *where]) == 0
-    rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
-    planners = ["planner, 8 runs", "planner, 24 runs", "planner, 72 runs", "oracle planner"]
-    names = ["best-constant", "best-sequence", "mi-constant", "sweep", *planners, "upper bound on its path"]
-    assert [row.split(" | ")[0][2:] for row in rows[2:]] == names
-    pytest.importorskip("matplotlib")
-    assert (tmp_path / "images" / "bounds.png").stat().st_size > 10_000

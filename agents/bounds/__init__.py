@@ -1,1 +1,0 @@
-"""Open-loop, greedy, learned and planning policies between their bounds."""

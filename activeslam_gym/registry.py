@@ -1,8 +1,9 @@
 """Registries: the criteria, rewards, estimators, sensors and scenarios that are chosen by name."""
 
+import difflib
 import math
 import numbers
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
@@ -61,7 +62,9 @@ class Registry(dict[str, Entry]):
             ValueError: there is no such entry; the message lists those that there are.
         """
         if not isinstance(name, str) or name not in self:
-            raise ValueError(f"{argument or self.kind} must be one of {', '.join(self)}, got {name!r}")
+            raise ValueError(
+                f"{argument or self.kind} must be one of {', '.join(self)}, got {name!r}{did_you_mean(name, self)}"
+            )
 
     def number(self, name: Any) -> int:
         """The number by which kernels know one of the package's own entries, or REGISTERED; raises as `require`."""
@@ -83,6 +86,13 @@ class Registry(dict[str, Entry]):
         if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
             raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r}")
         return float(value)
+
+
+def did_you_mean(word: Any, known: Iterable[str]) -> str:
+    """Completes an error's message: " (did you mean 'paper'?)"; nothing where no known word is near."""
+    names = {one.lower(): one for one in known}
+    near = difflib.get_close_matches(str(word)[:80].lower(), names, 1)
+    return f" (did you mean {names[near[0]]!r}?)" if near else ""
 
 
 REGISTRIES: list[Registry[Any]] = []  # all registries of this process

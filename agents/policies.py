@@ -8,6 +8,7 @@ from traceback import extract_tb
 from typing import Any
 
 import baselines
+from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor
 from activeslam_gym.evaluation.code import digest, module_sources, package_versions
 from agents import pretrained
@@ -39,10 +40,9 @@ def factory(name: str) -> Factory:
         return lambda env, seed: learned(path.stem, env, path.parent)
     if name.endswith(".npz"):
         raise ValueError(f"policy: {name!r} is no file of weights")
-    known = ", ".join([*baselines.names(), *pretrained.names()])
-    raise ValueError(
-        f"policy: {name!r} is unknown; allowed: {known}, a file of weights (policy.npz), 'package.module:factory'"
-    )
+    known = [*baselines.names(), *pretrained.names()]
+    allowed = f"{', '.join(known)}, a file of weights (policy.npz), 'package.module:factory'"
+    raise ValueError(f"policy: {name!r} is unknown{did_you_mean(name, known)}; allowed: {allowed}")
 
 
 def offered(name: str) -> Callable[[Environment], Predictor]:

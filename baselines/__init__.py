@@ -7,6 +7,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from activeslam_gym.config import did_you_mean
+
 from .constants import BestConstant
 from .fixed import Orbit, Random, Stay, Sweep
 from .greedy import JointGreedy, Lookahead, greedy
@@ -49,6 +51,9 @@ def make(name: str, env: Environment, **kwargs: Any) -> Policy:
 
     Raises ValueError for an unknown name, and lists the known ones.
     """
-    if name not in _FACTORIES:
-        raise ValueError(f"name: {name!r} is no baseline; allowed: {', '.join(_FACTORIES)}")
+    if name not in names():
+        hint = "agents.load(name, env) loads trained policies too"
+        raise ValueError(
+            f"name: {name!r} is no baseline{did_you_mean(name, _FACTORIES)}; allowed: {', '.join(_FACTORIES)}; {hint}"
+        )
     return _FACTORIES[name](env, **kwargs)

@@ -51,7 +51,7 @@ FILES |= {"broken.py": "def (:", "broken.npz": "PK\3\4 not all", "broken.json": 
 
 PLAY = "compare consistency generalise"
 ROOMS = f"{PLAY} study"
-UNKNOWN = "is unknown; allowed: random, stay, sweep"
+UNKNOWN = "; allowed: random, stay, sweep"
 TABLE: tuple[tuple[str, str, str, str], ...] = (
     # files and folders
     (f"{ROOMS} train live", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),

@@ -12,6 +12,8 @@ import gymnasium
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
 
 import agents
 import baselines
@@ -96,6 +98,31 @@ def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSL
         refuses("options", lambda options=options: batch.reset(options=options))
     for mask in (5, [True, False], np.array([1, 0]), np.zeros(2, bool), np.ones(1, bool), np.ones((2, 1), bool), None):
         refuses("reset_mask", lambda mask=mask: batch.reset(options={"reset_mask": mask}))
+
+
+def test_an_unknown_argument_names_the_nearest_field_and_scenario() -> None:
+    for make in (ActiveSLAMEnv, partial(ActiveSLAMVectorEnv, 2), partial(gymnasium.make, "ActiveSLAM-v0")):
+        told = refuses("scenario=", partial(make, n_landmarks=5), TypeError)
+        assert "landmark_count" in told
+    assert "did you mean 'gaze_period'" in refuses("gaze_perod", partial(ActiveSLAMEnv, gaze_perod=0.2), TypeError)
+    assert "did you mean 'pixel_std'" in refuses("pixel_sd", partial(ActiveSLAMEnv, scenario={"pixel_sd": 1.0}))
+    assert "did you mean 'paper'" in refuses("scenario", partial(ActiveSLAMEnv, scenario="papr"))
+
+
+def test_numbers_of_numpy_do_not_spoil_the_specification() -> None:
+    given = {"gaze_period": np.float32(0.25), "scenario": {"landmark_count": np.int64(20)}}
+    for env in (
+        gymnasium.make("ActiveSLAM-v0", **given),
+        gymnasium.make_vec("ActiveSLAM-v0", num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP, **given),
+    ):
+        again = EnvSpec.from_json(env.spec.to_json())
+        assert again.kwargs["gaze_period"] == 0.25 and again.kwargs["scenario"] == {"landmark_count": 20}
+
+
+def test_ignored_options_of_a_reset_warn(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
+    for one in (env, batch):
+        with pytest.warns(UserWarning, match="ignores options"):
+            one.reset(seed=1, options={"room": 3})
 
 
 def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:

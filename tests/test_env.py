@@ -54,6 +54,14 @@ def detections_of(env) -> list[tuple[int, np.ndarray, np.ndarray]]:
     ]
 
 
+def test_the_nees_of_info_is_that_of_nees_per_degree_of_freedom() -> None:
+    env = made()
+    env.reset(seed=0)
+    info = env.step((Motion.LEFT, Gaze.LEFT))[4]
+    error, P = env.truth.position - env.belief.position, env.belief.covariance[:3, :3]
+    assert info["position_nees"] == env.nees()["position"] == pytest.approx(error @ np.linalg.solve(P, error) / 3.0)
+
+
 @pytest.mark.parametrize("name", IDS)
 def test_checkers_pass_without_a_warning(name: str) -> None:
     with warnings.catch_warnings():

@@ -177,7 +177,7 @@ def test_it_flies_an_episode_consistently() -> None:
             errors.append(info["position_nees"])
         mapped += info["landmarks_mapped"]
         assert not info["lost"] and info["log_score"] > 50.0 and info["events"]["wrong_matches"] == 0
-    assert 0.2 < np.mean(errors) < 3.0 and mapped >= 6
+    assert 0.07 < np.mean(errors) < 1.0 and mapped >= 6
 
 
 def test_where_gtsam_fails_the_estimate_stays() -> None:

@@ -4,6 +4,7 @@ import math
 import operator
 import sys
 from collections.abc import Callable
+from enum import Enum
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 MOST_FRAMES = 10**9
@@ -107,7 +108,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, bounds in self.BOUNDS.items():
-            value = _plain(getattr(self, name))
+            value = plain(getattr(self, name))
             object.__setattr__(self, name, value)
             for bound in bounds:
                 self._demand(name, bound.holds(value), bound.allowed)
@@ -123,7 +124,7 @@ class Settings:
 
 def positive_number(name: str, value: Any, unit: str) -> float:
     """``value`` as a float, which may be infinite. ValueError, with ``name``: it is no positive number."""
-    value = _plain(value)
+    value = plain(value)
     if not (is_number(value) or (isinstance(value, float) and value == math.inf)) or value <= 0:
         raise ValueError(f"{name} must be a positive number of {unit}, got {value!r}")
     return float(value)
@@ -153,15 +154,17 @@ def whole_multiple(name: str, value: Any, unit_name: str, unit: float, most: int
     return count
 
 
-def _plain(value: Any, levels: int = 3) -> Any:
-    """The value with tuples for lists, and Python's numbers for scalars of NumPy.
+def plain(value: Any, levels: int = 3) -> Any:
+    """The value with tuples for lists, Python's numbers for scalars of NumPy, and values for members of enums.
 
     An ellipsis replaces parts that are nested deeper than ``levels``, more than any field needs: messages stay short.
     """
     if isinstance(value, (list, tuple, dict)) and levels == 0:
         return ...
     if isinstance(value, (list, tuple)):
-        return tuple(_plain(part, levels - 1) for part in value)
+        return tuple(plain(part, levels - 1) for part in value)
     if isinstance(value, dict):
-        return {name: _plain(part, levels - 1) for name, part in value.items()}
+        return {name: plain(part, levels - 1) for name, part in value.items()}
+    if isinstance(value, Enum):
+        return value.value
     return value.item() if getattr(value, "shape", None) == () else value

@@ -8,7 +8,7 @@ from typing import Any
 from activeslam_gym.config.filter import DEPTH_PARTICLES
 from activeslam_gym.config.room import ANYWHERE, CLUSTERS, CORNER, SURFACES, WALL
 from activeslam_gym.config.scenario import Scenario
-from activeslam_gym.registry import Registry
+from activeslam_gym.registry import Registry, did_you_mean
 
 _CALM = {"pixel_std": 1.0, "acceleration_std": 0.2, "angular_acceleration_std": 0.2}
 """Less noise, for rooms where visible landmarks are up to 6 m away, and often none is in view."""
@@ -145,5 +145,6 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
         raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")
     known = sorted(field.name for field in fields(Scenario))
     if unknown := [key for key in value if key not in known]:
-        raise ValueError(f"scenario has no field {', '.join(map(str, unknown))}; its fields are {', '.join(known)}")
+        told = ", ".join(f"{key}{did_you_mean(key, known)}" for key in unknown)
+        raise ValueError(f"scenario has no field {told}; its fields are {', '.join(known)}")
     return Scenario(**{"name": "custom", **value})

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 
@@ -105,8 +106,14 @@ def action_masks(space: spaces.Space[Any], commands: np.ndarray, phases: np.ndar
     return np.hstack((motions, np.ones((len(motions), GAZE_COUNT), bool)))
 
 
-def checked_options(options: dict[str, Any] | None) -> dict[str, Any]:
-    """The ``options`` of a reset, an empty dict for None; a ValueError where they are no dict."""
+def checked_options(options: dict[str, Any] | None, *known: str) -> dict[str, Any]:
+    """The ``options`` of a reset, an empty dict for None; warns of keys that are not ``known``.
+
+    Raises:
+        ValueError: they are no dict.
+    """
     if not isinstance(options, (dict, type(None))):
         raise ValueError(f"options must be a dict or None, got {options!r}")
+    for key in (options or {}).keys() - set(known):
+        gymnasium.logger.warn(f"reset() ignores options[{key!r}]; what an episode is like is set by gym.make")
     return options or {}

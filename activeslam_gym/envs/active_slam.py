@@ -111,7 +111,8 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     independent of the true ones. The estimate is the mean of the prior: at the room's centre, at rest, facing K
     fiducials 1.2 to 2 m ahead; the true pose is drawn from the prior. Other scenarios start in a corner or anywhere,
     put landmarks on surfaces or in clusters, and draw boxes and walls, see `Scenario`. The noise of frame k does not
-    depend on earlier actions, so that policies with the same seed are compared in pairs. `options` are ignored.
+    depend on earlier actions, so that policies with the same seed are compared in pairs. `options` are ignored, with a
+    warning.
 
     ## End
 
@@ -150,7 +151,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `position_error` | m | of the camera |
     | `orientation_error` | rad | of the camera |
     | `landmark_rmse` | m | over the distinct landmarks; inf until there is one |
-    | `position_nees` | | error squared over covariance, 3 degrees of freedom |
+    | `position_nees` | | NEES of the camera's position per degree of freedom, as `nees()["position"]` |
     | `lost` | | whether the run is lost, or was before |
     | `lost_at_end` | | whether it is lost at the moment |
     | `reward_terms` | | gain of every potential of `envs.reward` in this step, and `forfeit` |
@@ -175,6 +176,7 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Raises:
         ValueError: a bad argument or action; the message names it, its value and what is allowed.
+        TypeError: there is no such argument.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
@@ -191,10 +193,12 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
         end_when_lost: bool = True,
         render_mode: str | None = None,
         render_size: tuple[int, int] = (960, 640),
+        **unknown: Any,
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode in self.metadata["render_modes"])):
             raise ValueError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
-        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
+        given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
+        setting = resolve(*given, **unknown)
         super().__init__(setting, empty_runs(setting.scenario, 1), Workers(1))
         self.render_mode = render_mode
         self.render_size = checked_size(render_size)

@@ -42,6 +42,7 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
 
     Raises:
         ValueError: a bad argument or action; the message names it, its value and what is allowed.
+        TypeError: there is no such argument.
     """
 
     metadata: dict[str, Any] = {
@@ -67,11 +68,13 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         max_episode_steps: int | None = None,
         render_size: tuple[int, int] = (960, 640),
+        **unknown: Any,
     ) -> None:
         if not (render_mode is None or (isinstance(render_mode, str) and render_mode == "rgb_array")):
             raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r}")
         self.num_envs = whole_number("num_envs", num_envs)
-        setting = resolve(scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost)
+        given = scenario, gaze_period, motion_period, duration, reward, lost_position_error, end_when_lost
+        setting = resolve(*given, **unknown)
         workers = Workers(self.num_envs, num_threads)
         super().__init__(setting, empty_runs(setting.scenario, self.num_envs), workers)
         self.render_mode = render_mode
@@ -263,7 +266,7 @@ def _seeds(seed: int | Sequence[int | None] | None, count: int) -> list[int | No
 
 def _reset_mask(options: dict[str, Any] | None, count: int) -> np.ndarray:
     """Which environments to reset, (B,): all, or those of ``options["reset_mask"]``."""
-    mask = checked_options(options).get("reset_mask", np.ones(count, bool))
+    mask = checked_options(options, "reset_mask").get("reset_mask", np.ones(count, bool))
     if not (isinstance(mask, np.ndarray) and mask.shape == (count,) and mask.dtype == np.bool_ and mask.any()):
         raise ValueError(f"options['reset_mask'] must be a bool array ({count},) with a true value, got {mask!r}")
     return mask.copy()

@@ -160,7 +160,7 @@ def _evaluate_errors(run: Run) -> None:
     p, theta = error[D_POSITION], error[D_ROTATION]
     e.position_error = math.sqrt(p[0] ** 2 + p[1] ** 2 + p[2] ** 2)
     e.orientation_error = math.sqrt(theta[0] ** 2 + theta[1] ** 2 + theta[2] ** 2)
-    e.position_nees = nees(p, estimate.covariance[D_POSITION, D_POSITION])
+    e.position_nees = nees(p, estimate.covariance[D_POSITION, D_POSITION]) / 3.0
     count, squares = 0, 0.0
     for distance in landmark_errors(run.owner, run.world.landmarks, estimate):
         if not math.isnan(distance):

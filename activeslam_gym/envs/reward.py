@@ -28,7 +28,7 @@ EVALUATION = record(
     position_error="f8",  # of the camera [m]
     orientation_error="f8",  # of the camera [rad]
     landmark_rmse="f8",  # over the distinct landmarks [m]; inf until there is one
-    position_nees="f8",  # 3 degrees of freedom
+    position_nees="f8",  # of the camera, per degree of freedom
 )
 """What a belief is worth at one moment."""
 

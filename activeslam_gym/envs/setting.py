@@ -8,9 +8,11 @@ from typing import Any
 import activeslam_gym.slam.filter  # noqa: F401  (registers the estimator "ekf")
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import (
+    BOUNDS,
     KNOWN,
     MOST_HELD_FRAMES,
     Scenario,
+    did_you_mean,
     positive_number,
     scenario_from,
     whole_multiple,
@@ -29,6 +31,8 @@ from activeslam_gym.slam.frame import filter_of
 from activeslam_gym.world.scenes import SCENES
 from activeslam_gym.world.simulator import sensor_of
 
+_NO_FIELDS = ("motion_period", "reward", "lost_position_error", "end_when_lost", "render_mode", "render_size")
+"""Arguments of an environment that no scenario has as a field."""
 PICTURE_SIDE = (64, 8192)  # the least and the most pixels of a picture's side
 
 
@@ -64,13 +68,18 @@ def resolve(
     reward: str,
     lost_position_error: float,
     end_when_lost: bool = True,
+    **unknown: Any,
 ) -> Setting:
     """Check the arguments of an environment and work out its constants.
 
     Raises:
+        TypeError: an argument is ``unknown``.
         ValueError: an argument is unknown, out of range, or no whole number of the period that it must be made of; the
             message names it, its value and what is allowed.
     """
+    for name, value in unknown.items():
+        field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
+        raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
     resolved = scenario_from(scenario)
     frame, most = resolved.frame_time, MOST_HELD_FRAMES
     duration = resolved.duration if duration is None else duration

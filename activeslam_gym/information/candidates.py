@@ -280,7 +280,8 @@ def checked_plans(plans: Any) -> np.ndarray:
     """
     array = np.asarray(plans)
     if array.dtype != ACTION or array.ndim != 2 or array.shape[1] == 0:
-        raise ValueError(f"plans must be an array (A, L) of ACTION, got {plans!r}")
+        told = "plans must be an array (A, L) of activeslam_gym.information.candidates.ACTION (motion, gaze, frames)"
+        raise ValueError(f"{told}: np.array([[(Motion.LEFT, Gaze.STAY, 20)]], ACTION), for example; got {plans!r}")
     least, limit = (REMAIN, 0, 0), (MOTION_COUNT, GAZE_COUNT, np.inf)
     for name, low, high in zip(ACTION.names or (), least, limit, strict=True):
         if not ((array[name] >= low) & (array[name] < high)).all():

@@ -23,11 +23,11 @@ from benchmarks.studies import NEES, SCENARIOS, parser, played, tasks
 POLICIES = (
     "orbit mi-mi mi-fisher joint-mi fisher-fisher variance-reduction lookahead-2 mi-constant sweep random stay".split()
 )
-OVERCONFIDENT = 11.3
-"""A loss is overconfident where the NEES of the position is over this: 99 % of chi-square with 3 degrees of freedom."""
+OVERCONFIDENT = 11.3 / 3.0
+"""A loss is overconfident where the NEES of the position per degree of freedom is over this: 99 % of chi-square."""
 TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
 HEADER = (
-    *("policy", "lost, %", "lost with NEES > 11.3, %", "wrong matches, %", "log score < 0, %", "< −1000, %"),
+    *("policy", "lost, %", "lost with NEES > 3.8, %", "wrong matches, %", "log score < 0, %", "< −1000, %"),
     *("its median", "its mean", "NEES of position, orientation, landmarks at 5 · 15 · 35 s"),
 )
 

@@ -10,7 +10,7 @@ import baselines
 from activeslam_gym.evaluation import TARGET, Episode, honesty, outcome
 from agents.tools.arguments import times_within
 from agents.tools.machine import code
-from agents.tools.sections import Table
+from agents.tools.sections import Table, escaped
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
 MOST_LOST = 0.25  # a policy that is lost in a greater share of the rooms has no headline
@@ -153,9 +153,8 @@ def text(summary: Summary) -> str:
 
 def markdown(summary: Summary) -> str:
     """All tables in Markdown, with the notes."""
-    parts = [f"### {table.title.replace('*', chr(92) + '*')}\n\n{table.markdown()}" for table in tables(summary)]
-    notes = [note.replace("* ", "\\* ", 1) for note in summary.notes]
-    return "\n\n".join(["## Comparison", *parts, LEGEND, *notes]) + "\n"
+    parts = [f"### {escaped(table.title)}\n\n{table.markdown()}" for table in tables(summary)]
+    return "\n\n".join(["## Comparison", *parts, LEGEND, *map(escaped, summary.notes)]) + "\n"
 
 
 def headline(summary: Summary) -> str:

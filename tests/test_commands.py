@@ -1,6 +1,7 @@
 """`python -m agents`: options, generated sections, and small commands in full."""
 
 import json
+import re
 from pathlib import Path
 
 import gymnasium as gym
@@ -13,7 +14,7 @@ from agents.__main__ import COMMANDS, main
 from agents.compare import generalise
 from agents.tools.arguments import scenario_argument
 from agents.tools.files import json_text
-from agents.tools.sections import put_section, table
+from agents.tools.sections import Table, escaped, put_section, table
 from agents.watching import command as watch
 from agents.watching.film import LOST, Film, side_by_side
 
@@ -45,6 +46,24 @@ def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) 
     for nested in ('{"a":' * 10**5, '{"pixel_std": ' + "[" * 10**5, '{"pixel_std": ' + "9" * 5000 + "}"):
         with pytest.raises(ValueError, match=r"^scenario: .{2,90} is no JSON object \("):
             scenario_argument(nested)
+
+
+def test_a_foreign_text_neither_closes_a_section_nor_is_markup(tmp_path: Path) -> None:
+    """A note with the closing mark ended the section, and stayed in the page for good."""
+    page = tmp_path / "page.md"
+    page.write_text("<!-- generated: board -->\n<!-- end: board -->\nEnd.\n")
+    note = (
+        "a | b\n<!-- end: board --><img src=x> `c` [d](javascript:e) {: onclick=f } *g* $h$ <!-- table: i --> \x1b[2J"
+    )
+    whole = Table("", ["entry", "note"], [["my_policy", note]])
+    for text in (whole.markdown(), f"{note} <!-- generated: board -->", "short"):
+        assert put_section(page, "board", text)
+        assert page.read_text().count("<!--") == 2 and page.read_text().endswith("<!-- end: board -->\nEnd.\n")
+    assert page.read_text() == "<!-- generated: board -->\nshort\n<!-- end: board -->\nEnd.\n"
+    row = whole.markdown().splitlines()[-1]
+    assert len(whole.markdown().splitlines()) == 3 and "my_policy" in row and len(re.split(r"(?<!\\)\|", row)) == 4
+    assert not set("<>`*{}$\x1b") & set(row) and "](" not in row and "\x1b" not in whole.aligned()
+    assert escaped("1.46 [1.45, 1.48]") == "1.46 [1.45, 1.48]"
 
 
 def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,7 +84,7 @@ def board(of: Suite, found: Sequence[Entry]) -> list[Table]:
             means[entry.name].text(digits=2),
             improvement(entry, best).text(100.0, 0),
             _training(entry, of),
-            entry.note.replace("|", "/"),
+            entry.note,
         ]
         for entry in order
     ]

@@ -13,7 +13,7 @@ PACKAGES = ("activeslam-gym", "gymnasium", "numba", "numpy")
 
 
 class Table(NamedTuple):
-    """A title, the header, and rows of text as long as the header."""
+    """A title, the header, and rows of plain text as long as the header."""
 
     title: str
     header: list[str]
@@ -21,18 +21,30 @@ class Table(NamedTuple):
 
     def aligned(self) -> str:
         """The title over columns of equal width, names to the left and figures to the right."""
-        lines = [self.header, *self.rows]
+        lines = [list(map(in_a_line, cells)) for cells in (self.header, *self.rows)]
         widths = [max(map(len, column)) for column in zip(*lines)]
         cells = ([line[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(line[1:], widths[1:]))] for line in lines)
         return "\n".join([self.title, *("  ".join(line) for line in cells)])
 
     def markdown(self) -> str:
-        """The table in Markdown, without its title; figures to the right."""
-        return table(self.header, self.rows, "| --- |" + " ---: |" * (len(self.header) - 1))
+        """The table in Markdown, without its title; figures to the right. Nothing in a cell is read as markup."""
+        header, *rows = (list(map(escaped, cells)) for cells in (self.header, *self.rows))
+        return table(header, rows, "| --- |" + " ---: |" * (len(self.header) - 1))
+
+
+def in_a_line(text: str) -> str:
+    """The text in one line, without characters that are not printable."""
+    return " ".join("".join(one if one.isprintable() else " " for one in text).split())
+
+
+def escaped(text: str) -> str:
+    """Plain text as Markdown shows it, in a line: nothing in it is markup, HTML, a formula or a mark of a section."""
+    special = r"[\\`*<>&{}$~]|\](?=[(\[:])|(?<!\w)_|_(?!\w)"
+    return re.sub(special, lambda one: f"&#{ord(one[0])};", in_a_line(text)).replace("|", r"\|")
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], rule: str = "") -> str:
-    """A Markdown table; all to the left if there is no `rule` under the header. Bare bars in cells are escaped."""
+    """A table of Markdown; all to the left if there is no `rule` under the header. Bare bars in cells are escaped."""
     lines = ["| " + " | ".join(re.sub(r"(?<!\\)\|", r"\|", one) for one in cells) + " |" for cells in (header, *rows)]
     return "\n".join([lines[0], rule or "|---" * len(header) + "|", *lines[1:]])
 
@@ -51,9 +63,10 @@ def listed(versions: Mapping[str, str]) -> str:
 def put_section(path: Path, name: str, text: str) -> bool:
     """Replace the text between the marks of section `name` in the page at `path`; False where it has no such marks.
 
-    Raises ValueError if there is no such page.
+    The text cannot hold a mark: it has no comments. Raises ValueError if there is no such page.
     """
-    page, count = _between_marks(name).subn(lambda marks: f"{marks[1]}\n{text.strip()}\n{marks[2]}", _text(path))
+    body = text.strip().replace("<!--", "&lt;!--")
+    page, count = _between_marks(name).subn(lambda marks: f"{marks[1]}\n{body}\n{marks[2]}", _text(path))
     if count:
         write_text(path, page)
     return count > 0

@@ -14,7 +14,6 @@ from .fixed import Orbit, Random, Stay, Sweep
 from .greedy import JointGreedy, Lookahead, greedy
 from .held import HeldInformation
 from .policy import Environment, Policy, Predictor, best
-from .rollout import Rollout
 from .sequences import BestSequence
 
 __all__ = ["Policy", "Predictor", "best", "make", "names"]
@@ -35,7 +34,6 @@ _FACTORIES: dict[str, Callable[..., Policy]] = {
     "joint-mi": partial(JointGreedy, gaze_criterion="mutual_information"),
     "lookahead-2": partial(Lookahead, horizon=2),
     "greedy-plus": HeldInformation,
-    "rollout": Rollout,
 }
 
 
@@ -47,7 +45,7 @@ def names() -> tuple[str, ...]:
 def make(name: str, env: Environment, **kwargs: Any) -> Policy:
     """Return the policy `name` bound to `env`, single or batched.
 
-    `random` and `rollout` take `seed`, `rollout` a `budget` too.
+    `random` takes `seed`.
 
     Raises ValueError for an unknown name, and lists the known ones.
     """

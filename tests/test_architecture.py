@@ -60,11 +60,6 @@ FLOORS: dict[str, set[str]] = {
 }
 """What each package may import of the others."""
 
-NEVER: dict[str, set[str]] = {
-    "baselines": {"activeslam_gym.envs.imagination.Hindsight"},
-}
-"""Exceptions from ``PUBLIC``, in which no truth is else: a policy reads observations and beliefs alone."""
-
 SECRETS = {
     "baselines": {"truth", "labels", "landmark_errors", "_run", "_runs"},  # nor anything behind an environment
     "agents": {"_run", "_runs"},
@@ -73,7 +68,7 @@ SECRETS = {
 
 PUBLIC = {
     *("config", "evaluation", "files", "geometry", "information", "metrics", "motion", "rendering", "live"),
-    *("envs.snapshot", "envs.imagination", "vision.film"),
+    *("envs.snapshot", "vision.film"),
 }
 """What the upper floors read of ``activeslam_gym``, beside the names of the package itself."""
 
@@ -156,7 +151,6 @@ def wrong(found: Import, modules: set[str]) -> list[str]:
         and not is_under(inside, unit(importer), *MAY_IMPORT.get(unit(importer), ())),
         "looks behind the package": here != there == GYM
         and not (own_name or target == GYM or is_under(inside, *PUBLIC, *BEHIND.get(importer, ()))),
-        "reads the truth": any(is_under(importer, who) and is_under(target, *what) for who, what in NEVER.items()),
         "belongs inside the function that uses it": found.at_top
         and here in (GYM, "baselines")
         and is_under(target, *slow),

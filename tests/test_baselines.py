@@ -218,7 +218,7 @@ def test_shapes_of_observations_and_actions() -> None:
 
 def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
     named = "random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher net-net fisher-fisher"
-    named += " variance-reduction joint-mi lookahead-2 greedy-plus rollout"
+    named += " variance-reduction joint-mi lookahead-2 greedy-plus"
     assert baselines.names() == tuple(named.split())
     with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
         baselines.make("greedy", ScoredEnv())

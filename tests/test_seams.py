@@ -112,11 +112,3 @@ def test_a_part_that_is_not_registered_is_told_with_those_that_are() -> None:
         gym.make("ActiveSLAM-v0", scenario={"estimator": "none"})
     with pytest.raises(ValueError, match="scenario.sensor must be one of points, images, .*, got 'none'"):
         gym.make("ActiveSLAM-v0", scenario={"sensor": "none"})
-
-
-def test_imagined_runs_need_the_compiled_estimator() -> None:
-    from activeslam_gym.envs.imagination import Imagination
-
-    env = gym.make("ActiveSLAM-v0", scenario=NUMPY)
-    with pytest.raises(ValueError, match="imagined runs need scenario.estimator of ekf, .*, got 'numpy-ekf'"):
-        Imagination(env.unwrapped)

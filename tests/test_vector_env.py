@@ -26,7 +26,6 @@ from activeslam_gym import (
 from activeslam_gym.information.candidates import sequence_plans
 from activeslam_gym.motion import COMMANDS
 from activeslam_gym.threads import Workers, available_cores
-from baselines import sequences
 
 SHORT: dict[str, Any] = {"gaze_period": 0.25, "duration": 3.0, "lost_position_error": 0.04}
 """Some runs are lost on the way, the others end at their duration."""
@@ -253,14 +252,9 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
 
 @pytest.mark.parametrize("name", [one for one in baselines.names() if one != "best-sequence"])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_a_baseline_does_in_a_batch_what_it_does_alone(
-    name: str, mode: AutoresetMode, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_baseline_does_in_a_batch_what_it_does_alone(name: str, mode: AutoresetMode) -> None:
     """Through autoreset; `random` draws for the whole batch, so is only run. `best-sequence` plays a plan, as
-    `best-constant` does, and would search for one first, which `rollout` does in few rooms."""
-    few = {"RANDOM": 2, "HALVINGS": ((1, 4), (1, 3), (1, 2)), "REFINEMENTS": 1, "TRIALS": (1, 2), "LAST_ROOMS": 2}
-    for number, value in few.items():
-        monkeypatch.setattr(sequences, number, value)
+    `best-constant` does, and would search for one first."""
     kwargs = {"gaze_period": 0.5, "duration": 3.0}
     batch, single = ActiveSLAMVectorEnv(3, autoreset_mode=mode, **kwargs), gym.make("ActiveSLAM-v0", **kwargs)
     policy, alone = baselines.make(name, batch), baselines.make(name, single)

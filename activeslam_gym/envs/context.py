@@ -13,8 +13,6 @@ CONTEXT_FEATURES |= {"angular_acceleration": 1, "landmarks": 1, "inverse_depth":
 CONTEXT_FEATURES |= {"reach": 1, "command_known": 1}
 """Name and length of each part of the context, in order; `context_of` says what each is, and its scale."""
 CONTEXT_SIZE = sum(CONTEXT_FEATURES.values())
-TIME_LEFT = CONTEXT_FEATURES["half_room"] + CONTEXT_FEATURES["duration"]
-"""Where the only number of it stands that changes during an episode."""
 _FARTHEST = 10.0  # the range of a sensor without a limit is observed as this [m]
 
 
@@ -31,12 +29,14 @@ def context_of(runs: Run, duration: float) -> np.ndarray:
         duration: Time of an episode [s].
     """
     models, steps = runs.models, runs.episode["steps"]
+    total = models["task"]["steps"]
+    share = np.divide(steps, total, out=np.full(len(steps), np.nan), where=total > 0)  # NaN before the first reset
     motion, camera = models["motion"], models["camera"]
     out = np.empty((len(steps), CONTEXT_SIZE), np.float32)
     out[:, :3] = motion["half"] / 10.0
     columns = (
         np.log10(duration) / 2.0,
-        time_left(runs, duration),
+        np.log10(1.0 + duration * (1.0 - share)) / 2.0,
         np.log10(camera["pixel_std"]),
         np.log10(motion["filter_acceleration_std"]) / 2.0,
         np.log10(motion["filter_angular_acceleration_std"]) / 2.0,
@@ -49,10 +49,3 @@ def context_of(runs: Run, duration: float) -> np.ndarray:
     for index, column in enumerate(columns, start=3):
         out[:, index] = column
     return np.clip(out, -1.0, 1.0)
-
-
-def time_left(runs: Run, duration: float) -> np.ndarray:
-    """That number of the context, (B,), of the runs that have begun, NaN of the others."""
-    steps = runs.models["task"]["steps"]
-    share = np.divide(runs.episode["steps"], steps, out=np.full(len(steps), np.nan), where=steps > 0)
-    return np.log10(1.0 + duration * (1.0 - share)) / 2.0

@@ -135,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command: the exit status.
 
     1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 3: most
-    images were lost; 130: Ctrl-C or SIGTERM.
+    images were lost; 130: Ctrl-C, SIGTERM or SIGHUP.
     """
     args = parser().parse_args(arguments)
     try:
@@ -207,4 +207,7 @@ def _calibrate(args: argparse.Namespace) -> None:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # it ends a command as Ctrl-C does
+    hangup = getattr(signal, "SIGHUP", signal.SIGTERM)  # and so does a terminal that is closed; not on Windows
+    if signal.getsignal(hangup) != signal.SIG_IGN:
+        signal.signal(hangup, signal.default_int_handler)
     sys.exit(main())

@@ -329,7 +329,8 @@ def test_buttons_make_requests_and_a_click_marks_the_nearest(page: Served) -> No
 # The command ----------------------------------------------------------------------------------------------------------
 
 
-def test_ctrl_c_ends_it_and_loses_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)])
+def test_ctrl_c_or_a_closed_terminal_ends_it_and_loses_nothing(tmp_path: Path, number: signal.Signals) -> None:
     line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0", "--film", "--record", str(tmp_path / "run")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(line, env=environment, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
@@ -339,7 +340,7 @@ def test_ctrl_c_ends_it_and_loses_nothing(tmp_path: Path) -> None:
             assert "http://localhost:" in said and "Only this machine can open it" in said
             frames = tmp_path / "run" / "states.jsonl"
             until(lambda: frames.exists() and len(frames.read_text().splitlines()) > 20, 240.0)
-            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the page's process too
+            os.killpg(process.pid, number)  # as a terminal does: to the page's process too
             rest = process.stdout.read()
             assert process.wait(60) == 0
         finally:

@@ -351,7 +351,8 @@ def _edges(size: tuple[float, float, float]) -> np.ndarray:
 
 def serve(connection: Connection, about: About, host: str, port: int, filming: Filming | None) -> None:
     """The page's process: sends its address or an error, then shows messages and the newest state until the end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the tracker handles Ctrl-C
+    for name in {"SIGINT", "SIGHUP"} & set(dir(signal)):  # the tracker handles Ctrl-C, and a terminal that is closed
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
     lock = threading.Lock()
 
     def request(name: Request, value: Any) -> None:

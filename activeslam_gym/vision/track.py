@@ -244,9 +244,9 @@ def track(
 
 
 def interruptible(steps: Iterable[Step]) -> Generator[Step, None, None]:
-    """The same; SIGINT and SIGTERM of the main thread are raised as KeyboardInterrupt, but before the next step.
+    """The same; SIGINT, SIGTERM and SIGHUP of the main thread are raised as KeyboardInterrupt before the next step.
 
-    Within a kernel, or in OpenCV, such an exception can end the process. A second signal does not wait.
+    Within a kernel, or in OpenCV, such an exception can end the process. A second signal does not wait. `nohup` holds.
     """
     noted: list[int] = []
 
@@ -256,7 +256,9 @@ def interruptible(steps: Iterable[Step]) -> Generator[Step, None, None]:
         noted.append(number)
 
     main = current_thread() is main_thread()
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM) if main}
+    hangup = getattr(signal, "SIGHUP", signal.SIGTERM)  # not on Windows
+    ending = {signal.SIGINT, signal.SIGTERM} | ({hangup} if signal.getsignal(hangup) != signal.SIG_IGN else set())
+    before = {number: signal.signal(number, note) for number in ending if main}
     try:
         for step in steps:
             yield step

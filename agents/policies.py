@@ -2,16 +2,20 @@
 
 import importlib
 import json
-from collections.abc import Callable, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from traceback import extract_tb
 from typing import Any
+from zipfile import ZipFile
 
 import baselines
 from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor
 from activeslam_gym.evaluation.code import digest, module_sources, package_versions
 from agents import pretrained
+from agents.tools.files import reading
 from baselines.policy import Environment
 
 Factory = Callable[[Environment, int | Sequence[int]], Predictor]
@@ -19,6 +23,7 @@ Factory = Callable[[Environment, int | Sequence[int]], Predictor]
 """
 LEARNED = Path(__file__).with_name("learn")
 LEARNING_LIBRARIES = ("stable-baselines3", "torch")
+FILES = (".npz", ".zip")  # our weights, and a model as Stable-Baselines3 saves it
 
 
 def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predictor:
@@ -27,7 +32,7 @@ def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predi
 
 
 def factory(name: str) -> Factory:
-    """Return the factory of the policy `name`: a baseline, shipped weights, 'policy.npz' or 'package.module:factory'.
+    """Return the factory of the policy `name`: a baseline, shipped weights, a file, or 'package.module:factory'.
 
     Raises ValueError, which lists the allowed names, for an unknown one.
     """
@@ -38,11 +43,28 @@ def factory(name: str) -> Factory:
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
     if path := pretrained.path_of(name):
         return lambda env, seed: learned(path.stem, env, path.parent)
-    if name.endswith(".npz"):
+    if model := file_of(name):
+        return lambda env, seed: Own(name, lambda env: _saved_model(model, env), env)
+    if name.endswith(FILES):
         raise ValueError(f"policy: {name!r} is no file of weights")
     known = [*baselines.names(), *pretrained.names()]
-    allowed = f"{', '.join(known)}, a file of weights (policy.npz), 'package.module:factory'"
+    allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:factory'"
     raise ValueError(f"policy: {name!r} is unknown{did_you_mean(name, known)}; allowed: {allowed}")
+
+
+def file_of(name: str) -> Path | None:
+    """The file that a policy is in; None where it is in none."""
+    return Path(name) if name.endswith(".zip") and Path(name).is_file() else pretrained.path_of(name)
+
+
+def is_identified(name: str) -> bool:
+    """Whether `content` tells all that a policy is made of; a user's factory may read any file."""
+    return ":" not in name or name.startswith("agents.")
+
+
+def holds_code(name: str) -> bool:
+    """Whether a policy runs its user's code: a factory, or a saved model, which is unpickled."""
+    return name.endswith(".zip") or not is_identified(name)
 
 
 def offered(name: str) -> Callable[[Environment], Predictor]:
@@ -58,13 +80,17 @@ def learned(name: str, env: Environment, folder: Path) -> Predictor:
     return LearnedPolicy(env, *read(name, folder))
 
 
-def acts_in_points(name: str) -> bool:
-    """Whether a policy has continuous actions: weights of SAC."""
+def actions_of(name: str) -> str:
+    """The actions of a policy: "Continuous" of weights of SAC; of a saved model its own, "Discrete" for an index."""
+    if name.endswith(".zip"):
+        with reading(Path(name)), ZipFile(name) as model:
+            space = json.loads(model.read("data"))["action_space"][":type:"]
+            return "Continuous" if ".Box" in space else "Discrete" if ".Discrete" in space else ""
     if (path := pretrained.path_of(name)) is None:
-        return False
+        return ""
     from agents.learn.card import read_card
 
-    return bool(read_card(path)["algorithm"] == "sac")
+    return "Continuous" if read_card(path)["algorithm"] == "sac" else ""
 
 
 def content(name: str) -> str:
@@ -72,7 +98,7 @@ def content(name: str) -> str:
     all weights shipped, which it may load."""
     if ":" in name:
         made_of = f"{module_sources(name.partition(':')[0])} {digest(*sorted(pretrained.FOLDER.glob('*.npz')))}"
-    elif path := pretrained.path_of(name):
+    elif path := file_of(name):
         network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "inputs", "weights")]
         made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)
     else:
@@ -88,10 +114,8 @@ class Own:
 
     def __init__(self, name: str, make: Callable[[Environment], Any], env: Environment) -> None:
         self._name = name
-        try:
+        with _failures(f"policy: {name!r}, called as factory(env): "):
             self._policy = make(env)
-        except Exception as error:
-            raise ValueError(f"policy: {name!r}, called as factory(env): {_told(error)}") from error
         if not callable(getattr(self._policy, "predict", None)):
             allowed = "an object with predict(observation, …)"
             raise ValueError(f"policy: {name!r} made {self._policy!r}; allowed: {allowed}")
@@ -101,21 +125,41 @@ class Own:
     ) -> tuple[Any, Any]:
         """The policy's own action and state."""
         asked = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
-        try:
+        with _failures(f"policy: {self._name!r}, asked for (action, state): "):
             action, state = self._policy.predict(observation, **asked)
-        except Exception as error:
-            raise ValueError(f"policy: {self._name!r}, asked for (action, state): {_told(error)}") from error
         return action, state
+
+
+def _saved_model(path: Path, env: Environment) -> Predictor:
+    """The policy in a file that Stable-Baselines3 or sb3-contrib has saved."""
+    from stable_baselines3.common.save_util import load_from_zip_file
+
+    data, weights, _ = load_from_zip_file(path, device="cpu")
+    observed, here = data["observation_space"], getattr(env, "single_observation_space", env.observation_space)
+    if observed != here:
+        raise ValueError(f"it observes {observed}, the environment is of {here}; allowed: the same, or a factory")
+    policy = data["policy_class"](observed, data["action_space"], lambda _: 0.0, **data["policy_kwargs"])
+    policy.load_state_dict(weights["policy"])
+    policy.set_training_mode(False)
+    return policy
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:
     """The user's own 'package.module:factory'."""
     module, _, attribute = name.partition(":")
-    try:
+    with _failures(f"policy: {name!r} cannot be imported (", "); allowed: 'package.module:factory'"):
         return getattr(importlib.import_module(module), attribute)
-    except (Exception, SystemExit) as error:
-        told = f"policy: {name!r} cannot be imported ({_told(error)})"
-        raise ValueError(f"{told}; allowed: 'package.module:factory'") from error
+
+
+@contextmanager
+def _failures(before: str, after: str = "") -> Iterator[None]:
+    """Turn whatever a user's code raises into a ValueError, but for Ctrl-C, which workers ignore."""
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt) and callable(signal.getsignal(signal.SIGINT)):
+            raise
+        raise ValueError(f"{before}{_told(error)}{after}") from error
 
 
 def _told(error: BaseException) -> str:

@@ -15,11 +15,12 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
 from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, module_sources, package_sources, package_versions
+from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import Arrays
 from agents import policies
 from agents.places import Placed
 
-ENVIRONMENT, CONTINUOUS, IMAGES = "ActiveSLAM-v0", "ActiveSLAMContinuous-v0", "ActiveSLAMPixels-v0"
+ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
 SAMPLE_PERIOD = 1.0  # between the samples of an episode that is not kept whole [s]
 
 
@@ -33,6 +34,9 @@ class Task:
     whole: bool = False  # keep every sample (of the room that is drawn) instead of one a second
     measures: tuple[type[Measure], ...] = ()  # classes of measures beside the record
     content: str | None = None  # see `policies.content`, when the command began
+
+    def __str__(self) -> str:
+        return f"{self.policy}, room {self.seed}"
 
     @property
     def label(self) -> str:
@@ -57,8 +61,10 @@ class Task:
 def results(
     tasks: Sequence[Task], store: Store, jobs: int = 1, batch: int = 1, anew: bool = False
 ) -> Generator[tuple[Task, Episode], None, None]:
-    """Yield every task with its episode; see `Store.gather`."""
-    with closing(store.gather(tasks, play_tasks, jobs, batch, anew)) as finished:
+    """Yield every task with its episode; see `Store.gather`. A policy that is not identified is always played."""
+    made = {task for task in tasks if anew or not policies.is_identified(task.policy)}
+    apart = any(policies.holds_code(task.policy) for task in tasks)
+    with closing(store.gather(tasks, play_tasks, jobs, batch, made, apart)) as finished:
         for task, arrays in finished:
             yield task, replace(Episode.of(arrays), settings=task.settings)  # another command may have put it otherwise
 
@@ -85,7 +91,7 @@ def play_until_interrupted(
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     """Play tasks of one group, several as a batch."""
     first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
-    env = make_environment(json.loads(first.settings), len(tasks), policies.acts_in_points(first.policy))
+    env = make_environment(json.loads(first.settings), len(tasks), policies.actions_of(first.policy))
     looks = [[one.look for one in of_task] for of_task in measures]
     period = 0.0 if first.whole or any(one.whole for one in first.measures) else SAMPLE_PERIOD
     episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, looks, period)
@@ -103,10 +109,10 @@ def file_name(policy: str) -> str:
     return plain if plain == policy else f"{plain}-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
 
 
-def make_environment(arguments: dict[str, Any], count: int = 1, points: bool = False) -> Any:
+def make_environment(arguments: dict[str, Any], count: int = 1, actions: str = "") -> Any:
     """The environment of every study, or a batch of ``count``. A lost run goes on, or its score would stop there.
 
-    ``points``: with continuous actions, which there are none of on images.
+    ``actions``: "Continuous" or "Discrete"; on images there are only pairs.
 
     Beside its own arguments: ``expected``, a name in `places.PLACES`, where the expected landmarks stand.
     """
@@ -114,7 +120,7 @@ def make_environment(arguments: dict[str, Any], count: int = 1, points: bool = F
     place, scenario = given.pop("expected", None), given.get("scenario")
     fields = scenario if isinstance(scenario, dict) else {"name": scenario}
     name = IMAGES if fields.get("name") in IMAGE_SCENARIOS and fields.get("sensor") != "corners" else ENVIRONMENT
-    name = CONTINUOUS if points and name == ENVIRONMENT else name
+    name = name.replace("-", f"{actions}-") if name == ENVIRONMENT else name
     if count > 1:
         if place:
             raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")
@@ -146,18 +152,23 @@ def run_policy(
 
 
 def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
-    """Raise ValueError for an unknown policy or a bad argument of an environment."""
-    for name in names:
+    """Raise ValueError for an unknown policy or a bad argument of an environment; `rehearse` imports users' code."""
+    for name in filter(policies.is_identified, names):
         policies.factory(name)
     for arguments in environments:
         make_environment(arguments).close()
 
 
 def rehearse(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int) -> None:
-    """One step of every policy in every environment, so that kernels are compiled once, before processes start."""
-    for arguments in environments:
-        for name in names:
-            run_policy(name, gym.wrappers.TimeLimit(make_environment(arguments), 1), [seed])
+    """One step of every policy in every environment, so that kernels are compiled once, before processes start; a
+    user's code runs in a process of its own."""
+    tasks = [(Task(name, seed, json.dumps(arguments)),) for arguments in environments for name in names]
+    list(run_all(_rehearse, tasks, 1, None, any(map(policies.holds_code, names))))
+
+
+def _rehearse(tasks: tuple[Task]) -> None:
+    env = make_environment(json.loads(tasks[0].settings), actions=policies.actions_of(tasks[0].policy))
+    run_policy(tasks[0].policy, gym.wrappers.TimeLimit(env, 1), [tasks[0].seed])
 
 
 @cache

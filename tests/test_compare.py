@@ -25,6 +25,7 @@ from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
 from agents import figures, policies, pretrained
 from agents import task as tasks
+from agents.__main__ import main
 from agents.compare.command import Args, compare
 from agents.figures import over_rooms, quaternion_error
 from agents.pretrained import FOLDER
@@ -226,6 +227,87 @@ def test_replaced_weights_are_another_key_and_every_file_has_a_label_of_its_own(
     assert len(made_of) == len(pretrained.names()) and "" not in made_of and policies.content("mi-mi") == ""
 
 
+OWN = """
+import os, sys
+import numpy as np
+class Constant:
+    def __init__(self, answer):
+        self.answer = answer
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return self.answer(), state
+def of_file(env): return Constant(lambda: np.load("gaze.npy"))
+def leaves(env): return Constant(lambda: sys.exit(0))
+def interrupts(env): exec("raise KeyboardInterrupt")
+def ends(env): return Constant(lambda: os._exit(0))
+"""
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The module of own policies."""
+    (tmp_path / "own_policies.py").write_text(OWN)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return "own_policies"
+
+
+def test_a_factory_whose_file_was_replaced_is_played_again(own: str, tmp_path: Path) -> None:
+    """`compare --resume` gave the scores of the old file."""
+    scores = []
+    for gaze in ((2, 1), (2, 1), (4, 0)):
+        np.save(tmp_path / "gaze.npy", np.array(gaze))
+        scores.append(resumed((f"{own}:of_file",), tmp_path / "out"))
+    assert scores[0] == scores[1] != scores[2]
+
+
+@pytest.mark.parametrize("how", ["leaves", "interrupts", "ends"])
+def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
+    how: str, own: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = f"compare --policies {own}:{how} --episodes 1 --duration 1 --jobs 1 --no-figures --out out".split()
+    assert main(line) == 2
+    assert f"{own}:{how}" in capsys.readouterr().err
+    task = Task(f"{own}:{how}", 5, json.dumps({"duration": 1.0}))
+    with pytest.raises((ValueError, ChildProcessError), match=f"{own}:{how}"):
+        list(tasks.results([task], Store()))
+
+
+def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    path = tmp_path / "model.zip"
+    for id, kind, seed in (("", "PPO", 0), ("Continuous", "SAC", 0), ("Discrete", "DQN", 0), ("Discrete", "DQN", 1)):
+        env = gym.make(f"ActiveSLAM{id}-v0")
+        model = getattr(sb3, kind)("MlpPolicy", env, seed=seed, **({} if kind == "PPO" else {"buffer_size": 10}))
+        model.save(path)
+        (played,) = play_tasks([Task(str(path), 3, json.dumps({"duration": 1.0}))])
+        env = gym.make(f"ActiveSLAM{id}-v0", duration=1.0, end_when_lost=False)
+        expected = run_episode(env, model, seed=3, name=str(path))
+        np.testing.assert_array_equal(played["actions"], expected.actions)
+        contents = policies.content(str(path))
+    first = resumed((str(path),), tmp_path / "out")
+    monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("an episode was run again"))
+    assert resumed((str(path),), tmp_path / "out") == first
+    sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
+    assert policies.content(str(path)) != contents
+    with pytest.raises(ValueError, match="it observes"):
+        policies.resolve(str(path), gym.make("ActiveSLAMDiscrete-v0", scenario="office"))
+    path.write_bytes(path.read_bytes()[:-300])
+    with pytest.raises(ValueError, match="model.zip"):
+        policies.actions_of(str(path))
+
+
+def test_files_of_killed_processes_leave_the_store(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", ""])
+    process.wait()
+    names = [f".{process.pid}.a.npz", f".{os.getpid()}.b.npz", ".hidden", "c.npz"]
+    for name in names:
+        (tmp_path / name).touch()
+    list(Store(tmp_path).gather([], play_tasks))
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])
+
+
 def test_weights_that_change_while_they_are_compared_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(policies, "content", lambda name: "other")
     with pytest.raises(ValueError, match="'stay' was changed while it was being compared"):
@@ -256,11 +338,11 @@ def gone(process: int) -> bool:
 SLEEPY = """
 import os, pathlib, sys, time
 from activeslam_gym.evaluation.parallel import run_all
-def sleep(path):
-    pathlib.Path(path).write_text(f"{os.getpid()} ")
+def sleep(paths):
+    pathlib.Path(paths[0]).write_text(f"{os.getpid()} ")
     time.sleep(300)
 if __name__ == "__main__":
-    list(run_all(sleep, sys.argv[1:], 2, 0, lambda path: 1))
+    list(run_all(sleep, [(path,) for path in sys.argv[1:]], 2, 0))
 """
 
 

@@ -125,6 +125,8 @@ def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypa
         code.module_sources.cache_clear()
         found.append(policies.content("loose.mine:make"))
     assert found[0] != found[1] and "loose.other" not in sys.modules
+    (tmp_path / "loose" / "broken.py").write_text("def (:")
+    policies.content("loose.broken:make")
     assert code.module_sources("no.such") != code.module_sources("no_such")
 
 

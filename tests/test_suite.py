@@ -15,6 +15,8 @@ import pytest
 
 import activeslam_gym
 from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
+from activeslam_gym.evaluation.code import module_sources
+from agents import pretrained
 from agents.__main__ import main
 from agents.suite import entry as entries
 from agents.suite import leaderboard, manifest
@@ -227,36 +229,157 @@ def test_edited_scores_and_hashes_are_found(
         assert message in capsys.readouterr().out
 
 
-def test_a_damaged_entry_is_told(
+HUGE = int("9" * 400)
+BAD_VALUES: dict[str, tuple[Any, ...]] = {
+    "name": ("a|b", "..", ".", ".a", "", "episodes", "a/b", None, 5, "a" * 300),
+    "suite": (None, ["small"]),
+    "behaviour": ("16", 16.0, True, HUGE, None),
+    "policies": ("stay", [], [None], ["stay", "orbit"], {"stay": 1}),
+    "contents": ([], [5], "", ["", ""]),
+    "sources": (None, [], {"agents": 5}),
+    "versions": ({"numpy": None}, "2.0"),
+    "machine": (None, 5),
+    "training": (None, [{}], [5], {}, [{"seconds": "long"}]),
+    "note": (None, 5, ["a"]),
+    "scores": (
+        None,
+        {},
+        [],
+        {"paper": None},
+        {"paper": []},
+        {"paper": [[]]},
+        {"paper": [[1.0]]},
+        {"paper": [[1.0, "2"]]},
+    )
+    + ({"paper": [[1.0, float("nan")]]}, {"paper": [[1.0, HUGE]]}, {"paper": [[1e300, 1.0]]}, {"office": [[1.0, 1.0]]})
+    + ({"paper": [1.0, 2.0]}, {"paper": [[[1.0], [2.0]]]}, {"paper": [[1.0, 2.0], [3.0]]}, {"paper": [[1.0, None]]}),
+    "lost": ({"paper": [[0, 2]]}, {"paper": [[0, True]]}, {"paper": [[0]]}, {"paper": [[0, float("nan")]]}, {}, 5),
+}
+BAD_TEXTS = ("", "{", "[]", "5", "null", '"a"', "\0", "[" * 100_000, '{"a": ' * 5000, '{"name": ' + "9" * 5000 + "}")
+
+
+def said_of(entry: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    """What `verify` and `leaderboard` say of a damaged entry, a line each."""
+    assert verify(entry) == 2
+    of = ["--suite", str(entry.parents[1] / "small.json"), "--entries", str(entry.parents[1])]
+    assert main(["leaderboard", *of, "--no-figures"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 2 and said.count(str(entry)) >= 2 and len(said) < 1200, said
+    return said
+
+
+@pytest.mark.parametrize("field", BAD_VALUES)
+def test_a_damaged_field_of_an_entry_is_named_with_its_file(
+    field: str, edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    for value in BAD_VALUES[field]:
+        said = said_of(edited(lambda given, value=value: given.update({field: value})), capsys)
+        assert field in said, (value, said)
+    for change in (lambda given: given.pop(field), lambda given: given.update(other=given.pop(field))):
+        assert f"missing or unknown: {field}" in said_of(edited(change), capsys).replace(
+            "unknown: other, ", "unknown: "
+        )
+
+
+def test_a_damaged_file_of_an_entry_is_named(
     edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def short(given: dict[str, Any]) -> None:
-        given["lost"]["paper"][0].pop()
+    entry = edited(lambda given: None)
+    whole = entry.read_bytes()
+    for data in (*map(str.encode, BAD_TEXTS), whole[:-20], b"\xff" + whole, whole.decode().encode("utf-16")):
+        entry.write_bytes(data)
+        said_of(entry, capsys)
+    entry.unlink()
+    entry.mkdir()
+    said_of(entry, capsys)
 
-    def without(given: dict[str, Any]) -> None:
-        del given["commit"]
 
-    def unknown(given: dict[str, Any]) -> None:
-        given["lost"]["paper"][0][0] = float("nan")
+def test_damaged_weights_and_cards_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("torch")
+    with np.load(pretrained.FOLDER / "generalist.npz") as file:
+        arrays = dict(file)
+    path, card = tmp_path / "policy.npz", json.loads(str(arrays.pop("card")))
+    line = f"compare --policies {path} --episodes 1 --duration 1 --jobs 1 --no-figures --out {tmp_path}".split()
 
-    def named(given: dict[str, Any]) -> None:
-        given["name"] = "a|b"
+    def said(**changes: Any) -> str:
+        np.savez(path, **arrays, card=json.dumps(card | changes))
+        assert main(line) == 2
+        return capsys.readouterr().err
 
-    changes = (
-        (short, "scores and lost"),
-        (without, "missing or unknown: commit"),
-        (unknown, "not 0 or 1"),
-        (named, "name"),
-    )
-    for change, message in changes:
-        assert main(["verify", str(edited(change))]) == 2
-        assert message in capsys.readouterr().err
+    for width in (0, -1, 10**9, HUGE, 63, 65, "64", 64.0, None, True):
+        assert "width" in said(width=width)
+    for name, values in {
+        "decision_period": (0, -1.0, float("nan"), "1"),
+        "algorithm": ("x", []),
+        "seconds": ("1",),
+    }.items():
+        assert all(name in said(**{name: value}) for value in values)
+    first = next(name for name in arrays if name.endswith("features_extractor.globals.0.weight"))
+    good = arrays[first]
+    for bad in (good[0], good[:, :-1], good[:0], good[None], good.astype(">f4"), good.astype(np.longdouble)):
+        arrays[first] = bad
+        assert "policy.npz" in said() or bad.dtype == good.dtype
+    assert not list(tmp_path.glob("*.md"))
+
+
+def test_new_weights_do_not_keep_an_older_card(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An older `policy-0.json` in the entry's folder won over the card in the weights."""
+    pytest.importorskip("torch")
+    new, old = tmp_path / "new.npz", tmp_path / "mine" / "policy-0.json"
+    shutil.copy(pretrained.FOLDER / "generalist.npz", new)  # it holds its card, and none is beside it
+    old.parent.mkdir()
+    shutil.copy(pretrained.FOLDER / "ppo.json", old)
+    entry = enter(tmp_path, "mine", str(new))
+    assert entries.read(entry).training[0]["scenario"] == json.loads(old.read_text())["scenario"] != "paper"
+    assert verify(entry) == 0
+    shutil.copy(pretrained.FOLDER / "ppo.json", old)
+    assert verify(entry) == 2
+    assert "other weights" in capsys.readouterr().err
+
+
+FOREIGN = """
+import pathlib, sys
+pathlib.Path("ran").touch()
+class Still:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return (0, 1), state
+def policy(env): return Still()
+"""
+
+
+def test_verify_has_a_verdict_whatever_the_entrants_code_does(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`sys.exit(0)` and `os._exit(0)` ended it without a word; a changed module ran before it was told."""
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    module = folder / "entrants_code.py"
+    module.write_text(FOREIGN)
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.chdir(tmp_path)
+    entry = enter(tmp_path, "mine", "entrants_code:policy")
+    assert (tmp_path / "ran").exists()
+    capsys.readouterr()
+    for more in ("sys.exit(0)", "import os; os._exit(0)"):
+        (tmp_path / "ran").unlink(missing_ok=True)
+        module.write_text(f"{FOREIGN}{more}\n")
+        module_sources.cache_clear()
+        assert verify(entry) == 1 and not (tmp_path / "ran").exists()
+        assert "entrants_code:policy: its files are not the entry's" in capsys.readouterr().out
+        given = json.loads(entry.read_text())
+        entry.write_text(json.dumps(given | {"contents": [entries.content_of("entrants_code:policy")]}))
+        assert verify(entry) == 2 and (tmp_path / "ran").exists()
+        assert "entrants_code:policy" in capsys.readouterr().err
+    module_sources.cache_clear()
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--name", "a b", "--policies", "stay"], "letters"),
+        (["--name", "..", "--policies", "stay"], "letters"),
+        (["--name", ".hidden", "--policies", "stay"], "letters"),
+        (["--name", "Episodes", "--policies", "stay"], "letters"),
         (["--name", "a"], "policies: none given"),
         (["--name", "a", "--policies", "stay", "sweep"], "allowed: one"),
         (["--name", "a", "--policies", "ppo", "sweep"], "of one learner"),

@@ -238,8 +238,8 @@ def test_every_algorithm_has_its_actions_and_acts_on_all(tmp_path: Path, algorit
         env = gym.make(f"{name}-v0")
         acts(env, agents.load("policy", env, tmp_path))
     assert task.run_policy(str(tmp_path / "policy.npz"), task.make_environment({"duration": 1.0}), [3])[0].seed == 3
-    points = policies.acts_in_points(str(tmp_path / "policy.npz"))
-    assert points == (algorithm == "sac") and not policies.acts_in_points("ppo") and not policies.acts_in_points("stay")
+    points = policies.actions_of(str(tmp_path / "policy.npz")) == "Continuous"
+    assert points == (algorithm == "sac") and not policies.actions_of("ppo") and not policies.actions_of("stay")
 
 
 def test_a_training_of_sac_goes_on_with_its_temperature(tmp_path: Path) -> None:

@@ -105,7 +105,11 @@ def digest(*paths: Path) -> str:
 def _imports(module: str, path: Path | None) -> Iterator[str]:
     """Names that may be modules, in the import statements of a ``module`` whose file is ``path``."""
     package = module if path and path.name == "__init__.py" else module.rpartition(".")[0]
-    for node in ast.walk(ast.parse(path.read_bytes() if path else b"")):
+    try:
+        tree = ast.parse(path.read_bytes() if path else b"")
+    except (SyntaxError, ValueError):  # told by the import itself
+        return
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):

@@ -10,35 +10,40 @@ from multiprocessing import get_context, parent_process
 from threading import Thread
 from typing import TypeVar
 
-T = TypeVar("T")
+T = TypeVar("T", bound=Sequence)
 R = TypeVar("R")
 
 
 def run_all(
-    function: Callable[[T], R], tasks: Sequence[T], jobs: int, finished: int, size: Callable[[T], int]
+    function: Callable[[T], R], tasks: Sequence[T], jobs: int, finished: int | None, apart: bool = False
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar.
 
-    They run in at most `jobs` processes or, with one job, in this one. The bar counts episodes: `size` of a task are in
-    it, and `finished` were there before. Close the generator (or exhaust it) to end the processes; Ctrl-C reaches the
-    parent alone.
+    They run in at most `jobs` processes or, with one job and not `apart`, in this one. The bar counts the episodes of
+    each task, and `finished` were there before; None is no bar. Close the generator (or exhaust it) to end the
+    processes; Ctrl-C reaches the parent alone. Raises ChildProcessError, which names its episode, where one ends.
     """
     from tqdm import tqdm
 
     results: Iterable[tuple[T, R]] = ((task, function(task)) for task in tasks)
-    with tqdm(total=finished + sum(map(size, tasks)), initial=finished, unit="episode") as bar, ExitStack() as stack:
-        if min(jobs, len(tasks)) > 1:
-            processes = min(jobs, len(tasks))
+    before, processes, futures = finished or 0, min(jobs, len(tasks)), {}
+    bar = tqdm(total=before + sum(map(len, tasks)), initial=before, unit="episode", disable=finished is None)
+    with bar, ExitStack() as stack:
+        if processes > 1 or (tasks and apart):
             pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
             stack.callback(pool.shutdown, cancel_futures=True)
             futures = {pool.submit(function, task): task for task in tasks}
             results = ((futures[future], future.result()) for future in as_completed(futures))
         try:
             for task, result in results:
-                bar.update(size(task))
+                bar.update(len(task))
                 yield task, result
         except BrokenProcessPool as error:
-            raise ChildProcessError("a process ended before its episode was over: killed, or out of memory") from error
+            left = [task[0] for one, task in futures.items() if isinstance(one.exception(), BrokenProcessPool)]
+            played = "; ".join(map(str, left[:processes]))  # they begin in their order
+            raise ChildProcessError(
+                f"a process ended before its episode was over (by itself, killed, or out of memory): {played}"
+            ) from error
 
 
 def _start_worker() -> None:

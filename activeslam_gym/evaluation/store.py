@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import closing
 from itertools import groupby
 from pathlib import Path
@@ -20,7 +20,7 @@ from activeslam_gym.evaluation.code import (
     registered_sources,
 )
 from activeslam_gym.evaluation.parallel import run_all
-from activeslam_gym.files import written_whole
+from activeslam_gym.files import remove_unfinished, written_whole
 
 Arrays = dict[str, NDArray[Any]]
 Key = dict[str, Any]
@@ -92,17 +92,21 @@ class Store:
         play: Callable[[tuple[J, ...]], list[Arrays]],
         processes: int = 1,
         batch: int = 1,
-        anew: bool = False,
+        anew: Collection[J] = (),
+        apart: bool = False,
     ) -> Generator[tuple[J, Arrays], None, None]:
         """Yield every job with its result: the kept ones first, whose number is printed, then others as they finish.
 
-        ``play`` makes the results of up to ``batch`` jobs of one group, in one of several ``processes``. With ``anew``
-        kept results are replaced. Close the generator (or exhaust it) to end the processes.
+        ``play`` makes the results of up to ``batch`` jobs of one group, in one of several ``processes``; a single one
+        is this one, unless ``apart``. Kept results of the jobs ``anew`` are replaced. Close the generator (or exhaust
+        it) to end the processes.
         """
         missing, damaged = [], 0
+        if self.folder:
+            remove_unfinished(self.folder)
         for job in jobs:
             try:
-                arrays = None if anew else self.load(job.label, job.key)
+                arrays = None if job in anew else self.load(job.label, job.key)
             except ValueError:
                 arrays, damaged = None, damaged + 1
             if arrays is None:
@@ -116,7 +120,7 @@ class Store:
             return
         groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
         parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
-        with closing(run_all(play, parts, processes, kept, len)) as finished:
+        with closing(run_all(play, parts, processes, kept, apart)) as finished:
             for part, results in finished:
                 for job, arrays in zip(part, results, strict=True):
                     self.save(job.label, job.key, arrays)

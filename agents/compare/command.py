@@ -35,7 +35,8 @@ class Args(Rooms, Pages, Figures):
     reference: str = "mi-fisher"
     """Paired differences are taken against this policy, and against the best baseline."""
     resume: bool = False
-    """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones."""
+    """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones; a factory
+    of yours, which may read any file, is always played."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

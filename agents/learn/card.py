@@ -13,6 +13,7 @@ from activeslam_gym.evaluation import Store
 from agents import task
 from agents.learn.recipe import ALGORITHMS, Recipe, trained_scenario
 from agents.summary import Summary, summarise
+from agents.tools.arguments import demand
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 
@@ -28,6 +29,9 @@ COLUMNS = (
     "position_error",
     "lost",
 )
+KINDS: dict[str, type] = dict.fromkeys(("algorithm", "command", "scenario", "machine"), str)  # of what is read
+KINDS |= dict.fromkeys(("width", "seed", "steps", "steps_trained"), int)
+KINDS |= dict.fromkeys(("decision_period", "seconds", "seconds_trained"), float)
 CARD = "card"  # name of the card among the arrays of a file of weights
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
@@ -63,26 +67,26 @@ def _arguments(recipe: dict[str, Any]) -> list[str]:
 
 
 def read_card(weights: Path) -> dict[str, Any]:
-    """The card of the weights in a file (.npz): the one beside it (.json), and else the one that the file holds.
+    """The card of the weights in a file (.npz): the one that the file holds, and the results beside it (.json).
 
-    Raises ValueError where it is absent or damaged, or lacks what makes a policy.
+    Older weights hold none. Raises ValueError where it is absent or damaged, or of other weights.
     """
     path = weights.with_suffix(".json")
-    if not path.exists():
-        path = weights
-    with reading(path):
-        card = json.loads(_held_card(path) if path == weights else path.read_text(encoding="utf-8"))
-        int(card["width"]), float(card["decision_period"])
+    with reading(weights), np.load(weights, allow_pickle=False) as file:
+        held = json.loads(str(file[CARD])) if CARD in file else {}
+        if not held and not path.exists():
+            raise ValueError(f"it holds no card, and there is no {path.name} beside it")
+    with reading(path if path.exists() else weights):
+        card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else held
+        if not held.items() <= card.items():
+            raise ValueError(f"it is not the card in {weights.name}, but of other weights; delete it")
+        for name in KINDS.keys() & card.keys() | {"width", "decision_period", "algorithm"}:
+            demand(name, card[name], KINDS[name])
+        if not 1 <= card["width"] <= 2**13:
+            raise ValueError(f"width: {card['width']}; allowed: 1 to {2**13}")
         if card["algorithm"] not in ALGORITHMS:
             raise ValueError(f"algorithm: {card['algorithm']!r}; allowed: {', '.join(ALGORITHMS)}")
         return card
-
-
-def _held_card(weights: Path) -> str:
-    with np.load(weights, allow_pickle=False) as file:
-        if CARD not in file:
-            raise ValueError(f"it holds no card, and there is no {weights.with_suffix('.json').name} beside it")
-        return str(file[CARD])
 
 
 def results(

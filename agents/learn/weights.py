@@ -90,7 +90,9 @@ class LearnedPolicy:
         decision_period = float(card["decision_period"])
         self._hold = whole_multiple("decision_period", decision_period, "gaze_period", self._env.gaze_period)
         firsts = [value for name, value in weights.items() if name.endswith("features_extractor.globals.0.weight")]
-        self._inputs = Inputs(observation_layout(env), firsts[0].shape[1] if firsts else None)
+        if {one.shape[:-1] for one in firsts} != {(card["width"],)}:
+            raise ValueError(f"width: {card['width']}, which is not that of the weights")
+        self._inputs = Inputs(observation_layout(env), firsts[0].shape[1])
         self._actor = _actor(self._inputs.layout, weights, card)
         self._space = getattr(self._env, "single_action_space", self._env.action_space)
 
@@ -192,7 +194,7 @@ def _actor(layout: ObservationLayout, weights: dict[str, np.ndarray], card: dict
         network = ActorCriticPolicy(space, spaces.MultiDiscrete([len(Motion), len(Gaze)]), lambda _: 0.0, **arguments)
     try:
         network.load_state_dict({name: torch.as_tensor(value) for name, value in weights.items()})
-    except RuntimeError as error:
+    except (RuntimeError, TypeError) as error:
         raise ValueError(
             f"the weights do not fit an observation of {layout.tokens.start} global features and tokens of "
             f"{layout.token_shape[1]}: {error}"

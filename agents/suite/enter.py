@@ -6,10 +6,11 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 from activeslam_gym.evaluation import Store
-from agents import pretrained
+from agents import policies, pretrained
+from agents.learn.card import read_card
 from agents.suite import entry as entries
 from agents.suite.manifest import Suite, suite
-from agents.task import check, file_name, play_until_interrupted, rehearse
+from agents.task import check, play_until_interrupted, rehearse
 from agents.tools.arguments import given, within
 from agents.tools.files import alone_in, writable_folder, write_json
 
@@ -32,13 +33,12 @@ class Args:
     """Processes."""
     out: Path = Path("results/entries")
     """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again; nor is a
-    finished entry of the same policies and code."""
+    finished entry of the same policies and code. Those of a factory of yours always are."""
 
     def __post_init__(self) -> None:
         within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
         given(self, "name", "policies")
-        if file_name(self.name) != self.name:
-            raise ValueError(f"name: {self.name!r}; allowed: letters, digits, '_', '.' and '-'")
+        entries.check_name(self.name)
 
 
 def main(args: Args) -> int:
@@ -59,7 +59,7 @@ def main(args: Args) -> int:
         wanted = entries.tasks(names, of, count)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
         rehearse(names, environments, wanted[0].seed)
-        episodes = play_until_interrupted(wanted, Store(args.out / "episodes"), args.jobs)
+        episodes = play_until_interrupted(wanted, Store(args.out / entries.EPISODES), args.jobs)
         if len(episodes) < len(wanted):
             print("Run the same command to continue.")
             return 130
@@ -72,8 +72,8 @@ def main(args: Args) -> int:
 
 def _check_policies(args: Args, of: Suite) -> None:
     """Raise ValueError unless they are one policy, or several of a learner."""
-    kinds = {"weights" if pretrained.path_of(one) else "own" if ":" in one else "baseline" for one in args.policies}
-    contents = [entries.content_of(one) for one in args.policies if pretrained.path_of(one)]
+    kinds = {"file" if policies.file_of(one) else "own" if ":" in one else "baseline" for one in args.policies}
+    contents = [entries.content_of(one) for one in args.policies if policies.file_of(one)]
     if len(kinds) > 1 or (kinds == {"baseline"} and len(args.policies) > 1):
         raise ValueError(f"policies: {' '.join(args.policies)}; allowed: one, or those of one learner's training seeds")
     if len(set(args.policies)) < len(args.policies) or len(set(contents)) < len(contents):
@@ -83,14 +83,14 @@ def _check_policies(args: Args, of: Suite) -> None:
 
 
 def _beside(policy: str, folder: Path, index: int) -> str:
-    """The policy's name; of weights, that of their copy in the entry's folder."""
-    path = pretrained.path_of(policy)
+    """The policy's name; of a file, that of its copy in the entry's folder, of weights with their card."""
+    path = policies.file_of(policy)
     if path is None:
         return policy
-    copy = folder / f"policy-{index}.npz"
+    card = read_card(path) if pretrained.path_of(policy) else None
+    copy = folder / f"policy-{index}{path.suffix}"
     if path.resolve() != copy.resolve():
-        for file in filter(
-            Path.is_file, (path, path.with_suffix(".json"))
-        ):  # older weights have their card beside them
-            shutil.copyfile(file, copy.with_suffix(file.suffix))
+        shutil.copyfile(path, copy)
+    if card is not None:
+        write_json(copy.with_suffix(".json"), card)
     return str(copy)

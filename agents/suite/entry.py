@@ -4,23 +4,28 @@ An entry is a folder of its name with ``entry.json`` and, for learned policies, 
 """
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LIBRARIES, digest, package_versions
+from activeslam_gym.files import text_of
 from agents import policies, pretrained
+from agents.learn.card import KINDS, read_card
 from agents.suite.manifest import Suite
-from agents.task import Task, file_name
+from agents.task import Task
+from agents.tools.arguments import demand
 from agents.tools.files import reading
 from agents.tools.machine import machine, sources
 
 FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
+EPISODES = "episodes"  # folder of the store, beside those of entries
 VERSIONS = (*LIBRARIES, *IMAGE_LIBRARIES, *policies.LEARNING_LIBRARIES)
 COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
 TUPLES = ("policies", "contents", "training")
@@ -101,12 +106,13 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
 
 
 def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes: int) -> Entry | None:
-    """The entry in the file, if it is of these policies, suite and number of ``episodes``, and of this code."""
+    """The entry in the file, if it is of these policies, which are identified, suite, ``episodes`` and code."""
     try:
         kept = read(path)
     except ValueError:
         return None
-    is_same = kept.episodes == episodes and _decisive(name, names, suite).items() <= vars(kept).items()
+    is_same = kept.episodes == episodes and all(map(policies.is_identified, names))
+    is_same = is_same and _decisive(name, names, suite).items() <= vars(kept).items()
     return kept if is_same else None
 
 
@@ -118,7 +124,7 @@ def _decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
         "manifest": suite.digest,
         "commit": suite.commit,
         "behaviour": suite.behaviour,
-        "policies": tuple(Path(one).name if one.endswith(".npz") else one for one in names),
+        "policies": tuple(Path(one).name if one.endswith(policies.FILES) else one for one in names),
         "contents": tuple(map(content_of, names)),
         "sources": sources(),
         "versions": package_versions(VERSIONS),
@@ -127,18 +133,23 @@ def _decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
 
 def content_of(policy: str) -> str:
     """Digest of a policy's own files: its weights, or its module and what that imports; "" of a baseline."""
-    path = pretrained.path_of(policy)
+    path = policies.file_of(policy)
     return digest(path) if path else policies.content(policy).partition(" ")[0]
 
 
 def cost_of(policy: str) -> dict[str, Any]:
     """What the card of learned weights says of their training."""
-    from agents.learn.card import read_card
-
     path = pretrained.path_of(policy)
     assert path is not None
     card: Mapping[str, Any] = read_card(path)
     return {name: card[name] for name in COST if name in card}
+
+
+def check_name(name: str) -> None:
+    """Raise ValueError for a name that no entry may have."""
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}", name) or name.lower() == EPISODES:
+        allowed = f"100 letters, digits, '_', '-' and, not in front, '.'; but not {EPISODES!r}"
+        raise ValueError(f"name: {name[:200]!r}; allowed: {allowed}")
 
 
 def read(path: Path) -> Entry:
@@ -148,25 +159,28 @@ def read(path: Path) -> Entry:
         ValueError: there is none, or it is damaged: a field is missing or unknown, or what it says does not fit.
     """
     with reading(path):
-        given = json.loads(path.read_text(encoding="utf-8"))
+        given = json.loads(text_of(path, 2**26))
         if wrong := sorted({field.name for field in fields(Entry)} ^ given.keys()):
             raise ValueError(f"missing or unknown: {', '.join(wrong)}")
-        values: dict[str, Any] = {key: tuple(value) if key in TUPLES else value for key, value in given.items()}
+        kinds = get_type_hints(Entry)
+        for name, value in given.items():
+            demand(name, value, kinds[name])
+        values: dict[str, Any] = {name: tuple(value) if name in TUPLES else value for name, value in given.items()}
         entry = Entry(**values)
-        if not entry.name or file_name(entry.name) != entry.name:
-            raise ValueError(f"name: {entry.name!r}; allowed: letters, digits, '_', '.' and '-'")
+        check_name(entry.name)
         count = len(entry.policies)
-        shapes = {np.shape(rows) for table in (entry.scores, entry.lost) for rows in table.values()}
-        if entry.scores.keys() != entry.lost.keys() or shapes != {(count, entry.episodes)}:
-            raise ValueError(f"scores and lost are of {count} policies, shapes {shapes}")
-        for scenario in entry.scores:
-            if not np.isfinite(entry.gains(scenario).astype(float)).all():
-                raise ValueError(f"scores: some of {scenario!r} are not finite")
-            if not np.isin(entry.lost[scenario], (0, 1)).all():
-                raise ValueError(f"lost: some of {scenario!r} are not 0 or 1")
-        weights = [one for one, name in zip(entry.contents, entry.policies) if name.endswith(".npz")]
-        if len(entry.contents) != count or len(set(weights)) < len(weights):
-            raise ValueError(f"contents: {len(entry.contents)} of {count} policies, or two weights are the same")
-        if not all(isinstance(one, dict) for one in entry.training):
-            raise ValueError("training: not all objects")
+        rows = {tuple(map(len, of)) for table in (entry.scores, entry.lost) for of in table.values()}
+        episodes = max((max(one, default=0) for one in rows), default=0)
+        if entry.scores.keys() != entry.lost.keys() or rows != {(episodes,) * count} or not episodes:
+            raise ValueError(f"scores and lost are of {count} policies, with episodes {sorted(rows)}")
+        if not all(np.isin(rows, (0, 1)).all() for rows in entry.lost.values()):
+            raise ValueError("lost: some are not 0 or 1")
+        files = [one for one, name in zip(entry.contents, entry.policies) if name.endswith(policies.FILES)]
+        if len(entry.contents) != count or len(set(files)) < len(files):
+            raise ValueError(f"contents: {len(entry.contents)} of {count} policies, or two files are the same")
+        if len(entry.training) != sum(name.endswith(".npz") for name in entry.policies):
+            raise ValueError(f"training: {len(entry.training)}; allowed: one of each policy in a file of weights")
+        for cost in entry.training:
+            for name, value in cost.items():
+                demand(f"training[{name!r}]", value, KINDS.get(name))
         return entry

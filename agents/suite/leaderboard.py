@@ -201,7 +201,7 @@ def _training(entry: Entry, of: Suite) -> str:
     """Training seeds and time, by the cards of weights; an own policy has no card."""
     count, few = len(entry.policies), " (few)" if len(entry.policies) < of.training_seeds else ""
     if not entry.training:
-        return "not stated" if any(":" in one for one in entry.policies) else "none"
+        return "not stated" if any(":" in one or one.endswith(".zip") for one in entry.policies) else "none"
     seconds = [float(one.get("seconds_trained", one.get("seconds", np.nan))) for one in entry.training]
     time = "" if np.isnan(seconds).any() else f", {np.mean(seconds) / 60.0:.0f} min each"
     return f"{count} seeds{few}{time}"

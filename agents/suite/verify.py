@@ -15,6 +15,7 @@ import tyro
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Store, outcome
 from activeslam_gym.evaluation.code import package_versions
+from agents import policies
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
@@ -48,16 +49,15 @@ def main(args: Args) -> int:
     """Verify; the exit status: 0, 1 where something differs, 130 when interrupted. Raises ValueError as `read` does."""
     entry = entries.read(args.entry)
     of = suite(args.suite or entry.suite)
-    if wrong := _of_another_suite(entry, of):
+    names = [_beside(name, args.entry.parent) for name in entry.policies]
+    sys.path.append(str(args.entry.parent.resolve()))  # the entrant's modules do not take the place of others
+    if wrong := _of_another_suite(entry, of) or _changed(entry, names):
         print("\n".join([*wrong, f"{args.entry}: differs; nothing was replayed."]))
         return 1
-    names = [_beside(name, args.entry.parent) for name in entry.policies]
-    if own := [name for name in names if ":" in name]:
-        sys.path.insert(0, str(args.entry.parent.resolve()))
+    if own := list(filter(policies.holds_code, names)):
         print(f"This runs the entrant's code: {', '.join(own)}.", flush=True)
     environments = [of.environment(one) for one in of.scenarios]
     check(names, environments)
-    wrong = _changed(entry, names)
     chosen = _chosen(entry, of, names)
     rehearse(names, environments, next(iter(chosen)).seed)
     runs = play_until_interrupted(list(chosen), Store(args.out), args.jobs)
@@ -73,13 +73,11 @@ def main(args: Args) -> int:
             differences.append(f"{where}: {kept:.6f}, lost {lost}; replayed: {now}")
     more = [f"… and {len(differences) - MOST_SHOWN} more."] if len(differences) > MOST_SHOWN else []
     done = f"{len(runs)} of {len(of.scenarios) * len(names) * entry.episodes} episodes replayed"
-    verdict = (
-        f"{done}, {len(differences)} with other scores: the entry {'differs' if wrong or differences else 'holds'}."
-    )
+    verdict = f"{done}, {len(differences)} with other scores: the entry {'differs' if differences else 'holds'}."
     if len(runs) < len(chosen):
         verdict = f"{done}. Run the same command to continue."
-    print("\n".join([*wrong, *differences[:MOST_SHOWN], *more, verdict]))
-    return 130 if len(runs) < len(chosen) else int(bool(wrong or differences))
+    print("\n".join([*differences[:MOST_SHOWN], *more, verdict]))
+    return 130 if len(runs) < len(chosen) else int(bool(differences))
 
 
 def _beside(name: str, folder: Path) -> str:
@@ -88,7 +86,7 @@ def _beside(name: str, folder: Path) -> str:
     Raises:
         ValueError: they are not there.
     """
-    if not name.endswith(".npz"):
+    if not name.endswith(policies.FILES):
         return name
     path = folder / Path(name).name
     if not path.is_file():

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from activeslam_gym.config import benchmark_seed
 from activeslam_gym.evaluation import Store
@@ -105,6 +105,21 @@ def within(args: Any, **bounds: tuple[float, float]) -> None:
     for name, (low, high) in bounds.items():
         if not low <= getattr(args, name) <= high:
             raise ValueError(f"{name}: {getattr(args, name)!r}; allowed: {low} to {high}")
+
+
+def demand(name: str, value: Any, kind: Any) -> None:
+    """Raise ValueError, which names the part, where a value of JSON is not of a type: text, or numbers up to 10¹⁵."""
+    of, parts = get_origin(kind) or kind, get_args(kind)
+    if of in (list, tuple) and isinstance(value, list):
+        for i, item in enumerate(value):
+            demand(f"{name}[{i}]", item, parts[0])
+    elif of is dict and isinstance(value, dict):
+        for key, item in value.items():
+            demand(f"{name}[{key!r}]", item, parts[1])
+    elif of is not Any:
+        plain = {str: (str,), int: (int,), float: (int, float)}.get(of, ())
+        if type(value) not in plain or (of is not str and not abs(value) <= 1e15):
+            raise ValueError(f"{name}: {str(value)[:40]!r}; allowed: {getattr(of, '__name__', of)}")
 
 
 def positive(args: Any, *names: str) -> None:

@@ -1,4 +1,4 @@
-"""`python -m activeslam_gym play`, `live`, `track`, `ablate` and `calibrate`: the environment's own command line."""
+"""`python -m activeslam_gym live`, `track`, `ablate` and `calibrate`: the environment's own command line."""
 
 import argparse
 import signal
@@ -8,7 +8,6 @@ from typing import Any, NoReturn
 
 import gymnasium
 
-from activeslam_gym.play import HELP, play
 from activeslam_gym.vision.settings import FEATURES
 
 _DEFAULT = "(default: %(default)s)"
@@ -25,25 +24,10 @@ class _Parser(argparse.ArgumentParser):
 def parser() -> argparse.ArgumentParser:
     """The commands and their options; ``run`` is the function of the chosen one."""
     top = _Parser(prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment.")
-    commands = top.add_subparsers(dest="command", required=True, metavar="play | live | track | ablate | calibrate")
-    for add in (_add_play, _add_live, _add_track, _add_ablate, _add_calibrate):
+    commands = top.add_subparsers(dest="command", required=True, metavar="live | track | ablate | calibrate")
+    for add in (_add_live, _add_track, _add_ablate, _add_calibrate):
         add(commands)
     return top
-
-
-def _add_play(commands: Any) -> None:
-    one = commands.add_parser(
-        "play",
-        help="fly the camera by hand",
-        description="Fly the camera by hand, in a window; each action's scores stand beside the picture.",
-        epilog=f"keys:\n{HELP}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    one.set_defaults(run=_play)
-    one.add_argument("--seed", type=int, default=0, help=f"the first room {_DEFAULT}")
-    one.add_argument("--scenario", default="paper", help=f"the scenario's name {_DEFAULT}")
-    one.add_argument("--gaze-period", type=float, help="time of a step [s]; the scenario's if not given")
-    one.add_argument("--speed", type=float, default=1.0, help=f"1 is true time {_DEFAULT}")
 
 
 def _add_live(commands: Any) -> None:
@@ -134,15 +118,13 @@ def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command: the exit status.
 
-    1: no window can be opened, OpenCV is not installed, or the track ended early; 2: a bad value or file; 3: most
-    images were lost; 130: Ctrl-C, SIGTERM or SIGHUP.
+    1: a package is not installed, or the track ended early; 2: a bad value or file; 3: most images were lost; 130:
+    Ctrl-C, SIGTERM or SIGHUP.
     """
     args = parser().parse_args(arguments)
     try:
         status, trouble = args.run(args) or (0, None)
-    except gymnasium.error.Error as error:
-        status, trouble = 1, f"{error}\n\nOn a screen these are the keys:\n{HELP}"
-    except ModuleNotFoundError as error:
+    except (gymnasium.error.Error, ModuleNotFoundError) as error:
         status, trouble = 1, error
     except (ValueError, OSError) as error:
         status, trouble = 2, error
@@ -156,11 +138,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 # Each runs its command and returns exit status and reason of a bad end, or None. -------------------------------------
 
 Ending = tuple[int, str] | None
-
-
-def _play(args: argparse.Namespace) -> None:
-    rooms = play(args.seed, args.scenario, args.gaze_period, args.speed)
-    print("\n".join(rooms) or "No room was flown to its end.")
 
 
 def _live(args: argparse.Namespace) -> Ending:

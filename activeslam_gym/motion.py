@@ -34,7 +34,6 @@ class Motion(IntEnum):
 
     FORWARD = 0
     BACKWARDS = 1
-    BACKWARD = 1  # another name of BACKWARDS
     RIGHT = 2
     LEFT = 3
     UP = 4

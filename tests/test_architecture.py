@@ -46,9 +46,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "envs.episode",
     },  # reads environments through their public surface
     "wrappers": {"envs", "__init__"},  # for clients; nothing of ours needs them
-    "play": {"motion", "rendering"},
     "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision", "envs.outside"},
-    "__main__": {"play", "vision", "live"},
+    "__main__": {"vision", "live"},
     "__init__": {"config", "motion", "envs"},
 }
 """What each module or subpackage of ``activeslam_gym`` may import of ours."""

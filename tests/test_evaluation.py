@@ -16,7 +16,7 @@ import baselines
 import examples.extend_range_sensor  # noqa: F401  (registers a sensor, and an estimator)
 import examples.extend_scene  # noqa: F401  (registers a scene)
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.evaluation import Episode, Store, code, play, run_episode
+from activeslam_gym.evaluation import Episode, Store, code, play
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimator import ESTIMATORS
@@ -166,13 +166,6 @@ def test_a_changed_module_of_a_registered_entry_is_another_key(tmp_path: Path, m
         assert kept_with(written(line)) == [kept] * 5, line
     for _ in range(2):  # nothing tells what an object without a module of its own does
         assert kept_with(partial(written("return 1"), 0)) == [False] * 5
-
-
-def test_the_old_home_of_the_evaluator_still_works_and_says_so() -> None:
-    sys.modules.pop("agents.evaluate", None)
-    with pytest.warns(DeprecationWarning, match="use activeslam_gym.evaluation"):
-        from agents.evaluate import run_episode as old
-    assert old is run_episode
 
 
 def test_a_damaged_result_is_made_again_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

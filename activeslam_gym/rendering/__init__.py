@@ -6,6 +6,6 @@ extra ``plot``) is imported when something is drawn, and nowhere else in this li
 """
 
 from activeslam_gym.rendering.picture import REFERENCE_SIZE, draw
-from activeslam_gym.rendering.window import COCKPIT_SIZE, Cockpit, NoScreen, NoScreenWarning, Window
+from activeslam_gym.rendering.window import NoScreen, NoScreenWarning, Window
 
-__all__ = ["COCKPIT_SIZE", "REFERENCE_SIZE", "Cockpit", "NoScreen", "NoScreenWarning", "Window", "draw"]
+__all__ = ["REFERENCE_SIZE", "NoScreen", "NoScreenWarning", "Window", "draw"]

@@ -1,4 +1,4 @@
-"""What matplotlib draws: the map, the camera's image, the entropy, and the scores of the actions.
+"""What matplotlib draws: the map, the camera's image, the entropy.
 
 A panel's artists are made once and moved from frame to frame. The only module that imports matplotlib at its top; so it
 is itself imported when something is drawn.
@@ -6,7 +6,6 @@ is itself imported when something is drawn.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -203,45 +202,6 @@ class EntropyPanel:
         if len(entropy):
             pad = 0.08 * max(np.ptp(entropy), 10.0)
             self._axes.set_ylim(entropy.min() - pad, entropy.max() + pad)
-
-
-class ScorePanel:
-    """A bar for each action under each of two criteria; the chosen actions are marked, the best numbers bold.
-
-    Actions come in groups (motions, gazes), each with a scale of its own: they look ahead over different times.
-    """
-
-    def __init__(self, figure: Any, groups: Sequence[Sequence[str]]):
-        figure.set_facecolor("white")
-        figure.text(0.02, 0.952, "What each action promises", size=11.5, weight="bold", va="center")
-        self._caption = figure.text(0.02, 0.062, "", size=9.5, va="center", wrap=True)
-        self._group = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
-        places = -np.arange(len(self._group)) - 0.6 * self._group
-        self._columns = []
-        for left in (0.30, 0.66):
-            axes = figure.add_axes((left, 0.115, 0.27, 0.745))
-            axes.set(yticks=[], xticks=[], xlim=(0.0, 1.45), ylim=(places[-1] - 0.6, 0.6))
-            axes.spines[["top", "right", "bottom"]].set_visible(False)
-            bars = list(axes.barh(places, np.zeros(len(places)), height=0.62))
-            self._columns.append((axes, bars, [axes.text(0.0, y, "", size=7.5, va="center") for y in places]))
-        named, style = zip(places, sum(map(list, groups), []), strict=True), {"size": 8, "ha": "right", "va": "center"}
-        self._names = [self._columns[0][0].text(-0.06, y, name, **style) for y, name in named]
-
-    def update(self, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
-        """Moves the bars, of titles and values (n,) of all groups in a row."""
-        marked = set(chosen)
-        for (axes, bars, numbers), (title, values) in zip(self._columns, scores.items(), strict=True):
-            axes.set_title(title, loc="left", size=8, pad=4)
-            finite = np.where(np.isfinite(values), values, 0.0)
-            greatest = np.array([finite[self._group == group].max() for group in self._group])
-            lengths = np.maximum(finite, 0.0) / np.maximum(greatest, 1e-12)
-            for i, (bar, number) in enumerate(zip(bars, numbers, strict=True)):
-                bar.set(width=lengths[i], color=CAMERA if i in marked else INITIALISED)
-                weight = "bold" if finite[i] == greatest[i] else "normal"
-                number.set(text=f"{values[i]:.3g}", x=lengths[i] + 0.04, fontweight=weight)
-        for i, name in enumerate(self._names):
-            name.set(color=CAMERA if i in marked else TEXT, fontweight="bold" if i in marked else "normal")
-        self._caption.set_text(caption)
 
 
 def _line(axes: Any, *marker: str, **style: Any) -> Any:

@@ -1,23 +1,17 @@
-"""Windows on the screen: one to watch an episode in, and one to fly in."""
+"""A window on the screen, to watch an episode in."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
-import numpy as np
 
-from activeslam_gym.rendering.picture import REFERENCE_SIZE, Picture, figure_with, our_style, the_matplotlib
+from activeslam_gym.rendering.picture import REFERENCE_SIZE, Picture, figure_with, the_matplotlib
 
 if TYPE_CHECKING:
     from activeslam_gym.rendering.scene import Snapshot
-
-COCKPIT_SIZE = (1190, 560)
-"""Pixels of the window to fly in, the picture and the actions' scores beside it; with its bars it fits 1366 x 768."""
-SCORES_WIDTH = 0.417  # width of the scores, relative to the picture's
 
 
 class NoScreen(gymnasium.error.Error):
@@ -58,55 +52,6 @@ class Window:
         if self._picture is not None:
             _pyplot().close(self._picture.figure)
         self._picture = None
-
-
-class Cockpit:
-    """A window to fly in: the picture, what every action promises, and the keys that are pressed in it.
-
-    Args:
-        actions: A label for each score, in groups.
-
-    Raises:
-        NoScreen: there is none.
-        gymnasium.error.DependencyNotInstalled: matplotlib is missing.
-    """
-
-    def __init__(self, actions: Sequence[Sequence[str]]):
-        self._figure, _ = _on_screen(COCKPIT_SIZE, "flying by hand needs a screen and none was found")
-        with our_style():
-            from activeslam_gym.rendering.panels import ScorePanel
-
-            left, right = self._figure.subfigures(1, 2, width_ratios=(1.0, SCORES_WIDTH))
-            self._picture, self._scores = Picture(left), ScorePanel(right, actions)
-        self._pressed: list[str] = []
-        canvas = self._figure.canvas
-        own_keys = getattr(canvas.manager, "key_press_handler_id", None)
-        if own_keys is not None:  # matplotlib's own, among them the arrows and "q"
-            canvas.mpl_disconnect(own_keys)
-        canvas.mpl_connect("key_press_event", lambda event: self._pressed.append(event.key or ""))
-
-    @property
-    def is_open(self) -> bool:
-        """False once the user has closed the window."""
-        return _is_open(self._figure)
-
-    def show(self, snapshot: Snapshot, scores: Mapping[str, np.ndarray], chosen: Iterable[int], caption: str) -> None:
-        """Draws now: the scores (n,) of all actions by their title, the chosen actions marked, and a line of text."""
-        if self.is_open:
-            self._picture.update(snapshot)
-            self._scores.update(scores, chosen, caption)
-            self._figure.canvas.draw()
-
-    def keys(self, seconds: float) -> list[str]:
-        """The keys pressed since the last call, after waiting so long for more; matplotlib's names."""
-        if self.is_open:
-            self._figure.canvas.start_event_loop(seconds)
-        pressed, self._pressed = self._pressed, []
-        return pressed
-
-    def close(self) -> None:
-        """Closes the window; harmless where it is closed."""
-        _pyplot().close(self._figure)
 
 
 def _pyplot() -> ModuleType:

@@ -3,15 +3,17 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym import Gaze, Motion
+from activeslam_gym import SCENARIOS, Gaze, Motion
 from activeslam_gym.config import benchmark_seed
 from agents.__main__ import COMMANDS, main
 from agents.compare import generalise
+from agents.task import make_environment
 from agents.tools.arguments import scenario_argument
 from agents.tools.files import json_text
 from agents.tools.sections import Table, escaped, put_section, table
@@ -46,6 +48,40 @@ def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) 
     for nested in ('{"a":' * 10**5, '{"pixel_std": ' + "[" * 10**5, '{"pixel_std": ' + "9" * 5000 + "}"):
         with pytest.raises(ValueError, match=r"^scenario: .{2,90} is no JSON object \("):
             scenario_argument(nested)
+
+
+def test_a_scenario_is_of_a_module_or_a_file_or_registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    code = "from activeslam_gym import SCENARIOS, Scenario\none = Scenario(name='one', pixel_std=3.0)\n"
+    code += "def fields(): return {'pixel_std': 3.0}\nSCENARIOS['registered'] = one\nwrong = {'pixel_sd': 1}\n"
+    (tmp_path / "rooms_of_mine.py").write_text(code)
+    (tmp_path / "room.json").write_text('{"pixel_std": 3.0}')
+    names = [f"rooms_of_mine:{name}" for name in ("one", "fields", "registered")]
+    for text in (*names, str(tmp_path / "room.json"), "registered"):
+        env = make_environment({"scenario": json.loads(json.dumps(scenario_argument(text)))})
+        assert env.unwrapped.scenario.pixel_std == 3.0
+    SCENARIOS.pop("registered")
+    (tmp_path / "list.json").write_text("[]")
+    for text in (
+        "rooms_of_mine:wrong",
+        "rooms_of_mine:absent",
+        "absent_module:one",
+        "os:abc",
+        str(tmp_path / "no.json"),
+    ):
+        with pytest.raises(ValueError, match="scenario: .*allowed: 'package|cannot be read"):
+            make_environment({"scenario": scenario_argument(text)})
+    with pytest.raises(ValueError, match="is no JSON object"):
+        scenario_argument(str(tmp_path / "list.json"))
+
+
+def test_several_scenarios_are_compared_each_in_a_folder_of_its_name(tmp_path: Path, capsys: Any) -> None:
+    line = f"compare --policies stay --reference stay --episodes 1 --duration 1 --jobs 1 --no-figures --out {tmp_path}"
+    assert main([*line.split(), "--scenario", "paper", "sprint"]) == 0
+    out = capsys.readouterr().out
+    for name in ("paper", "sprint"):
+        assert f"{name}: 1 policies" in out and (tmp_path / name / "summary.md").is_file()
+        assert json.loads((tmp_path / name / "summary.json").read_text())["settings"]["scenario"] == name
 
 
 def test_a_foreign_text_neither_closes_a_section_nor_is_markup(tmp_path: Path) -> None:

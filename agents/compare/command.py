@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents import policies
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
-from agents.task import Task, check, play_until_interrupted, rehearse
+from agents.task import Task, check, file_name, play_until_interrupted, rehearse
 from agents.tools.arguments import Figures, Pages, Rooms, given, scenario_argument
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 from agents.tools.sections import put_section
@@ -26,8 +26,9 @@ class Args(Rooms, Pages, Figures):
     episodes: int = 8
     out: Path = Path("results/compare")
     """Folder of the results."""
-    scenario: str = "paper"
-    """Name of the scenario, or its fields as JSON: '{"pixel_std": 4.0}'."""
+    scenario: tuple[str, ...] = ("paper",)
+    """Scenario: a name, its fields as JSON ('{"pixel_std": 4.0}') or in a file (room.json), or 'package.module:name'
+    of your own. Of several, each is compared in a folder of its name."""
     gaze_period: float | None = None
     """Seconds between gaze commands; the scenario's if not given."""
     duration: float | None = None
@@ -40,7 +41,9 @@ class Args(Rooms, Pages, Figures):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given(self, "policies")
+        given(self, "policies", "scenario")
+        if len(self.scenario) > 1 and self.report:
+            raise ValueError(f"report: given with {len(self.scenario)} scenarios; allowed: with one")
         if self.reference not in {*self.names, Args.reference}:
             raise ValueError(f"reference: {self.reference!r} is not compared; allowed: {', '.join(self.names)}")
 
@@ -52,8 +55,11 @@ class Args(Rooms, Pages, Figures):
     @property
     def environment(self) -> dict[str, Any]:
         """Arguments of the environment."""
-        scenario = scenario_argument(self.scenario)
-        return {"scenario": scenario, "gaze_period": self.gaze_period, "duration": self.duration}
+        return {
+            "scenario": scenario_argument(self.scenario[0]),
+            "gaze_period": self.gaze_period,
+            "duration": self.duration,
+        }
 
     def tasks(self) -> list[Task]:
         """Room by room, so that an interrupted comparison has seen the same rooms with every policy."""
@@ -68,7 +74,11 @@ class Args(Rooms, Pages, Figures):
 
 def main(args: Args) -> int:
     """Run the comparison and print it; the exit status, 130 when interrupted. Raises ValueError for a bad argument."""
-    print(f"{len(args.names)} policies, {args.episodes} rooms each.")
+    if len(names := dict.fromkeys(args.scenario)) > 1:
+        parts = [replace(args, scenario=(one,), out=args.out / file_name(one)) for one in names]
+        check(args.names, [part.environment for part in parts])
+        return next((status for part in parts if (status := main(part))), 0)
+    print(f"{args.scenario[0]}: {len(args.names)} policies, {args.episodes} rooms each.")
     summary = compare(args)
     if summary is None:
         print("Interrupted before the first episode was over: nothing to show.")

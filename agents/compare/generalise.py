@@ -47,7 +47,7 @@ class Args(Rooms, Pages):
         conditions = {name: name for name in self.scenarios} or CONDITIONS
         seeds = {name: first_room(name, self.seed) if self.scenarios else self.seed for name in conditions}
         return {
-            name: command.part_of(self, name, seeds[name], policies=self.policies, scenario=scenario)
+            name: command.part_of(self, name, seeds[name], policies=self.policies, scenario=(scenario,))
             for name, scenario in conditions.items()
         }
 

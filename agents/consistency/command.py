@@ -13,7 +13,7 @@ from agents.consistency import page
 from agents.consistency.calibration import Calibration, calibrate, initialisation_of
 from agents.consistency.witness import Witness
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import Figures, Pages, Rooms, given, times_within
+from agents.tools.arguments import Figures, Pages, Rooms, given, made_scenario, scenario_argument, times_within
 from agents.tools.files import alone_in, write_csv, write_json, write_text
 
 INITIALISERS = tuple(reversed(INITIALISATIONS))  # each policy runs with both
@@ -30,7 +30,7 @@ class Args(Rooms, Pages, Figures):
     seed: int = 2_000_000
     out: Path = Path("results/consistency")
     scenario: str = "paper"
-    """Name of the scenario; under `clutter` only the share of lost runs has a bar."""
+    """The scenario, as for compare; under `clutter` only the share of lost runs has a bar."""
     duration: float = 35.0
     """Seconds of an episode."""
 
@@ -46,7 +46,7 @@ class Args(Rooms, Pages, Figures):
     @property
     def environments(self) -> list[dict[str, Any]]:
         """Arguments of the environments: the scenario's fields, with each initialiser; a step is a frame."""
-        fields = asdict(scenario_from(self.scenario))
+        fields = asdict(scenario_from(made_scenario(scenario_argument(self.scenario))))
         step = fields["frame_time"]
         scenarios = [{**fields, "initialisation": name} for name in INITIALISERS]
         return [{"scenario": scenario, "gaze_period": step, "duration": self.duration} for scenario in scenarios]

@@ -5,14 +5,15 @@ import math
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from activeslam_gym.config import benchmark_seed
+from activeslam_gym.config import ASKED, SCENARIOS, benchmark_seed, scenario_from
 from activeslam_gym.evaluation import Store
-from agents.tools.files import writable_folder
+from agents.tools.files import reading, writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 
 SEEDS = (0, 2**62)  # bounds of a seed: the rooms after it have seeds too
@@ -147,10 +148,37 @@ def first_room(scenario: str, seed: int) -> int:
 
 
 def scenario_argument(text: str) -> str | dict[str, Any]:
-    """A scenario of the command line: a name, or a JSON object of fields. Raises ValueError for bad JSON."""
-    if not text.lstrip().startswith("{"):
-        return text
+    """A scenario of the command line, as `made_scenario` takes it in every process.
+
+    ``text`` is a name, 'package.module:name', a JSON object of fields, or a file of one (room.json). Raises ValueError
+    for bad JSON or an unknown name.
+    """
+    given = text
+    if text.endswith(".json"):
+        with reading(Path(text)):
+            given = Path(text).read_text(encoding="utf-8")
+    elif not text.lstrip().startswith("{"):
+        return text if text in ASKED or ":" in text else asdict(SCENARIOS[text])  # one that this process registered
     try:
-        return json.loads(text)
+        if not isinstance(fields := json.loads(given), dict):
+            raise ValueError(type(fields).__name__)
+        return fields
     except (ValueError, RecursionError) as error:  # the latter where it is nested too deeply
         raise ValueError(f"scenario: {text[:80]!r} is no JSON object ({error})") from error
+
+
+def made_scenario(scenario: Any) -> Any:
+    """A scenario as an environment takes it; 'package.module:name' becomes what the module has or registers by it.
+
+    Raises ValueError where the module has no such scenario, or fails.
+    """
+    if not isinstance(scenario, str) or ":" not in scenario:
+        return scenario
+    module, _, name = scenario.partition(":")
+    try:
+        found = getattr(import_module(module), name, name)
+        return scenario_from(found() if callable(found) else found)
+    except (Exception, SystemExit) as error:
+        allowed = "'package.module:name' of a Scenario, its fields, a function that returns one, or a registered name"
+        told = next(iter(str(error).splitlines()), "")
+        raise ValueError(f"scenario: {scenario!r}: {type(error).__name__}: {told}; allowed: {allowed}") from error

@@ -32,7 +32,7 @@ class Args:
     seed: int = 1_000_000
     """The room: reset(seed=seed)."""
     scenario: str = "paper"
-    """Name of the scenario, or its fields as JSON."""
+    """The scenario, as for compare."""
     gaze_period: float | None = None
     """Seconds between gaze commands; the scenario's if not given."""
     duration: float | None = None

@@ -1,4 +1,4 @@
-"""`python -m activeslam_gym live`, `track`, `ablate` and `calibrate`: the environment's own command line."""
+"""`python -m activeslam_gym live`, `track` and `calibrate`: the environment's own command line."""
 
 import argparse
 import signal
@@ -24,8 +24,8 @@ class _Parser(argparse.ArgumentParser):
 def parser() -> argparse.ArgumentParser:
     """The commands and their options; ``run`` is the function of the chosen one."""
     top = _Parser(prog="python -m activeslam_gym", description="Active SLAM as a Gymnasium environment.")
-    commands = top.add_subparsers(dest="command", required=True, metavar="live | track | ablate | calibrate")
-    for add in (_add_live, _add_track, _add_ablate, _add_calibrate):
+    commands = top.add_subparsers(dest="command", required=True, metavar="live | track | calibrate")
+    for add in (_add_live, _add_track, _add_calibrate):
         add(commands)
     return top
 
@@ -71,25 +71,15 @@ def _add_track(commands: Any) -> None:
         "Needs the extra `vision`.",
     )
     one.set_defaults(run=_track)
-    _add_sequence(one, "; without one the scale is free", required=False)
+    one.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
+    one.add_argument("--calibration", required=True, help=_LENS)
+    one.add_argument("--target", help="JSON file with what the first image shows; without one the scale is free")
+    one.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
     one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
     one.add_argument("--features", type=int, default=FEATURES, help=f"most features of the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")
-
-
-def _add_ablate(commands: Any) -> None:
-    one = commands.add_parser(
-        "ablate",
-        help="track with parts of the front end left out, side by side",
-        description="Track the same images five times: in full, without warped templates, without the sub-pixel fit, "
-        "without appearance in the association, and without recovery.",
-    )
-    one.set_defaults(run=_ablate)
-    _add_sequence(one, "", required=True)
-    one.add_argument("--reference", help="a trajectory in TUM's format, to which the errors are told")
-    one.add_argument("--every", type=int, default=1, help=f"use every so many-th image {_DEFAULT}")
 
 
 def _add_calibrate(commands: Any) -> None:
@@ -105,14 +95,6 @@ def _add_calibrate(commands: Any) -> None:
     one.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
     one.add_argument("--rows", type=int, required=True, help="rows of them")
     one.add_argument("--out", required=True, help="the JSON file to write")
-
-
-def _add_sequence(command: argparse.ArgumentParser, without: str, required: bool) -> None:
-    """The options of a sequence of images; ``without`` tells what happens without a target."""
-    command.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
-    command.add_argument("--calibration", required=True, help=_LENS)
-    command.add_argument("--target", required=required, help=f"JSON file with what the first image shows{without}")
-    command.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -160,13 +142,6 @@ def _track(args: argparse.Namespace) -> Ending:
         counted = f"lost: {tracked} of {len(done.lost)} images were tracked; {advice}"
         return 3, f"{early}; {counted}" if early else counted
     return (1, early) if early else None
-
-
-def _ablate(args: argparse.Namespace) -> None:
-    from activeslam_gym.vision.ablation import ablate
-
-    for line in ablate(args.images, args.calibration, args.target, args.rate, args.reference, args.every):
-        print(line, flush=True)
 
 
 def _calibrate(args: argparse.Namespace) -> None:

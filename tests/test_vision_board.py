@@ -1,4 +1,4 @@
-"""The lens from pictures of a board, a live camera, and the ablation's arithmetic."""
+"""The lens from pictures of a board, and a live camera."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,6 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.geometry import quaternion_exp, rotation_matrix  # noqa: E402
 from activeslam_gym.vision import board  # noqa: E402
-from activeslam_gym.vision.ablation import aligned_rmse  # noqa: E402
 from activeslam_gym.vision.board import View, _model, find_board, fit_lens  # noqa: E402
 from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
 from activeslam_gym.vision.sources import SourceError, open_images  # noqa: E402
@@ -209,11 +208,3 @@ def test_a_live_camera_gives_grey_images_until_it_stops(monkeypatch) -> None:
     for name, message in (("camera:1", "camera:1 is not there"), ("camera:front", "camera:0, camera:1")):
         with pytest.raises(SourceError, match=message):
             open_images(name, 30.0)
-
-
-def test_the_aligned_error_ignores_a_rotation_and_a_shift_and_nothing_else() -> None:
-    rng = np.random.default_rng(1)
-    path, R = rng.standard_normal((50, 3)), rotation_matrix(quaternion_exp(np.array((0.4, -1.0, 2.0))))
-    moved = path @ R.T + (1.0, 2.0, 3.0)
-    assert aligned_rmse(moved, path) < 1e-7
-    assert aligned_rmse(1.1 * moved, path) > 0.05

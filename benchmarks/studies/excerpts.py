@@ -24,7 +24,6 @@ from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_SIZE
-from activeslam_gym.vision.ablation import aligned_rmse
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.other_lenses import Lens, fitted, straightening
 from activeslam_gym.vision.room.camera import RoomCamera
@@ -129,7 +128,8 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEA
     errors = [camera_error(a, b) for a, b in zip(true, done.cameras)]
     ratios = [[nees(e[p], P[p, p]) / 3.0 for p in (slice(0, 3), slice(3, 6))] for e, P in zip(errors, done.covariances)]
     length = np.linalg.norm(np.diff(true[:, :3], axis=0), axis=1).sum()
-    error = aligned_rmse(done.cameras[:, :3], true[: len(done.cameras), :3]) / length
+    found, known = (path - path.mean(axis=0) for path in (done.cameras[:, :3], true[: len(done.cameras), :3]))
+    error = float(Rotation.align_vectors(known, found)[1] / np.sqrt(len(found)) / length)
     position, orientation = np.mean(ratios[1:], axis=0).tolist()
     spent = float(np.percentile([log.milliseconds for log in done.logs], 99))
     lost = len(done.lost) < len(true) or done.lost.mean() > 0.5 or error > LOST

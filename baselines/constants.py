@@ -6,6 +6,7 @@ when it is first asked for, which takes a minute or so and is said.
 
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
@@ -20,6 +21,7 @@ from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
+from activeslam_gym.files import demand_writable
 
 from .fixed import Planned
 from .policy import Actions, Environment, played
@@ -53,9 +55,9 @@ def best_constant(env: Any) -> tuple[Motion, Gaze]:
     return Motion[found["motion"]], Gaze[found["gaze"]]
 
 
-def found_or_chosen(path: Path, env: Any, choose: Choose, what: str) -> dict[str, Any]:
+def found_or_chosen(path: Path, env: Any, choose: Choose, what: str, **limit: float) -> dict[str, Any]:
     """The entry of the table ``path`` for ``env``, or, where it has none, the best one that ``choose`` finds now."""
-    return table_of(path).get(key_of(env)) or _chosen(choose, what, *_asked(env))
+    return table_of(path).get(key_of(env)) or _chosen(choose, what, *_asked(env), **limit)
 
 
 def key_of(env: Any) -> str:
@@ -82,11 +84,17 @@ def _asked(env: Any) -> tuple[Scenario, float, float, float]:
 
 
 @cache
-def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float) -> dict[str, Any]:
-    """``choose``, once a process, and said."""
+def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float, **limit: float) -> dict[str, Any]:
+    """``choose``, once a process, and said. Its episodes are kept in the user's cache, where that can be written."""
     told = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
-    print(f"{told}, in rooms of training (once a process) ...", file=sys.stderr, flush=True)
-    return choose(scenario, *times)
+    folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "activeslam_gym")
+    try:
+        demand_writable(folder)
+        store, where = Store(folder), f", kept in {folder}"
+    except OSError:
+        store, where = NOT_KEPT, ""
+    print(f"{told}, in training episodes{where} ...", file=sys.stderr, flush=True)
+    return choose(scenario, *times, store, **limit)
 
 
 def searched(scenario: Scenario) -> Scenario:

@@ -2,20 +2,22 @@
 
 `best-sequence` plays the best open loop of a scenario, chosen on rooms of training. Of named scenarios it stands in
 `best_sequences.json`, which `python -m baselines` regenerates. Of others it is searched when it is first asked for,
-which takes minutes and is said.
+which takes minutes, shows a bar, and goes on where an interrupted search ended.
 """
 
 import math
 from collections.abc import Sequence as Many
-from functools import partial
+from contextlib import nullcontext
 from pathlib import Path
+from time import monotonic
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, Scenario, core_of
-from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.config import TRAINING_SEED, positive_number
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 
 from . import constants
@@ -57,17 +59,20 @@ class Sequence(NamedTuple):
 
 
 class BestSequence(Planned):
-    """The best sequence of the scenario, by the median log score, that a search found: better ones may exist."""
+    """The best sequence of the scenario, by the median log score, that a search found: better ones may exist.
 
-    def __init__(self, env: Environment) -> None:
-        core = core_of(env)
+    ``seconds`` limits the search, where there is one.
+    """
+
+    def __init__(self, env: Environment, seconds: float = math.inf) -> None:
+        core, limit = core_of(env), positive_number("seconds", seconds, "seconds")
         periods = math.ceil(core.duration / core.motion_period - 1e-9)
-        super().__init__(env, best_sequence(core).plan(periods))
+        super().__init__(env, best_sequence(core, limit).plan(periods))
 
 
-def best_sequence(env: Any) -> Sequence:
+def best_sequence(env: Any, seconds: float = math.inf) -> Sequence:
     """The best sequence for the scenario, the motion period and the duration of ``env``, a bare environment."""
-    return sequence_from(found_or_chosen(TABLE, env, choose_sequence, "sequence"))
+    return sequence_from(found_or_chosen(TABLE, env, choose_sequence, "sequence", seconds=seconds))
 
 
 def sequence_from(entry: dict[str, Any]) -> Sequence:
@@ -80,38 +85,68 @@ def sequence_from(entry: dict[str, Any]) -> Sequence:
 
 
 def choose_sequence(
-    scenario: Scenario, gaze_period: float, motion_period: float, duration: float, store: Store = NOT_KEPT
+    scenario: Scenario,
+    gaze_period: float,
+    motion_period: float,
+    duration: float,
+    store: Store = NOT_KEPT,
+    seconds: float = math.inf,
 ) -> dict[str, Any]:
     """The sequence of the highest median log score: its actions and ends, and the medians of the best finalists [bit].
 
     Random sequences and constants by successive halving; then the best are changed for some rounds, judged in the
     same rooms; at last those left and every constant play new rooms, by which alone the best is chosen. A scenario of
-    images is played with images only then, by the best (see `constants.searched`).
+    images is played with images only then, by the best (see `constants.searched`). After ``seconds`` no new round
+    begins, and the best so far is chosen. ``store`` keeps the rounds that are over, so that a second search goes on.
     """
-    times, quick = (gaze_period, motion_period, duration), constants.searched(scenario)
-    play = partial(log_scores, scenario=quick, times=times, store=store)
+    times, quick, until = (gaze_period, motion_period, duration), constants.searched(scenario), monotonic() + seconds
     rng, first = np.random.default_rng(0), TRAINING_SEED
     held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
     pool = held + [random_sequence(rng) for _ in range(RANDOM)]
     scores = np.empty((len(pool), 0))
-    for rooms, kept in HALVINGS:
-        more = play(pool, seeds=range(first + scores.shape[1], first + scores.shape[1] + rooms))
-        pool, scores = _best(pool, np.hstack((scores, more)), kept)
-    seeds = range(first, first + scores.shape[1])
-    for _ in range(REFINEMENTS):
-        children = [changed(pool[k % len(pool)], rng) for k in range(CHILDREN)]
-        tried, kept = TRIALS
-        children, begun = _best(children, play(children, seeds=seeds[:tried]), kept)
-        ended = play(children, seeds=seeds[tried:])
-        pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
-    pool = list(dict.fromkeys([*pool, *held]))
-    new = range(seeds.stop, seeds.stop + LAST_ROOMS)
-    pool, last = _best(pool, play(pool, seeds=new), HALVINGS[-1][1])
-    if quick != scenario:
-        pool, last = _best(pool, log_scores(pool, scenario, new, times, store), len(pool))
-    medians = {one.told(): round(float(np.median(row)), 1) for one, row in zip(pool, last)}
+    with _progress() as bar:
+
+        def play(sequences: list[Sequence], seeds: range) -> NDArray[np.float64]:
+            found = log_scores(sequences, quick, seeds, times=times, store=store)
+            bar.update(found.size)
+            return found
+
+        for rooms, kept in HALVINGS:
+            if scores.size and monotonic() > until:
+                break
+            more = play(pool, range(first + scores.shape[1], first + scores.shape[1] + rooms))
+            pool, scores = _best(pool, np.hstack((scores, more)), kept)
+        seeds = range(first, first + scores.shape[1])
+        for _ in range(REFINEMENTS):
+            if monotonic() > until:
+                break
+            children = [changed(pool[k % len(pool)], rng) for k in range(CHILDREN)]
+            tried, kept = TRIALS
+            children, begun = _best(children, play(children, seeds[:tried]), kept)
+            ended = play(children, seeds[tried:])
+            pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
+        if monotonic() <= until:
+            pool = list(dict.fromkeys([*pool, *held]))
+            seeds = range(seeds.stop, seeds.stop + LAST_ROOMS)
+            pool, scores = _best(pool, play(pool, seeds), HALVINGS[-1][1])
+            if quick != scenario:
+                pool, scores = _best(pool, log_scores(pool, scenario, seeds, times, store), len(pool))
+    best = list(zip(pool, scores))[: HALVINGS[-1][1]]
+    medians = {one.told(): round(float(np.median(row)), 1) for one, row in best}
     named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
-    return {"scenario": scenario.name, "sequence": named, "rooms": LAST_ROOMS, "medians": medians}
+    return {"scenario": scenario.name, "sequence": named, "rooms": scores.shape[1], "medians": medians}
+
+
+def _progress() -> Any:
+    """A bar of the episodes on a terminal, where tqdm is installed."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return nullcontext(SimpleNamespace(update=lambda count: None))
+    sizes, (tried, kept) = (len(CONSTANTS) + RANDOM, *(size for _, size in HALVINGS)), TRIALS
+    total = sum(size * rooms for size, (rooms, _) in zip(sizes, HALVINGS)) + (sizes[-1] + len(CONSTANTS)) * LAST_ROOMS
+    total += REFINEMENTS * (CHILDREN * tried + kept * (sum(rooms for rooms, _ in HALVINGS) - tried))
+    return tqdm(total=total, unit="episode", disable=None)
 
 
 def _best(pool: list[Sequence], scores: NDArray[np.float64], kept: int) -> tuple[list[Sequence], NDArray[np.float64]]:

@@ -51,8 +51,9 @@ def test_a_name_changes_no_choice_and_a_field_or_a_time_does() -> None:
 
 
 def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name, rooms in (("ROOMS", 3), ("FINALISTS", 21), ("LAST_ROOMS", 2)):
         monkeypatch.setattr(constants, name, rooms)
     chosen = choose(Scenario(), *SECOND)

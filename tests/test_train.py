@@ -43,6 +43,7 @@ from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
 SMALL |= {"duration": 5.0, "decision_period": 0.25, "warm_start": 0.0}
+RECIPE = {name: SMALL[name] for name in ("width", "warm_start")}
 LEFT = {"policy.npz", "policy.json", CHECKPOINT}
 
 
@@ -51,6 +52,17 @@ def acts(env: gym.Env, policy: Any) -> np.ndarray:
     action, _ = policy.predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
     return action
+
+
+def test_minibatches_are_equal_and_about_five(recwarn: pytest.WarningsRecorder) -> None:
+    for decisions in (2, 3, 7, 32, 256, 280, 1120, 9 * 32 * 12):
+        size = algorithms.minibatch(decisions)
+        assert size > 1 and decisions % size == 0
+    assert algorithms.minibatch(1120) == 224 and algorithms.minibatch(256) == 64
+    recipe = Recipe(**{**RECIPE, "num_envs": 4, "duration": 8.0, "decision_period": 1.0})
+    with contextlib.closing(algorithms.make_training(recipe)) as env:
+        algorithms.make_learner(recipe, env, None)
+    assert not [one for one in recwarn if "mini-batch" in str(one.message)]
 
 
 def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsys: Any) -> None:

@@ -120,10 +120,16 @@ def require_device(name: str) -> None:
         raise ValueError(f"device: {name!r}; allowed on this machine: {allowed}") from error
 
 
+def minibatch(decisions: int) -> int:
+    """Size of the equal minibatches of a rollout, as near as can be to five of two or more decisions."""
+    counts = [count for count in range(1, 10) if decisions % count == 0 and decisions // count > 1]
+    return decisions // min(counts, key=lambda count: abs(count - 5))
+
+
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "cpu") -> Any:
     """A new learner, in the first rooms that are trained in. PPO's rollout is one episode of every environment."""
     steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
-    rollout = {"n_steps": steps, "batch_size": max(2, steps * env.num_envs // 5), "gae_lambda": 0.95}
+    rollout = {"n_steps": steps, "batch_size": minibatch(steps * env.num_envs), "gae_lambda": 0.95}
     if several:
         buffer = {"scenarios": len(recipe.scenarios)}
         rollout |= {"rollout_buffer_class": RolloutOfScenarios, "rollout_buffer_kwargs": buffer}

@@ -59,7 +59,7 @@ class Recipe:
     entropy_bonus: float = 0.0
     """Weight of the policy's own entropy (PPO, A2C); without a warm start 0.002 explores longer."""
     epochs: int = 8
-    """How often a rollout is learned from, in 5 minibatches each time (PPO),"""
+    """How often a rollout is learned from, in about 5 equal minibatches each time (PPO),"""
     target_kl: float = 0.02
     """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
     reward_scale: float = 0.01

@@ -159,7 +159,10 @@ def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
     for name in filter(policies.is_identified, names):
         policies.factory(name)
     for arguments in environments:
-        make_environment(arguments).close()
+        try:
+            make_environment(arguments).close()
+        except TypeError as error:  # an unknown argument
+            raise ValueError(str(error)) from error
 
 
 def rehearse(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int) -> None:

@@ -254,10 +254,10 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_a_factory_whose_file_was_replaced_is_played_again(own: str, tmp_path: Path) -> None:
     """`compare --resume` gave the scores of the old file."""
     scores = []
-    for gaze in ((2, 1), (2, 1), (4, 0)):
+    for gaze in ((2, 1), (4, 0)):
         np.save(tmp_path / "gaze.npy", np.array(gaze))
         scores.append(resumed((f"{own}:of_file",), tmp_path / "out"))
-    assert scores[0] == scores[1] != scores[2]
+    assert scores[0] != scores[1]
 
 
 @pytest.mark.parametrize("how", ["leaves", "interrupts", "ends"])
@@ -286,9 +286,11 @@ def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
         expected = run_episode(env, model, seed=3, name=str(path))
         np.testing.assert_array_equal(played["actions"], expected.actions)
         contents = policies.content(str(path))
-    first = resumed((str(path),), tmp_path / "out")
+    task, store = Task(str(path), 3, json.dumps({"duration": 1.0})), Store(tmp_path / "out")
+    store.save(task.label, task.key, played)
     monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("an episode was run again"))
-    assert resumed((str(path),), tmp_path / "out") == first
+    ((_, kept),) = tasks.results([task], store)
+    np.testing.assert_array_equal(kept.actions, played["actions"])
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents
     with pytest.raises(ValueError, match="it observes"):

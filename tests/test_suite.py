@@ -136,6 +136,13 @@ def test_every_shipped_draw_is_of_a_commit_that_had_the_manifest() -> None:
         ({"behaviour": 1}, "of BEHAVIOUR 1"),
         ({"scenarios": ["moon"]}, "moon"),
         ({"more": 1}, "cannot be read"),
+        ({"episodes": "2"}, "episodes: '2'"),
+        ({"episodes": 0}, "episodes: 0"),
+        ({"scenarios": []}, "scenarios: "),
+        ({"scenarios": [5]}, "scenarios.0.: '5'"),
+        ({"open_loops": 5}, "open_loops: '5'"),
+        ({"training_seeds": None}, "training_seeds: 'None'"),
+        ({"protocol": 5}, "protocol: '5'"),
     ],
 )
 def test_a_bad_manifest_is_told(changes: dict[str, Any], message: str, tmp_path: Path) -> None:
@@ -143,6 +150,12 @@ def test_a_bad_manifest_is_told(changes: dict[str, Any], message: str, tmp_path:
         suite(str(written(tmp_path, **changes)))
     with pytest.raises(ValueError, match="development"):
         suite("v0")
+
+
+def test_an_unknown_argument_in_a_manifest_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = ["--suite", str(written(tmp_path, protocol={"nonsense": 1})), "--out", str(tmp_path)]
+    assert main(["enter", "--name", "a", "--policies", "stay", *given]) == 2
+    assert "nonsense" in capsys.readouterr().err
 
 
 def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -31,7 +31,7 @@ def run_all(
     with bar, ExitStack() as stack:
         if processes > 1 or (tasks and apart):
             pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
-            stack.callback(pool.shutdown, cancel_futures=True)
+            stack.callback(_end, pool)
             futures = {pool.submit(function, task): task for task in tasks}
             results = ((futures[future], future.result()) for future in as_completed(futures))
         try:
@@ -44,6 +44,12 @@ def run_all(
             raise ChildProcessError(
                 f"a process ended before its episode was over (by itself, killed, or out of memory): {played}"
             ) from error
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
+        process.terminate()
+    pool.shutdown(cancel_futures=True)
 
 
 def _start_worker() -> None:

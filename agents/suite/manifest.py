@@ -18,11 +18,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
 from activeslam_gym.evaluation.code import digest
+from agents.tools.arguments import demand
 from agents.tools.files import reading
 
 FOLDER = Path(__file__).with_name("manifests")
@@ -92,10 +93,14 @@ def suite(name: str) -> Suite:
     drawn = next((row for row in draws(path.parent) if row["suite"] == path.stem), None)
     with reading(path):
         given = json.loads(path.read_text(encoding="utf-8"))
+        for field, value in given.items():
+            demand(field, value, get_type_hints(Suite).get(field, Any))
         fields: dict[str, Any] = {key: tuple(part) if isinstance(part, list) else part for key, part in given.items()}
         made = Suite(name=path.stem, digest=digest(path), commit=drawn["commit"] if drawn else "", **fields)
-        if unknown := [one for one in made.scenarios if one not in SCENARIOS]:
+        if (unknown := [one for one in made.scenarios if one not in SCENARIOS]) or not made.scenarios:
             raise ValueError(f"scenarios: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
+        if made.episodes < 1:
+            raise ValueError(f"episodes: {made.episodes}; allowed: 1 or more")
     if drawn and drawn["manifest"] != made.digest:
         raise ValueError(f"suite: the manifest of {made.name!r} has changed since its draw; a change needs a new name")
     if made.behaviour != BEHAVIOUR:

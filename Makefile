@@ -179,7 +179,7 @@ TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_recording.py
 TESTS_live    := tests/test_live_page.py tests/test_live_access.py tests/test_live_browser.py tests/test_live_device.py tests/test_vision_waving.py
-TESTS_gtsam   := tests/test_fixed_lag.py
+TESTS_gtsam   := tests/test_smoother.py
 
 .venvs/lowest.txt: pyproject.toml # each lower bound as the one version
 	@mkdir -p .venvs

@@ -1,6 +1,5 @@
 """An estimator of your own: a plain EKF in NumPy, given the data association, behind the same environment."""
 
-import copy
 from typing import Any
 
 import gymnasium as gym
@@ -97,9 +96,6 @@ class NumpyEkf:
         mapped = depth_std < self.scenario.mapped_depth_ratio * self.y[:, 5]
         points = np.array([point_of(y) for y in self.y]).reshape(-1, 3)
         return Estimate(self.x, self.ids, points, T @ self.P @ T.T, mapped, np.zeros(n, bool), self.time)
-
-    def copy(self) -> "NumpyEkf":
-        return copy.deepcopy(self)
 
 
 # --8<-- [end:estimator]

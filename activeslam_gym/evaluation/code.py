@@ -74,19 +74,6 @@ def registered_sources(text: str) -> dict[str, str]:
     }
 
 
-def declared_libraries(text: str) -> tuple[str, ...]:
-    """Libraries beside `LIBRARIES` that the registered entries whose names stand in quotes in ``text`` declare.
-
-    An entry declares them as its attribute ``libraries``, a tuple of names of packages.
-    """
-    entries = (item for registry in REGISTRIES for item in registry.items())
-    return tuple(sorted({one for name, entry in entries if f'"{name}"' in text for one in _libraries(entry)}))
-
-
-def _libraries(entry: Any) -> tuple[str, ...]:
-    return getattr(entry, "libraries", ())
-
-
 def _definition(entry: Any) -> str:
     """Digest of the module of a function or class; "" for those of `COUNTED`, and another object equals no other."""
     if not hasattr(entry, "__qualname__"):

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from activeslam_gym.evaluation.code import (
     LIBRARIES,
-    declared_libraries,
     package_sources,
     package_versions,
     registered_sources,
@@ -49,9 +48,8 @@ J = TypeVar("J", bound=Job)
 class Store:
     """A folder of results, each a file of arrays whose name ends in the digest of its key.
 
-    A key is completed with the sources of `activeslam_gym`, the versions of `code.LIBRARIES`, and, of the registered
-    criterion, reward, estimator, sensor or scene that it names, the sources and the versions of the libraries that they
-    declare (GTSAM's for `fixed-lag`). The type of the processor is no part of it.
+    A key is completed with the sources of `activeslam_gym`, the versions of `code.LIBRARIES`, and the sources of the
+    registered criterion, reward, estimator, sensor or scene that it names. The type of the processor is no part of it.
     Without a ``folder`` nothing is kept.
     """
 
@@ -139,7 +137,7 @@ def _completed(key: Key) -> str:
     text = json.dumps(key)
     depends_on = {
         "activeslam_gym": package_sources("activeslam_gym"),
-        "versions": package_versions((*LIBRARIES, *declared_libraries(text))),
+        "versions": package_versions(LIBRARIES),
         "registered": registered_sources(text),
     }
     return json.dumps({**key, **depends_on}, sort_keys=True)

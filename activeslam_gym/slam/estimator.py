@@ -39,7 +39,7 @@ class Estimator(Protocol):
     ``fiducials`` (K, 3) have known positions [m]. ``sensor`` is the `SensorModel` of the scenario's sensor.
 
     A class may have a static method ``check(scenario)``, which raises where it cannot work in a scenario and is called
-    when an environment is made, and an attribute ``libraries``, names of the packages on which its results depend.
+    when an environment is made.
     """
 
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None: ...
@@ -57,9 +57,6 @@ class Estimator(Protocol):
 
     def estimate(self) -> Estimate:
         """The present state estimate."""
-
-    def copy(self) -> "Estimator":
-        """An independent copy, for imagination and planning."""
 
 
 ESTIMATORS: Registry[Any] = Registry("scenario.estimator")  # the estimators by name

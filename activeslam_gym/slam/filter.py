@@ -26,7 +26,6 @@ from activeslam_gym.slam.belief import (
 )
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
 from activeslam_gym.slam.estimator import EKF, EKF_FEJ, EKF_PLAIN, ESTIMATORS, Measurements
-from activeslam_gym.slam.fixed_lag import FIXED_LAG, SMOOTHER, FixedLag, Smoother
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
@@ -338,10 +337,6 @@ class Ekf:
         """The present state estimate."""
         return taken_estimate(self._filter.arrays(), self._time)
 
-    def copy(self) -> "Ekf":
-        """An independent copy."""
-        return copy.deepcopy(self)
-
 
 def detections_of(
     pixels: Any,
@@ -370,6 +365,4 @@ def _array(name: str, value: Any, default: np.ndarray | None, shape: tuple[int, 
     return array
 
 
-ESTIMATORS.register(FIXED_LAG)(FixedLag)
-ESTIMATORS.register(SMOOTHER)(Smoother)
 ESTIMATORS.seal()

@@ -2,31 +2,16 @@
 
 import argparse
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
 
 from activeslam_gym.evaluation import Episode, Measure, Store
-from activeslam_gym.slam.filter import ESTIMATORS  # with its entries
-from activeslam_gym.slam.fixed_lag import FIXED_LAG, SMOOTHER
 from agents.task import Task, results
 
 SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 NEES = ("position_nees", "orientation_nees", "landmark_nees")
-SLOW = (FIXED_LAG, SMOOTHER)  # estimators of which fewer episodes are played
 BATCH = 100  # episodes at a time
 Name = TypeVar("Name")
-
-
-def installed(estimators: Sequence[str]) -> list[str]:
-    """The estimators without those whose libraries are missing, which is printed."""
-    able = []
-    for name in estimators:
-        if missing := [one for one in getattr(ESTIMATORS[name], "libraries", ()) if not find_spec(one)]:
-            print(f"`{name}` is left out: {', '.join(missing)} is not installed.")
-        else:
-            able.append(name)
-    return able
 
 
 def parser(name: str, what: str, policies: Sequence[str], rooms: int) -> argparse.ArgumentParser:

@@ -3,9 +3,8 @@
     python -m benchmarks.studies.estimators --scenarios paper clusters --rooms 64 --out results/store
 
 Every run is flown to the end. Noise and landmarks are the same for each estimator; the motion is not quite, since the
-controller follows the estimate. Prints a Markdown table for each scenario. An estimator whose library is not installed
-is left out. `smoother` keeps the whole episode, and the bound is that of `bound`, along the paths of `ekf`; its
-"lost" is the expected number of an estimator that reaches it.
+controller follows the estimate. Prints a Markdown table for each scenario. The bound is that of `bound`, along the
+paths of `ekf`; its "lost" is the expected number of an estimator that reaches it.
 """
 
 import json
@@ -16,10 +15,10 @@ import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode, honesty
-from activeslam_gym.slam.estimator import COMPILED, EKF, ESTIMATORS
+from activeslam_gym.slam.estimator import EKF, ESTIMATORS
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, SLOW, installed, parser, played, tasks
+from benchmarks.studies import NEES, parser, played, tasks
 from benchmarks.studies.bound import Bound
 
 POLICIES = ("sweep", "mi-mi", "random")
@@ -70,23 +69,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print the tables."""
     made = parser("estimators", __doc__, POLICIES, 8)
     made.add_argument("--seed", type=int, default=config.TRAINING_SEED, help="of the first room")
-    made.add_argument("--slow-rooms", type=int, default=4, help=f"for {' and '.join(SLOW)}")
     made.add_argument("--scenarios", nargs="+", default=("paper", "clusters"), choices=tuple(config.SCENARIOS))
     made.add_argument("--estimators", nargs="+", default=tuple(ESTIMATORS.own), choices=tuple(ESTIMATORS))
     made.add_argument("--association", choices=(config.KNOWN, config.UNKNOWN), default=config.KNOWN)
     args = made.parse_args(arguments)
     known = args.association == config.KNOWN
-    estimators = installed([name for name in args.estimators if known or name not in SLOW])
     for name in args.scenarios:
         rows, frame_time = [], config.SCENARIOS[name].frame_time
         for policy in args.policies:
-            for estimator in estimators:
+            for estimator in args.estimators:
                 scenario = replace(config.SCENARIOS[name], association=args.association, estimator=estimator)
                 settings = json.dumps({"scenario": asdict(scenario)})
-                rooms = min(args.slow_rooms, args.rooms) if estimator in SLOW else args.rooms
                 measures = (Bound,) if known and estimator == EKF and not scenario.has_bodies else ()
-                group = {estimator: tasks(policy, settings, args.seed, rooms, *measures)}
-                runs = played(group, args.out, 100 if estimator in COMPILED else 10)[estimator]
+                group = {estimator: tasks(policy, settings, args.seed, args.rooms, *measures)}
+                runs = played(group, args.out)[estimator]
                 rows += rows_of(policy, estimator, frame_time, runs)
         title = f"{name}, association {args.association}: {args.rooms} rooms from {args.seed}"
         print(f"\n### {title}\n\n{table(HEADER, rows, '|---' * 5 + '|---:|---:|')}")

@@ -1,6 +1,6 @@
 """Does the ranking of policies survive another estimator? And what is a better estimator worth beside a better policy?
 
-    python -m benchmarks.studies.ranking --rooms 64 --slow-rooms 20 --out results/store
+    python -m benchmarks.studies.ranking --rooms 64 --out results/store
 
 Association is known. A pair of policies is resolved where the 95 % interval of its paired difference with `ekf` does
 not hold zero. Kendall's tau of another estimator is over those pairs: concordant less discordant, over all. Its
@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scipy.stats import kendalltau, trim_mean
 
 from activeslam_gym import config
-from activeslam_gym.slam.estimator import COMPILED, EKF, ESTIMATORS
-from activeslam_gym.slam.fixed_lag import SMOOTHER
+from activeslam_gym.slam.estimator import EKF, ESTIMATORS
 from agents.tools.sections import table
 from agents.tools.statistics import MISSING, RESAMPLES, TAILS, estimate
-from benchmarks.studies import SLOW, installed, parser, played, tasks
+from benchmarks.studies import parser, played, tasks
 
 POLICIES = (
     "random stay sweep orbit mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2".split()
@@ -95,20 +94,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print the tables."""
     made = parser("ranking", __doc__, POLICIES, 20)
     made.add_argument("--seed", type=int, default=config.TRAINING_SEED, help="of the first room")
-    made.add_argument("--slow-rooms", type=int, default=6, help=f"for {' and '.join(SLOW)}")
     made.add_argument("--scenarios", nargs="+", default=SCENARIOS, choices=tuple(config.SCENARIOS))
-    others = [name for name in ESTIMATORS.own if name not in (EKF, SMOOTHER)]
+    others = [name for name in ESTIMATORS.own if name != EKF]
     made.add_argument("--estimators", nargs="+", default=others, choices=tuple(ESTIMATORS), help=f"beside {EKF}")
     args = made.parse_args(arguments)
     rankings, pairs, worths = [], [], []
     for name in args.scenarios:
         base: dict[str, Array] = {}
-        for estimator in (EKF, *installed(args.estimators)):
+        for estimator in (EKF, *args.estimators):
             scenario = replace(config.SCENARIOS[name], association=config.KNOWN, estimator=estimator)
             settings = json.dumps({"scenario": asdict(scenario)})
-            rooms = min(args.slow_rooms, args.rooms) if estimator in SLOW else args.rooms
-            groups = {policy: tasks(policy, settings, args.seed, rooms) for policy in args.policies}
-            runs = played(groups, args.out, 100 if estimator in COMPILED else 10)
+            groups = {policy: tasks(policy, settings, args.seed, args.rooms) for policy in args.policies}
+            runs = played(groups, args.out)
             own = {one: np.array([run.log_score[-1] - run.log_score[0] for run in runs[one]]) for one in args.policies}
             if estimator == EKF:
                 base = own

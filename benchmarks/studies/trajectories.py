@@ -24,7 +24,6 @@ from activeslam_gym.slam.belief import start_of
 from activeslam_gym.slam.estimator import ESTIMATORS, Measurements
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
-from benchmarks.studies import SLOW, installed
 
 POINTS, FIDUCIALS = 48, 6
 MARGIN = np.array((1.5, 0.8, 1.5))  # points are at most so far outside the extent of the path [m]
@@ -114,7 +113,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made = argparse.ArgumentParser(prog="python -m benchmarks.studies.trajectories", description=__doc__)
     made.add_argument("paths", nargs="+", type=Path)
     made.add_argument("--rooms", type=int, default=4, help="for each path and noise")
-    made.add_argument("--slow-rooms", type=int, default=1, help=f"for {' and '.join(SLOW)}")
     made.add_argument("--seed", type=int, default=config.TRAINING_SEED, help="of the first room")
     made.add_argument("--seconds", type=float, default=35.0)
     made.add_argument("--stretch", type=float, default=1.0, help="2: at half the speed")
@@ -122,12 +120,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = made.parse_args(arguments)
     paths, rows = [read_path(path, args.seconds, args.stretch) for path in args.paths], []
     for pixel_std in (1.0, 2.0):
-        for name in installed(args.estimators):
-            rooms, flights = args.slow_rooms if name in SLOW else args.rooms, []
+        for name in args.estimators:
+            flights = []
             for cameras, dt in paths:
                 held = config.SCENARIOS["hand-held"]
                 scenario = replace(held, pixel_std=pixel_std, frame_time=dt, association=config.KNOWN)
-                flights += [fly(scenario, name, cameras, args.seed + room) for room in range(rooms)]
+                flights += [fly(scenario, name, cameras, args.seed + room) for room in range(args.rooms)]
             rows.append(row_of(pixel_std, name, flights))
     print(f"\n{len(paths)} paths, {args.seconds:g} s, rooms from {args.seed}\n\n{table(HEADER, rows)}")
 

@@ -78,14 +78,14 @@ def read_card(weights: Path) -> dict[str, Any]:
             raise ValueError(f"it holds no card, and there is no {path.name} beside it")
     with reading(path if path.exists() else weights):
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else held
-        if not held.items() <= card.items():
-            raise ValueError(f"it is not the card in {weights.name}, but of other weights; delete it")
         for name in KINDS.keys() & card.keys() | {"width", "decision_period", "algorithm"}:
             demand(name, card[name], KINDS[name])
         if not 1 <= card["width"] <= 2**13:
             raise ValueError(f"width: {card['width']}; allowed: 1 to {2**13}")
         if card["algorithm"] not in ALGORITHMS:
             raise ValueError(f"algorithm: {card['algorithm']!r}; allowed: {', '.join(ALGORITHMS)}")
+        if not held.items() <= card.items():
+            raise ValueError(f"it is not the card in {weights.name}, but of other weights; delete it")
         return card
 
 

@@ -7,7 +7,7 @@ which takes minutes, shows a bar, and goes on where an interrupted search ended.
 
 import math
 from collections.abc import Sequence as Many
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from time import monotonic
 from types import SimpleNamespace
@@ -104,33 +104,29 @@ def choose_sequence(
     held = [constant(tuple(action)) for action in CONSTANTS.tolist()]
     pool = held + [random_sequence(rng) for _ in range(RANDOM)]
     scores = np.empty((len(pool), 0))
-    with _progress() as bar:
 
-        def play(sequences: list[Sequence], seeds: range) -> NDArray[np.float64]:
-            found = log_scores(sequences, quick, seeds, times=times, store=store)
-            bar.update(found.size)
-            return found
+    def play(sequences: list[Sequence], seeds: range) -> NDArray[np.float64]:
+        if scores.size and monotonic() > until:
+            raise TimeoutError
+        found = log_scores(sequences, quick, seeds, times=times, store=store)
+        bar.update()
+        return found
 
+    with _progress() as bar, suppress(TimeoutError):
         for rooms, kept in HALVINGS:
-            if scores.size and monotonic() > until:
-                break
             more = play(pool, range(first + scores.shape[1], first + scores.shape[1] + rooms))
             pool, scores = _best(pool, np.hstack((scores, more)), kept)
         seeds = range(first, first + scores.shape[1])
         for _ in range(REFINEMENTS):
-            if monotonic() > until:
-                break
             children = [changed(pool[k % len(pool)], rng) for k in range(CHILDREN)]
             tried, kept = TRIALS
             children, begun = _best(children, play(children, seeds[:tried]), kept)
             ended = play(children, seeds[tried:])
             pool, scores = _best([*pool, *children], np.vstack((scores, np.hstack((begun, ended)))), HALVINGS[-1][1])
-        if monotonic() <= until:
-            pool = list(dict.fromkeys([*pool, *held]))
-            seeds = range(seeds.stop, seeds.stop + LAST_ROOMS)
-            pool, scores = _best(pool, play(pool, seeds), HALVINGS[-1][1])
-            if quick != scenario:
-                pool, scores = _best(pool, log_scores(pool, scenario, seeds, times, store), len(pool))
+        last, new = list(dict.fromkeys([*pool, *held])), range(seeds.stop, seeds.stop + LAST_ROOMS)
+        pool, scores = _best(last, play(last, new), HALVINGS[-1][1])
+        if quick != scenario:
+            pool, scores = _best(pool, log_scores(pool, scenario, new, times, store), len(pool))
     best = list(zip(pool, scores))[: HALVINGS[-1][1]]
     medians = {one.told(): round(float(np.median(row)), 1) for one, row in best}
     named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
@@ -138,15 +134,12 @@ def choose_sequence(
 
 
 def _progress() -> Any:
-    """A bar of the episodes on a terminal, where tqdm is installed."""
+    """A bar of the search's rounds on a terminal, where tqdm is installed."""
     try:
         from tqdm import tqdm
     except ImportError:
-        return nullcontext(SimpleNamespace(update=lambda count: None))
-    sizes, (tried, kept) = (len(CONSTANTS) + RANDOM, *(size for _, size in HALVINGS)), TRIALS
-    total = sum(size * rooms for size, (rooms, _) in zip(sizes, HALVINGS)) + (sizes[-1] + len(CONSTANTS)) * LAST_ROOMS
-    total += REFINEMENTS * (CHILDREN * tried + kept * (sum(rooms for rooms, _ in HALVINGS) - tried))
-    return tqdm(total=total, unit="episode", disable=None)
+        return nullcontext(SimpleNamespace(update=lambda: None))
+    return tqdm(total=len(HALVINGS) + 2 * REFINEMENTS + 1, unit="round", disable=None)
 
 
 def _best(pool: list[Sequence], scores: NDArray[np.float64], kept: int) -> tuple[list[Sequence], NDArray[np.float64]]:

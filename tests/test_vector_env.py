@@ -77,6 +77,13 @@ def test_is_the_single_environment_through_every_autoreset(mode: AutoresetMode, 
     assert compare(ours, theirs, steps=40) > 2
 
 
+def test_call_reads_and_renders_as_in_other_vector_environments() -> None:
+    env = ActiveSLAMVectorEnv(2, render_mode="rgb_array")
+    env.reset(seed=0)
+    np.testing.assert_array_equal(env.call("motion_phase"), env.motion_phase)
+    np.testing.assert_array_equal(env.call("motion_scores", "fisher_trace"), env.motion_scores("fisher_trace"))
+
+
 def test_any_batch_size_and_a_time_limit() -> None:
     for count in (1, 2, 7):
         compare(*pair(count, AutoresetMode.NEXT_STEP, gaze_period=0.5, duration=8.0), steps=35)

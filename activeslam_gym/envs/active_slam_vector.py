@@ -140,6 +140,11 @@ class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """(B, 10) bool, or (B, 21) of the discrete variant; see `ActiveSLAMEnv.action_masks`."""
         return action_masks(self.single_action_space, self._runs.episode["control"]["command"], self.motion_phase)
 
+    def call(self, name: str, *args: Any, **kwargs: Any) -> Any:
+        """The attribute or method ``name`` of the batch, as clients of `gymnasium.vector.SyncVectorEnv` ask for it."""
+        found = getattr(self, name)
+        return found(*args, **kwargs) if callable(found) else found
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The present moment of each environment, (H, W, 3) uint8 images, in ``rgb_array`` mode.
 

@@ -11,6 +11,7 @@ import baselines
 import examples.extend_estimator  # noqa: F401  (registers "numpy-ekf")
 from activeslam_gym import Gaze, Motion, Scenario
 from activeslam_gym.camera import hidden
+from activeslam_gym.config import NoRoomError
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.world.room import draw_room
@@ -242,3 +243,9 @@ def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
             Scenario(scene="sphere", **{name: value})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="scenario.scene must be 'boxes'"):
         gym.make("ActiveSLAM-v0", scenario={"scene": "sphere", "sensor": "images"})
+
+
+def test_boxes_that_hide_every_wall_have_no_points() -> None:
+    half = np.array((3.0, 1.0, 3.0))
+    with pytest.raises(NoRoomError, match="scenario.boxes"):
+        BoxScene(half, np.stack((-half, half))[None]).sample(5, np.random.default_rng(0))

@@ -11,10 +11,11 @@ from scipy import ndimage
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, ray_from_pixel  # noqa: E402
-from activeslam_gym.config import CLUSTERS, CORNER, SCENARIOS, WALL, Scenario  # noqa: E402
+from activeslam_gym.config import CENTRE, CLUSTERS, CORNER, SCENARIOS, WALL, NoRoomError, Scenario  # noqa: E402
 from activeslam_gym.geometry import quaternion_exp, rotate_left  # noqa: E402
 from activeslam_gym.vision.corners import new_corners  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners  # noqa: E402
+from activeslam_gym.vision.room import scene as scene_module  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera, target_seen  # noqa: E402
 from activeslam_gym.vision.room.geometry import Scene, scene_point  # noqa: E402
 from activeslam_gym.vision.room.lens import TILE, TILE_HEIGHT, TILE_WIDTH, Lens, lens_of  # noqa: E402
@@ -169,6 +170,27 @@ def test_the_same_seed_gives_the_same_room_another_seed_another_and_a_hall_can_b
     assert photograph(hall, state()).std() > 10.0
     texture_library.cache_clear()
     assert np.array_equal(room(3).textures, texture_library(0))
+
+
+@pytest.mark.parametrize("size", [(3.0, 2.0, 3.0), (1.0, 2.0, 1.0), (0.3, 2.0, 6.0), (6.0, 0.3, 6.0)])
+@pytest.mark.parametrize("start", [CENTRE, CORNER])
+def test_a_room_too_small_for_its_boxes_is_refused(size, start, monkeypatch) -> None:
+    monkeypatch.setattr(scene_module, "_TRIES", 1000)
+    scenario = Scenario(room_size=size, start=start, goal_margin=0.1)
+    place = draw_room(scenario, np.random.default_rng(0)).place
+    with pytest.raises(NoRoomError, match="scenario.room_size"):
+        draw_scene(scenario, np.random.default_rng(0), place)
+
+
+def test_a_wall_without_a_place_for_a_poster_is_refused() -> None:
+    wall = scene_module._faces(np.array([[-1.0] * 3, [1.0] * 3]))[0]
+    with pytest.raises(NoRoomError, match="cluster_count"):
+        scene_module._place(wall, [wall], 0.5, np.random.default_rng(0))
+
+
+def test_a_low_room_holds_all_that_stands_in_it() -> None:
+    scene = draw_scene(Scenario(room_size=(6.0, 0.9, 6.0)), np.random.default_rng(0))
+    assert (np.abs(scene.boxes[:, :, 1]) < 0.45 + 1e-9).all() and (np.abs(scene.target[:, 1]) < 0.45).all()
 
 
 def test_the_scene_point_of_a_pixel_projects_to_it() -> None:

@@ -18,6 +18,10 @@ _DOOR_MARGIN = 0.4
 """Least distance between the door of an inner wall and the walls of the room [m]."""
 
 
+class NoRoomError(RuntimeError, ValueError):
+    """A scenario leaves no space for its room: a bad value of the scenario, found at a reset."""
+
+
 @dataclass(frozen=True)
 class RoomSettings(bounds.Settings):
     """Geometry of the room and of the first pose."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import View, camera_of, ray_from_pixel, visible
-from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, WALL, Scenario
+from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, WALL, NoRoomError, Scenario
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
@@ -33,10 +33,6 @@ class Room(NamedTuple):
     normals: np.ndarray  # (L, 3) of the surfaces that the landmarks are on, or (0, 3)
     boxes: np.ndarray  # (B, 2, 3) lowest and highest corners [m]
     scene: Scene | None = None  # the registered scene; None: the boxes
-
-
-class NoRoomError(RuntimeError, ValueError):
-    """A scenario leaves no space for its room: a bad value of the scenario, found at a reset."""
 
 
 def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from activeslam_gym.camera import hidden
-from activeslam_gym.config import BOXES, Scenario
+from activeslam_gym.config import BOXES, NoRoomError, Scenario
 from activeslam_gym.registry import Registry
 from activeslam_gym.world.furniture import draw_boxes, first_hits, surface_points
 
@@ -43,6 +43,7 @@ class Scene(Protocol):
         """``n`` points (n, 3) [m] on surfaces, where landmarks are, and the unit normals (n, 3) out of the bodies."""
 
 
+_BATCHES = 60  # so often points on surfaces are drawn, until there are enough
 SCENES: Registry[Any] = Registry("scenario.scene")  # the scenes by name
 
 
@@ -76,9 +77,11 @@ class BoxScene:
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Uniform on walls and boxes; see `furniture.surface_points`."""
         found = np.zeros((0, 6))
-        while len(found) < n:
+        for _ in range(_BATCHES):
             found = np.concatenate((found, surface_points(self.half, self.boxes, n, rng)))
-        return found[:n, :3], found[:n, 3:]
+            if len(found) >= n:
+                return found[:n, :3], found[:n, 3:]
+        raise NoRoomError(f"scenario.boxes hide the walls and each other: {len(found)} of {n} points found a place")
 
 
 @SCENES.register(BOXES)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from activeslam_gym.config import CLUSTERS, Scenario
+from activeslam_gym.config import CLUSTERS, NoRoomError, Scenario
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.kernels import Record
 from activeslam_gym.motion import POSITION, QUATERNION
@@ -24,6 +24,8 @@ _UPRIGHT = (0, 1, 4, 5)  # of the faces of a box
 _FREE_RADIUS = 1.3  # in plan, no box but the cabinet, which is where the fiducials are, comes nearer to the start [m]
 _GAP = 0.06  # between boxes, and between a box and a wall [m]
 _CABINET = np.array((0.62, 0.0, 0.35))  # width and depth [m]; its height is the target's
+_TRIES = 50_000  # places that are drawn for the boxes of a room
+_SHRINKINGS = 200  # a poster that finds no place is made smaller so often
 _LIGHT = (0.86, 0.62, 1.0)  # of faces, by the axis of their normal: the lamps hang in the middle of the room
 
 ORIGIN = np.eye(1, 7, 3)[0]
@@ -37,12 +39,15 @@ def draw_scene(scenario: Scenario, rng: np.random.Generator, start: np.ndarray =
 
     The target is at ``fiducial_distance`` before it, or nearer where a wall is, and near the image's middle. No other
     box is within 1.3 m of it. Where landmarks are in clusters the room is bare, but for groups of posters on its walls.
-    All is drawn in the camera's frame, and then turned and shifted.
+    All is drawn in the camera's frame, and then turned and shifted. Where it finds no place, that is a NoRoomError.
     """
     turn = np.round(rotation_matrix(start[QUATERNION]))
     room = _box_of((0.5 * np.array([[-1.0], [1.0]]) * np.array(scenario.room_size) - start[POSITION]) @ turn)
     board = np.array(SHEET_SIZE)
-    boxes = _draw_boxes(room, _draw_cabinet(room, scenario.fiducial_distance, board, rng), rng)
+    try:
+        boxes = _draw_boxes(room, _draw_cabinet(room, scenario.fiducial_distance, board, rng), rng)
+    except NoRoomError as error:
+        raise NoRoomError(f"scenario.room_size must leave space for {error}, got {scenario.room_size}") from None
     walls, sides = _faces(room, inside=True), [_faces(box) for box in boxes]
     target = _decal(sides[0][4], np.array([0.5 * _CABINET[0], 0.5 * board[1] + 0.05]), board)
     _paper(target, texture_range(patterns.target)[0])
@@ -123,16 +128,20 @@ def _draw_cabinet(
 ) -> np.ndarray:
     """The box (2, 3) that stands before the start with the target on its front, at the height of the eyes."""
     z = min(rng.uniform(*distance), room[1, 2] - _CABINET[2] - _GAP)
-    x = rng.uniform(-0.25, 0.25) * z
-    top = rng.uniform(-0.1, 0.15) * z + 0.5 * board[1] + 0.05
+    x = np.clip(rng.uniform(-0.25, 0.25) * z, room[0, 0] + 0.5 * board[0], room[1, 0] - 0.5 * board[0])
+    top = min(rng.uniform(-0.1, 0.15) * z + 0.5 * board[1] + 0.05, room[1, 1])
     half = 0.5 * _CABINET[0]
+    if min(z, *(np.array((room[1, 0], top - 0.05)) - room[0, :2] - board)) < 0.0:
+        raise NoRoomError("the target before the camera")
     return np.array([(x - half, room[0, 1], z), (x + half, top, z + _CABINET[2])])
 
 
 def _draw_boxes(room: np.ndarray, cabinet: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """All boxes (B, 2, 3), the cabinet first: crates on the floor, one pillar, one lamp case under the ceiling."""
     boxes = [cabinet]
-    while len(boxes) < BOX_COUNT:
+    for _ in range(_TRIES):
+        if len(boxes) == BOX_COUNT:
+            return np.array(boxes)
         size = np.array([rng.uniform(0.35, 0.9), rng.uniform(0.4, 1.3), rng.uniform(0.35, 0.9)])
         hangs = len(boxes) == 2
         if len(boxes) == 1:
@@ -143,9 +152,9 @@ def _draw_boxes(room: np.ndarray, cabinet: np.ndarray, rng: np.random.Generator)
         centre = rng.uniform(np.minimum(least, middle), np.maximum(most, middle))
         centre[1] = room[1, 1] - 0.5 * size[1] if hangs else room[0, 1] + 0.5 * size[1]
         box = np.array([centre - 0.5 * size, centre + 0.5 * size])
-        if _stands_free(box, boxes):
+        if (np.abs(box - middle) <= 0.5 * (room[1] - room[0]) + 1e-9).all() and _stands_free(box, boxes):
             boxes.append(box)
-    return np.array(boxes)
+    raise NoRoomError(f"{BOX_COUNT} boxes {_FREE_RADIUS:g} m from the camera")
 
 
 def _stands_free(box: np.ndarray, others: list[np.ndarray]) -> bool:
@@ -202,7 +211,7 @@ def _place(
     sides = _sides(on)
     begin, end = along or (0.0, sides[0])
     taken = np.array([_bounding_box(other) for other in others])
-    while True:
+    for _ in range(_SHRINKINGS):
         size = np.minimum(width * np.array([1.0, rng.uniform(0.7, 1.4)]), 0.8 * np.array([end - begin, sides[1]]))
         least, most = 0.5 * size + 0.02, sides - 0.5 * size - 0.02
         least[0], most[0] = least[0] + begin, most[0] - (sides[0] - end)
@@ -211,6 +220,7 @@ def _place(
         if np.all(np.any((low > taken[:, 1] + 0.01) | (taken[:, 0] > high + 0.01), axis=1)):
             return poster
         width *= 0.93
+    raise NoRoomError("scenario.room_size and scenario.cluster_count leave no place for a poster")
 
 
 def _bounding_box(surface: Record) -> np.ndarray:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,12 +22,23 @@ from activeslam_gym.vision.frontend import FrontEnd  # noqa: E402
 from activeslam_gym.vision.rehearsal import rehearsed  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
-from activeslam_gym.vision.target import Board, target_from  # noqa: E402
+from activeslam_gym.vision.target import CORNERS, Board, target_from  # noqa: E402
 from activeslam_gym.vision.track import UNSCALED, follow, start, summary  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .test_vision_sizes import enlarged  # noqa: E402
-from .vision_scene import CAMERA, LENS, image_from, path, photographed, plane_points, pose_at, texture  # noqa: E402
+from .vision_scene import (  # noqa: E402
+    CAMERA,
+    LENS,
+    TARGET,
+    image_from,
+    path,
+    photographed,
+    plane_points,
+    pose_at,
+    target_fields,
+    texture,
+)
 
 CHARUCO = {"kind": "charuco", "columns": 5, "rows": 4, "square": 0.06, "marker": 0.045, "dictionary": "4x4_50"}
 APRILTAG = {"kind": "apriltag", "columns": 3, "rows": 2, "tag": 0.08, "gap": 0.02, "dictionary": "36h11"}
@@ -35,6 +47,8 @@ POSES = [
     pose_at((-0.12, 0.06, 0.33), (0.1, -0.3, 0.1)),
     pose_at((0.0, 0.0, 0.36), (0, 0, 2.0)),
 ]
+RECTANGLE: dict[str, Any] = target_fields(POSES[0])
+CORNERS_PX = list(RECTANGLE["corners_px"].values())
 both_kinds = pytest.mark.parametrize("fields", [CHARUCO, APRILTAG], ids=lambda fields: fields["kind"])
 
 
@@ -223,3 +237,22 @@ def test_a_rolled_board_needs_no_guess() -> None:
         pose = np.concatenate(((0.05, -0.04, 0.5), pose_at((0, 0, 0), (0.1, 0.2, roll))[3:]))
         found, _ = start_pose(CAMERA, points, projected(CAMERA, pose, points), 0.3)
         np.testing.assert_allclose(found[:3], pose[:3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("fields", "change"),
+    [
+        (APRILTAG, {"columns": 2, "rows": 3}),
+        (APRILTAG, {"columns": 4}),
+        (APRILTAG, {"gap": 0.1}),
+        (RECTANGLE, {"width": RECTANGLE["height"], "height": RECTANGLE["width"]}),
+        (RECTANGLE, {"height": 1.15 * TARGET.height}),
+        (RECTANGLE, {"corners_px": dict(zip(CORNERS, (CORNERS_PX[k] for k in (2, 0, 3, 1))))}),
+    ],
+)
+def test_a_target_that_contradicts_the_image_is_refused(fields, change) -> None:
+    board = fields["kind"] == "apriltag"
+    image = board_on_the_plane(target_from(fields), POSES[0], 2) if board else image_from(POSES[0], target=True)
+    start(image, LENS, target_from(fields), 30.0)
+    with pytest.raises(ValueError, match="contradicts the first image"):
+        start(image, LENS, target_from({**fields, **change}), 30.0)

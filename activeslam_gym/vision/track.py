@@ -32,7 +32,7 @@ from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.diagnosis import TURNED, Diagnosis, blemish
 from activeslam_gym.vision.drawing import as_first_seen, drawn
 from activeslam_gym.vision.film import film_to, moment_of
-from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose
+from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among, seen_corners, start_pose
 from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
@@ -121,6 +121,7 @@ def start(
         except ValueError as error:
             raise ValueError(f"{error}{(spot := blemish(image)) and f'; the image {spot}'}") from None
         pose, covariance = start_pose(whole, points, corners, _CORNER_STD)
+        demand_agreement(whole, pose, points, corners)
         fiducials = fiducials_among(points)
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
     P[:6, :6] = covariance

@@ -109,3 +109,33 @@ def test_what_is_no_lens_is_told_with_the_file(text: str, tmp_path: Path) -> Non
     path.write_text(text)
     with pytest.raises(ValueError, match=re.escape(str(path))):
         lens_from(path)
+
+
+CHAIN = TEXTS["kalibr"].replace("[0.01, -0.003, 0.001, 0.0]", str(list(RADIAL))).replace("equidistant", "radtan")
+REST = TEXTS["kalibr"].replace("cam0", "cam1")
+
+
+@pytest.mark.parametrize("text", [CHAIN, CHAIN + REST, REST + CHAIN, "# camera_model: equidistant\n" + CHAIN])
+def test_the_model_of_another_camera_or_of_a_comment_is_not_taken(text: str, tmp_path: Path) -> None:
+    (tmp_path / "chain.yaml").write_text(text)
+    lens = read_lens(tmp_path / "chain.yaml")
+    assert not lens.fisheye
+    np.testing.assert_allclose(lens.coefficients, RADIAL)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        (CHAIN.replace("pinhole", "omni"), "omni"),
+        (CHAIN.replace("radtan", "fov"), "fov"),
+        (TEXTS["ros"].replace("[500, 0,", "[500, 7,"), "skew"),
+        (TEXTS["ros"].replace("245, 0, 0, 1]", "245, 0, 0, 2]"), "camera_matrix"),
+        ("# a comment\n\n1 FOV 640 480 500 500 320 240 0.9\n" + TEXTS["colmap"], "FOV"),
+        (TEXTS["ros"].replace("image_width: 640", "image_width: inf"), "infinity"),
+        ("[" * 5000, "YAML"),
+    ],
+)
+def test_a_lens_that_is_not_known_is_refused_by_name(text: str, word: str, tmp_path: Path) -> None:
+    (tmp_path / "lens.yaml").write_text(text)
+    with pytest.raises(ValueError, match=word):
+        read_lens(tmp_path / "lens.yaml")

@@ -6,6 +6,7 @@ of the fit is therefore no error of the pixels; it is how far they are moved.
 """
 
 import re
+import reprlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +20,11 @@ from activeslam_gym.vision.calibration import Calibration, calibration_from, rea
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame
 
-FISHEYE = ("fisheye", "equidistant", "kannala")  # words for the fisheye lens in files
+RADIAL = ("pinhole", "radtan", "radial_tangential", "plumb_bob", "rational_polynomial", "brown", "opencv", "0")
+FISHEYE = ("fisheye", "equidistant", "kannala_brandt", "kannala_brandt4", "opencv_fisheye", "1")
+"""Words for the two models in YAML."""
+_MODEL_FIELDS = ("camera_model", "distortion_model", "fisheye_model")
+_MATRICES = ("camera_matrix", "Camera_Matrix", "K")
 COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
     "OPENCV": "fx fy cx cy k1 k2 p1 p2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
@@ -127,15 +132,17 @@ def read_lens(path: str | Path) -> Lens:
     """
     text = text_of(path)
     rows = (line.split() for line in text.splitlines())
-    colmap = next((row for row in rows if len(row) > 4 and row[1] in COLMAP), None)
+    first = next((row for row in rows if row and not row[0].startswith("#")), [])
     try:
-        return _of_colmap(colmap) if colmap else _of_yaml(text)
-    except (ValueError, IndexError) as error:
+        return _of_colmap(first) if len(first) > 3 and first[0].isdigit() else _of_yaml(text)
+    except (ValueError, IndexError, TypeError, OverflowError) as error:
         raise ValueError(f"{path} holds no lens of OpenCV, ROS, Kalibr or COLMAP: {error}") from None
 
 
 def _of_colmap(row: list[str]) -> Lens:
     """A line of cameras.txt: id, model, width, height, parameters; its first pixel's centre is (0.5, 0.5)."""
+    if row[1] not in COLMAP:
+        raise ValueError(f"COLMAP's model {reprlib.repr(row[1])} is not known; known are {', '.join(COLMAP)}")
     names = COLMAP[row[1]].split()
     if len(row) != 4 + len(names):
         raise ValueError(f"{row[1]} has {len(names)} parameters ({', '.join(names)}), got {len(row) - 4}")
@@ -149,29 +156,46 @@ def _of_colmap(row: list[str]) -> Lens:
 
 
 def _of_yaml(text: str) -> Lens:
-    """The numbers after the names that these programs use."""
-    models = re.findall(r"(?:distortion_model|camera_model|fisheye_model)\W+(\w+)", text)
-    fisheye = any(model.lower().startswith((*FISHEYE, "1")) for model in models)
-    if "intrinsics" in text:  # Kalibr
-        return _checked(_list(text, "resolution"), fisheye, _list(text, "intrinsics"), _list(text, "distortion_coeffs"))
-    K = _list(text, "camera_matrix", "Camera_Matrix", "K")
+    """The numbers after the names that these programs use, of the first camera."""
+    camera = _first_camera(text)
+    words = [str(camera[name]).lower().replace("-", "_") for name in _MODEL_FIELDS if name in camera]
+    if unknown := [word for word in words if word not in RADIAL + FISHEYE]:
+        raise ValueError(f"the model {reprlib.repr(unknown[0])} is not known; known are {', '.join(RADIAL + FISHEYE)}")
+    fisheye = any(word in FISHEYE for word in words)
+    if "intrinsics" in camera:  # Kalibr
+        resolution, intrinsics = _list(camera, "resolution"), _list(camera, "intrinsics")
+        return _checked(resolution, fisheye, intrinsics, _list(camera, "distortion_coeffs"))
+    K = _list(camera, *_MATRICES)
     if len(K) != 9:
         raise ValueError(f"camera_matrix needs 9 numbers, got {len(K)}")
-    size = [_list(text, f"image_{side}", f"image_{side.title()}")[0] for side in ("width", "height")]
-    coefficients = _list(text, "distortion_coefficients", "Distortion_Coefficients", "D")
+    if abs(K[1]) > 1e-3 or (K[3], *K[6:]) != (0.0, 0.0, 0.0, 1.0):
+        raise ValueError(f"camera_matrix must be fx 0 cx, 0 fy cy, 0 0 1, without skew, got {K}")
+    size = [_list(camera, f"image_{side}", f"image_{side.title()}")[0] for side in ("width", "height")]
+    coefficients = _list(camera, "distortion_coefficients", "Distortion_Coefficients", "D")
     return _checked(size, fisheye, (K[0], K[4], K[2], K[5]), coefficients)
 
 
-def _list(text: str, *names: str) -> list[float]:
-    """The number, or the numbers in brackets, that follow the first of these names, on its line or below it."""
-    found = next(filter(None, (re.search(rf"^[ \t-]*{name}[ \t]*:(.*)$", text, re.M) for name in names)), None)
+def _first_camera(text: str) -> dict[str, Any]:
+    """The fields of the first camera in YAML, all as text: of `cam0`, of the file, or of the first part with a lens."""
+    import yaml
+
+    try:
+        whole = yaml.load(re.sub(r"^%.*", "", text), yaml.BaseLoader)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"it is no YAML: {' '.join(str(error).split())[:200]}") from None
+    fields = whole if isinstance(whole, dict) else {}
+    for part in (fields.get("cam0"), fields, *fields.values()):
+        if isinstance(part, dict) and not part.keys().isdisjoint(("intrinsics", *_MATRICES)):
+            return part
+    raise ValueError("camera_matrix is missing")
+
+
+def _list(camera: dict[str, Any], *names: str) -> list[float]:
+    """The number, or the numbers, of the first of these names, as they are or in its field `data`."""
+    found: Any = next((camera[name] for name in names if name in camera), None)
     if found is None:
         raise ValueError(f"{names[0]} is missing")
-    inside = found[1].strip()
-    if not re.fullmatch(r"[-+.\deE]+", inside):
-        pattern = r"\[([^\]]*)\]" if inside.startswith("[") else r"data[ \t]*:\s*\[([^\]]*)\]"
-        inside = re.findall(pattern, text[found.start() :])[0]
-    return [float(one) for one in re.split(r"[\s,]+", inside.strip())]
+    return np.ravel(np.array(found.get("data") if isinstance(found, dict) else found, float)).tolist()
 
 
 def _checked(size: Any, fisheye: bool, intrinsics: Any, coefficients: list[float]) -> Lens:

@@ -1,5 +1,7 @@
 """The lens from pictures of a board, and a live camera."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -115,6 +117,17 @@ def test_lens_and_deviations_are_those_of_opencv(seed) -> None:
     assert fit.residual_px == pytest.approx(residual, rel=0.02)
 
 
+@pytest.mark.parametrize("bad", [1, 2])
+def test_a_view_found_in_the_wrong_place_is_left_out(bad) -> None:
+    views = pinhole(0, 0.1, 6e-7)
+    for k in range(bad):  # the lower two rows, one square along
+        pixels = views[k][1].reshape(ROWS, COLUMNS, 2)
+        pixels[3:, :-1] = pixels[3:, 1:]
+    fit = fit_lens(views, 640, 480)
+    assert abs(fit.calibration.focal_px - 520.0) < 3.0 * fit.stds[0]
+    assert fit.kept == list(range(bad, len(views)))
+
+
 def test_a_pincushion_is_fitted() -> None:
     views = pinhole(1, 0.1, -4e-7)
     fit = fit_lens(views, 640, 480)
@@ -179,6 +192,29 @@ def test_of_a_long_video_some_pictures_are_enough(tmp_path, monkeypatch) -> None
         cv2.imwrite(str(tmp_path / f"{k:02}.png"), photographed(POSES[k // 3 % 5], chessboard, 2))
     monkeypatch.setattr(board, "_ENOUGH", 6)
     assert board.calibrate(tmp_path, "chessboard", COLUMNS, ROWS, tmp_path / "lens.json").pictures == 6
+
+
+def test_hidden_files_and_folders_are_no_images_and_other_endings_are_told(tmp_path, capsys) -> None:
+    for name in ("0.png", "1.webp", ".2.png"):
+        cv2.imwrite(str(tmp_path / name), FLAT)
+    (tmp_path / "._0.png").write_bytes(b"\5" * 100)
+    (tmp_path / "sub.png").mkdir()
+    assert len(list(open_images(tmp_path, 30.0))) == 2 and capsys.readouterr().err == ""
+    (tmp_path / "3.heic").write_bytes(b"")
+    assert len(list(open_images(tmp_path, 30.0))) == 2 and ".heic" in capsys.readouterr().err
+    assert len(list(open_images(f"{tmp_path}/*.png", 30.0))) == 1
+
+
+def test_a_video_that_announces_too_many_images_is_read_to_its_end(tmp_path, capsys, monkeypatch) -> None:
+    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, FLAT.shape[::-1], False)
+    for _ in range(5):
+        writer.write(FLAT)
+    writer.release()
+    capture = cv2.VideoCapture(str(tmp_path / "a.avi"))
+    announcing = Mock(wraps=capture, **{"get.side_effect": lambda field: capture.get(field) + 30.0})
+    monkeypatch.setattr(cv2, "VideoCapture", lambda name: announcing)
+    assert len(list(open_images(tmp_path / "a.avi", 30.0))) == 5
+    assert "announces 35 images and holds 5" in capsys.readouterr().err
 
 
 class Stopping:

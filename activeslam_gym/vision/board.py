@@ -7,6 +7,7 @@ lens. Axes are those of image files here, x right and y down, in which equation 
 import json
 import math
 import reprlib
+import sys
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice, product
@@ -37,6 +38,7 @@ _SEARCHED = 1000  # a board is searched in images no longer than this [px]
 _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
 _ROUNDS = 60  # most evaluations of a fit
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
+_FAR, _QUIET = 4.0, 0.25  # a view is left out at so many medians of all views' residuals, each at least so many pixels
 _WORST = 1e12  # condition of the scaled J^T J from which it is singular
 _VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
 _FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
@@ -51,7 +53,8 @@ class Fit(NamedTuple):
     calibration: Calibration
     residual_px: float  # root mean square of a corner's residual from this lens, each axis
     stds: np.ndarray  # (4,) of focal length, principal point and distortion
-    pictures: int  # that showed the board
+    pictures: int  # that showed the board and agree
+    kept: list[int]  # their numbers among all that showed it
 
 
 class Solution(NamedTuple):
@@ -103,14 +106,24 @@ def _refined(image: np.ndarray, kind: str, pixels: np.ndarray) -> np.ndarray:
 def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     """The lens of images of ``width`` x ``height`` pixels that explains the ``views`` best.
 
+    A view whose residual is far over the median of all was found in the wrong place: it is left out.
+
     Raises:
-        ValueError: they do not determine the lens.
+        ValueError: they do not determine the lens, or contradict each other.
     """
     fits = [_solve(views, _guess(views, share * width, width, height), math.inf) for share in _FOCALS]
     fits = [fit for fit in fits if np.isfinite(fit.cost) and fit.x[0] > 0.0]
     if not fits:
         raise ValueError("no lens explains the corners of the board")
     best = _solve(views, min(fits, key=lambda fit: fit.cost).x, _BOUND)
+    ends = np.cumsum([len(points) for points, _ in views])[:-1]
+    residuals = np.sqrt([np.mean(part**2) for part in np.split(best.residuals.reshape(-1, 2), ends)])
+    kept = np.flatnonzero(residuals <= _FAR * max(np.median(residuals), _QUIET)).tolist()
+    if len(kept) < min(LEAST_PICTURES, len(views)):
+        raise ValueError(f"{len(kept)} of {len(views)} pictures agree on a lens; {LEAST_PICTURES} or more must")
+    if len(kept) < len(views):
+        agreed = fit_lens([views[k] for k in kept], width, height)
+        return agreed._replace(kept=[kept[k] for k in agreed.kept])
     lens = np.stack((best.x[:4], _deviations(best)[:4]))
     if not lens[1, 0] < _VAGUE * lens[0, 0]:
         fitted = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
@@ -119,7 +132,7 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
         )
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
-    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views))
+    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), kept)
 
 
 def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
@@ -190,21 +203,24 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         raise ValueError(f"the board must have {least} to {most} columns and rows, got {sizes}")
     if kind == CHARUCO and columns * rows // 2 > _MARKERS:
         raise ValueError(f"a charuco board must have at most {_MARKERS} markers, got {columns} x {rows} squares")
-    views, shape = [], (0, 0)
+    views, numbers, shape = list[View](), list[int](), (0, 0)
     with argument("out"):
         demand_writable(Path(out).parent)
         if Path(out).is_dir():
             raise ValueError(f"{out} is a folder; allowed: a file")
     with argument("images", SourceError):
         every = 1 + max((image_count(images) or 0) - 1, 0) // _ENOUGH
-        for _, image in islice(open_images(images, 1.0), 0, None, every):
+        for number, (_, image) in islice(enumerate(open_images(images, 1.0)), 0, None, every):
             shape = image.shape
             if (view := find_board(image, kind, columns, rows)) is not None:
                 views.append(view)
+                numbers.append(number)
     if len(views) < LEAST_PICTURES:
         hint = _hint(images, kind, columns, rows)
         raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed{hint}")
     fit = fit_lens(views, shape[1], shape[0])
+    if left_out := np.delete(numbers, fit.kept).tolist():
+        print(f"left out, since their corners contradict the others': images {left_out}, from 0", file=sys.stderr)
     with written_whole(Path(out)) as unfinished:
         unfinished.write_text(json.dumps(fit.calibration._asdict(), indent=1) + "\n")
     return fit

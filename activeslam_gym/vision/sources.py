@@ -2,8 +2,9 @@
 
 import glob
 import math
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from activeslam_gym.vision.opencv import opencv
 
 Frame = tuple[float, np.ndarray]
 """Time [s] and grey image (h, w) uint8."""
-PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pnm", ".jp2")
 """Endings of the pictures that a folder is searched for."""
 CAMERA = "camera:"
 """The name of a live camera begins with it; its number follows."""
@@ -45,6 +46,8 @@ def _stored(path: str | Path) -> Iterator[tuple[str, np.ndarray]]:
         return _video(Path(path))
     files = _picture_files(path)
     if Path(path).is_dir():
+        if files and (others := sorted({file.suffix for file in _shown(Path(path).iterdir()) if file not in files})):
+            print(f"{path}: left out: files that end with {', '.join(others)}", file=sys.stderr)
         return _pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})")
     if glob.has_magic(str(path)):
         return _pictures(files, f"nothing matches the pattern {path}")
@@ -62,8 +65,13 @@ def image_count(path: str | Path) -> int | None:
 def _picture_files(path: str | Path) -> list[Path]:
     """The pictures in a folder, or those that match a pattern."""
     if Path(path).is_dir():
-        return sorted(file for file in Path(path).iterdir() if file.suffix.lower() in PICTURES)
-    return sorted(Path(name) for name in glob.glob(str(path)))
+        return [file for file in _shown(Path(path).iterdir()) if file.suffix.lower() in PICTURES]
+    return _shown(map(Path, glob.glob(str(path))))
+
+
+def _shown(paths: Iterable[Path]) -> list[Path]:
+    """The files among ``paths``, sorted, without the hidden ones."""
+    return sorted(path for path in paths if not path.name.startswith(".") and not path.is_dir())
 
 
 def _timed(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
@@ -120,8 +128,8 @@ def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
             count += 1
         if count == 0:
             raise SourceError(f"{path} holds no image that can be read")
-        if count < int(capture.get(cv2.CAP_PROP_FRAME_COUNT)):
-            raise SourceError(f"{path} breaks off after {count} images")
+        if count < (announced := int(capture.get(cv2.CAP_PROP_FRAME_COUNT))):
+            print(f"{path} announces {announced} images and holds {count}: is its end cut off?", file=sys.stderr)
     finally:
         capture.release()
 

@@ -129,7 +129,7 @@ def minibatch(decisions: int) -> int:
 def make_learner(recipe: Recipe, env: VecEnv, logs: Path | None, device: str = "cpu") -> Any:
     """A new learner, in the first rooms that are trained in. PPO's rollout is one episode of every environment."""
     steps, entropy, several = recipe.steps_per_episode, {"ent_coef": recipe.entropy_bonus}, len(recipe.scenarios) > 1
-    rollout = {"n_steps": steps, "batch_size": minibatch(steps * env.num_envs), "gae_lambda": 0.95}
+    rollout: dict[str, Any] = {"n_steps": steps, "batch_size": minibatch(steps * env.num_envs), "gae_lambda": 0.95}
     if several:
         buffer = {"scenarios": len(recipe.scenarios)}
         rollout |= {"rollout_buffer_class": RolloutOfScenarios, "rollout_buffer_kwargs": buffer}

@@ -46,7 +46,7 @@ def test_the_warped_template_is_what_rays_see(pixel, move) -> None:
     templates, point = stored(np.array(pixel), image_from(FIRST))
     pose = pose_at(tuple(FIRST[:3] + move), (0.05, -0.1, 0.2))
     drawn = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
-    assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn, np.empty((3, 2)))
+    assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, drawn, np.empty((3, 2)))
     centre, half = projected(CAMERA, pose, point[None])[0], TEMPLATE_SIDE // 2
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
     truth = texture(plane_points(pose, centre[0] + x, centre[1] + y))
@@ -59,7 +59,7 @@ def test_a_view_from_behind_or_far_is_not_predicted() -> None:
     templates, point = stored(np.array((160.0, 120.0)), image_from(FIRST))
     drawn = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for pose in (pose_at((0.0, 0.0, 3.0)), pose_at((0.0, 0.0, 0.2)), pose_at((0.9, 0.0, 0.15), (0.0, 1.2, 0.0))):
-        assert not predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn, np.empty((3, 2)))
+        assert not predict_appearance(view_from(CAMERA, pose), templates, 0, point, drawn, np.empty((3, 2)))
 
 
 @pytest.mark.parametrize("step", [(0.0, 0.0), (0.004, 0.0015), (-0.0023, 0.0031), (0.0, -0.0052)])
@@ -179,7 +179,7 @@ def test_what_slopes_shift_agrees_with_differences() -> None:
             templates, point = seen_from_aside((170.0, 110.0), ramp, 0.7)
             tilt(templates, 0, slopes + more, np.eye(2))
             own = np.empty((3, 2))
-            assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, True, drawn[k, axis], own)
+            assert predict_appearance(view_from(CAMERA, pose), templates, 0, point, drawn[k, axis], own)
             slant = own if k == 0 else slant
     at = np.array(((2, 4), (12, 3), (10, 12)))
     for i, j in at:

@@ -133,7 +133,7 @@ class FrontEnd:
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
         lost = self._blind >= self.settings.lost_after
-        before = self._relocalise(grey) if lost and self.settings.recover else None
+        before = self._relocalise(grey) if lost else None
         self._look(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
@@ -210,7 +210,7 @@ class FrontEnd:
         if np.count_nonzero(known < 0) >= 3:
             self._search(sight, grey, known[known < 0], self._models[False], s.scout_share)
             sight, known = self.filter.sight(), known[known >= 0]
-        scouts = self._scouts(sight) if s.recover else []
+        scouts = self._scouts(sight)
         if scouts:
             self._search(sight, grey, np.array(scouts), self._models[True], s.scout_share)
             sight = self.filter.sight()
@@ -245,8 +245,7 @@ class FrontEnd:
         places[self._gallery.change_of_view(places, points, mean) > self.settings.most_change] = -1
         findings = search(view_from(self.camera, mean), model, self._gallery.templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
-        least = round(share * np.count_nonzero(tried)) if self.settings.recover else 1
-        least = max(least, 3 if self._blind >= self.settings.lost_after else 1)
+        least = max(round(share * np.count_nonzero(tried)), 3 if self._blind >= self.settings.lost_after else 1)
         candidates = self._candidates(ids, places, findings)
         candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=least)
         self._gallery.remember_looks(matched, points, mean, findings)
@@ -275,7 +274,7 @@ class FrontEnd:
         R += (lens**2)[:, None, None] * np.eye(2)
         R += astray[:, :, None] * astray[:, None, :]
         out["id"], out["pixel"], out["R"] = id, pixel, R
-        out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score) if s.appearance else 0.0
+        out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score)
         return out
 
     def _noise_of_fiducials(self, k: np.ndarray, R: np.ndarray) -> np.ndarray:

@@ -36,8 +36,6 @@ SEARCH = record(
     shrink="b1",  # or is searched all the same, in its middle part of that size
     floor_std="f8",  # deviation of a pixel that a perfect template would have: lens, timing, the plane [px]
     grain="f8",  # inflation of the covariance of the fit: neighbouring residuals are correlated
-    warp="b1",  # whether templates are warped to the present view
-    subpixel="b1",  # whether peaks are refined below the pixel
 )
 """Constants of the search."""
 
@@ -86,7 +84,7 @@ def search(
         if (
             places[a] >= 0
             and _is_searchable(model, image, z_hat[a], S[a])
-            and predict_appearance(view, templates, places[a], points[a], model.warp, T, slant)
+            and predict_appearance(view, templates, places[a], points[a], T, slant)
             and _normalise(T)
         ):
             _search_one(model, image, T, Plane(slant, templates.slope_cov[places[a]]), z_hat[a], S[a], a, out)
@@ -263,7 +261,7 @@ def _localise(model: Record, image: np.ndarray, T: np.ndarray, plane: Plane, out
         residual = _misfit(image, T, J, pixel, pulls)
         g0, g1 = np.sum(pulls[:, 0]), np.sum(pulls[:, 1])
         dx, dy = (A11 * g0 - A01 * g1) / det, (A00 * g1 - A01 * g0) / det
-        if step == 3 or not model.subpixel or not abs(dx) + abs(dy) >= 0.005:
+        if step == 3 or not abs(dx) + abs(dy) >= 0.005:
             break
         pixel[0] -= dx
         pixel[1] -= dy
@@ -271,11 +269,11 @@ def _localise(model: Record, image: np.ndarray, T: np.ndarray, plane: Plane, out
     if not refined:
         pixel[0], pixel[1], residual = start_x, start_y, 0.5
     _compare_halves(parts, pulls, _EASE * (A00 + A11), out.strain[a, peak])
-    var, floor = model.grain * residual / _COUNT, model.floor_std**2 + (0.0 if model.subpixel else 1.0 / 12.0)
+    var, floor = model.grain * residual / _COUNT, model.floor_std**2
     R[0, 0], R[0, 1], R[1, 1] = floor + var * A11 / det, -var * A01 / det, floor + var * A00 / det
     R[1, 0] = R[0, 1]
     copy_block(plane.cov, out.slope_cov[a, peak])
-    if refined and model.subpixel and model.warp and plane.cov[0, 0] > 0.0:
+    if refined and plane.cov[0, 0] > 0.0:
         _lean(N, pulls, var, floor, out, a, peak)
 
 

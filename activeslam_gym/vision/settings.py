@@ -32,8 +32,6 @@ class FrontEndSettings:
     gate: float = 11.8  # squared Mahalanobis distance to which ellipses are searched: 3 sigma, 99.7 %
     least_score: float = 0.8  # normalised cross-correlation of a candidate
     largest_area: float = 8000.0  # larger ellipses are not searched [px^2]
-    warp: bool = True  # whether templates are warped to the present view
-    subpixel: bool = True  # whether matches are refined below the pixel
     most_change: float = 2.0  # a feature whose view has changed more is not searched, and may get a neighbour [rad]
     vague_area: float = 3000.0  # where the median ellipse is larger, scouts are searched first [px^2]
     scouts: int = 10  # how many go first
@@ -43,7 +41,6 @@ class FrontEndSettings:
     # Noise and association
     least_share: float = 0.2  # if fewer of the searched belong together, none is believed: outliers agree now and then
     scout_share: float = 0.4  # the same of the scouts
-    appearance: bool = True  # whether the score of a match counts in the association
     match_score: float = 0.8  # score at which a match and an outlier are equally likely
     score_weight: float = 25.0  # growth of the log likelihood ratio with the score
     floor_std: float = 0.2  # pixel noise of a perfect template: lens and plane, correlated in time [px]
@@ -86,7 +83,6 @@ class FrontEndSettings:
     least_clear: int = 3  # and so is one in which fewer are matched
 
     # Recovery
-    recover: bool = True  # whether `least_share` is demanded, scouts go first, and a lost map is sought
     lost_after: int = 3  # frames in a row in which next to nothing is found, until the map is sought in the whole image
     regained: int = 7  # fewer matches do not end that: in the wide ellipses of a lost camera, three agree by chance
     patience: int = 20  # such frames until features are judged and initialised again in any case

@@ -136,7 +136,7 @@ def _around(pixel: np.ndarray) -> tuple[slice, ...]:
 
 @compiled
 def predict_appearance(
-    view: View, templates: Templates, place: int, point: np.ndarray, warp: bool, out: np.ndarray, slant: np.ndarray
+    view: View, templates: Templates, place: int, point: np.ndarray, out: np.ndarray, slant: np.ndarray
 ) -> bool:
     """Draw the template (15, 15) of the feature at ``point`` (3,) as it looks in ``view`` into ``out``.
 
@@ -148,10 +148,6 @@ def predict_appearance(
     nodes = np.empty((3, 3, 2))
     if not _find_nodes(view, templates, place, point, nodes, slant):
         return False
-    if not warp:
-        for i in range(3):
-            for j in range(3):
-                nodes[i, j, 0], nodes[i, j, 1] = (j - 1) * TEMPLATE_HALF, (i - 1) * TEMPLATE_HALF
     return _draw(templates.patch[place], nodes, out) >= _LEAST_INSIDE * TEMPLATE_SIDE * TEMPLATE_SIDE
 
 

@@ -30,6 +30,8 @@ THRESHOLD = 0.02  # a variable that has moved by more [m, rad, 1/m] is linearise
 
 @ESTIMATORS.register("smoother")
 class Smoother:
+    mean: np.ndarray
+
     def __init__(self, scenario: Scenario, fiducials: np.ndarray, sensor: Any) -> None:
         self.scenario, self.fiducials, self.sensor = scenario, fiducials, sensor
         self.lens, self.motion = camera_of(scenario), motion_of(scenario, 1.0)

@@ -5,7 +5,7 @@ interquartile mean has one by the bootstrap, since it leaves out the tails. A me
 failure does not show how far it lies from the true mean.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -95,7 +95,7 @@ def estimate(values: ArrayLike, statistic: Statistic) -> Estimate:
     elif statistic == "median":
         value, (low, high) = np.median(rooms), quantile_test(rooms, p=0.5).confidence_interval(CONFIDENCE)
     elif statistic == "IQM":
-        value, (low, high) = interquartile_mean(rooms), bootstrap_interval(rooms)
+        value, (low, high) = interquartile_mean(rooms), bootstrap_interval(rooms, interquartile_mean)
     return Estimate(float(value), float(low), float(high), len(rooms), statistic)
 
 
@@ -119,10 +119,10 @@ def interquartile_mean(rooms: Array) -> Array:
     return np.asarray(trim_mean(rooms, 0.25, axis=-1))
 
 
-def bootstrap_interval(rooms: Array) -> tuple[float, float]:
-    """Percentile bootstrap of the interquartile mean over rooms (rooms,), the same at each call; NaN for too few."""
+def bootstrap_interval(rooms: Array, figure: Callable[[Array], Array]) -> tuple[float, float]:
+    """Percentile bootstrap of a ``figure`` of rooms (n,), (m, n) -> (m,), the same at each call; NaN for too few."""
     if len(rooms) < FEWEST:
         return np.nan, np.nan
     drawn = np.random.default_rng(0).integers(len(rooms), size=(RESAMPLES, len(rooms)))
-    low, high = np.quantile(interquartile_mean(rooms[drawn]), TAILS)
+    low, high = np.quantile(figure(rooms[drawn]), TAILS)
     return float(low), float(high)

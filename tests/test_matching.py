@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
+from activeslam_gym import ActiveSLAMVectorEnv, Gaze, Motion
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate, association_of, expected_unmapped
@@ -325,3 +326,15 @@ def test_starvation_is_counted() -> None:
 
 
 # The correction -----------------------------------------------------------------------------------------------------
+
+
+def test_nearly_exact_pixels_mapped_nothing() -> None:
+    """The gate of a new feature was narrower than the process noise of a frame, so it was dropped and made again."""
+    env = ActiveSLAMVectorEnv(2, {"pixel_std": 0.05}, gaze_period=1.0, num_threads=1)
+    env.reset(seed=1)
+    deletions = 0
+    for _ in range(10):
+        *_, infos = env.step(np.tile((Motion.STAY, Gaze.STAY), (2, 1)))
+        deletions += infos["events"]["deletions"].sum()
+    assert infos["landmarks_mapped"].min() >= 3 and deletions < 50
+    assert max(env.nees()["landmarks"]) < 3.0

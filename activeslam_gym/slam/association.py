@@ -61,6 +61,13 @@ def chi_square_2_quantile(probability: float) -> float:
     return -2.0 * math.log(1.0 - probability)
 
 
+def wander_px(scenario: Scenario) -> float:
+    """Deviation by which the process noise of one frame moves the pixel of a new feature, at the mean depth [px]."""
+    turn = scenario.filter_angular_acceleration_std or scenario.angular_acceleration_std
+    way = scenario.filter_acceleration_std or scenario.acceleration_std
+    return scenario.focal_px * scenario.frame_time**2 * math.hypot(turn, scenario.inverse_depth_mean * way)
+
+
 ASSOCIATION, association_of = constants(
     Scenario(),
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
@@ -77,7 +84,7 @@ ASSOCIATION, association_of = constants(
     point_margin=5.0,  # of a point seen lately, not just now: the lead over its being another detection
     point_missed_margin=3.0,  # and over its not being detected
     command_known="b1",  # whether an ellipse may be vague, see `_is_vague`
-    vague_px=lambda s: 3.0 * s.pixel_std,  # longest ellipse of an inverse depth not seen just now [px]
+    vague_px=lambda s: 3.0 * max(s.pixel_std, wander_px(s)),  # longest ellipse of an inverse depth not seen just now
     twin_px=lambda s: 4.0 * s.pixel_std,  # predictions nearer to each other are ambiguous [px]
     clear_frames=lambda s: frames_of_clarity(s, 0.25),  # for which an inverse depth must be alone to be matched
     rival_gate=25.0,  # near enough to an inverse depth's prediction to be its rival, where the present frame shows it

@@ -6,6 +6,8 @@ import numbers
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
+import numpy as np
+
 Entry = TypeVar("Entry")
 
 REGISTERED = -1  # in place of its number: an entry that is not one of the package's own
@@ -79,13 +81,45 @@ class Registry(dict[str, Entry]):
         """
         if name in self.own:
             return self[name](*arguments)  # type: ignore[operator]
+        value = asked(f"{self.kind} {name!r}", self[name], *arguments, where=f" {where}")  # type: ignore[arg-type]
         try:
-            value = self[name](*arguments)  # type: ignore[operator]
-        except Exception as error:
-            raise ValueError(f"{self.kind} {name!r} failed {where}: {type(error).__name__}: {error}") from error
-        if isinstance(value, bool) or not isinstance(value, numbers.Real) or not math.isfinite(value):
-            raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r}")
+            finite = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+        except OverflowError:  # an int beyond all floats
+            finite = False
+        if not finite:
+            raise ValueError(f"{self.kind} {name!r} must return a finite number {where}, got {value!r:.300}")
         return float(value)
+
+
+def asked(what: str, answer: Callable[..., Any], *arguments: Any, where: str = "") -> Any:
+    """What a registered part answers; where it fails, a ValueError that begins with ``what``."""
+    try:
+        return answer(*arguments)
+    except Exception as error:
+        raise ValueError(f"{what} failed{where}: {type(error).__name__}: {error}") from error
+
+
+_KINDS = {float: ("numbers", "fiuO"), int: ("whole numbers", "iu"), bool: ("True or False", "b")}
+
+
+def array_of(what: str, value: Any, shape: tuple[int | None, ...], kind: type = float) -> np.ndarray:
+    """A copy of ``value`` as an array of that ``kind``, float, int or bool, and ``shape``, where None is any length.
+
+    Raises:
+        ValueError: it is anything else; the message begins with ``what``.
+    """
+    words, kinds = _KINDS[kind]
+    try:
+        given = np.asarray(value)
+        array: Any = given.astype(kind) if given.dtype.kind in kinds or not given.size else None
+        array = None if kind is int and (array != given).any() else array  # an unsigned one beyond int64
+    except (TypeError, ValueError, OverflowError):
+        array = None
+    sizes = () if array is None else array.shape
+    if array is None or len(sizes) != len(shape) or any(n not in (None, m) for n, m in zip(shape, sizes, strict=True)):
+        size = str(shape).replace("None", "n")
+        raise ValueError(f"{what} must be {words} of shape {size}, got {value!r:.300}")
+    return array
 
 
 def did_you_mean(word: Any, known: Iterable[str]) -> str:

@@ -90,8 +90,8 @@ def test_what_an_estimator_returns_wrongly_is_told_by_name() -> None:
 
     of = "of the estimator 'mine'"
     for kind, message in (
-        (Short, rf"update\(\) {of} must return"),
-        (Flat, rf"estimate\(\) {of}: ids of an Estimate must be positive and increasing"),
+        (Short, rf"update\(\) {of} returns must be whole numbers of shape"),
+        (Flat, rf"estimate\(\) {of} failed: .*ids of an Estimate must be positive and increasing"),
         (Unbounded, rf"estimate\(\) {of} must have a finite covariance"),
     ):
         with entered(ESTIMATORS, "mine", kind), pytest.raises(ValueError, match=message):

@@ -14,14 +14,18 @@ from activeslam_gym.envs.run import Run, known_boxes, present
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import Start, account, begin_motion, box_scene, drive, identify, sense, take_in
 from activeslam_gym.kernels import row
-from activeslam_gym.motion import POSITION
+from activeslam_gym.motion import POSITION, QUATERNION
+from activeslam_gym.registry import array_of, asked
 from activeslam_gym.sensors.points import PointModel
-from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, SENSORS
-from activeslam_gym.slam.estimate import put_estimate
+from activeslam_gym.sensors.sensor import CORNERS, IMAGES, POINTS, SENSORS, Detections
+from activeslam_gym.slam.association import REJECTED
+from activeslam_gym.slam.estimate import Estimate, put_estimate
 from activeslam_gym.slam.estimator import COMPILED, ESTIMATORS, Measurements
 from activeslam_gym.world.bodies import drop_hidden, narrow_clearance, push_out, reach_of_command
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import truth_of
+
+_ROUNDING = 1e-5  # of what estimators and sensors answer, which may be in single precision
 
 
 class Perception(Protocol):
@@ -65,25 +69,31 @@ def is_compiled(setting: Setting) -> bool:
 def play_rows(
     runs: Run, perceptions: list[Any], phases: np.ndarray, commands: np.ndarray, start: int, stop: int
 ) -> None:
-    """`episode.play`, with the scene, the sensor and the estimator of each run."""
+    """`episode.play`, with the scene, the sensor and the estimator of each run; a ValueError tells the frame."""
     for i in range(start, stop):
-        if phases[i] == REST:
-            continue
-        run, perception = row(runs, i), perceptions[i]
-        scene, motion, task = perception.scene, run.models.motion, run.models.task
-        if phases[i] == BEGIN:
-            perception.begin(run)
-            begin_motion(run, commands[i], np.inf)
-        else:
-            reads = scene is not None and run.episode.steps % task.steps_per_motion == 0
-            reach = reach_of_command(scene, motion, run.world, commands[i]) if reads else np.inf
-            open_step(run, commands[i], reach)
-            for _ in range(int(task.frames_per_step)):
-                perception.frame(run, *_move(scene, run, commands[i, 3]))
-        appraise(run, bool(phases[i] == BEGIN))
-        if scene is not None:
-            narrow_clearance(scene, motion, run.world, run.episode.clearance)
-        observe(run)
+        try:
+            if phases[i] != REST:
+                _play_row(row(runs, i), perceptions[i], bool(phases[i] == BEGIN), commands[i])
+        except ValueError as error:
+            where = f"in frame {int(runs.world.state[i].frame)} of environment {i}"
+            raise ValueError(f"{error} ({where})") from error.__cause__
+
+
+def _play_row(run: Run, perception: Any, begins: bool, command: np.ndarray) -> None:
+    scene, motion, task = perception.scene, run.models.motion, run.models.task
+    if begins:
+        perception.begin(run)
+        begin_motion(run, command, np.inf)
+    else:
+        reads = scene is not None and run.episode.steps % task.steps_per_motion == 0
+        reach = reach_of_command(scene, motion, run.world, command) if reads else np.inf
+        open_step(run, command, reach)
+        for _ in range(int(task.frames_per_step)):
+            perception.frame(run, *_move(scene, run, command[3]))
+    appraise(run, begins)
+    if scene is not None:
+        narrow_clearance(scene, motion, run.world, run.episode.clearance)
+    observe(run)
 
 
 def _move(scene: Scene | None, run: Run, gaze: float) -> tuple[np.ndarray, bool]:
@@ -123,67 +133,89 @@ class PointPerception:
 
 
 class PluggedPerception:
-    """A registered sensor, or the simulated points, with a registered estimator."""
+    """A registered sensor, or the simulated points, with a registered estimator. What they answer is checked here."""
 
     def __init__(self, setting: Setting, run: Run, start: Start, seed: np.random.SeedSequence) -> None:
         scenario, self.scene = setting.scenario, start.scene
-        self._kind, self._name, self._dt = scenario.sensor, scenario.estimator, scenario.frame_time
-        self._sensor = None if scenario.sensor == POINTS else SENSORS[scenario.sensor](scenario, seed)
-        boxes = known_boxes(run).copy()
-        self.model = PointModel(scenario, boxes) if self._sensor is None else self._sensor.model()
-        self._estimator = ESTIMATORS[scenario.estimator](scenario, run.world.fiducials.copy(), self.model)
-        self._estimator.reset(start.mean, start.covariance)
+        self._sensed, self._name = f"the sensor {scenario.sensor!r}", f"the estimator {scenario.estimator!r}"
+        self._dt, boxes, fiducials = scenario.frame_time, known_boxes(run).copy(), run.world.fiducials.copy()
+        self._sensor: Any = None
+        if scenario.sensor == POINTS:
+            self.model: Any = PointModel(scenario, boxes)
+        else:
+            self._sensor = asked(self._sensed, SENSORS[scenario.sensor], scenario, seed)
+            self.model = asked(f"model() of {self._sensed}", lambda: self._sensor.model())
+        self._noise = asked(f"noise of the model of {self._sensed}", _noise_of, self.model)
+        self._estimator = asked(self._name, ESTIMATORS[scenario.estimator], scenario, fiducials, self.model)
+        asked(f"reset() of {self._name}", lambda: self._estimator.reset(start.mean, start.covariance))
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
-        self._put_estimate(run)
+        self._put_estimate(run, np.zeros(0, int))
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
-        values = self._measured(run)
-        self._estimator.predict(u, self._dt, contact)
-        noise = np.broadcast_to(self.model.noise, (len(values), *np.shape(self.model.noise)))
+        values, of = self._measured(run), self._name
+        asked(f"predict() of {of}", lambda: self._estimator.predict(u, self._dt, contact))
         found = run.candidate[: len(values)]
-        matched = np.asarray(self._estimator.update(Measurements(values, noise, found["id"].copy())))
-        if matched.shape != (len(values),) or matched.dtype.kind not in "iu":
-            raise ValueError(
-                f"update() of the estimator {self._name!r} must return ({len(values)},) whole numbers, got {matched!r}"
-            )
-        found["match"] = matched
-        before = set(run.owner["id"].tolist()) - {0}
-        self._put_estimate(run)
-        after = set(run.estimate.landmark["id"][: int(run.estimate.state.count)].tolist())
-        run.episode.events.births += len(after - before)
-        run.episode.events.deletions += len(before - after)
+        noise = np.broadcast_to(self._noise, (len(values), *self._noise.shape))
+        measurements = Measurements(values, noise, found["id"].copy())
+        matched = asked(f"update() of {of}", lambda: self._estimator.update(measurements))
+        found["match"] = array_of(f"what update() of {of} returns", matched, (len(values),), int)
+        self._put_estimate(run, found["match"])
         account(run)
 
-    def _put_estimate(self, run: Run) -> None:
-        """Write the estimator's estimate into the run; a ValueError names the estimator where it is none."""
-        try:
-            estimate = self._estimator.estimate()
-            put_estimate(estimate, run.estimate)
-        except (AttributeError, ValueError) as error:
-            raise ValueError(f"estimate() of the estimator {self._name!r}: {error}") from error
+    def _put_estimate(self, run: Run, matched: np.ndarray) -> None:
+        """Write the estimator's estimate into the run. Every id must be of a fiducial or of a landmark of it, and every
+        new landmark of a measurement that it was ``matched`` to."""
+        before, what, K = set(run.owner["id"].tolist()) - {0}, f"estimate() of {self._name}", len(run.world.fiducials)
+        estimate = asked(what, lambda: self._estimator.estimate())
+        if not isinstance(estimate, Estimate):
+            raise ValueError(f"{what} must return an Estimate, got {estimate!r:.300}")
+        asked(what, put_estimate, estimate, run.estimate)
         for name in ("camera", "points", "covariance"):
             if not np.isfinite(getattr(estimate, name)).all():
-                raise ValueError(f"estimate() of the estimator {self._name!r} must have a finite {name}")
+                raise ValueError(f"{what} must have a finite {name}")
+        P, size = estimate.covariance, np.sqrt(np.abs(np.diag(estimate.covariance)))
+        if abs(np.linalg.norm(estimate.camera[QUATERNION]) - 1.0) > _ROUNDING:
+            raise ValueError(f"{what} must have a quaternion of length 1, got {estimate.camera[QUATERNION]}")
+        if (np.abs(P - P.T) > _ROUNDING * np.outer(size, size)).any():
+            raise ValueError(f"{what} must have a symmetric covariance")
+        after, given = set(estimate.ids.tolist()), set(matched.tolist())
+        if nothing := given - before - after - set(range(-K, 1)) - {REJECTED}:
+            raise ValueError(f"update() of {self._name} returned ids of no landmark and no fiducial: {sorted(nothing)}")
+        if unmatched := after - before - given:
+            raise ValueError(f"{what} has new landmarks, but update() returned none of their ids: {sorted(unmatched)}")
+        run.episode.events.births += len(after - before)
+        run.episode.events.deletions += len(before - after)
 
     def _measured(self, run: Run) -> np.ndarray:
         """(M, d) the measurements; writes their pixels, labels and, where the scenario gives them, ids."""
         if self._sensor is None:
             _sense(self.scene, run)
             return run.candidate["pixel"][: int(run.episode.detections)].copy()
-        time = (int(run.world.state.frame) + 1) * self._dt
+        time, what = (int(run.world.state.frame) + 1) * self._dt, f"measure() of {self._sensed}"
         truth = truth_of(run.world, self.scene or box_scene(run))
-        values, labels = (np.asarray(part) for part in self._sensor.measure(truth, time))
-        size, room = len(self.model.noise), len(run.candidate)
-        if values.shape != (len(labels), size) or not np.isfinite(values).all() or len(labels) > room:
+        given = asked(what, lambda: Detections(*self._sensor.measure(truth, time)))
+        values = array_of(f"values of {what}", given.values, (None, len(self._noise)))
+        labels = array_of(f"labels of {what}", given.labels, (len(values),), int)
+        room, points = len(run.candidate), len(truth.fiducials) + len(truth.landmarks)
+        if not np.isfinite(values).all() or len(values) > room or not ((-1 <= labels) & (labels < points)).all():
             raise ValueError(
-                f"measure() of the sensor {self._kind!r} must return (M, {size}) finite values, M at most {room}, "
-                f"and (M,) labels, got {values!r} and {labels!r}"
+                f"{what} must return at most {room} finite values, and labels in -1 … {points - 1}, "
+                f"got {values!r} and {labels!r}"
             )
         run.episode.detections = len(values)
         run.candidate["pixel"][: len(values)], run.label[: len(values)] = values[:, :2], labels
-        run.candidate["R"][: len(values)] = np.asarray(self.model.noise)[:2, :2]
+        run.candidate["R"][: len(values)] = self._noise[:2, :2]
         identify(run)
         return values
+
+
+def _noise_of(model: Any) -> np.ndarray:
+    """The noise (d, d) of a sensor's model, d of 2 or more; raises where it is no covariance."""
+    noise = array_of("it", model.noise, (None, None))
+    if not len(noise) >= 2 or not np.allclose(noise, noise.T, _ROUNDING) or not np.isfinite(noise).all():
+        raise ValueError(f"it must be finite, symmetric and of 2 rows or more, got {noise!r}")
+    np.linalg.cholesky(noise)
+    return noise

@@ -25,7 +25,7 @@ from activeslam_gym.information.registered import score_plans_with, sight_by
 from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
-from activeslam_gym.registry import REGISTERED
+from activeslam_gym.registry import REGISTERED, asked
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers, for_one_thread
@@ -224,7 +224,8 @@ class Reads:
         if self.scenario.sensor in SENSORS.own:
             look = partial(sight_after, camera, given)
         else:
-            look = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
+            sight = partial(sight_by, self._perceptions[i].model, given, taken_estimate(run.estimate), var)
+            look = partial(asked, f"the model of the sensor {self.scenario.sensor!r}", sight)
         frames = int(uncompiled(frames_left)(run))
         return score_plans_with(look, run.models.motion, given, time, plans, criterion, var, frames)
 

@@ -15,6 +15,7 @@ from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
 from activeslam_gym.motion import CAMERA_DIM, POSITION, turn_of
+from activeslam_gym.registry import array_of
 from activeslam_gym.slam.estimate import Estimate
 from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_with
 
@@ -66,15 +67,15 @@ def sight_by(
 ) -> Sight:
     """The measurements that the ``model`` of a sensor foresees from ``pose`` (13,), each as rows in pairs."""
     K, points = len(prospect.fiducials), np.concatenate((prospect.fiducials, prospect.points))
-    seen = np.flatnonzero(model.foresee(estimate, pose, points)).tolist()
+    seen = np.flatnonzero(array_of("foresee()", model.foresee(estimate, pose, points), (len(points),), bool)).tolist()
     whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(model.noise))
     pairs = (len(model.noise) + 1) // 2
     things = np.zeros(pairs * len(seen), THING)
     for a, row in enumerate(seen):
         _, H_x, H_y = model.predict(pose, points[row])
-        for H, field in ((H_x, "H_camera"), (H_y, "H_feature")):
+        for H, field, width in ((H_x, "H_camera", 6), (H_y, "H_feature", 3)):
             rows = np.zeros((2 * pairs, 6))
-            rows[: len(H), : H.shape[1]] = whitening @ H
+            rows[: len(whitening), :width] = whitening @ array_of("a Jacobian", H, (len(whitening), width))
             things[field][pairs * a : pairs * (a + 1)] = rows.reshape(pairs, 2, 6)
         own = things[pairs * a : pairs * (a + 1)]
         own["row"], own["visibility"] = row, INSIDE

@@ -16,6 +16,7 @@ import numpy as np
 from activeslam_gym.camera import distance_between
 from activeslam_gym.kernels import Record, borrowed, borrowing, compiled, inlined, record
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
+from activeslam_gym.registry import array_of
 
 CAMERA_ESTIMATE = record(
     camera=("f8", CAMERA_SIZE),  # mean: position, quaternion, velocity, angular velocity
@@ -55,13 +56,13 @@ class Estimate:
     """[s] since the reset."""
 
     def __post_init__(self) -> None:
-        n = len(self.ids)
-        shapes = {"camera": (13,), "ids": (n,), "points": (n, 3), "mapped": (n,), "converted": (n,)}
-        shapes["covariance"] = (CAMERA_DIM + 3 * n, CAMERA_DIM + 3 * n)
-        for name, shape in shapes.items():
-            array = read_only(getattr(self, name))
-            if array.shape != shape:
-                raise ValueError(f"{name} of an Estimate of {n} landmarks must be of shape {shape}, got {array.shape}")
+        n = len(array_of("ids of an Estimate", self.ids, (None,), int))
+        size, of = CAMERA_DIM + 3 * n, f"of an Estimate of {n} landmarks"
+        numbers = {"camera": (13,), "points": (n, 3), "covariance": (size, size)}
+        shapes = {"ids": ((n,), int), "mapped": ((n,), bool), "converted": ((n,), bool)}
+        for name, (shape, kind) in (shapes | {name: (shape, float) for name, shape in numbers.items()}).items():
+            array = array_of(f"{name} {of}", getattr(self, name), shape, kind)
+            array.flags.writeable = False
             object.__setattr__(self, name, array)
         if n and (self.ids[0] <= 0 or (np.diff(self.ids) <= 0).any()):
             raise ValueError(f"ids of an Estimate must be positive and increasing, got {self.ids.tolist()}")

@@ -9,6 +9,7 @@ and ``gymnasium.make("ActiveSLAM-v0", scenario={"scene": "mine"})`` runs it. The
 every scene.
 """
 
+from collections.abc import Callable
 from numbers import Real
 from typing import Any, Protocol
 
@@ -16,9 +17,10 @@ import numpy as np
 
 from activeslam_gym.camera import hidden
 from activeslam_gym.config import BOXES, NoRoomError, Scenario
-from activeslam_gym.registry import Registry
+from activeslam_gym.registry import Registry, array_of, asked
 from activeslam_gym.world.furniture import draw_boxes, first_hits, surface_points
 
+_ROUNDING = 1e-6  # of what a scene answers, which may be in single precision
 AROUND = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0
 AROUND /= np.linalg.norm(AROUND, axis=1)[:, None]
 """(26, 3) unit vectors, along which bodies near a point are looked for."""
@@ -49,7 +51,7 @@ SCENES: Registry[Any] = Registry("scenario.scene")  # the scenes by name
 
 def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
     """The scene of a reset; a wrong answer of a registered one is a ValueError."""
-    scene = SCENES[scenario.scene](scenario, rng)
+    scene = asked(f"the scene {scenario.scene!r}", SCENES[scenario.scene], scenario, rng)
     return CheckedScene(scenario, scene) if scenario.has_registered_scene else scene
 
 
@@ -94,43 +96,41 @@ class CheckedScene:
     """A registered scene. A wrong answer of it is a ValueError that names the scene, the method and the answer."""
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
-        self._name, self._scene, half = scenario.scene, scene, 0.5 * np.array(scenario.room_size)
-        self.bounds = low, high = self._array("bounds", scene.bounds, (2, 3))
-        if not ((-half <= low) & (low < high) & (high <= half)).all():
+        self._of, self._scene, half = f"of the scene {scenario.scene!r}", scene, 0.5 * np.array(scenario.room_size)
+        self._slack = _ROUNDING * max(1.0, half.max())
+        self.bounds = low, high = self._array("bounds", lambda: scene.bounds, (2, 3))
+        if not ((-half - self._slack <= low) & (low < high) & (high <= half + self._slack)).all():
             room = f"its lowest and highest corner, inside of ±{half.tolist()}"
-            raise ValueError(f"bounds of the scene {self._name!r} must be {room}, got {self.bounds.tolist()}")
+            raise ValueError(f"bounds {self._of} must be {room}, got {self.bounds.tolist()}")
 
     def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
         """`Scene.blocks`."""
-        blocked = self._scene.blocks(a, b)
+        blocked = asked(f"blocks() {self._of}", lambda: self._scene.blocks(a, b))
         if not isinstance(blocked, (bool, np.bool_)):
-            raise ValueError(f"blocks() of the scene {self._name!r} must return True or False, got {blocked!r}")
+            raise ValueError(f"blocks() {self._of} must return True or False, got {blocked!r}")
         return bool(blocked)
 
     def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
         """`Scene.clearance`."""
-        free: Any = self._scene.clearance(p, direction, farthest)
-        if not isinstance(free, Real) or not 0.0 <= float(free) <= farthest + 1e-9:
-            raise ValueError(
-                f"clearance() of the scene {self._name!r} must return a number from 0 to {farthest:g}, got {free!r}"
-            )
-        return min(float(free), farthest)
+        free: Any = asked(f"clearance() {self._of}", lambda: self._scene.clearance(p, direction, farthest))
+        most = farthest * (1.0 + _ROUNDING)
+        real = isinstance(free, Real) and not isinstance(free, bool)
+        if not real or not 0.0 <= free <= most:
+            raise ValueError(f"clearance() {self._of} must return a number from 0 to {farthest:g}, got {free!r}")
+        return float(free) if free < farthest * (1.0 - _ROUNDING) else farthest
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """`Scene.sample`."""
-        points, normals = self._array("sample(): points and normals", self._scene.sample(n, rng), (2, n, 3))
+        points, normals = self._array("points and normals of sample()", lambda: self._scene.sample(n, rng), (2, n, 3))
         low, high = self.bounds
-        if not ((low - 1e-9 <= points) & (points <= high + 1e-9)).all():
-            raise ValueError(f"sample() of the scene {self._name!r} must return points inside of its bounds")
-        if (np.abs(np.linalg.norm(normals, axis=1) - 1.0) > 1e-6).any():
-            raise ValueError(f"sample() of the scene {self._name!r} must return normals of length 1, got {normals!r}")
+        if not ((low - self._slack <= points) & (points <= high + self._slack)).all():
+            raise ValueError(f"sample() {self._of} must return points inside of its bounds")
+        if (np.abs(np.linalg.norm(normals, axis=1) - 1.0) > _ROUNDING).any():
+            raise ValueError(f"sample() {self._of} must return normals of length 1, got {normals!r}")
         return points, normals
 
-    def _array(self, name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-        try:
-            array = np.array(value, float)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name} of the scene {self._name!r} must be finite, of shape {shape}, got {value!r}")
+    def _array(self, name: str, answer: Callable[[], Any], shape: tuple[int, ...]) -> np.ndarray:
+        array = array_of(f"{name} {self._of}", asked(f"{name} {self._of}", answer), shape)
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} {self._of} must be finite, got {array!r}")
         return array

@@ -1,0 +1,250 @@
+"""Parts that others register: a wrong answer is an error with the part's name and the frame."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from activeslam_gym.envs.reward import REWARDS
+from activeslam_gym.information import CRITERIA
+from activeslam_gym.registry import Registry
+from activeslam_gym.sensors.sensor import SENSORS, Detections
+from activeslam_gym.slam.estimate import Estimate
+from activeslam_gym.slam.estimator import ESTIMATORS
+from activeslam_gym.world.scenes import SCENES
+from examples.extend_estimator import NumpyEkf
+from examples.extend_range_sensor import RangeModel, RangeSensor
+from examples.extend_scene import SphereScene
+
+KNOWN: dict[str, Any] = {"association": "known"}
+
+
+def fails(*_: Any) -> Any:
+    raise KeyError("gone")
+
+
+def flown(steps: int = 3, **arguments: Any) -> list[dict[str, Any]]:
+    """Infos of some frames, after scores of the motions."""
+    env: Any = gym.make("ActiveSLAM-v0", gaze_period=0.05, **arguments).unwrapped
+    env.reset(seed=0)
+    infos = [env.step((0, 0))[-1] for _ in range(steps)]
+    assert np.isfinite(env.motion_scores()).all()
+    return infos
+
+
+def like(base: type, **methods: Callable[..., Any]) -> type:
+    """A subclass each of whose ``methods`` changes the answer of the base's."""
+
+    def changed(name: str, change: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda self, *arguments: change(getattr(base, name)(self, *arguments))
+
+    return type("Mine", (base,), {name: changed(name, change) for name, change in methods.items()})
+
+
+def first(array: Any, value: Any, dtype: Any) -> np.ndarray:
+    """The array with another first entry."""
+    out = np.array(array).astype(dtype)
+    out.flat[0] = value
+    return out
+
+
+def estimated(**changes: Callable[[Any], Any]) -> type:
+    """An estimator with other fields of its estimates, once there are landmarks."""
+
+    def change(e: Estimate) -> Estimate:
+        new = {name: function(getattr(e, name)) for name, function in changes.items()} if len(e.ids) else {}
+        return dataclasses.replace(e, **new)
+
+    return like(NumpyEkf, estimate=change)
+
+
+def with_landmark_of_nothing(e: Estimate) -> Estimate:
+    n, P = len(e.ids), np.eye(len(e.covariance) + 3) * 1e-9
+    P[:-3, :-3] = e.covariance
+    yes = np.append(e.mapped, True)
+    return Estimate(e.camera, np.append(e.ids, 999), np.vstack((e.points, np.ones((1, 3)))), P, yes, yes) if n else e
+
+
+WRONG_ESTIMATORS = {
+    "an id of nothing": like(NumpyEkf, update=lambda m: first(m, 999, int)),
+    "an id of no fiducial": like(NumpyEkf, update=lambda m: first(m, -50, int)),
+    "an id of NaN": like(NumpyEkf, update=lambda m: first(m, np.nan, float)),
+    "a huge id": like(NumpyEkf, update=lambda m: first(m, 10**200, object)),
+    "an id of 2^64 - 1": like(NumpyEkf, update=lambda m: m.astype(np.uint64)),  # -1 - k of fiducials
+    "complex matches": like(NumpyEkf, update=lambda m: m + 1j),
+    "matches of objects": like(NumpyEkf, update=lambda m: first(m, None, object)),
+    "matches in words": like(NumpyEkf, update=lambda m: m.astype(str)),
+    "matches of bools": like(NumpyEkf, update=lambda m: m > 0),
+    "flat matches": like(NumpyEkf, update=lambda m: m[None]),
+    "no matches": like(NumpyEkf, update=lambda m: None),
+    "a failing update": like(NumpyEkf, update=fails),
+    "a failing reset": like(NumpyEkf, reset=fails),
+    "a failing predict": like(NumpyEkf, predict=fails),
+    "a failing constructor": fails,
+    "no class": None,
+    "no method": type("Bare", (), {"__init__": lambda *_: None}),
+    "no estimate": like(NumpyEkf, estimate=lambda e: None),
+    "an estimate that is a dict": like(NumpyEkf, estimate=lambda e: vars(e)),
+    "a landmark of nothing": like(NumpyEkf, estimate=with_landmark_of_nothing),
+    "the same id twice": estimated(ids=lambda ids: np.full(len(ids), ids[0])),
+    "negative ids": estimated(ids=lambda ids: -ids),
+    "ids of NaN": estimated(ids=lambda ids: first(ids, np.nan, float)),
+    "huge ids": estimated(ids=lambda ids: ids.astype(object) + 10**200),
+    "complex ids": estimated(ids=lambda ids: ids + 0j),
+    "no ids": estimated(ids=lambda ids: None),
+    "complex points": estimated(points=lambda y: y + 1j),
+    "points of objects": estimated(points=lambda y: first(y, None, object)),
+    "points in words": estimated(points=lambda y: np.full(y.shape, "far")),
+    "infinite points": estimated(points=lambda y: first(y, np.inf, float)),
+    "a long quaternion": estimated(camera=lambda x: 2.0 * x),
+    "an asymmetric covariance": estimated(covariance=lambda P: P + np.triu(np.full(P.shape, 1e-3), 1)),
+    "an infinite covariance": estimated(covariance=lambda P: first(P, np.inf, float)),
+    "no covariance": estimated(covariance=lambda P: None),
+    "mapped by numbers": estimated(mapped=lambda m: 0.5 * m),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_ESTIMATORS)
+def test_ids_of_nothing_made_a_map_look_better(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ESTIMATORS, "mine", WRONG_ESTIMATORS[wrong])
+    with pytest.raises(ValueError, match="the estimator 'mine'") as told:
+        flown(scenario={"estimator": "mine", **KNOWN})
+    assert "in frame" in str(told.value) or wrong in (
+        "a failing reset",
+        "a failing constructor",
+        "no class",
+        "no method",
+    )
+
+
+def test_an_estimator_of_lists_and_single_precision_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
+    single = dict.fromkeys(("camera", "points", "covariance"), np.float32)
+    kind = estimated(ids=list, mapped=list, **single)  # type: ignore[arg-type]
+    monkeypatch.setitem(
+        ESTIMATORS, "mine", type("Mine", (kind,), {"update": lambda s, m: NumpyEkf.update(s, m).tolist()})
+    )
+    mine, own = (flown(5, scenario={"estimator": name, **KNOWN})[-1] for name in ("mine", "numpy-ekf"))
+    assert mine["entropy"] == pytest.approx(own["entropy"], abs=0.1)
+    assert mine["events"] == own["events"]
+
+
+def sensed(change: Callable[[Any, Any], Any]) -> type:
+    return like(RangeSensor, measure=lambda found: change(*found))
+
+
+def modelled(**methods: Callable[..., Any]) -> type:
+    """A sensor whose model answers otherwise; ``noise`` is one of the answers."""
+    noise = methods.pop("noise", lambda R: R)
+    model: Any = like(RangeModel, **methods)
+
+    def init(self: Any, scenario: Any, seed: Any) -> None:
+        RangeSensor.__init__(self, scenario, seed)
+        self._model = model(scenario)
+        self._model.noise = noise(self._model.noise)
+
+    return type(
+        "Mine", (RangeSensor,), {"__init__": init, "measure": lambda self, *_: Detections(np.zeros((0, 3)), [])}
+    )
+
+
+WRONG_SENSORS = {
+    "labels of nothing": sensed(lambda values, labels: (values, labels + 999)),
+    "labels of NaN": sensed(lambda values, labels: (values, labels * np.nan)),
+    "labels of objects": sensed(lambda values, labels: (values, first(labels, None, object))),
+    "no values": sensed(lambda values, labels: (None, labels)),
+    "values in words": sensed(lambda values, labels: (values.astype(str), labels)),
+    "complex values": sensed(lambda values, labels: (values + 1j, labels)),
+    "too many": sensed(lambda values, labels: (np.tile(values, (99, 1)), np.tile(labels, 99))),
+    "nothing": like(RangeSensor, measure=lambda found: None),
+    "a third part": sensed(lambda values, labels: (values, labels, values)),
+    "a failing measure": like(RangeSensor, measure=fails),
+    "no model": like(RangeSensor, model=lambda model: None),
+    "no noise": modelled(noise=lambda R: None),
+    "noise of zero": modelled(noise=lambda R: 0.0 * R),
+    "asymmetric noise": modelled(noise=lambda R: R + np.triu(np.ones(R.shape), 1)),
+    "flat noise": modelled(noise=np.diag),
+    "foresight in numbers": modelled(foresee=lambda seen: np.flatnonzero(seen)),
+    "no foresight": modelled(foresee=lambda seen: None),
+    "flat Jacobians": modelled(predict=lambda answer: (answer[0], answer[1][:2], answer[2])),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_SENSORS)
+def test_a_wrong_answer_of_a_sensor_is_told_by_name(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SENSORS, "mine", WRONG_SENSORS[wrong])
+    with pytest.raises(ValueError, match="the sensor 'mine'"):
+        flown(scenario={"sensor": "mine", "estimator": "numpy-ekf", **KNOWN})
+
+
+def single(answer: Any) -> Any:
+    return tuple(np.float32(part) for part in answer) if isinstance(answer, tuple) else np.float32(answer)
+
+
+class SingleScene(SphereScene):
+    """All that it answers is in single precision."""
+
+    def __init__(self, scenario: Any, rng: Any) -> None:
+        super().__init__(scenario, rng)
+        self.bounds = single(self.bounds)
+
+    def clearance(self, *arguments: Any) -> Any:
+        return single(super().clearance(*arguments))
+
+    def sample(self, *arguments: Any) -> Any:
+        return single(super().sample(*arguments))
+
+
+WRONG_SCENES = {
+    "no bounds": type("Mine", (SphereScene,), {"bounds": None, "__init__": lambda *_: None}),
+    "no points": like(SphereScene, sample=lambda found: None),
+    "points of objects": like(SphereScene, sample=lambda found: (first(found[0], None, object), found[1])),
+    "no clearance": like(SphereScene, clearance=lambda free: None),
+    "a complex clearance": like(SphereScene, clearance=lambda free: free + 0j),
+    "a huge clearance": like(SphereScene, clearance=lambda free: 10**400),
+    "a wide clearance": like(SphereScene, clearance=lambda free: 2.0 * free + 9.0),
+    "a clearance of True": like(SphereScene, clearance=lambda free: True),
+    "a failing clearance": like(SphereScene, clearance=fails),
+    "blocks of None": like(SphereScene, blocks=lambda hides: None),
+    "a failing constructor": fails,
+    "no scene": lambda *_: None,
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG_SCENES)
+def test_a_wrong_answer_of_a_scene_is_told_by_name(wrong: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SCENES, "mine", WRONG_SCENES[wrong])
+    with pytest.raises(ValueError, match="the scene 'mine'"):
+        flown(scenario={"scene": "mine"})
+
+
+def test_a_scene_in_single_precision_could_not_start_or_died(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SCENES, "single", SingleScene)
+    monkeypatch.setitem(SCENES, "double", SphereScene)
+    for size in ((6.0, 2.4, 6.0), (7.3, 2.7, 5.1)):  # of which the second has no single precision
+        one, other = (
+            gym.make("ActiveSLAM-v0", scenario={"scene": name, "room_size": size}, gaze_period=1.0, duration=12.0)
+            for name in ("single", "double")
+        )
+        one.reset(seed=4), other.reset(seed=4)
+        for k in range(12):
+            (seen, *_, info), (expected, *_, other_info) = (env.step((k % 7, k % 3)) for env in (one, other))
+            np.testing.assert_allclose(seen, expected, atol=1e-3)
+            assert info["events"] == other_info["events"]
+
+
+VALUES: list[Any] = [None, "1", np.array([1.0, None], object), np.nan, 10**400, -(10**400), 1j, True]
+
+
+@pytest.mark.parametrize("registry", [REWARDS, CRITERIA])
+@pytest.mark.parametrize("value", VALUES, ids=lambda value: repr(value)[:20])
+def test_what_is_no_finite_number_is_no_value(
+    registry: Registry[Any], value: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(registry, "mine", lambda *_: value)
+    with pytest.raises(ValueError, match="'mine' must return a finite number"):
+        registry.value("mine", "here")
+    monkeypatch.setitem(registry, "mine", lambda *_: np.float32(0.5))
+    assert registry.value("mine", "here") == 0.5

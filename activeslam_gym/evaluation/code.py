@@ -61,24 +61,22 @@ def module_sources(module: str) -> str:
     return digest(*sorted({path for path in files.values() if path})) if files.get(module) else uuid4().hex
 
 
-def registered_sources(text: str) -> dict[str, str]:
-    """Digests of the modules that define registered entries, of those whose names stand in quotes in ``text``.
+def foreign_parts(text: str) -> list[str]:
+    """Registered entries of other packages, of those whose names stand in quotes in ``text``: their code may read files
+    and use libraries, so results that depend on them are not identified.
 
     Scenarios are data, which a key holds in full.
     """
-    return {
-        f"{registry.kind} {name}": _definition(entry)
+    return [
+        f"{registry.kind} {name}"
         for registry in REGISTRIES
         for name, entry in registry.items()
-        if name not in registry.own and callable(entry) and f'"{name}"' in text
-    }
+        if name not in registry.own and callable(entry) and f'"{name}"' in text and not _is_counted(entry)
+    ]
 
 
-def _definition(entry: Any) -> str:
-    """Digest of the module of a function or class; "" for those of `COUNTED`, and another object equals no other."""
-    if not hasattr(entry, "__qualname__"):
-        return uuid4().hex
-    return "" if entry.__module__.partition(".")[0] in COUNTED else module_sources(entry.__module__)
+def _is_counted(entry: Any) -> bool:
+    return getattr(entry, "__module__", "").partition(".")[0] in COUNTED
 
 
 def digest(*paths: Path) -> str:

@@ -12,12 +12,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.evaluation.code import (
-    LIBRARIES,
-    package_sources,
-    package_versions,
-    registered_sources,
-)
+from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.files import remove_unfinished, written_whole
 
@@ -48,9 +43,9 @@ J = TypeVar("J", bound=Job)
 class Store:
     """A folder of results, each a file of arrays whose name ends in the digest of its key.
 
-    A key is completed with the sources of `activeslam_gym`, the versions of `code.LIBRARIES`, and the sources of the
-    registered criterion, reward, estimator, sensor or scene that it names. The type of the processor is no part of it.
-    Without a ``folder`` nothing is kept.
+    A key is completed with the sources of `activeslam_gym` and the versions of `code.LIBRARIES`. The type of the
+    processor is no part of it. Without a ``folder`` nothing is kept, nor is a result of a registered criterion, reward,
+    estimator, sensor or scene of another package, whose files and libraries are not known.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
@@ -58,7 +53,7 @@ class Store:
 
     def load(self, label: str, key: Key) -> Arrays | None:
         """The result of ``key``, or None where it is not there. Raises ValueError where its file is damaged."""
-        path = self._path(label, _completed(key))
+        path = self._path(label, key)
         if path is None or not path.exists():
             return None
         try:
@@ -69,9 +64,9 @@ class Store:
 
     def save(self, label: str, key: Key, arrays: Arrays) -> None:
         """Keep a result, whole or not at all."""
-        if path := self._path(label, completed := _completed(key)):
+        if path := self._path(label, key):
             with written_whole(path) as unfinished:
-                np.savez_compressed(unfinished, **{**arrays, "key": np.array(completed)})  # type: ignore[arg-type]
+                np.savez_compressed(unfinished, **{**arrays, "key": np.array(_completed(key))})  # type: ignore[arg-type]
 
     def of(self, label: str, key: Key, make: Callable[[], Arrays]) -> Arrays:
         """The result of ``key``, kept or made now."""
@@ -124,9 +119,11 @@ class Store:
                     self.save(job.label, job.key, arrays)
                     yield job, arrays
 
-    def _path(self, label: str, completed: str) -> Path | None:
-        digest = hashlib.sha256(completed.encode()).hexdigest()[:20]
-        return self.folder and self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"
+    def _path(self, label: str, key: Key) -> Path | None:
+        if self.folder is None or foreign_parts(json.dumps(key)):
+            return None
+        digest = hashlib.sha256(_completed(key).encode()).hexdigest()[:20]
+        return self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"
 
 
 NOT_KEPT = Store()  # where nothing is to be kept
@@ -134,10 +131,5 @@ NOT_KEPT = Store()  # where nothing is to be kept
 
 def _completed(key: Key) -> str:
     """The whole key as JSON."""
-    text = json.dumps(key)
-    depends_on = {
-        "activeslam_gym": package_sources("activeslam_gym"),
-        "versions": package_versions(LIBRARIES),
-        "registered": registered_sources(text),
-    }
+    depends_on = {"activeslam_gym": package_sources("activeslam_gym"), "versions": package_versions(LIBRARIES)}
     return json.dumps({**key, **depends_on}, sort_keys=True)

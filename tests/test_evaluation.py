@@ -141,9 +141,7 @@ def test_what_python_m_runs_has_the_digest_of_its_module(monkeypatch: pytest.Mon
     code.module_sources.cache_clear()
 
 
-def test_results_of_another_packages_entry_are_not_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_of_another_packages_entry_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A registered estimator, sensor, scene, criterion or reward may read a file or use a library that has changed."""
     monkeypatch.syspath_prepend(tmp_path)
     store, task = Store(tmp_path / "store"), Task("stay", 1, json.dumps({"duration": 1.0, "reward": "mine"}))

@@ -123,6 +123,13 @@ def test_the_model_of_another_camera_or_of_a_comment_is_not_taken(text: str, tmp
     np.testing.assert_allclose(lens.coefficients, RADIAL)
 
 
+def test_the_model_and_the_size_may_stand_outside_of_the_camera(tmp_path: Path) -> None:
+    inside = "left:\n  K: [500, 0, 310, 0, 502, 245, 0, 0, 1]\n  D: [0.01, -0.003, 0.001, 0.0]\n"
+    (tmp_path / "rig.yaml").write_text("image_width: 640\nimage_height: 480\ndistortion_model: fisheye\n" + inside)
+    lens = read_lens(tmp_path / "rig.yaml")
+    assert lens.fisheye and lens.size == (640, 480)
+
+
 @pytest.mark.parametrize(
     ("text", "word"),
     [
@@ -130,6 +137,8 @@ def test_the_model_of_another_camera_or_of_a_comment_is_not_taken(text: str, tmp
         (CHAIN.replace("radtan", "fov"), "fov"),
         (TEXTS["ros"].replace("[500, 0,", "[500, 7,"), "skew"),
         (TEXTS["ros"].replace("245, 0, 0, 1]", "245, 0, 0, 2]"), "camera_matrix"),
+        ("model_type: MEI\n" + TEXTS["ros"], "MEI|mei"),
+        ("xi: 1.2\n" + TEXTS["ros"], "xi"),
         ("# a comment\n\n1 FOV 640 480 500 500 320 240 0.9\n" + TEXTS["colmap"], "FOV"),
         (TEXTS["ros"].replace("image_width: 640", "image_width: inf"), "infinity"),
         ("[" * 5000, "YAML"),

@@ -256,3 +256,11 @@ def test_a_target_that_contradicts_the_image_is_refused(fields, change) -> None:
     start(image, LENS, target_from(fields), 30.0)
     with pytest.raises(ValueError, match="contradicts the first image"):
         start(image, LENS, target_from({**fields, **change}), 30.0)
+
+
+def test_a_small_rectangle_of_wrong_sides_is_refused() -> None:
+    pose = pose_at((0.03, 0.02, 1.3), (0.0, 0.1, 0.0))
+    image, fields = image_from(pose, target=True), target_fields(pose)
+    start(image, LENS, target_from(fields), 30.0)
+    with pytest.raises(ValueError, match="contradicts the first image"):
+        start(image, LENS, target_from({**fields, "height": 1.25 * TARGET.height}), 30.0)

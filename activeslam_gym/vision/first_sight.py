@@ -21,10 +21,7 @@ _LEAST_CONTRAST = 25.0  # grey levels between the two sides of its edge
 LEAST_CORNERS = 6  # fewer corners of a board are no start
 _WINDOW = 0.8  # half side of the window of a corner's fit, in the free space around it: the board may be slanted
 _MODULES = 10.0  # black and white fields along a tag, at most
-_MISSED = (
-    0.75,
-    0.003,
-)  # most that corners miss their pixels by (rms): pixels, or a share of the target's extent if more
+_MISSED = (0.6, 0.004)  # most that corners' pixels deviate by: pixels, or a share of the target's extent if more
 _FIDUCIALS = 8  # corners of a board that are searched in every image
 
 
@@ -143,10 +140,11 @@ def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.nda
 
 def demand_agreement(camera: Record, pose: np.ndarray, points: np.ndarray, pixels: np.ndarray) -> None:
     """A ValueError, if ``points`` (n, 3) from the ``pose`` miss the ``pixels`` (n, 2): the target's file is wrong."""
-    missed = float(np.sqrt(((projected(camera, pose, points) - pixels) ** 2).sum(axis=1).mean()))
+    squares = ((projected(camera, pose, points) - pixels) ** 2).sum()
+    missed = float(np.sqrt(squares / (2 * len(points) - 6)))  # the pose was fitted
     most = max(_MISSED[0], _MISSED[1] * float(np.linalg.norm(np.ptp(pixels, axis=0))))
     if missed > most:
-        check = "sizes (gap is no pitch), columns and rows, order and turn of corners or tags, and the lens"
+        check = "sizes (gap is no pitch), columns and rows, order and turn of corners or tags, lens and focus"
         raise ValueError(
             f"the target contradicts the first image by {missed:.1f} px, {most:.1f} at most: check {check}"
         )

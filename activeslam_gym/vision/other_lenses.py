@@ -23,7 +23,7 @@ from activeslam_gym.vision.sources import Frame
 RADIAL = ("pinhole", "radtan", "radial_tangential", "plumb_bob", "rational_polynomial", "brown", "opencv", "0")
 FISHEYE = ("fisheye", "equidistant", "kannala_brandt", "kannala_brandt4", "opencv_fisheye", "1")
 """Words for the two models in YAML."""
-_MODEL_FIELDS = ("camera_model", "distortion_model", "fisheye_model")
+_MODEL_FIELDS = ("camera_model", "distortion_model", "fisheye_model", "model_type", "model")
 _MATRICES = ("camera_matrix", "Camera_Matrix", "K")
 COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
@@ -159,6 +159,7 @@ def _of_yaml(text: str) -> Lens:
     """The numbers after the names that these programs use, of the first camera."""
     camera = _first_camera(text)
     words = [str(camera[name]).lower().replace("-", "_") for name in _MODEL_FIELDS if name in camera]
+    words += ["xi"] if "xi" in camera else []  # OpenCV's omnidirectional lens has no word, but this number
     if unknown := [word for word in words if word not in RADIAL + FISHEYE]:
         raise ValueError(f"the model {reprlib.repr(unknown[0])} is not known; known are {', '.join(RADIAL + FISHEYE)}")
     fisheye = any(word in FISHEYE for word in words)
@@ -186,7 +187,7 @@ def _first_camera(text: str) -> dict[str, Any]:
     fields = whole if isinstance(whole, dict) else {}
     for part in (fields.get("cam0"), fields, *fields.values()):
         if isinstance(part, dict) and not part.keys().isdisjoint(("intrinsics", *_MATRICES)):
-            return part
+            return fields | part  # some name the model, or the size, outside
     raise ValueError("camera_matrix is missing")
 
 

@@ -117,12 +117,23 @@ def test_lens_and_deviations_are_those_of_opencv(seed) -> None:
     assert fit.residual_px == pytest.approx(residual, rel=0.02)
 
 
-@pytest.mark.parametrize("bad", [1, 2])
-def test_a_view_found_in_the_wrong_place_is_left_out(bad) -> None:
+def misplaced(bad: int) -> list[View]:
+    """Ten views, of which so many have their lower two rows one square along."""
     views = pinhole(0, 0.1, 6e-7)
-    for k in range(bad):  # the lower two rows, one square along
+    for k in range(bad):
         pixels = views[k][1].reshape(ROWS, COLUMNS, 2)
         pixels[3:, :-1] = pixels[3:, 1:]
+    return views
+
+
+def test_views_of_which_half_are_wrong_are_refused() -> None:
+    with pytest.raises(ValueError, match="agree on no lens"):
+        fit_lens(misplaced(5), 640, 480)
+
+
+@pytest.mark.parametrize("bad", [1, 2])
+def test_a_view_found_in_the_wrong_place_is_left_out(bad) -> None:
+    views = misplaced(bad)
     fit = fit_lens(views, 640, 480)
     assert abs(fit.calibration.focal_px - 520.0) < 3.0 * fit.stds[0]
     assert fit.kept == list(range(bad, len(views)))

@@ -39,6 +39,7 @@ _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in whi
 _ROUNDS = 60  # most evaluations of a fit
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _FAR, _QUIET = 4.0, 0.25  # a view is left out at so many medians of all views' residuals, each at least so many pixels
+_NO_LENS = 0.005  # residual from which the pictures agree on no lens, as a share of the image's width
 _WORST = 1e12  # condition of the scaled J^T J from which it is singular
 _VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
 _FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
@@ -124,6 +125,10 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     if len(kept) < len(views):
         agreed = fit_lens([views[k] for k in kept], width, height)
         return agreed._replace(kept=[kept[k] for k in agreed.kept])
+    residual = math.sqrt(float(np.mean(best.residuals**2)))
+    if residual > _NO_LENS * width:
+        why = "corners were found in wrong places, or it is another kind of lens"
+        raise ValueError(f"the pictures agree on no lens: its residual is {residual:.1f} px; {why}")
     lens = np.stack((best.x[:4], _deviations(best)[:4]))
     if not lens[1, 0] < _VAGUE * lens[0, 0]:
         fitted = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
@@ -132,7 +137,7 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
         )
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
-    return Fit(calibration, math.sqrt(float(np.mean(best.residuals**2))), lens[1], len(views), kept)
+    return Fit(calibration, residual, lens[1], len(views), kept)
 
 
 def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:

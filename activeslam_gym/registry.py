@@ -1,7 +1,6 @@
 """Registries: the criteria, rewards, estimators, sensors and scenarios that are chosen by name."""
 
 import difflib
-import math
 import numbers
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -10,6 +9,7 @@ import numpy as np
 
 Entry = TypeVar("Entry")
 
+_GREATEST = 1e300  # a registered function's values are below it, so that differences and sums of them are finite
 REGISTERED = -1  # in place of its number: an entry that is not one of the package's own
 
 
@@ -83,7 +83,8 @@ class Registry(dict[str, Entry]):
             return self[name](*arguments)  # type: ignore[operator]
         value = asked(f"{self.kind} {name!r}", self[name], *arguments, where=f" {where}")  # type: ignore[arg-type]
         try:
-            finite = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+            real = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            finite = real and abs(float(value)) < _GREATEST
         except OverflowError:  # an int beyond all floats
             finite = False
         if not finite:

@@ -80,6 +80,7 @@ def fails(*_: Any) -> float:
 WRONG = [
     (lambda *_: math.nan, "must return a finite number {where}, got nan"),
     (lambda *_: -np.inf, "must return a finite number {where}, got -inf"),
+    (lambda *_: 1e305, r"must return a finite number {where}, got 1e\+305"),
     (lambda *_: None, "must return a finite number {where}, got None"),
     (lambda *_: True, "must return a finite number {where}, got True"),
     (lambda *_: 1j, "must return a finite number {where}, got 1j"),

@@ -233,6 +233,18 @@ def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -
         draw_room(Scenario(scene="Full"), np.random.default_rng(0))
 
 
+def test_a_scene_cannot_change_the_points_that_it_is_asked_about() -> None:
+    class Careless(SphereScene):
+        def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
+            blocked = super().blocks(a, b)
+            a[:] = b[:] = 0.0
+            return blocked
+
+    SCENES.register("Careless")(Careless)
+    one, other = (draw_room(Scenario(scene=name), np.random.default_rng(0)) for name in ("Careless", "sphere"))
+    np.testing.assert_array_equal(one.landmarks, other.landmarks)
+
+
 def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
     with pytest.raises(ValueError, match=r"scenario.scene must be one of boxes.*'unheard'"):
         gym.make("ActiveSLAM-v0", scenario={"scene": "unheard"})

@@ -105,14 +105,16 @@ class CheckedScene:
 
     def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
         """`Scene.blocks`."""
-        blocked = asked(f"blocks() {self._of}", lambda: self._scene.blocks(a, b))
+        blocked = asked(f"blocks() {self._of}", lambda: self._scene.blocks(a.copy(), b.copy()))
         if not isinstance(blocked, (bool, np.bool_)):
             raise ValueError(f"blocks() {self._of} must return True or False, got {blocked!r}")
         return bool(blocked)
 
     def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
         """`Scene.clearance`."""
-        free: Any = asked(f"clearance() {self._of}", lambda: self._scene.clearance(p, direction, farthest))
+        free: Any = asked(
+            f"clearance() {self._of}", lambda: self._scene.clearance(p.copy(), direction.copy(), farthest)
+        )
         most = farthest * (1.0 + _ROUNDING)
         real = isinstance(free, Real) and not isinstance(free, bool)
         if not real or not 0.0 <= free <= most:

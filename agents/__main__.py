@@ -36,7 +36,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         commands: dict[str, Callable] = {name: module.Args for name, module in modules.items()}
         args = tyro.extras.subcommand_cli_from_dict(commands, prog=PROGRAM, args=arguments)
         name, module = next((name, module) for name, module in modules.items() if isinstance(args, module.Args))
-        return module.main(args)
+        try:
+            return module.main(args)
+        except SystemExit as error:  # of a user's scenario, scene or other part
+            raise ValueError(f"code that it loaded ended it: SystemExit: {error}") from error
     except KeyboardInterrupt:
         return 130
     except ModuleNotFoundError as error:

@@ -25,14 +25,14 @@ def run_all(
     """
     from tqdm import tqdm
 
-    results: Iterable[tuple[T, R]] = ((task, function(task)) for task in tasks)
+    results: Iterable[tuple[T, R]] = ((task, _result(function, task)) for task in tasks)
     before, processes, futures = finished or 0, min(jobs, len(tasks)), {}
     bar = tqdm(total=before + sum(map(len, tasks)), initial=before, unit="episode", disable=finished is None)
     with bar, ExitStack() as stack:
         if processes > 1 or (tasks and apart):
             pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
             stack.callback(_end, pool)
-            futures = {pool.submit(function, task): task for task in tasks}
+            futures = {pool.submit(_result, function, task): task for task in tasks}
             results = ((futures[future], future.result()) for future in as_completed(futures))
         try:
             for task, result in results:
@@ -46,9 +46,19 @@ def run_all(
             ) from error
 
 
+def _result(function: Callable[[T], R], task: T) -> R:
+    """`function(task)`; a SystemExit or the like is an error, but for Ctrl-C, which the parent alone has."""
+    try:
+        return function(task)
+    except BaseException as error:
+        if isinstance(error, Exception) or (isinstance(error, KeyboardInterrupt) and parent_process() is None):
+            raise
+        raise ChildProcessError(f"{task[0]}: {type(error).__name__} ended it before its episode was over") from error
+
+
 def _end(pool: ProcessPoolExecutor) -> None:
     for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
-        process.terminate()
+        process.kill()  # code in it may ignore a request
     pool.shutdown(cancel_futures=True)
 
 

@@ -1,7 +1,7 @@
 """`python -m agents enter`: play a suite and write the entry."""
 
 import os
-import shutil
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
@@ -39,6 +39,8 @@ class Args:
         within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
         given(self, "name", "policies")
         entries.check_name(self.name)
+        if not self.note.isprintable():
+            raise ValueError(f"note: {self.note!r}; allowed: one line of printable text")
 
 
 def main(args: Args) -> int:
@@ -48,7 +50,7 @@ def main(args: Args) -> int:
     _check_policies(args, of)
     writable_folder("out", folder)
     with alone_in(folder):
-        names = [_beside(policy, folder, i) for i, policy in enumerate(args.policies)]
+        names = _beside(args.policies, folder)
         environments = [of.environment(one) for one in of.scenarios]
         check(names, environments)
         path = folder / entries.FILE
@@ -82,15 +84,15 @@ def _check_policies(args: Args, of: Suite) -> None:
         print(f"{len(args.policies)} of {of.training_seeds} training seeds; the leaderboard says so of a learner.")
 
 
-def _beside(policy: str, folder: Path, index: int) -> str:
-    """The policy's name; of a file, that of its copy in the entry's folder, of weights with their card."""
-    path = policies.file_of(policy)
-    if path is None:
-        return policy
-    card = read_card(path) if pretrained.path_of(policy) else None
-    copy = folder / f"policy-{index}{path.suffix}"
-    if path.resolve() != copy.resolve():
-        shutil.copyfile(path, copy)
-    if card is not None:
-        write_json(copy.with_suffix(".json"), card)
-    return str(copy)
+def _beside(names: Sequence[str], folder: Path) -> list[str]:
+    """The policies' names; of files, those of their copies in the entry's folder, of weights with their cards."""
+    beside, files = list(names), []
+    for i, name in enumerate(names):  # all are read before any is written: they may lie in that folder
+        if path := policies.file_of(name):
+            beside[i] = str(folder / f"policy-{i}{path.suffix}")
+            files.append((Path(beside[i]), path.read_bytes(), read_card(path) if pretrained.path_of(name) else None))
+    for copy, content, card in files:
+        copy.write_bytes(content)
+        if card is not None:
+            write_json(copy.with_suffix(".json"), card)
+    return beside

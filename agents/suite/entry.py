@@ -147,8 +147,8 @@ def cost_of(policy: str) -> dict[str, Any]:
 
 def check_name(name: str) -> None:
     """Raise ValueError for a name that no entry may have."""
-    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,99}", name) or name.lower() == EPISODES:
-        allowed = f"100 letters, digits, '_', '-' and, not in front, '.'; but not {EPISODES!r}"
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}", name) or name.lower() == EPISODES:
+        allowed = f"100 letters, digits and, not in front, '_', '-', '.'; but not {EPISODES!r}"
         raise ValueError(f"name: {name[:200]!r}; allowed: {allowed}")
 
 

@@ -3,9 +3,11 @@
 import importlib
 import json
 import signal
+from base64 import b64decode
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from pickletools import genops
 from traceback import extract_tb
 from typing import Any
 from zipfile import ZipFile
@@ -13,7 +15,7 @@ from zipfile import ZipFile
 import baselines
 from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor
-from activeslam_gym.evaluation.code import digest, module_sources, package_versions
+from activeslam_gym.evaluation.code import digest, is_own_module, module_sources, package_versions
 from agents import pretrained
 from agents.tools.files import reading
 from baselines.policy import Environment
@@ -101,6 +103,7 @@ def content(name: str) -> str:
     elif path := file_of(name):
         network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "inputs", "weights")]
         made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)
+        made_of += "".join(map(module_sources, _own_modules(path) if path.suffix == ".zip" else ()))
     else:
         return ""
     return f"{made_of} {json.dumps(package_versions(LEARNING_LIBRARIES))}"
@@ -142,6 +145,15 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
     policy.load_state_dict(weights["policy"])
     policy.set_training_mode(False)
     return policy
+
+
+def _own_modules(path: Path) -> list[str]:
+    """The modules, of those not installed, that the pickles in a saved model name: of a network of its user's."""
+    with reading(path), ZipFile(path) as model:
+        parts = [part for part in json.loads(model.read("data")).values() if isinstance(part, dict)]
+        pickles = [b64decode(part[":serialized:"]) for part in parts if ":serialized:" in part]
+        words = {str(text).partition(" ")[0] for one in pickles for _, text, _ in genops(one)}
+        return sorted(filter(is_own_module, words))
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:

@@ -105,8 +105,8 @@ def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
 
 
 def file_name(policy: str) -> str:
-    """A policy's name as part of a file's name, of no other policy."""
-    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", policy)
+    """A policy's name as part of a file's name, of no other policy; of a long one, its end."""
+    plain = re.sub(r"[^A-Za-z0-9_.-]", "_", policy)[-100:]
     return plain if plain == policy else f"{plain}-{hashlib.sha256(policy.encode()).hexdigest()[:8]}"
 
 

@@ -61,6 +61,12 @@ def module_sources(module: str) -> str:
     return digest(*sorted({path for path in files.values() if path})) if files.get(module) else uuid4().hex
 
 
+def is_own_module(name: str) -> bool:
+    """Whether a module of this name has a source that `module_sources` reads, and is not installed."""
+    path = _origin(name) if name.replace(".", "").isidentifier() and name.partition(".")[0] not in COUNTED else None
+    return path is not None and path.suffix == ".py" and not _is_installed(path)
+
+
 def foreign_parts(text: str) -> list[str]:
     """Registered entries of other packages, of those whose names stand in quotes in ``text``: their code may read files
     and use libraries, so results that depend on them are not identified.
@@ -98,7 +104,10 @@ def _imports(module: str, path: Path | None) -> Iterator[str]:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = resolve_name("." * node.level + (node.module or ""), package)
+            try:
+                base = resolve_name("." * node.level + (node.module or ""), package)
+            except ImportError:  # beyond the top-level package
+                continue
             yield base
             yield from (f"{base}.{alias.name}" for alias in node.names)
 

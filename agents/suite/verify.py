@@ -22,6 +22,7 @@ from agents.suite.manifest import Suite, suite
 from agents.task import Task, check, play_until_interrupted, rehearse
 from agents.tools.arguments import within
 from agents.tools.machine import machine, processor, sources
+from agents.tools.sections import in_a_line
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
 IMAGE_SHARE = 0.1  # of the image episodes is replayed
@@ -52,10 +53,10 @@ def main(args: Args) -> int:
     names = [_beside(name, args.entry.parent) for name in entry.policies]
     sys.path.append(str(args.entry.parent.resolve()))  # the entrant's modules do not take the place of others
     if wrong := _of_another_suite(entry, of) or _changed(entry, names):
-        print("\n".join([*wrong, f"{args.entry}: differs; nothing was replayed."]))
+        _say(*wrong, f"{args.entry}: differs; nothing was replayed.")
         return 1
     if own := list(filter(policies.holds_code, names)):
-        print(f"This runs the entrant's code: {', '.join(own)}.", flush=True)
+        _say(f"This runs the entrant's code: {', '.join(own)}.")
     environments = [of.environment(one) for one in of.scenarios]
     check(names, environments)
     chosen = _chosen(entry, of, names)
@@ -76,8 +77,13 @@ def main(args: Args) -> int:
     verdict = f"{done}, {len(differences)} with other scores: the entry {'differs' if differences else 'holds'}."
     if len(runs) < len(chosen):
         verdict = f"{done}. Run the same command to continue."
-    print("\n".join([*differences[:MOST_SHOWN], *more, verdict]))
+    _say(*differences[:MOST_SHOWN], *more, verdict)
     return 130 if len(runs) < len(chosen) else int(bool(differences))
+
+
+def _say(*lines: str) -> None:
+    """Print the lines; no text of an entry can make another line."""
+    print("\n".join(map(in_a_line, lines)), flush=True)
 
 
 def _beside(name: str, folder: Path) -> str:
@@ -120,7 +126,7 @@ def _changed(entry: Entry, names: list[str]) -> list[str]:
     if not entry.machine.startswith(f"{processor()}, "):
         others.append(f"{entry.machine} → {machine()}")
     if others:
-        print(f"Not as on the entrant's machine: {', '.join(others)}.")
+        _say(f"Not as on the entrant's machine: {', '.join(others)}.")
     pairs = zip(entry.policies, entry.contents, map(entries.content_of, names))
     wrong = [f"{name}: its files are not the entry's ({kept} → {now})" for name, kept, now in pairs if kept != now]
     weights = [name for name in names if name.endswith(".npz")]

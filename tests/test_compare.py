@@ -1,6 +1,7 @@
 """The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
 
 import csv
+import importlib
 import json
 import os
 import shutil
@@ -20,6 +21,7 @@ from scipy.spatial.transform import Rotation
 import baselines
 from activeslam_gym import Motion
 from activeslam_gym.evaluation import Episode, Store, honesty, outcome, run_episode
+from activeslam_gym.evaluation.code import module_sources
 from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
@@ -239,6 +241,19 @@ def of_file(env): return Constant(lambda: np.load("gaze.npy"))
 def leaves(env): return Constant(lambda: sys.exit(0))
 def interrupts(env): exec("raise KeyboardInterrupt")
 def ends(env): return Constant(lambda: os._exit(0))
+class Object:
+    def __getattr__(self, name): sys.exit(0)
+def leaves_unasked(env): return Object()
+def interrupts_itself(env):
+    import signal
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    raise KeyboardInterrupt
+class Scene:
+    def __init__(self, *arguments): sys.exit(0)
+def ends_scenario():
+    from activeslam_gym.world.scenes import SCENES
+    SCENES["ends"] = Scene
+    return {"scene": "ends"}
 """
 
 
@@ -260,7 +275,7 @@ def test_a_factory_whose_file_was_replaced_is_played_again(own: str, tmp_path: P
     assert scores[0] != scores[1]
 
 
-@pytest.mark.parametrize("how", ["leaves", "interrupts", "ends"])
+@pytest.mark.parametrize("how", ["leaves", "leaves_unasked", "interrupts", "interrupts_itself", "ends"])
 def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
     how: str, own: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -270,6 +285,20 @@ def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
     task = Task(f"{own}:{how}", 5, json.dumps({"duration": 1.0}))
     with pytest.raises((ValueError, ChildProcessError), match=f"{own}:{how}"):
         list(tasks.results([task], Store()))
+
+
+def test_a_scene_that_ends_the_process_is_a_failure(own: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = f"compare --policies stay --scenario {own}:ends_scenario --episodes 1 --jobs 1 --no-figures --out out"
+    assert main(line.split()) == 2
+    assert "SystemExit" in capsys.readouterr().err
+
+
+def test_weights_with_a_long_path_are_kept(tmp_path: Path) -> None:
+    """The file in the store would have a name of over 255 characters, which was told when the episode was over."""
+    path = tmp_path / ("a" * 120) / ("b" * 120) / "policy.npz"
+    path.parent.mkdir(parents=True)
+    path.write_bytes((pretrained.FOLDER / "generalist.npz").read_bytes())
+    Store(tmp_path / "out").save(Task(str(path), 0).label, {}, {})
 
 
 def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
@@ -298,6 +327,20 @@ def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
     path.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(ValueError, match="model.zip"):
         policies.actions_of(str(path))
+
+
+def test_a_model_with_a_network_of_ones_own_is_identified_by_its_module_too(own: str, tmp_path: Path) -> None:
+    """`compare --resume` gave the scores of the network before its module was changed."""
+    sb3 = pytest.importorskip("stable_baselines3")
+    layers = "from stable_baselines3.common.torch_layers import FlattenExtractor\nclass Mine(FlattenExtractor): pass\n"
+    (tmp_path / "own_network.py").write_text(layers)
+    arguments = {"features_extractor_class": importlib.import_module("own_network").Mine}
+    sb3.PPO("MlpPolicy", gym.make("ActiveSLAM-v0"), policy_kwargs=arguments).save("model.zip")
+    contents = policies.content("model.zip")
+    assert policies.content("model.zip") == contents
+    (tmp_path / "own_network.py").write_text(f"{layers}    gain = 2.0\n")
+    module_sources.cache_clear()
+    assert policies.content("model.zip") != contents
 
 
 def test_files_of_killed_processes_leave_the_store(tmp_path: Path) -> None:

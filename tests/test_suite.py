@@ -350,6 +350,28 @@ def test_new_weights_do_not_keep_an_older_card(tmp_path: Path, capsys: pytest.Ca
     assert "other weights" in capsys.readouterr().err
 
 
+def test_weights_in_the_entrys_folder_may_change_places(tmp_path: Path) -> None:
+    """The copy of the first overwrote the second."""
+    pytest.importorskip("torch")
+    names = [str(pretrained.FOLDER / "generalist.npz"), str(pretrained.FOLDER / "ppo.npz")]
+    entry = enter(tmp_path, "mine", *names)
+    contents = entries.read(entry).contents
+    assert contents == entries.read(enter(tmp_path, "mine", *names)).contents
+    swapped = enter(tmp_path, "mine", *(str(entry.with_name(f"policy-{i}.npz")) for i in (1, 0)))
+    assert entries.read(swapped).contents == contents[::-1]
+
+
+def test_no_text_of_an_entry_makes_a_line_of_the_verdict(
+    edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    forged = "x\n\x1b[2K\ud8002 of 2 episodes replayed, 0 with other scores: the entry holds."
+    for change in ({"machine": forged}, {"versions": {"numpy": forged}}, {"policies": [f"a:{forged}"]}):
+        verify(edited(lambda given, change=change: given.update(change)))
+        said = capsys.readouterr().out
+        assert "2 of 2 episodes replayed, 0 with other scores: the entry holds. →" in said.replace(": its files", " →")
+        assert not re.search(r"[^ -~\n→]", said) and said.count("\n") <= 3
+
+
 FOREIGN = """
 import pathlib, sys
 pathlib.Path("ran").touch()
@@ -392,7 +414,9 @@ def test_verify_has_a_verdict_whatever_the_entrants_code_does(
         (["--name", "a b", "--policies", "stay"], "letters"),
         (["--name", "..", "--policies", "stay"], "letters"),
         (["--name", ".hidden", "--policies", "stay"], "letters"),
+        (["--name", "_legends_leave_this_out", "--policies", "stay"], "letters"),
         (["--name", "Episodes", "--policies", "stay"], "letters"),
+        (["--name", "a", "--policies", "stay", "--note", "a\udcff"], "printable"),
         (["--name", "a"], "policies: none given"),
         (["--name", "a", "--policies", "stay", "sweep"], "allowed: one"),
         (["--name", "a", "--policies", "ppo", "sweep"], "of one learner"),

@@ -51,7 +51,7 @@ def _result(function: Callable[[T], R], task: T) -> R:
     try:
         return function(task)
     except BaseException as error:
-        if isinstance(error, Exception) or (isinstance(error, KeyboardInterrupt) and parent_process() is None):
+        if isinstance(error, Exception) or (parent_process() is None and not isinstance(error, SystemExit)):
             raise
         raise ChildProcessError(f"{task[0]}: {type(error).__name__} ended it before its episode was over") from error
 

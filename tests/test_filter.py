@@ -333,13 +333,6 @@ def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: st
     assert belief.feature[0].kind == kind and belief.state.serial == 1
 
 
-def test_nothing_is_born_beside_another_detection_until_they_part() -> None:
-    belief, one = still_belief(), [100.0, 100.0]
-    births = [frame(belief, [one, [111.9, 100.0]]).births for _ in range(5)]
-    assert births == [0] * 5
-    assert frame(belief, [one, [112.1, 100.0]]).births == 2
-
-
 @pytest.mark.parametrize("kind, kept", [(INVERSE_DEPTH, False), (POINT, True)])
 def test_a_feature_out_of_sight_is_forgotten_if_it_is_no_point(kind: int, kept: bool) -> None:
     belief = still_belief()

@@ -1,7 +1,6 @@
 """Joint matching, and the way back out of starvation: by what they must obey."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief
 from activeslam_gym.slam.constellation import Margins, match_jointly, worth_of_pair
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.hypotheses import Hypotheses, condition, measure_distances
-from activeslam_gym.slam.sight import INSIDE, NEVER, Sight, visibility_of
+from activeslam_gym.slam.sight import Sight, visibility_of
 
 from .support import (
     CAMERA,
@@ -193,101 +192,6 @@ def test_what_may_just_be_outside_is_not_matched_to_another_detection_at_the_bor
     sight.thing["visibility"] = visibility_of(CAMERA, np.array((column, 120.0)), S)
     beside = [[column - 5.0 if column > 200.0 else column + 5.0, 120.0]]
     assert answered(sight, beside, (column, 120.0), S) == [[-1 if found else REJECTED], [not found]]
-
-
-@pytest.mark.parametrize(
-    ("kind", "seconds", "std", "found"),
-    [(INVERSE_DEPTH, 0.4, 7.0, False), (INVERSE_DEPTH, 0.4, 5.0, True), (INVERSE_DEPTH, 0.2, 7.0, True)]
-    + [(POINT, 0.4, 7.0, True)],
-)
-def test_a_vague_depth_that_was_out_of_sight_takes_no_others_detection(
-    kind: int, seconds: float, std: float, found: bool
-) -> None:
-    """A feature whose landmark had left the image took, along its epipolar line, another's detections for its own."""
-    sight, S = sight_of(belief_of_one(kind, seconds)), np.diag([std**2, 2.5**2])
-    for id, matched in ((ANYTHING, 1 if found else NEW), (1, 1)):  # a detection that bears its id may still be it
-        assert answered(sight, [[164.0, 120.0]], MIDDLE, S, id) == [[matched], [False]]
-
-
-@pytest.mark.parametrize(("met", "ids", "believed"), [(1, 0, False), (2, 0, True), (3, 0, True), (1, 1, True)])
-def test_a_fiducial_is_not_matched_where_the_others_should_be_seen_and_are_not(
-    met: int, ids: int, believed: bool
-) -> None:
-    """A camera that had drifted by many deviations matched a wrong detection to one of three fiducials."""
-    sight = Filter(fiducials=np.array([[-0.5, 0.0, 2.0], [0.0, 0.0, 2.0], [0.5, 0.0, 2.0]])).sight()
-    z_hat, sight.thing["visibility"] = np.array([(80.0, 120.0), (160.0, 120.0), (240.0, 120.0)]), INSIDE
-    matches = [-1, -2, -3][:met] if believed else [REJECTED]
-    assert answered(sight, z_hat[:met] + 1.0, z_hat, 2.5**2 * np.eye(6), -ids) == [
-        matches,
-        [not believed, False, False],
-    ]
-
-
-MISSING = replace(PAPER, detection_probability=0.93)
-"""A scenario in which the filter knows that detections are missed."""
-
-
-@pytest.mark.parametrize(
-    ("kind", "scenario", "frames"), [(INVERSE_DEPTH, MISSING, 5), (INVERSE_DEPTH, PAPER, 1), (POINT, MISSING, 1)]
-)
-def test_a_new_feature_near_which_two_were_seen_waits_where_one_may_be_missed(
-    kind: int, scenario: Scenario, frames: int
-) -> None:
-    """A feature of one landmark was matched to its neighbour in the first frame that missed the landmark."""
-    belief, S = belief_of_one(kind, 0.05), 2.5**2 * np.eye(2)
-    both, one = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]]
-    sight = sight_of(belief)
-    assert answered(sight, both, MIDDLE, S, scenario=scenario) == [[REJECTED, REJECTED], [True]]
-    for since in range(1, 8):
-        sight.thing["crowded"] = since if sight.thing["crowded"][0] < NEVER else NEVER
-        (match,), _ = answered(sight, one, MIDDLE, S, scenario=scenario)
-        assert match == (belief.feature["serial"][0] if since >= frames else REJECTED)
-
-
-@pytest.mark.parametrize(
-    ("kind", "std", "since", "mistaken"),
-    [(INVERSE_DEPTH, 4.0, 2, True), (INVERSE_DEPTH, 3.0, 2, False), (INVERSE_DEPTH, 4.0, 4, False)]
-    + [(POINT, 4.0, 2, False)],
-)
-def test_a_new_feature_is_not_what_is_left_of_two(kind: int, std: float, since: int, mistaken: bool) -> None:
-    """Its own detection had become another feature, and it was handed to the neighbour's. Its last match was 4 frames
-    ago; there were two ``since`` frames ago. A sharp ellipse knows better, and so does a match that came later."""
-    sight = sight_of(belief_of_one(kind, 0.2))
-    sight.thing["crowded"] = since
-    (match,), (waits,) = answered(sight, [[163.0, 121.0]], MIDDLE, std**2 * np.eye(2))
-    assert (match == REJECTED) == waits == sight.thing["mistaken"][0] == mistaken
-
-
-@pytest.mark.parametrize(("since", "kept"), [(2, False), (4, True)])
-def test_a_mistaken_feature_is_deleted(since: int, kept: bool) -> None:
-    filter, belief = Filter(fiducials=np.zeros((0, 3))), belief_of_one(INVERSE_DEPTH, 0.2)
-    belief.feature["crowded"][0] = belief.state.frame - since
-    filter.attach(belief)
-    S = filter.sight().S
-    belief.covariance[:] *= 4.5**2 / np.linalg.eigvalsh(S)[-1]
-    filter.attach(belief)
-    filter.update(detections_of(filter.sight().thing["z_hat"]))
-    assert len(filter.ids) == kept
-
-
-@pytest.mark.parametrize(("scenario", "frames"), [(MISSING, 10), (PAPER, 1)])
-def test_nothing_is_born_of_what_was_lately_seen_beside_another(scenario: Scenario, frames: int) -> None:
-    """A neighbour that is missed in one frame is there all the same."""
-    filter, born = Filter(scenario, fiducials=np.zeros((0, 3))), []
-    for k in range(20):
-        detections = detections_of([[160.0, 120.0], [168.0, 120.0]][: 2 if k < 4 else 1])
-        filter.predict(np.zeros(6))
-        detections["match"] = filter.update(detections)
-        filter.initialise(detections)
-        born.append(len(filter.ids))
-    assert born.index(1) == 4 + frames - 1, born
-    alone = Filter(scenario, fiducials=np.zeros((0, 3)))
-    for _ in range(3):
-        alone.predict(np.zeros(6))
-        one = detections_of([[160.0, 120.0]])
-        one["match"] = alone.update(one)
-        alone.initialise(one)
-    assert len(alone.ids) == 1, "what was always alone need not wait"
 
 
 # The way back -------------------------------------------------------------------------------------------------------

@@ -14,11 +14,7 @@ one wrong match makes the next ones. So a match must be more than near:
    where wide ellipses are ambiguous one by one. What was seen lately needs less of a lead than what comes back after a
    long time. A detection that is better explained by nothing known is new.
 4. Everything else waits for a clearer frame: it gives no initialisation, and it is no miss.
-5. What comes back after a long time is not believed where as much that should be in view with it is not: there the
-   estimate is wrong, and the match is chance. A vague depth that was out of sight is left out: its long ellipse takes
-   what lies on it.
-6. A new feature that waited between two detections, of which one is left, is deleted: see `_is_crowded`.
-7. Two predictions side by side wait too, however clear their matches seem. Between them the noise decides, and
+5. Two predictions side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
 """
 
@@ -28,10 +24,10 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
-from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT
+from activeslam_gym.slam.belief import KIND_DIM, POINT
 from activeslam_gym.slam.constellation import Margins, log_missed, match_jointly, worth_of_pair
 from activeslam_gym.slam.hypotheses import Hypotheses, accept, measure_distances, predicted_pixels
-from activeslam_gym.slam.sight import INSIDE, NEVER, Sight
+from activeslam_gym.slam.sight import INSIDE, Sight
 
 DETECTION = record(
     pixel=("f8", 2),  # [px]
@@ -46,26 +42,9 @@ NEW, REJECTED = 0, -(2**62)
 """A detection that nothing known explains; one that something may explain, too unclear to be used."""
 
 
-_ALL_SEEN = 0.95
-"""Detection probability from which on what is near is seen with so few exceptions that the present frame shows it."""
-
-
-def frames_of_clarity(scenario: Scenario, seconds: float) -> int:
-    """Frames for which no neighbour was seen, after which there is none: ``seconds`` of them where detections are
-    missed, and elsewhere the present one."""
-    return round(seconds / scenario.frame_time) if scenario.detection_probability < _ALL_SEEN else 1
-
-
 def chi_square_2_quantile(probability: float) -> float:
     """Quantile of the chi-square distribution of 2 dof, -2 ln(1 - p): 9.21 at 99 %."""
     return -2.0 * math.log(1.0 - probability)
-
-
-def wander_px(scenario: Scenario) -> float:
-    """Deviation by which the process noise of one frame moves the pixel of a new feature, at the mean depth [px]."""
-    turn = scenario.filter_angular_acceleration_std or scenario.angular_acceleration_std
-    way = scenario.filter_acceleration_std or scenario.acceleration_std
-    return scenario.focal_px * scenario.frame_time**2 * math.hypot(turn, scenario.inverse_depth_mean * way)
 
 
 ASSOCIATION, association_of = constants(
@@ -83,11 +62,7 @@ ASSOCIATION, association_of = constants(
     missed_margin=6.0,  # of a feature seen lately: the lead over its not being detected, in ln
     point_margin=5.0,  # of a point seen lately, not just now: the lead over its being another detection
     point_missed_margin=3.0,  # and over its not being detected
-    command_known="b1",  # whether an ellipse may be vague, see `_is_vague`
-    vague_px=lambda s: 3.0 * max(s.pixel_std, wander_px(s)),  # longest ellipse of an inverse depth not seen just now
     twin_px=lambda s: 4.0 * s.pixel_std,  # predictions nearer to each other are ambiguous [px]
-    clear_frames=lambda s: frames_of_clarity(s, 0.25),  # for which an inverse depth must be alone to be matched
-    rival_gate=25.0,  # near enough to an inverse depth's prediction to be its rival, where the present frame shows it
     novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
@@ -135,15 +110,6 @@ def associate(
     for a in range(v):
         if _has_twin(model, sight.thing, a):
             taken_back += _take_back(detections, of_thing, waits, a)
-    unexplained = bool(np.any((detections["match"] == NEW) | (detections["match"] == REJECTED)))
-    for a in range(v):
-        if _is_crowded(model, sight, a, detections, of_thing[a] >= 0, unexplained):
-            taken_back += _take_back(detections, of_thing, waits, a)
-            unexplained = True
-    if _returns_by_chance(model, sight, detections, of_thing):
-        for a in range(v):
-            if _comes_back(model, sight.thing[a]):
-                taken_back += _take_back(detections, of_thing, waits, a)
     return of_thing, max(jointly - taken_back, 0)
 
 
@@ -162,10 +128,8 @@ def _open_questions(model: Record, sight: Sight, detections: np.ndarray) -> Hypo
         np.full((v, M), np.inf),
     )
     for a in range(v):
-        vague = _is_vague(model, sight, a)
         for i in range(M):
-            id = detections[i].id
-            h.allowed[a, i] = id == sight.thing[a].id or (id == ANYTHING and not vague)
+            h.allowed[a, i] = detections[i].id == ANYTHING or detections[i].id == sight.thing[a].id
     measure_distances(h, detections)
     return h
 
@@ -213,86 +177,6 @@ def _has_twin(model: Record, things: np.ndarray, a: int) -> bool:
         if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
             return True
     return False
-
-
-@borrowing
-def _returns_by_chance(model: Record, sight: Sight, detections: np.ndarray, of_thing: np.ndarray) -> bool:
-    """Whether as many predictions that come back have no detection near, although they should, as have a match.
-
-    An estimate that is wrong by more than it knows predicts fiducials and old points where they are not. Where one of
-    them meets an unmapped detection by chance, the others meet nothing.
-    """
-    back, missing = 0, 0
-    for a in range(of_thing.shape[0]):
-        if _comes_back(model, sight.thing[a]):
-            if of_thing[a] >= 0:
-                back += 1
-            elif sight.thing[a].visibility == INSIDE:
-                missing += not _is_met(model, sight, a, detections)
-    return missing >= back > 0
-
-
-@borrowing
-def _comes_back(model: Record, thing: Record) -> bool:
-    """Whether a prediction is a fiducial, or a feature that was matched, but not lately."""
-    return thing.id < 0 or model.lately < thing.unseen < NEVER
-
-
-@borrowing
-def _is_met(model: Record, sight: Sight, a: int, detections: np.ndarray) -> bool:
-    """Whether any detection is within the initialisation gate of prediction ``a``, as it was predicted."""
-    for i in range(detections.shape[0]):
-        if _is_near(sight, a, detections[i].pixel, model.birth_gate):
-            return True
-    return False
-
-
-@borrowing
-def _is_crowded(model: Record, sight: Sight, a: int, detections: np.ndarray, matched: bool, unexplained: bool) -> bool:
-    """Whether prediction ``a`` is an inverse depth, and may be another of two detections that no other prediction
-    explains.
-
-    Where detections are missed, both are in its gate, or lately were. Elsewhere one is ``matched`` to it since the
-    other is gone or new; it may be of either, so it is mistaken. Writes when both were near, which they are only where
-    at least one detection is ``unexplained``.
-    """
-    thing, near, missed = sight.thing[a], 0, model.clear_frames > 1
-    if thing.width != KIND_DIM[INVERSE_DEPTH]:
-        return False
-    for i in range(detections.shape[0] if unexplained else 0):
-        match = detections[i].match
-        if match == NEW or match == REJECTED or match == thing.id:
-            near += _is_near(sight, a, detections[i].pixel, model.gate if missed else model.rival_gate)
-    if near > 1:
-        thing.crowded = 0
-    if missed:
-        return thing.crowded < model.clear_frames
-    thing.mistaken = matched and 0 < thing.crowded < thing.unseen and _longest_square(sight.S, a) > model.sharp_var
-    return thing.mistaken
-
-
-@borrowing
-def _is_near(sight: Sight, a: int, pixel: np.ndarray, gate: float) -> bool:
-    """Whether a ``pixel`` (2,) is within a ``gate`` of prediction ``a``, as it was predicted."""
-    s00, s01, s11 = sight.S[2 * a, 2 * a], sight.S[2 * a, 2 * a + 1], sight.S[2 * a + 1, 2 * a + 1]
-    u, v = pixel[0] - sight.thing[a].z_hat[0], pixel[1] - sight.thing[a].z_hat[1]
-    return s11 * u * u - 2.0 * s01 * u * v + s00 * v * v < gate * (s00 * s11 - s01 * s01)
-
-
-@borrowing
-def _is_vague(model: Record, sight: Sight, a: int) -> bool:
-    """Whether prediction ``a`` is an inverse depth that was out of sight, under a long ellipse.
-
-    That lies along the image of its ray, and takes what crosses it. Where the commands are not known all ellipses are
-    long, by the turn of the camera, which all points together tell: there none is vague.
-    """
-    thing = sight.thing[a]
-    return (
-        model.command_known
-        and thing.width == KIND_DIM[INVERSE_DEPTH]
-        and thing.unseen > model.just_now
-        and _longest_square(sight.S, a) > model.vague_px**2
-    )
 
 
 @borrowing

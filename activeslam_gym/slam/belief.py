@@ -70,19 +70,15 @@ FEATURE = record(
     born="i8",  # frame of initialisation
     seen="i8",  # frame of the last match, or of the initialisation
     misses="i8",  # consecutive frames in which it should have been matched and was not
-    crowded="i8",  # frame in which two unexplained detections were last near it, or NEVER_CROWDED
     missed_at=("f8", 3),  # where the camera was at the last of them that counted [m]
     depth="f8",  # of a RAY: mean of its particles [m]
     depth_var="f8",  # and their variance [m^2]
     weighed_at=("f8", 3),  # of a RAY: camera position at its last re-weighting [m]
 )
 
-NEVER_CROWDED = -1
-
 TRACK = record(
     direction=("f8", 3),  # in the world, of any length
     hits="i8",  # consecutive detections; 0: free
-    clear="i8",  # of the last of them, those without another unexplained detection near
 )
 """An unexplained detection that is followed, and may become a feature."""
 

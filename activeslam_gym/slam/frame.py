@@ -156,7 +156,6 @@ def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
 @borrowing
 def _count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray) -> None:
     """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
-    Remembers which were crowded, and gives up what is mistaken.
 
     Misses from places less than ``miss_spacing`` [m] apart count once: what hides a feature hides it from all of them.
     """
@@ -166,11 +165,7 @@ def _count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_thing:
         if thing.row < K:
             continue
         feature = belief.feature[thing.row - K]
-        if thing.crowded == 0:
-            feature.crowded = belief.state.frame
-        if thing.mistaken:
-            feature.misses = model.maximum_misses
-        elif of_thing[a] >= 0:
+        if of_thing[a] >= 0:
             feature.misses, feature.seen = 0, belief.state.frame
         elif thing.visibility == INSIDE and not waits[a]:
             if feature.misses == 0 or spacing == 0.0 or distance_between(feature.missed_at, camera) > spacing:

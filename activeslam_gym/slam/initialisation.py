@@ -20,7 +20,7 @@ from activeslam_gym.geometry import rotation_matrix, skew
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, product
 from activeslam_gym.motion import CAMERA_DIM, D_ROTATION, POSITION, QUATERNION
-from activeslam_gym.slam.association import NEW, REJECTED, frames_of_clarity
+from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
@@ -39,14 +39,10 @@ from activeslam_gym.slam.map import append_feature, convert_to_point, remove_fea
 
 TRACK_RADIUS_PX = 15.0
 """A track is followed to the nearest new detection within this distance of where its direction projects [px]."""
-ALONE_STDS = 6.0
-"""Nothing is initialised while another unexplained detection is nearer than so many deviations of the image noise."""
 
 INITIALISATION, initialisation_of = constants(
     Scenario(),
     birth_detections="i8",
-    clear_frames=lambda s: frames_of_clarity(s, 0.5),  # for so many, a track that was not alone must be
-    alone_px=lambda s: ALONE_STDS * s.pixel_std,  # an initialisation's distance from other unexplained detections [px]
     inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY
     rho_mean=lambda s: s.inverse_depth_mean,  # first inverse depth [1/m]
     rho_std=lambda s: s.inverse_depth_std,
@@ -70,9 +66,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
     """Follow detections (M,) that nothing explains; returns the indices of those that now deserve a feature.
 
     A track is a world direction (its parallax in a frame is small), dropped at the first frame without a NEW detection
-    near it. It may hop between two landmarks that are seen side by side; so an initialisation waits until its detection
-    stands alone, lest the feature of one is matched to the other; and where detections are missed, until it did for
-    a while.
+    near it.
     """
     R_WC, tracks = rotation_matrix(belief.state.camera[QUATERNION]), belief.track
     taken, ripe, count = detections["match"] != NEW, np.empty(detections.shape[0], np.int64), 0
@@ -86,8 +80,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
         taken[i] = True
         tracks[t].hits += 1
         copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
-        tracks[t].clear = tracks[t].clear + 1 if _is_alone(model, detections, i) else 0
-        if tracks[t].hits >= model.birth_detections and tracks[t].clear >= min(model.clear_frames, tracks[t].hits):
+        if tracks[t].hits >= model.birth_detections:
             ripe[count] = i
             count += 1
             tracks[t].hits = 0
@@ -96,7 +89,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
         while t < tracks.shape[0] and tracks[t].hits > 0:
             t += 1
         if t < tracks.shape[0] and not taken[i]:
-            tracks[t].hits, tracks[t].clear = 1, int(_is_alone(model, detections, i))
+            tracks[t].hits = 1
             copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
     return ripe[:count]
 
@@ -122,18 +115,6 @@ def _nearest_detection(
         if not taken[i] and square < nearest:
             best, nearest = i, square
     return best
-
-
-@borrowing
-def _is_alone(model: Record, detections: np.ndarray, i: int) -> bool:
-    """Whether no other detection that nothing known explains is near detection ``i``."""
-    pixel = detections[i].pixel
-    for j in range(detections.shape[0]):
-        other, match = detections[j].pixel, detections[j].match
-        square = (other[0] - pixel[0]) ** 2 + (other[1] - pixel[1]) ** 2
-        if j != i and (match == NEW or match == REJECTED) and square < model.alone_px**2:
-            return False
-    return True
 
 
 # Initialisation -----------------------------------------------------------------------------------------------------

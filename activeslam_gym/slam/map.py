@@ -9,7 +9,6 @@ from activeslam_gym.slam.belief import (
     FEATURE_SIZE,
     FIRST_ESTIMATES,
     KIND_DIM,
-    NEVER_CROWDED,
     POINT,
     RHO,
     Belief,
@@ -46,7 +45,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     copy_into(feature.mean, mean)
     copy_into(feature.first, mean)
     feature.kind, feature.start, feature.misses = kind, at, 0
-    feature.born, feature.seen, feature.crowded = state.frame, state.frame, NEVER_CROWDED
+    feature.born, feature.seen = state.frame, state.frame
     state.dim, state.count, state.serial = at + width, k + 1, state.serial + 1
     feature.serial = state.serial
     return k

@@ -29,7 +29,6 @@ from activeslam_gym.slam.belief import (
     FIRST_ESTIMATES,
     INVERSE_DEPTH,
     KIND_DIM,
-    NEVER_CROWDED,
     POINT,
     RAY,
     RHO,
@@ -57,8 +56,6 @@ THING = record(
     width="i8",  # how many they are: 0 for a fiducial, whose place is known, 2 if its pixel has a bias
     visibility="i8",  # NEAR or INSIDE
     unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
-    crowded="i8",  # frames since two unexplained detections were near a feature, or NEVER
-    mistaken="b1",  # the association may have matched it to another's detection
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
@@ -257,16 +254,15 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
 @borrowing
 def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
     """Write the identity of a fiducial or a feature, and its covariance rows."""
-    thing.row, thing.mistaken = row, False
+    thing.row = row
     if row < K:
         biased = belief.state.bias_dim > 0
         thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
-        thing.id, thing.unseen, thing.crowded = fiducial_id(row), 0, NEVER
+        thing.id, thing.unseen = fiducial_id(row), 0
     else:
         feature = belief.feature[row - K]
         thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
         thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
-        thing.crowded = NEVER if feature.crowded == NEVER_CROWDED else belief.state.frame - feature.crowded
 
 
 @borrowing
@@ -314,8 +310,7 @@ def sight_of_points(
         if visible(view, y, 0.0, thing.z_hat) and point_measurement(
             view, y, thing.z_hat, thing.H_camera, thing.H_feature
         ):
-            thing.row, thing.id, thing.visibility, thing.unseen, thing.crowded = row, 0, INSIDE, 0, NEVER
-            thing.mistaken = False
+            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             _write_noise(lens, thing)
             v += 1

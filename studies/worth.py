@@ -1,27 +1,27 @@
-"""The worth of each mechanism of the filter: what its removal costs, in the same training episodes.
+"""The worth of each mechanism of the filter: the loss by its removal, in the same training episodes.
 
-    python -m studies.worth --out results/worth            # every row, resumable
-    python -m studies.worth --rows base twins --scenarios paper --episodes 64
+    python -m studies.worth  # every row; goes on where it stopped
+    python -m studies.worth --rows iteration jcbb --scenarios paper clutter --episodes 64
+    python -m studies.worth --checkouts earlier=../clone-of-an-earlier-commit
 
-A row is a copy of the package to which a few lines are added that replace a function or a constant (`REMOVALS`), or
-another checkout (``--checkouts NAME=PATH``), so that two versions can be compared. Every row plays the same seeds.
+A row is a copy of the packages with a few more lines (`studies.removals`), or another checkout. It is compared with the
+row ``base`` by `studies.paired`.
 """
 
 import argparse
 import csv
-import json
 import os
 import shutil
 import subprocess
 import sys
-import time
-from collections.abc import Iterable
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studies.paired import FIGURES, compare
 from studies.removals import REMOVALS
 
 ROOT = Path(__file__).parents[1]
@@ -29,18 +29,16 @@ PACKAGES = "activeslam_gym", "baselines", "agents", "studies"
 SCENARIOS = "paper", "office", "corner", "clusters", "clutter", "rooms", "hand-held"
 POLICIES = "mi-mi", "greedy-plus", "sweep", "generalist"
 SEED = 4_300_600_000  # of the first training episode
-FIELDS = "scenario", "policy", "seed", "lost", "log_score", "pose_nees", "landmark_nees"
 BATCH = 64
+EPISODE = "scenario", "policy", "seed", "lost", "log_score", "pose_nees", "landmark_nees"
 
 
-def build(row: str, folder: Path, checkouts: dict[str, str]) -> Path:
-    """The folder with the packages of a ``row``, made where it is not there."""
+def build(row: str, folder: Path) -> Path:
+    """A copy of the packages with the lines of ``row``, made where it is not there."""
     target = folder / row
-    if row in checkouts:
-        return Path(checkouts[row]).resolve()
     if not target.exists():
+        ignored = shutil.ignore_patterns("__pycache__", "entries")
         for package in PACKAGES:
-            ignored = shutil.ignore_patterns("__pycache__", "entries")
             shutil.copytree(ROOT / package, target / package, ignore=ignored)
         for module, lines in REMOVALS[row].items():
             with open(target / "activeslam_gym" / f"{module}.py", "a") as file:
@@ -48,45 +46,33 @@ def build(row: str, folder: Path, checkouts: dict[str, str]) -> Path:
     return target
 
 
-def play_row(folder: Path, results: Path, wanted: list[tuple[str, str]], args: argparse.Namespace) -> None:
-    """Play a row's missing episodes in a process of its own, which imports the packages in ``folder``."""
+def play_row(folder: Path, results: Path, args: argparse.Namespace) -> None:
+    """Play what is missing of a row, in a process that imports the packages of ``folder``."""
     done = {(one["scenario"], one["policy"]) for one in read(results)}
-    missing = [f"{scenario}:{policy}" for scenario, policy in wanted if (scenario, policy) not in done]
-    if missing:
+    wanted = [(scenario, policy) for scenario in args.scenarios for policy in args.policies]
+    if missing := [f"{scenario}:{policy}" for scenario, policy in wanted if (scenario, policy) not in done]:
+        paths = {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]), "OMP_NUM_THREADS": "1"}
         command = [sys.executable, str(Path(__file__).resolve()), "--play", str(results), *missing]
-        threads = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
-        environment = {**os.environ, **threads, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])}
-        options = ["--episodes", str(args.episodes), "--seed", str(args.seed)]
-        subprocess.run([*command, *options], env=environment, cwd=folder, check=True)
+        command += ["--episodes", str(args.episodes), "--seed", str(args.seed)]
+        subprocess.run(command, env={**os.environ, **paths}, cwd=folder, check=True)
 
 
-def play_all(results: Path, tasks: list[str], episodes: int, seed: int) -> None:
-    """Play ``scenario:policy`` tasks here, and append their episodes to the file ``results``."""
-    from numba.core import event
-
-    compiled = event.RecordingListener()
-    event.register("numba:compile", compiled)
+def play_tasks(results: Path, tasks: list[str], seeds: range) -> None:
+    """Play ``scenario:policy`` tasks, and append their episodes to the file ``results``."""
     for task in tasks:
-        scenario, policy = task.split(":")
-        began = time.perf_counter()
-        rows = [episode for i in range(0, episodes, BATCH) for episode in
-                _play(scenario, policy, range(seed + i, seed + min(i + BATCH, episodes)))]  # fmt: skip
-        seconds = time.perf_counter() - began
+        parts = [seeds[i : i + BATCH] for i in range(0, len(seeds), BATCH)]
+        rows = [one for part in parts for one in episodes(*task.split(":"), part)]
         new = not results.exists()
         with open(results, "a", newline="") as file:
-            writer = csv.DictWriter(file, FIELDS)
+            writer = csv.DictWriter(file, EPISODE)
             if new:
                 writer.writeheader()
             writer.writerows(rows)
-        functions = {one.data["dispatcher"].py_func.__qualname__ for _, one in compiled.buffer if one.is_start}
-        with open(results.with_suffix(".jsonl"), "a") as file:
-            facts = {"task": task, "seconds": seconds, "functions": len(functions), "names": sorted(functions)}
-            file.write(json.dumps(facts) + "\n")
-        print(f"{results.stem} {task} {seconds:.0f} s", flush=True)
+        print(f"{results.stem} {task}", flush=True)
 
 
-def _play(scenario: str, policy: str, seeds: range) -> list[dict[str, Any]]:
-    """The episodes of ``seeds``, whole, in one batch."""
+def episodes(scenario: str, policy: str, seeds: range) -> Iterator[dict[str, Any]]:
+    """Play the episodes of ``seeds`` to their ends, in one batch."""
     import gymnasium as gym
 
     import activeslam_gym  # noqa: F401 (registers the environments)
@@ -95,20 +81,16 @@ def _play(scenario: str, policy: str, seeds: range) -> list[dict[str, Any]]:
     name = "ActiveSLAMPixels-v0" if scenario.endswith("pixels") else "ActiveSLAM-v0"
     options: dict[str, Any] = {"scenario": scenario, "end_when_lost": False, "num_threads": 1}
     env: Any = gym.make_vec(name, num_envs=len(seeds), autoreset_mode="DISABLED", **options)
-    chooser, state, over = factory(policy)(env, list(seeds)), None, np.zeros(len(seeds), bool)
-    observation, info = env.reset(seed=list(seeds))
-    first = np.ones(len(seeds), bool)
+    chosen, state, first = factory(policy)(env, list(seeds)), None, np.ones(len(seeds), bool)
+    (observation, info), over = env.reset(seed=list(seeds)), np.zeros(len(seeds), bool)
     while not over.all():
-        action, state = chooser.predict(observation, state=state, episode_start=first, deterministic=True)
+        action, state = chosen.predict(observation, state=state, episode_start=first, deterministic=True)
         observation, _, terminated, truncated, info = env.step(action)
         first, over = np.zeros(len(seeds), bool), terminated | truncated
-    nees = [env.unwrapped.run(i).nees() for i in range(len(seeds))]
-    columns = zip(seeds, info["lost"], info["log_score"], nees, strict=True)
-    return [
-        {"scenario": scenario, "policy": policy, "seed": s, "lost": int(lost), "log_score": f"{score:.6g}",
-         "pose_nees": f"{of['position']:.4g}", "landmark_nees": f"{of['landmarks']:.4g}"}
-        for s, lost, score, of in columns
-    ]  # fmt: skip
+    for i, seed in enumerate(seeds):
+        nees = env.unwrapped.run(i).nees()
+        numbers = int(info["lost"][i]), f"{info['log_score'][i]:.6g}", nees["position"], nees["landmarks"]
+        yield dict(zip(EPISODE, (scenario, policy, seed, *numbers), strict=True))
 
 
 def read(path: Path) -> list[dict[str, str]]:
@@ -119,73 +101,38 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def compare(base: Iterable[dict[str, str]], other: Iterable[dict[str, str]]) -> dict[str, dict[str, float]]:
-    """Scenario → paired differences of ``other`` from ``base``: failures [points], score, NEES."""
-    pairs: dict[str, list[tuple[dict[str, str], dict[str, str]]]] = {}
-    first = {(one["scenario"], one["policy"], one["seed"]): one for one in base}
-    for one in other:
-        if (key := (one["scenario"], one["policy"], one["seed"])) in first:
-            pairs.setdefault(one["scenario"], []).append((first[key], one))
-    return {scenario: _difference(found) for scenario, found in pairs.items()}
-
-
-def _difference(found: list[tuple[dict[str, str], dict[str, str]]]) -> dict[str, float]:
-    from scipy.stats import bootstrap, trim_mean
-
-    def both(name: str) -> np.ndarray:
-        return np.array([[float(one[name]) for one in pair] for pair in found]).T
-
-    def points(base: np.ndarray, other: np.ndarray, axis: int = -1) -> np.ndarray:
-        return 100.0 * (other - base).mean(axis=axis)
-
-    def ratio(base: np.ndarray, other: np.ndarray, axis: int = -1) -> np.ndarray:
-        return trim_mean(other, 0.25, axis=axis) / trim_mean(base, 0.25, axis=axis)
-
-    out = {"base_lost": 100.0 * float(both("lost")[0].mean())}
-    out["under_zero"] = float(np.diff((both("log_score") < 0.0).sum(axis=1))[0])
-    for name, column, figure in (("lost", "lost", points), ("score", "log_score", ratio)):
-        pair = both(column)
-        out[name] = float(figure(*pair))
-        ends = bootstrap(pair, figure, paired=True, n_resamples=2000, method="percentile", rng=0, vectorized=True)
-        out[f"{name}_low"], out[f"{name}_high"] = ends.confidence_interval
-    for name in ("pose_nees", "landmark_nees"):
-        out[f"base_{name}"], out[name] = np.nanmedian(both(name), axis=1)
-    return out
-
-
 def main() -> None:
-    """Play what is missing of every row, and print the table."""
+    """Play what is missing, and write the table, ``worth.csv``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("results/worth"))
-    parser.add_argument("--rows", nargs="*", default=list(REMOVALS))
-    parser.add_argument("--scenarios", nargs="*", default=SCENARIOS)
-    parser.add_argument("--policies", nargs="*", default=POLICIES)
-    parser.add_argument("--episodes", type=int, default=256)
-    parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--checkouts", nargs="*", default=[], metavar="NAME=PATH")
+    parser.add_argument("--out", type=Path, default=Path("results/worth"), help="folder of the results")
+    parser.add_argument("--rows", nargs="*", default=list(REMOVALS), help="rows to play")
+    parser.add_argument("--scenarios", nargs="*", default=SCENARIOS, help="scenarios to play in")
+    parser.add_argument("--policies", nargs="*", default=POLICIES, help="policies to play")
+    parser.add_argument("--episodes", type=int, default=256, help="episodes of each policy in each scenario")
+    parser.add_argument("--seed", type=int, default=SEED, help="seed of the first episode")
+    parser.add_argument("--jobs", type=int, default=2, help="rows that are played at the same time")
+    parser.add_argument("--checkouts", nargs="*", default=[], metavar="NAME=PATH", help="other versions, as more rows")
     parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.play:
-        return play_all(Path(args.play[0]), args.play[1:], args.episodes, args.seed)
-    checkouts = dict(one.split("=", 1) for one in args.checkouts)
+        return play_tasks(Path(args.play[0]), args.play[1:], range(args.seed, args.seed + args.episodes))
+    if unknown := set(args.rows) - set(REMOVALS):
+        parser.error(f"--rows: {', '.join(sorted(unknown))} unknown; allowed: {', '.join(REMOVALS)}")
+    checkouts = {name: Path(path).resolve() for name, path in (one.split("=", 1) for one in args.checkouts)}
     rows = list(dict.fromkeys(["base", *args.rows, *checkouts]))
-    wanted = [(scenario, policy) for scenario in args.scenarios for policy in args.policies]
     (args.out / "builds").mkdir(parents=True, exist_ok=True)
-    results = {row: (args.out / f"{row}.csv").resolve() for row in rows}
-    folders = {row: build(row, args.out / "builds", checkouts).resolve() for row in rows}
+    folders = {row: checkouts.get(row) or build(row, args.out / "builds").resolve() for row in rows}
+    results = {row: (args.out / f"{row}-episodes.csv").resolve() for row in rows}
     with ThreadPoolExecutor(args.jobs) as pool:
-        list(pool.map(lambda row: play_row(folders[row], results[row], wanted, args), rows))
-    base = read(results["base"])
-    for row in rows[1:]:
-        for scenario, d in compare(base, read(results[row])).items():
-            interval = f"{d['lost']:+.1f} [{d['lost_low']:+.1f}, {d['lost_high']:+.1f}]"
-            score = f"{d['score']:.3f} [{d['score_low']:.3f}, {d['score_high']:.3f}]"
-            nees = (
-                f"{d['base_pose_nees']:.2f}>{d['pose_nees']:.2f} {d['base_landmark_nees']:.2f}>{d['landmark_nees']:.2f}"
-            )
-            print(f"{row:20s} {scenario:10s} lost {d['base_lost']:.1f} {interval:22s} score {score}"
-                  f"  <0 {d['under_zero']:+.0f}  NEES {nees}")  # fmt: skip
+        list(pool.map(lambda row: play_row(folders[row], results[row], args), rows))
+    with open(args.out / "worth.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, ("row", "scenario", *FIGURES))
+        writer.writeheader()
+        for row in rows[1:]:
+            for scenario, figures in compare(read(results["base"]), read(results[row])).items():
+                rounded = {name: f"{figures[name]:.3f}".rstrip("0").rstrip(".") for name in FIGURES}
+                writer.writerow({"row": row, "scenario": scenario, **rounded})
+    print((args.out / "worth.csv").read_text())
 
 
 if __name__ == "__main__":

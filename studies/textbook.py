@@ -1,0 +1,152 @@
+"""The textbook's data associations, in place of `slam.association.associate`, whose arguments and answers they have.
+
+Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001: mutual nearest
+neighbours within gates (section II), and the joint compatibility branch and bound (JCBB, section III).
+"""
+
+import numpy as np
+
+from activeslam_gym.kernels import Record, compiled
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
+from activeslam_gym.slam.hypotheses import condition, distance_and_det, predicted_pixels
+from activeslam_gym.slam.sight import Sight
+
+NODES = 2000  # after which the best hypothesis so far is taken
+NORMAL_QUANTILE = 2.3263  # of 99 %
+
+
+@compiled
+def chi_square(dof: float) -> float:
+    """99 % quantile of the chi-square distribution, by Wilson and Hilferty's approximation."""
+    h = 2.0 / (9.0 * dof)
+    return dof * (1.0 - h + NORMAL_QUANTILE * np.sqrt(h)) ** 3
+
+
+@compiled
+def jcbb(
+    model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
+) -> tuple[np.ndarray, int]:
+    """The hypothesis of most pairings that are jointly compatible, of these the one of least joint distance."""
+    v, M = sight.thing.shape[0], detections.shape[0]
+    z0, S0 = predicted_pixels(sight)
+    allowed, of_thing = np.zeros((v, M), np.bool_), np.full(v, -1)
+    near, size = np.zeros((v, M), np.bool_), np.empty(v)
+    for a in range(v):
+        count = 0
+        for i in range(M):
+            id = detections[i].id
+            if id == ANYTHING or id == sight.thing[a].id:
+                d2, det = distance_and_det(z0, S0, a, detections[i])
+                allowed[a, i], near[a, i] = d2 < model.gate, d2 < model.birth_gate
+                count += allowed[a, i]
+        size[a] = S0[2 * a, 2 * a] + S0[2 * a + 1, 2 * a + 1] if count else np.inf
+    order = np.argsort(size)
+    n = 0
+    while n < v and size[order[n]] < np.inf:
+        n += 1
+    z, S = np.empty((n + 1, 2 * v)), np.empty((n + 1, 2 * v, 2 * v))
+    free, D2, count = np.ones((n + 1, M), np.bool_), np.zeros(n + 1), np.zeros(n + 1, np.int64)
+    choice, cost = np.full((n + 1, M + 1), -1), np.empty(M + 1)
+    choices, tried = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
+    answer, best, best_count, best_D2 = np.full(n, -1), np.full(n, -1), -1, np.inf
+    others = np.ones(v, np.bool_)
+    z[0], S[0] = z0, S0
+    depth, arrived, nodes = 0, True, 0
+    while depth >= 0:
+        if depth == n:
+            if count[n] > best_count or (count[n] == best_count and D2[n] < best_D2):
+                best_count, best_D2 = count[n], D2[n]
+                best[:] = answer
+            depth -= 1
+            arrived = False
+            continue
+        a = order[depth]
+        if arrived:
+            m = 0
+            for i in range(M):
+                if free[depth, i] and allowed[a, i]:
+                    d2, det = distance_and_det(z[depth], S[depth], a, detections[i])
+                    if D2[depth] + d2 < chi_square(2.0 * (count[depth] + 1)):
+                        k = m
+                        while k > 0 and cost[k - 1] > d2:
+                            cost[k], choice[depth, k] = cost[k - 1], choice[depth, k - 1]
+                            k -= 1
+                        cost[k], choice[depth, k] = d2, i
+                        m += 1
+            choice[depth, m] = -1
+            choices[depth], tried[depth] = m + 1, 0
+        arrived = False
+        nodes += 1
+        rest = n - depth
+        if tried[depth] == choices[depth] or nodes > NODES or count[depth] + rest < best_count:
+            depth -= 1
+            continue
+        i = choice[depth, tried[depth]]
+        tried[depth] += 1
+        gained = 1 if i >= 0 else 0
+        if count[depth] + gained + rest - 1 < best_count:
+            continue
+        d2 = 0.0
+        z[depth + 1], S[depth + 1], free[depth + 1] = z[depth], S[depth], free[depth]
+        if i >= 0:
+            d2, det = distance_and_det(z[depth], S[depth], a, detections[i])
+            others[:] = False
+            for k in range(depth + 1, n):
+                others[order[k]] = True
+            condition(z[depth + 1], S[depth + 1], others, a, detections[i])
+            free[depth + 1, i] = False
+        if count[depth] + gained + rest - 1 == best_count and D2[depth] + d2 >= best_D2:
+            continue
+        D2[depth + 1], count[depth + 1], answer[depth] = D2[depth] + d2, count[depth] + gained, i
+        depth += 1
+        arrived = True
+    for d in range(n):
+        of_thing[order[d]] = best[d]
+    for i in range(M):
+        detections[i].match = NEW
+    for a in range(v):
+        if of_thing[a] >= 0:
+            detections[of_thing[a]].match = sight.thing[a].id
+    for i in range(M):
+        for a in range(v):
+            if detections[i].match == NEW and near[a, i]:
+                detections[i].match = REJECTED
+        for a in range(v):
+            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0
+    return of_thing, 0
+
+
+@compiled
+def nearest_neighbour(
+    model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
+) -> tuple[np.ndarray, int]:
+    """Mutual nearest neighbours within the gates, by likelihood."""
+    v, M = sight.thing.shape[0], detections.shape[0]
+    z, S = predicted_pixels(sight)
+    of_thing, near = np.full(v, -1), np.zeros((v, M), np.bool_)
+    cost, best, rival = np.full((v, M), np.inf), np.full(v, -1), np.full(M, -1)
+    for a in range(v):
+        for i in range(M):
+            id = detections[i].id
+            if id == ANYTHING or id == sight.thing[a].id:
+                d2, det = distance_and_det(z, S, a, detections[i])
+                near[a, i] = d2 < model.birth_gate
+                if d2 < model.gate:
+                    cost[a, i] = d2 + np.log(det)
+                    if best[a] < 0 or cost[a, i] < cost[a, best[a]]:
+                        best[a] = i
+                    if rival[i] < 0 or cost[a, i] < cost[rival[i], i]:
+                        rival[i] = a
+    for i in range(M):
+        detections[i].match = NEW
+    for a in range(v):
+        if best[a] >= 0 and rival[best[a]] == a:
+            of_thing[a] = best[a]
+            detections[best[a]].match = sight.thing[a].id
+    for i in range(M):
+        for a in range(v):
+            if detections[i].match == NEW and near[a, i]:
+                detections[i].match = REJECTED
+        for a in range(v):
+            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0
+    return of_thing, 0

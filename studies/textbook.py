@@ -32,20 +32,20 @@ def jcbb(
     allowed, of_thing = np.zeros((v, M), np.bool_), np.full(v, -1)
     near, size = np.zeros((v, M), np.bool_), np.empty(v)
     for a in range(v):
-        count = 0
+        reached = 0
         for i in range(M):
             id = detections[i].id
             if id == ANYTHING or id == sight.thing[a].id:
                 d2, det = distance_and_det(z0, S0, a, detections[i])
                 allowed[a, i], near[a, i] = d2 < model.gate, d2 < model.birth_gate
-                count += allowed[a, i]
-        size[a] = S0[2 * a, 2 * a] + S0[2 * a + 1, 2 * a + 1] if count else np.inf
+                reached += allowed[a, i]
+        size[a] = S0[2 * a, 2 * a] + S0[2 * a + 1, 2 * a + 1] if reached else np.inf
     order = np.argsort(size)
     n = 0
     while n < v and size[order[n]] < np.inf:
         n += 1
     z, S = np.empty((n + 1, 2 * v)), np.empty((n + 1, 2 * v, 2 * v))
-    free, D2, count = np.ones((n + 1, M), np.bool_), np.zeros(n + 1), np.zeros(n + 1, np.int64)
+    free, D2, pairs = np.ones((n + 1, M), np.bool_), np.zeros(n + 1), np.zeros(n + 1, np.int64)
     choice, cost = np.full((n + 1, M + 1), -1), np.empty(M + 1)
     choices, tried = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
     answer, best, best_count, best_D2 = np.full(n, -1), np.full(n, -1), -1, np.inf
@@ -54,8 +54,8 @@ def jcbb(
     depth, arrived, nodes = 0, True, 0
     while depth >= 0:
         if depth == n:
-            if count[n] > best_count or (count[n] == best_count and D2[n] < best_D2):
-                best_count, best_D2 = count[n], D2[n]
+            if pairs[n] > best_count or (pairs[n] == best_count and D2[n] < best_D2):
+                best_count, best_D2 = pairs[n], D2[n]
                 best[:] = answer
             depth -= 1
             arrived = False
@@ -66,7 +66,7 @@ def jcbb(
             for i in range(M):
                 if free[depth, i] and allowed[a, i]:
                     d2, det = distance_and_det(z[depth], S[depth], a, detections[i])
-                    if D2[depth] + d2 < chi_square(2.0 * (count[depth] + 1)):
+                    if D2[depth] + d2 < chi_square(2.0 * (pairs[depth] + 1)):
                         k = m
                         while k > 0 and cost[k - 1] > d2:
                             cost[k], choice[depth, k] = cost[k - 1], choice[depth, k - 1]
@@ -78,13 +78,13 @@ def jcbb(
         arrived = False
         nodes += 1
         rest = n - depth
-        if tried[depth] == choices[depth] or nodes > NODES or count[depth] + rest < best_count:
+        if tried[depth] == choices[depth] or nodes > NODES or pairs[depth] + rest < best_count:
             depth -= 1
             continue
         i = choice[depth, tried[depth]]
         tried[depth] += 1
         gained = 1 if i >= 0 else 0
-        if count[depth] + gained + rest - 1 < best_count:
+        if pairs[depth] + gained + rest - 1 < best_count:
             continue
         d2 = 0.0
         z[depth + 1], S[depth + 1], free[depth + 1] = z[depth], S[depth], free[depth]
@@ -95,24 +95,14 @@ def jcbb(
                 others[order[k]] = True
             condition(z[depth + 1], S[depth + 1], others, a, detections[i])
             free[depth + 1, i] = False
-        if count[depth] + gained + rest - 1 == best_count and D2[depth] + d2 >= best_D2:
+        if pairs[depth] + gained + rest - 1 == best_count and D2[depth] + d2 >= best_D2:
             continue
-        D2[depth + 1], count[depth + 1], answer[depth] = D2[depth] + d2, count[depth] + gained, i
+        D2[depth + 1], pairs[depth + 1], answer[depth] = D2[depth] + d2, pairs[depth] + gained, i
         depth += 1
         arrived = True
     for d in range(n):
         of_thing[order[d]] = best[d]
-    for i in range(M):
-        detections[i].match = NEW
-    for a in range(v):
-        if of_thing[a] >= 0:
-            detections[of_thing[a]].match = sight.thing[a].id
-    for i in range(M):
-        for a in range(v):
-            if detections[i].match == NEW and near[a, i]:
-                detections[i].match = REJECTED
-        for a in range(v):
-            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0
+    _write_matches(sight, detections, of_thing, near, waits)
     return of_thing, 0
 
 
@@ -137,16 +127,26 @@ def nearest_neighbour(
                         best[a] = i
                     if rival[i] < 0 or cost[a, i] < cost[rival[i], i]:
                         rival[i] = a
-    for i in range(M):
-        detections[i].match = NEW
     for a in range(v):
         if best[a] >= 0 and rival[best[a]] == a:
             of_thing[a] = best[a]
-            detections[best[a]].match = sight.thing[a].id
-    for i in range(M):
-        for a in range(v):
-            if detections[i].match == NEW and near[a, i]:
-                detections[i].match = REJECTED
-        for a in range(v):
-            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0
+    _write_matches(sight, detections, of_thing, near, waits)
     return of_thing, 0
+
+
+@compiled
+def _write_matches(
+    sight: Sight, detections: np.ndarray, of_thing: np.ndarray, near: np.ndarray, waits: np.ndarray
+) -> None:
+    """Set ``detections.match``: matched, REJECTED near a prediction (which ``waits`` if it has no match), or NEW."""
+    for i in range(detections.shape[0]):
+        detections[i].match = NEW
+        for a in range(of_thing.shape[0]):
+            if near[a, i]:
+                detections[i].match = REJECTED
+    for a in range(of_thing.shape[0]):
+        if of_thing[a] >= 0:
+            detections[of_thing[a]].match = sight.thing[a].id
+    for i in range(detections.shape[0]):
+        for a in range(of_thing.shape[0]):
+            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0

@@ -61,7 +61,8 @@ def play_tasks(results: Path, tasks: list[str], seeds: range) -> None:
     """Play ``scenario:policy`` tasks, and append their episodes to the file ``results``."""
     for task in tasks:
         parts = [seeds[i : i + BATCH] for i in range(0, len(seeds), BATCH)]
-        rows = [one for part in parts for one in episodes(*task.split(":"), part)]
+        scenario, policy = task.split(":")
+        rows = [one for part in parts for one in episodes(scenario, policy, part)]
         new = not results.exists()
         with open(results, "a", newline="") as file:
             writer = csv.DictWriter(file, EPISODE)

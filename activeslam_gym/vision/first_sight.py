@@ -22,6 +22,7 @@ LEAST_CORNERS = 6  # fewer corners of a board are no start
 _WINDOW = 0.8  # half side of the window of a corner's fit, in the free space around it: the board may be slanted
 _MODULES = 10.0  # black and white fields along a tag, at most
 _MISSED = (0.6, 0.004)  # most that corners' pixels deviate by: pixels, or a share of the target's extent if more
+_MARKER_ERROR = 0.1  # most that the side of a ChArUco board's markers may be off
 _FIDUCIALS = 8  # corners of a board that are searched in every image
 
 
@@ -117,13 +118,30 @@ def corners_in(image: np.ndarray, board: Board) -> tuple[np.ndarray, np.ndarray]
     """The corners of the ``board`` in the ``image`` (h, w) uint8, roughly: (n, 3) [m] and their pixels (n, 2)."""
     aruco, pattern = opencv().aruco, board.pattern
     if board.kind == CHARUCO:
-        found, numbers = aruco.CharucoDetector(pattern).detectBoard(image)[:2]
+        found, numbers, markers, ids = aruco.CharucoDetector(pattern).detectBoard(image)
+        if numbers is not None and len(numbers) >= LEAST_CORNERS:
+            _demand_marker_size(board, found, numbers, markers, ids)
     else:
         found, numbers = aruco.ArucoDetector(markers_of(board.dictionary)).detectMarkers(image)[:2]
     matched: Any = (None, None) if numbers is None else pattern.matchImagePoints(found, numbers)
     if matched[0] is None:
         return np.zeros((0, 3)), np.zeros((0, 2))
     return board.upright(matched[0]), np.reshape(matched[1], (-1, 2)).astype(float)
+
+
+def _demand_marker_size(board: Board, corners: Any, numbers: Any, markers: Any, ids: Any) -> None:
+    """A ValueError, if the markers are not as large against the squares as the ``board`` says."""
+    cv2, pattern = opencv(), board.pattern
+    on_board = pattern.getChessboardCorners()[np.ravel(numbers), :2]
+    H, _ = cv2.findHomography(on_board, np.reshape(corners, (-1, 2)))
+    if H is None:
+        return
+    squares, known = cv2.perspectiveTransform(np.reshape(markers, (-1, 1, 2)), np.linalg.inv(H)), pattern.getIds()
+    sides = np.linalg.norm(np.diff(squares.reshape(-1, 4, 2)[np.isin(ids, known).ravel()], axis=1), axis=2)
+    seen = float(np.median(sides)) if len(sides) else board.marker
+    if abs(seen - board.marker) > _MARKER_ERROR * board.marker:
+        share = f"{seen / board.pitch:.2f} of a square's side, not {board.marker / board.pitch:.2f}"
+        raise ValueError(f"the target contradicts the first image: check marker and square; a marker has {share}")
 
 
 def _refined(image: np.ndarray, board: Board, points: np.ndarray, pixels: np.ndarray) -> np.ndarray:

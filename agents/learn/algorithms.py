@@ -17,11 +17,11 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.vec_env import VecEnv, VecMonitor
 
-from activeslam_gym import config, observation_layout
+from activeslam_gym import observation_layout
 from activeslam_gym.config import TRAINING_SEED, benchmark_seed
 from activeslam_gym.files import written_whole
 from activeslam_gym.motion import CAMERA_DIM
-from agents.learn.recipe import Recipe, trained_scenario
+from agents.learn.recipe import Recipe, scenario_of, trained_scenario
 from agents.learn.several import SeveralScenarios
 from agents.learn.weights import policy_arguments, require_finite
 from agents.sb3_vec_env import Actions, ActiveSLAMVecEnv, ScaledReward
@@ -69,7 +69,7 @@ def make_held_out(recipe: Recipe, rooms: int) -> dict[str, VecEnv]:
 
 def dimensions(scenario: str) -> int:
     """Estimated dimensions: of the camera, and of all expected landmarks."""
-    return CAMERA_DIM + 3 * config.SCENARIOS[scenario].landmark_count
+    return CAMERA_DIM + 3 * scenario_of(scenario).landmark_count
 
 
 def _make_batch(recipe: Recipe, name: str, num_envs: int, threads: int | None = None) -> ScaledReward:

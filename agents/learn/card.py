@@ -74,6 +74,8 @@ def read_card(weights: Path) -> dict[str, Any]:
     path = weights.with_suffix(".json")
     with reading(weights), np.load(weights, allow_pickle=False) as file:
         held = json.loads(str(file[CARD])) if CARD in file else {}
+        if CARD in file and not (isinstance(held, dict) and "width" in held):
+            raise ValueError("the card that it holds has no width")
         if not held and not path.exists():
             raise ValueError(f"it holds no card, and there is no {path.name} beside it")
     with reading(path if path.exists() else weights):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args
 
 from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, Scenario, scenario_from, whole_multiple
-from agents.tools.arguments import positive, within
+from agents.tools.arguments import made_scenario, positive, scenario_argument, within
 
 Algorithm = Literal["ppo", "a2c", "dqn", "sac"]
 CHECKPOINT, WEIGHTS = "checkpoint.zip", "policy.npz"  # files of a training
@@ -16,9 +16,14 @@ REPLICATIONS = ("paper-literal", "paper-2006")
 ALGORITHMS: tuple[Algorithm, ...] = get_args(Algorithm)
 
 
+def scenario_of(text: str) -> Scenario:
+    """The scenario of a name, 'package.module:name' or a JSON file. Raises ValueError where there is none."""
+    return scenario_from(made_scenario(scenario_argument(text)))
+
+
 def trained_scenario(name: str) -> Scenario:
-    """The named scenario as it is trained in: one of images with the sensor `corners`, without the images."""
-    scenario = scenario_from(name)
+    """The scenario as it is trained in: one of images with the sensor `corners`, without the images."""
+    scenario = scenario_of(name)
     return replace(scenario, sensor="corners") if name in IMAGE_SCENARIOS else scenario
 
 
@@ -31,8 +36,8 @@ class Recipe:
     reward: str = "entropy"
     """Reward of the environment."""
     scenario: str = "paper"
-    """Name of the scenario whose rooms are trained in, several with + between them, or all; a policy of several reads
-    the context too. One of images is trained in with the sensor `corners`."""
+    """Scenario whose rooms are trained in: a name, 'package.module:name' or a JSON file, several with + between them,
+    or all; a policy of several reads the context too. One of images is trained in with the sensor `corners`."""
     warm_start: float = 0.8
     """Probability of the motion, and of the gaze, that the scenario's best sequence holds longest, before training;
     0: none is preferred. By chance alone no course is held for seconds; beside this one each change is tried (PPO,
@@ -87,7 +92,7 @@ class Recipe:
         """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
         positive(self, "num_envs", "width", "decision_period", "gamma")
         positive(self, *(["duration"] if self.duration is not None else []))
-        for scenario in map(scenario_from, self.scenarios):
+        for scenario in map(scenario_of, self.scenarios):
             whole_multiple("decision_period", self.decision_period, "the frame", scenario.frame_time)
             whole_multiple("duration", self.duration or scenario.duration, "decision_period", self.decision_period)
         within(self, warm_start=(0.0, 0.99))
@@ -119,5 +124,5 @@ class Recipe:
     @property
     def steps_per_episode(self) -> int:
         """Decisions of a whole episode, of several scenarios in the median."""
-        durations = [self.duration or scenario_from(name).duration for name in self.scenarios]
+        durations = [self.duration or scenario_of(name).duration for name in self.scenarios]
         return round(statistics.median(durations) / self.decision_period)

@@ -79,7 +79,7 @@ def test_a_policy_of_an_environment_advises(name: str) -> None:
 
 @pytest.mark.parametrize("rate", [7.5, 29.97])
 def test_a_policy_advises_before_a_real_target_at_any_rate(rate: float) -> None:
-    image, (fields, scenario) = image_from(HERE, samples=1), posed(LENS, rate)
+    image, (fields, scenario) = image_from(HERE), posed(LENS, rate)
     target = TARGET._replace(corners_px=projected(CAMERA, HERE, TARGET.fiducials))
     front_end = start(image, LENS, target, rate, scenario_fields=fields)
     expected = ExpectedMap(scenario, front_end, np.random.SeedSequence(0))

@@ -327,6 +327,10 @@ def test_damaged_weights_and_cards_are_refused(tmp_path: Path, capsys: pytest.Ca
         "seconds": ("1",),
     }.items():
         assert all(name in said(**{name: value}) for value in values)
+    np.savez(path, **arrays, card="{}")
+    shutil.copy(pretrained.FOLDER / "generalist.json", path.with_suffix(".json"))
+    assert main(line) == 2 and "width" in capsys.readouterr().err, "an empty card took the one beside it"
+    path.with_suffix(".json").unlink()
     first = next(name for name in arrays if name.endswith("features_extractor.globals.0.weight"))
     good = arrays[first]
     for bad in (good[0], good[:, :-1], good[:0], good[None], good.astype(">f4"), good.astype(np.longdouble)):

@@ -104,7 +104,8 @@ def suite(name: str) -> Suite:
     if drawn and drawn["manifest"] != made.digest:
         raise ValueError(f"suite: the manifest of {made.name!r} has changed since its draw; a change needs a new name")
     if made.behaviour != BEHAVIOUR:
-        raise ValueError(f"suite: {made.name!r} is of BEHAVIOUR {made.behaviour}, and this code of {BEHAVIOUR}")
+        of = f"{made.name!r} is of BEHAVIOUR {made.behaviour}, and this code of {BEHAVIOUR}"
+        raise ValueError(f"suite: {of}; allowed: a suite of this code's, or a checkout of the suite's time")
     return made
 
 

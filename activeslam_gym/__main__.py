@@ -11,7 +11,8 @@ import gymnasium
 from activeslam_gym.vision.settings import FEATURES
 
 _DEFAULT = "(default: %(default)s)"
-_LENS = "the lens: JSON, or a calibration of OpenCV, ROS, Kalibr or COLMAP"
+_LENS = "the lens: JSON, or a calibration of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP"
+_CAMERA = "which camera of --calibration: cam1, or the number that its name ends with (default: cam0, or the first)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -44,6 +45,7 @@ def _add_live(commands: Any) -> None:
         "--calibration",
         help=f"{_LENS}; of a source that is not rendered",
     )
+    one.add_argument("--camera", help=_CAMERA)
     one.add_argument("--target", help="JSON file with the rectangle that the first image shows; likewise")
     one.add_argument(
         "--calibrate", metavar="FILE", help="of browser: calibrate it by waving a board, and write the lens"
@@ -73,6 +75,7 @@ def _add_track(commands: Any) -> None:
     one.set_defaults(run=_track)
     one.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
     one.add_argument("--calibration", required=True, help=_LENS)
+    one.add_argument("--camera", help=_CAMERA)
     one.add_argument("--target", help="JSON file with what the first image shows; without one the scale is free")
     one.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
     one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
@@ -135,7 +138,7 @@ def _track(args: argparse.Namespace) -> Ending:
     from activeslam_gym.vision.track import summary, track
 
     files = args.images, args.calibration, args.target, args.rate, args.out
-    done, advice = track(*files, args.film, args.covariance, args.keep_lost, args.features)
+    done, advice = track(*files, args.film, args.covariance, args.keep_lost, args.features, args.camera)
     print(f"{summary(done)}; results in {args.out}")
     tracked, early = len(done.lost) - int(done.lost.sum()), done.trouble and f"ended early: {done.trouble}"
     if 2 * tracked < len(done.lost):

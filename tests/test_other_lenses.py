@@ -15,21 +15,11 @@ from activeslam_gym.vision.other_lenses import (  # noqa: E402
     _projected,
     fitted,
     lens_from,
-    read_lens,
     straightening,
 )
 
 MATRIX = np.array(((500.0, 0.0, 310.0), (0.0, 502.0, 245.0), (0.0, 0.0, 1.0)))
 RADIAL, FISHEYE = (0.05, -0.02, 0.001, -0.0005), (0.01, -0.003, 0.001, 0.0)
-
-
-def opencv_yaml(path: Path, coefficients: tuple[float, ...]) -> None:
-    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    for side, length in (("width", 640), ("height", 480)):
-        file.write(f"image_{side}", length)
-    file.write("camera_matrix", MATRIX)
-    file.write("distortion_coefficients", np.array(coefficients))
-    file.release()
 
 
 TEXTS = {
@@ -41,19 +31,6 @@ TEXTS = {
     "colmap": "# Camera list\n1 OPENCV 640 480 500 502 310.5 245.5 0.05 -0.02 0.001 -0.0005\n",
     "colmap-fisheye": "2 OPENCV_FISHEYE 640 480 500 502 310.5 245.5 0.01 -0.003 0.001 0\n",
 }
-
-
-@pytest.mark.parametrize("name", ["opencv", *TEXTS])
-def test_the_same_lens_is_read_from_every_program(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "lens.yaml"
-    if name == "opencv":
-        opencv_yaml(path, RADIAL)
-    else:
-        path.write_text(TEXTS[name])
-    lens = read_lens(path)
-    assert lens.size == (640, 480) and lens.fisheye == (name in ("kalibr", "colmap-fisheye"))
-    np.testing.assert_allclose(lens.matrix, MATRIX)
-    np.testing.assert_allclose(lens.coefficients[:4], FISHEYE if lens.fisheye else RADIAL)
 
 
 @pytest.mark.parametrize("fisheye", [False, True])
@@ -111,40 +88,31 @@ def test_what_is_no_lens_is_told_with_the_file(text: str, tmp_path: Path) -> Non
         lens_from(path)
 
 
-CHAIN = TEXTS["kalibr"].replace("[0.01, -0.003, 0.001, 0.0]", str(list(RADIAL))).replace("equidistant", "radtan")
-REST = TEXTS["kalibr"].replace("cam0", "cam1")
+@pytest.mark.parametrize(("model", "k1", "seen"), [("OPENCV", -0.4, 42.0), ("OPENCV_FISHEYE", -0.35, 56.0)])
+def test_of_a_lens_that_folds_nothing_is_shown_twice(
+    model: str, k1: float, seen: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cameras.txt").write_text(f"1 {model} 640 480 520 520 320.5 240.5 {k1} 0 0 0\n")
+    calibration, straighten = lens_from(tmp_path / "cameras.txt")
+    assert f"black beyond {seen:.0f} degrees" in capsys.readouterr().err
+    v, u = np.mgrid[:480, :640]
+    darker = np.rint(250.0 - 0.5 * np.hypot(u - 320.0, v - 240.0)).astype(np.uint8)
+    image = straighten((0.0, darker))[1].astype(int)
+    assert image[0, 0] == 0 and image[240, 320] == 250
+    around, out = np.linspace(0.0, 2.0 * np.pi, 90), np.arange(230.0)[:, None]
+    rays = image[np.rint(240.0 + out * np.sin(around)).astype(int), np.rint(320.0 + out * np.cos(around)).astype(int)]
+    assert (np.diff(rays, axis=0) <= 1).all()
 
 
-@pytest.mark.parametrize("text", [CHAIN, CHAIN + REST, REST + CHAIN, "# camera_model: equidistant\n" + CHAIN])
-def test_the_model_of_another_camera_or_of_a_comment_is_not_taken(text: str, tmp_path: Path) -> None:
-    (tmp_path / "chain.yaml").write_text(text)
-    lens = read_lens(tmp_path / "chain.yaml")
-    assert not lens.fisheye
-    np.testing.assert_allclose(lens.coefficients, RADIAL)
+def test_skew_moves_the_pixels() -> None:
+    skewed = MATRIX + np.array(((0.0, 7.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    for fisheye in (False, True):
+        moved = [_projected(Lens((640, 480), fisheye, m, np.zeros(4)), np.array((0.0, 0.3))) for m in (skewed, MATRIX)]
+        assert moved[0][0] - moved[1][0] == pytest.approx(7.0 * (np.arctan(0.3) if fisheye else 0.3))
 
 
-def test_the_model_and_the_size_may_stand_outside_of_the_camera(tmp_path: Path) -> None:
-    inside = "left:\n  K: [500, 0, 310, 0, 502, 245, 0, 0, 1]\n  D: [0.01, -0.003, 0.001, 0.0]\n"
-    (tmp_path / "rig.yaml").write_text("image_width: 640\nimage_height: 480\ndistortion_model: fisheye\n" + inside)
-    lens = read_lens(tmp_path / "rig.yaml")
-    assert lens.fisheye and lens.size == (640, 480)
-
-
-@pytest.mark.parametrize(
-    ("text", "word"),
-    [
-        (CHAIN.replace("pinhole", "omni"), "omni"),
-        (CHAIN.replace("radtan", "fov"), "fov"),
-        (TEXTS["ros"].replace("[500, 0,", "[500, 7,"), "skew"),
-        (TEXTS["ros"].replace("245, 0, 0, 1]", "245, 0, 0, 2]"), "camera_matrix"),
-        ("model_type: MEI\n" + TEXTS["ros"], "MEI|mei"),
-        ("xi: 1.2\n" + TEXTS["ros"], "xi"),
-        ("# a comment\n\n1 FOV 640 480 500 500 320 240 0.9\n" + TEXTS["colmap"], "FOV"),
-        (TEXTS["ros"].replace("image_width: 640", "image_width: inf"), "infinity"),
-        ("[" * 5000, "YAML"),
-    ],
-)
-def test_a_lens_that_is_not_known_is_refused_by_name(text: str, word: str, tmp_path: Path) -> None:
-    (tmp_path / "lens.yaml").write_text(text)
-    with pytest.raises(ValueError, match=word):
-        read_lens(tmp_path / "lens.yaml")
+def test_a_fisheye_that_looks_aside_is_straightened(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 OPENCV_FISHEYE 848 800 285 286 424.5 400.5 -0.01 0.02 -0.03 0.01\n")
+    calibration, straighten = lens_from(tmp_path / "cameras.txt")
+    assert straighten((0.0, np.full((800, 848), 200, np.uint8)))[1].min() == 200
+    assert calibration.distortion > 2e-6

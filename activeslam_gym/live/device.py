@@ -49,13 +49,14 @@ class Device:
         rate: float,
         unknown: str | Path | None = None,
         adviser: MakeAdviser = CandidateScores,
+        camera: str | None = None,
     ) -> None:
         self.images: Any = get_context("spawn").Queue(1)
         """Times [s] and images, of the page's process."""
         self._waving, self._file = Waving() if calibration is None else None, Path(unknown or "lens.json")
         if calibration is None:
             demand_writable(self._file.parent)
-        self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration)
+        self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
         self._target, self._rate, self._frame = BOARD if target is None else read_target(target), rate, None
         self._fields, self.scenario = posed(self._calibration, rate)
         self._warming = Thread(target=self._warm_up, args=(adviser,), daemon=True)

@@ -163,13 +163,13 @@ def show_of(args: Namespace) -> Live | Replay:
             raise ValueError(f"--seed must be 0 or more, got {args.seed}")
         return Live(RenderedRoom(args.seed, args.follow), args.seed, args.record, args.film, adviser)
     if args.source == BROWSER and (args.calibrate or args.calibration):
-        device = Device(args.calibration, args.target, args.rate, args.calibrate, adviser)
+        device = Device(args.calibration, args.target, args.rate, args.calibrate, adviser, args.camera)
         return Live(device, args.seed, args.record, args.film, adviser)
     missing = [f"--{name}" for name in ("calibration", "target") if getattr(args, name) is None]
     if missing:
         needed = "--calibration or --calibrate" if args.source == BROWSER else " and ".join(missing)
         raise ValueError(f"--source {args.source} needs {needed}")
-    sequence = Sequence(args.source, args.calibration, args.target, args.rate)
+    sequence = Sequence(args.source, args.calibration, args.target, args.rate, args.camera)
     return Live(sequence, args.seed, args.record, args.film, adviser)
 
 

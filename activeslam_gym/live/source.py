@@ -98,10 +98,12 @@ class Sequence:
 
     person = None
 
-    def __init__(self, images: str, calibration: str | Path, target: str | Path, rate: float) -> None:
+    def __init__(
+        self, images: str, calibration: str | Path, target: str | Path, rate: float, camera: str | None = None
+    ) -> None:
         self.name, self.is_camera = images, images.startswith(CAMERA)
         """A live camera's images come at their own times, and at first may not show the target."""
-        self._calibration, self._straighten = lens_from(calibration)
+        self._calibration, self._straighten = lens_from(calibration, camera)
         self._target, self._rate = read_target(target), rate
         self._images = open_images(images, rate)
         self._fields, self.scenario = posed(self._calibration, rate)

@@ -1,40 +1,55 @@
-"""Calibrations of other programs: OpenCV, ROS, Kalibr and COLMAP.
+"""Calibrations of other programs: OpenCV, ROS, Kalibr, EuRoC, camodocal, ORB-SLAM, Basalt and COLMAP.
 
-OpenCV's radial-tangential lens has 4, 5 or 8 coefficients, and its fisheye (Kannala and Brandt 2006) 4. What is
-filtered is equation 1, so that is fitted to the lens, and each image is mapped from the one to the other. The residual
-of the fit is therefore no error of the pixels; it is how far they are moved.
+Two models are known, each as OpenCV has it: the radial-tangential lens of 4, 5, 8, 12 or 14 coefficients, and the
+fisheye (Kannala and Brandt 2006) of 4. What is filtered is equation 1, so that is fitted to the lens, and each image is
+mapped from the one to the other. The residual of the fit is therefore no error of the pixels; it is how far they move.
 """
 
+import json
+import math
 import re
 import reprlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from activeslam_gym.files import text_of
-from activeslam_gym.vision.calibration import Calibration, calibration_from, read_calibration
+from activeslam_gym.vision.calibration import Calibration, calibration_from, read_calibration, read_object
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.sources import Frame
 
-RADIAL = ("pinhole", "radtan", "radial_tangential", "plumb_bob", "rational_polynomial", "brown", "opencv", "0")
-FISHEYE = ("fisheye", "equidistant", "kannala_brandt", "kannala_brandt4", "opencv_fisheye", "1")
-"""Words for the two models in YAML."""
-_MODEL_FIELDS = ("camera_model", "distortion_model", "fisheye_model", "model_type", "model")
-_MATRICES = ("camera_matrix", "Camera_Matrix", "K")
+EITHER = ("", "pinhole", "perspective", "rectified", "none")
+RADIAL = ("radtan", "radialtangential", "plumbbob", "rationalpolynomial", "brown", "opencv", "pinholefull",
+          "pinholeradtan", "pinholeradtan8", "0")  # fmt: skip
+FISHEYE = ("fisheye", "equidistant", "equidist", "equi", "pinholeequi", "kannalabrandt", "kannalabrandt4",
+           "kannalabrandt8", "kb4", "opencvfisheye", "1")  # fmt: skip
+"""Words for the two models, as `_key` has them; the first say nothing of the distortion, or that there is none."""
+_MODEL_FIELDS = ("cameramodel", "distortionmodel", "fisheyemodel", "modeltype", "cameratype", "model", "type")
+_MATRICES = ("cameramatrix", "k")
+_LISTS = ("distortioncoefficients", "distortioncoeffs", "distcoeffs", "d")
+_SIDES = (("imagewidth", "width", "cols"), ("imageheight", "height", "rows"))
+_FOCI = (("fx", "mu"), ("fy", "mv"), ("cx", "u0"), ("cy", "v0"))
+_PARTS = ("intrinsics", "projectionparameters", "distortionparameters", "mirrorparameters")
+_ORDER, _FOUR, _KANNALA = "k1 k2 p1 p2 k3 k4 k5 k6".split(), "k1 k2 k3 k4".split(), "k2 k3 k4 k5".split()
+"""Names of coefficients in OpenCV's order: radial-tangential ones, a fisheye's, and those as camodocal has them."""
 COLMAP = {
     "SIMPLE_PINHOLE": "f cx cy", "PINHOLE": "fx fy cx cy", "SIMPLE_RADIAL": "f cx cy k1", "RADIAL": "f cx cy k1 k2",
-    "OPENCV": "fx fy cx cy k1 k2 p1 p2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
-    "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "OPENCV": "fx fy cx cy k1 k2 p1 p2", "FULL_OPENCV": "fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6",
+    "SIMPLE_FISHEYE": "f cx cy", "FISHEYE": "fx fy cx cy", "SIMPLE_RADIAL_FISHEYE": "f cx cy k1",
+    "RADIAL_FISHEYE": "f cx cy k1 k2", "OPENCV_FISHEYE": "fx fy cx cy k1 k2 k3 k4",
 }  # fmt: skip
 """COLMAP's models and their parameters."""
+_INSTEAD = "calibrate with a radial-tangential model, or a fisheye of four coefficients, instead"
 _ANGLES, _AROUND = np.linspace(0.005, 1.4, 280), 48
 """Rays that are compared: their angles from the axis [rad], and how many there are about it."""
 _LEAST = 400  # of them must be in the image
-_WORST = 0.02  # a fit with a residual over this share of the image's width is refused
+_BENT = 0.9  # greatest K_d r^2 of the picture's corners, where 1 is a right angle from the axis
+_WORST = 0.02, 0.1  # a fit with a residual over this share of the image's width is refused; the same of a wide lens
 Straighten = Callable[[Frame], Frame]  # maps an image of a lens to that of equation 1, at the same time
 
 
@@ -43,8 +58,18 @@ class Lens(NamedTuple):
 
     size: tuple[int, int]  # width and height [px]
     fisheye: bool
-    matrix: np.ndarray  # (3, 3)
-    coefficients: np.ndarray  # (4,), (5,) or (8,); of a fisheye (4,)
+    matrix: np.ndarray  # (3, 3), may have skew
+    coefficients: np.ndarray  # (4,), (5,), (8,), (12,) or (14,); of a fisheye (4,)
+    note: str = ""  # which it is, where its file holds several, or names no model
+
+
+def _on_grid(lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rays (n, m, 2), their pixels (n, m, 2), and whether these move outwards up to there (n, m): the lens can fold."""
+    angle, around = np.meshgrid(_ANGLES, np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False), indexing="ij")
+    rays = np.tan(angle)[..., None] * np.stack((np.cos(around), np.sin(around)), axis=-1)
+    pixels = _projected(lens, rays)
+    radius = np.linalg.norm(pixels - lens.matrix[:2, 2], axis=-1)
+    return rays, pixels, np.logical_and.accumulate(np.diff(radius, axis=0, prepend=0.0) > 0.0, axis=0)
 
 
 def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
@@ -55,27 +80,29 @@ def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
         ModuleNotFoundError: OpenCV is not installed.
     """
     (width, height), centre = lens.size, lens.matrix[:2, 2]
-    angle, around = np.meshgrid(_ANGLES, np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False), indexing="ij")
-    rays = np.tan(angle)[..., None] * np.stack((np.cos(around), np.sin(around)), axis=-1)
-    pixels = _projected(lens, rays)
-    radius = np.linalg.norm(pixels - centre, axis=-1)
-    unfolded = np.logical_and.accumulate(np.diff(radius, axis=0, prepend=0.0) > 0.0, axis=0)
+    rays, pixels, unfolded = _on_grid(lens)
     seen = unfolded & (np.abs(pixels - 0.5 * np.array((width - 1, height - 1))) <= 0.5 * np.array(lens.size)).all(-1)
     if seen.sum() < _LEAST:
         raise ValueError(f"{where}: no lens that shows a picture has such numbers")
-    x, z, weight = rays[seen], pixels[seen], np.sqrt(radius[seen] / radius[seen].mean())  # alike for each pixel
+    x, z, radius = rays[seen], pixels[seen], np.linalg.norm(pixels[seen] - centre, axis=-1)
+    weight = np.sqrt(radius / radius.mean())  # alike for each pixel
 
-    def residual(p: np.ndarray) -> np.ndarray:
+    def residual(p: Sequence[float] | np.ndarray) -> np.ndarray:
         bent = 1.0 + p[3] * (x**2).sum(axis=1)  # K_d f^2, which has no unit
         return (weight[:, None] * (p[1:3] + p[0] * x / np.sqrt(np.maximum(bent, 1e-6))[:, None] - z)).ravel()
 
     first = np.array((0.5 * (lens.matrix[0, 0] + lens.matrix[1, 1]), *centre, 0.0))
     found = least_squares(residual, first, x_scale=(100.0, 10.0, 10.0, 0.1))
+    most = _BENT / float((np.maximum(centre, (width - 1, height - 1) - centre) ** 2).sum())
+    wide = bool(found.x[3] > most * found.x[0] ** 2)
+    if wide:
+        found = least_squares(lambda p: residual((*p, most * p[0] ** 2)), first[:3], x_scale=(100.0, 10.0, 10.0))
+        found.x = np.append(found.x, most * found.x[0] ** 2)
     f, u0, v0, bend = found.x.tolist()
     fields = dict(zip(Calibration._fields, (width, height, f, u0, v0, bend / f**2)))
     weighed = np.hypot(*found.fun.reshape(-1, 2).T)
     typical, greatest = float(np.sqrt(np.mean(weighed**2))), float(np.max(weighed / weight))
-    if typical > _WORST * width:
+    if typical > _WORST[wide] * width:
         raise ValueError(f"{where}: this is no lens that shows a picture, equation 1 is off by {typical:.1f} px (rms)")
     return calibration_from(fields, where), typical, greatest
 
@@ -84,16 +111,18 @@ def _projected(lens: Lens, rays: np.ndarray) -> np.ndarray:
     """Pixels (..., 2) of points at ``rays`` (..., 2) before the camera, x right and y down, at depth 1."""
     there = np.concatenate((rays, np.ones((*rays.shape[:-1], 1))), axis=-1).reshape(-1, 1, 3)
     project = opencv().fisheye.projectPoints if lens.fisheye else opencv().projectPoints
-    return project(there, np.zeros(3), np.zeros(3), lens.matrix, lens.coefficients)[0].reshape(rays.shape)
+    bent = project(there, np.zeros(3), np.zeros(3), np.eye(3), lens.coefficients)[0].reshape(rays.shape)
+    return bent @ lens.matrix[:2, :2].T + lens.matrix[:2, 2]  # OpenCV's own product leaves out the skew
 
 
 def straightening(lens: Lens, calibration: Calibration) -> Straighten:
     """What maps images of the ``lens`` to those of equation 1 with ``calibration``; black where there are none."""
-    width, height, f, u0, v0, distortion = calibration
-    bent = np.stack(np.meshgrid(np.arange(width) - u0, np.arange(height) - v0), axis=-1)
-    rays = bent / (f * np.sqrt(1.0 - distortion * (bent**2).sum(axis=-1, keepdims=True)))
+    rays = _rays(calibration)
+    pixels, last = _projected(lens, rays), np.array(lens.size) - 1.0
+    inside = (np.abs(pixels - 0.5 * last) <= 0.5 * (last + 1.0)).all(-1) & (np.hypot(*rays.T).T <= _reach(lens))
+    pixels = np.where(inside[..., None], np.clip(pixels, 0.0, last), -9.0)  # no edge is mixed with the black about it
     cv2 = opencv()
-    tables = cv2.convertMaps(_projected(lens, rays).astype(np.float32), None, cv2.CV_16SC2)
+    tables = cv2.convertMaps(pixels.astype(np.float32), None, cv2.CV_16SC2)
 
     def straighten(frame: Frame) -> Frame:
         calibration.check_image(frame[1])
@@ -102,112 +131,194 @@ def straightening(lens: Lens, calibration: Calibration) -> Straighten:
     return straighten
 
 
-def lens_from(path: str | Path) -> tuple[Calibration, Straighten]:
+def _rays(calibration: Calibration) -> np.ndarray:
+    """(H, W, 2) where the pixels' rays meet the plane at depth 1, x right and y down."""
+    width, height, f, u0, v0, distortion = calibration
+    bent = np.stack(np.meshgrid(np.arange(width) - u0, np.arange(height) - v0), axis=-1)
+    return bent / (f * np.sqrt(1.0 - distortion * (bent**2).sum(axis=-1, keepdims=True)))
+
+
+def _reach(lens: Lens) -> float:
+    """The tangent of the angle from the axis at which the lens folds; infinite where it does not."""
+    unfolded = _on_grid(lens)[2].all(axis=1)
+    return math.inf if unfolded.all() else math.tan(_ANGLES[max(int(unfolded.argmin()) - 1, 0)])
+
+
+def lens_from(path: str | Path, camera: str | None = None) -> tuple[Calibration, Straighten]:
     """The calibration in a file: ours in JSON (see `read_calibration`), or the nearest to another program's, with what
-    maps its images to it.
+    maps its images to it. Of several cameras it is the one that `read_lens` reads.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: it is damaged, or no lens has its numbers.
+        ValueError: it is damaged, or no lens has its numbers, or it holds no such ``camera``.
         ModuleNotFoundError: it is another program's, and OpenCV is not installed.
     """
-    if Path(path).suffix.lower() == ".json":
+    if Path(path).suffix.lower() == ".json" and not any(_cameras(read_object(path))):
         return read_calibration(path), lambda frame: frame
-    lens = read_lens(path)
+    lens = read_lens(path, camera)
     calibration, typical, greatest = fitted(lens, str(path))
-    kind = "fisheye" if lens.fisheye else "radial-tangential"
-    moved = (
-        f"each image is mapped from its {kind} lens to equation 1, by {typical:.2f} px (rms), {greatest:.2f} at most"
-    )
-    print(f"{path}: {moved}", file=sys.stderr, flush=True)
+    kind, reach = "fisheye" if lens.fisheye else "radial-tangential", _reach(lens)
+    moved = f"is mapped from its {kind} lens to equation 1, by {typical:.2f} px (rms), {greatest:.2f} at most"
+    if np.hypot(*_rays(calibration).T).max() > reach:
+        moved += f", and black beyond {math.degrees(math.atan(reach)):.0f} degrees, where its numbers fold"
+    print(f"{path}: {lens.note}each image {moved}", file=sys.stderr, flush=True)
     return calibration, straightening(lens, calibration)
 
 
-def read_lens(path: str | Path) -> Lens:
-    """The lens in OpenCV's or ROS's YAML, Kalibr's YAML (its first camera) or COLMAP's cameras.txt (its first).
+def read_lens(path: str | Path, camera: str | None = None) -> Lens:
+    """The lens of a ``camera`` in a calibration; without a name that of `cam0`, or of the first.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: nothing that is known is in it, or a number is missing.
+        ValueError: nothing that is known is in it, a number is missing, or it holds no such camera.
     """
-    text = text_of(path)
-    rows = (line.split() for line in text.splitlines())
-    first = next((row for row in rows if row and not row[0].startswith("#")), [])
+    text = text_of(path).lstrip("\ufeff")
+    rows = [line.split() for line in text.splitlines() if not line.lstrip().startswith("#") and line.strip()]
     try:
-        return _of_colmap(first) if len(first) > 3 and first[0].isdigit() else _of_yaml(text)
-    except (ValueError, IndexError, TypeError, OverflowError) as error:
-        raise ValueError(f"{path} holds no lens of OpenCV, ROS, Kalibr or COLMAP: {error}") from None
+        colmap = bool(rows) and len(rows[0]) > 3 and rows[0][0].isdigit()
+        found = (
+            {row[0]: row for row in rows} if colmap else next(filter(any, map(dict, map(_cameras, _parsed(text)))), {})
+        )
+        if not found:
+            raise ValueError("camera_matrix, intrinsics and fx are missing")
+        names = ", ".join(found)
+        name = "cam0" if "cam0" in found else next(iter(found))
+        if camera is not None:
+            name = next((n for n in found if n == camera or re.fullmatch(rf".*\D{re.escape(camera)}", n)), "")
+            if not name:
+                raise ValueError(f"--camera {camera} is not there; it holds {names}")
+        lens = _of_colmap(found[name]) if colmap else _of_fields(found[name])
+        return (
+            lens if camera or len(found) == 1 else lens._replace(note=f"{name} of {names}, see --camera; {lens.note}")
+        )
+    except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise ValueError(f"{path} holds no lens of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP: {error}") from None
 
 
 def _of_colmap(row: list[str]) -> Lens:
     """A line of cameras.txt: id, model, width, height, parameters; its first pixel's centre is (0.5, 0.5)."""
     if row[1] not in COLMAP:
-        raise ValueError(f"COLMAP's model {reprlib.repr(row[1])} is not known; known are {', '.join(COLMAP)}")
+        known = ", ".join(COLMAP)
+        raise ValueError(f"COLMAP's model {reprlib.repr(row[1])} is not known; known are {known}: {_INSTEAD}")
     names = COLMAP[row[1]].split()
     if len(row) != 4 + len(names):
         raise ValueError(f"{row[1]} has {len(names)} parameters ({', '.join(names)}), got {len(row) - 4}")
     values = dict(zip(names, map(float, row[4:])))
-    fx, fy = values.get("fx", values.get("f", 0.0)), values.get("fy", values.get("f", 0.0))
-    fisheye = row[1] == "OPENCV_FISHEYE"
-    order = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    return _checked(
-        row[2:4], fisheye, (fx, fy, values["cx"] - 0.5, values["cy"] - 0.5), [values.get(k, 0.0) for k in order]
-    )
+    fx, fy = (values.get(name, values.get("f", 0.0)) for name in ("fx", "fy"))
+    fisheye = row[1].endswith("FISHEYE")
+    coefficients = [values.get(name, 0.0) for name in (_FOUR if fisheye else _ORDER)]
+    return _checked(row[2:4], fisheye, _matrix(fx, fy, values["cx"] - 0.5, values["cy"] - 0.5), coefficients)
 
 
-def _of_yaml(text: str) -> Lens:
-    """The numbers after the names that these programs use, of the first camera."""
-    camera = _first_camera(text)
-    words = [str(camera[name]).lower().replace("-", "_") for name in _MODEL_FIELDS if name in camera]
-    words += ["xi"] if "xi" in camera else []  # OpenCV's omnidirectional lens has no word, but this number
-    if unknown := [word for word in words if word not in RADIAL + FISHEYE]:
-        raise ValueError(f"the model {reprlib.repr(unknown[0])} is not known; known are {', '.join(RADIAL + FISHEYE)}")
-    fisheye = any(word in FISHEYE for word in words)
-    if "intrinsics" in camera:  # Kalibr
-        resolution, intrinsics = _list(camera, "resolution"), _list(camera, "intrinsics")
-        return _checked(resolution, fisheye, intrinsics, _list(camera, "distortion_coeffs"))
-    K = _list(camera, *_MATRICES)
-    if len(K) != 9:
-        raise ValueError(f"camera_matrix needs 9 numbers, got {len(K)}")
-    if abs(K[1]) > 1e-3 or (K[3], *K[6:]) != (0.0, 0.0, 0.0, 1.0):
-        raise ValueError(f"camera_matrix must be fx 0 cx, 0 fy cy, 0 0 1, without skew, got {K}")
-    size = [_list(camera, f"image_{side}", f"image_{side.title()}")[0] for side in ("width", "height")]
-    coefficients = _list(camera, "distortion_coefficients", "Distortion_Coefficients", "D")
-    return _checked(size, fisheye, (K[0], K[4], K[2], K[5]), coefficients)
+def _key(name: object) -> str:
+    """The name in small letters and digits: programs write cameraMatrix, Camera_Matrix and camera_matrix."""
+    return re.sub(r"[^a-z0-9]", "", str(name).lower())
 
 
-def _first_camera(text: str) -> dict[str, Any]:
-    """The fields of the first camera in YAML, all as text: of `cam0`, of the file, or of the first part with a lens."""
+def _parsed(text: str) -> list[Any]:
+    """The documents of a text in JSON, OpenCV's XML or YAML; their leaves are texts, or numbers where it is JSON."""
     import yaml
 
+    def of_xml(node: ElementTree.Element) -> Any:
+        return {part.tag: of_xml(part) for part in node} if len(node) else (node.text or "").split()
+
     try:
-        whole = yaml.load(re.sub(r"^%.*", "", text), yaml.BaseLoader)
-    except (yaml.YAMLError, RecursionError) as error:
-        raise ValueError(f"it is no YAML: {' '.join(str(error).split())[:200]}") from None
-    fields = whole if isinstance(whole, dict) else {}
-    for part in (fields.get("cam0"), fields, *fields.values()):
-        if isinstance(part, dict) and not part.keys().isdisjoint(("intrinsics", *_MATRICES)):
-            return fields | part  # some name the model, or the size, outside
-    raise ValueError("camera_matrix is missing")
+        if text.lstrip().startswith("<?xml"):
+            return [of_xml(ElementTree.fromstring(text))]
+        if text.lstrip().startswith("{"):
+            return [json.loads(text)]
+        return list(yaml.load_all(re.sub(r"^%.*", "", text), yaml.BaseLoader))
+    except (ValueError, ElementTree.ParseError, yaml.YAMLError, RecursionError) as error:
+        raise ValueError(f"it is no YAML, JSON or XML: {' '.join(str(error).split())[:200]}") from None
 
 
-def _list(camera: dict[str, Any], *names: str) -> list[float]:
-    """The number, or the numbers, of the first of these names, as they are or in its field `data`."""
-    found: Any = next((camera[name] for name in names if name in camera), None)
-    if found is None:
-        raise ValueError(f"{names[0]} is missing")
+def _cameras(part: Any, name: str = "", outer: dict[str, Any] | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The cameras in nested fields, by name; some programs name the model, or the size, in fields about them."""
+    outer = outer or {}
+    if isinstance(part, list):
+        sizes = outer.get("resolution", ())  # Basalt's: one for each camera
+        for k, one in enumerate(part):
+            yield from _cameras(one, f"{name}.{k}", {**outer, "resolution": sizes[k]} if sizes else outer)
+    if not isinstance(part, dict):
+        return
+    nested = dict[str, Any]()
+    for path, value in part.items():  # ORB-SLAM's Camera1.fx
+        first, dot, rest = str(path).partition(".")
+        nested[first] = {**nested.get(first, {}), rest: value} if dot else value
+    own = {_key(key): value for key, value in nested.items()}
+    lists = [own[key] for key in ("intrinsics", *_MATRICES) if isinstance(own.get(key), list | dict)]
+    if not own.keys().isdisjoint(("fx", "flx", *_PARTS[1:])) or any(x and not isinstance([*x][0], dict) for x in lists):
+        yield name or "0", outer | own
+        return
+    common = own["camera"] if "camera1" in own else {}
+    outer = outer | {key: value for key, value in own.items() if key == "resolution" or not isinstance(value, list)}
+    outer |= {_key(key): value for key, value in common.items()}
+    for key, value in nested.items():
+        yield from _cameras(value, f"{name}.{key}".lstrip("."), outer)
+
+
+def _of_fields(camera: dict[str, Any]) -> Lens:
+    """The lens of a camera's fields, by the names that these programs use."""
+    for part in _PARTS:
+        if isinstance(camera.get(part), dict) and "data" not in camera[part]:
+            camera = camera | {_key(key): value for key, value in camera[part].items()}
+    words = {_key(camera[name]): camera[name] for name in _MODEL_FIELDS if name in camera}
+    words |= {"xi": "with xi"} if "xi" in camera else {}  # OpenCV's omnidirectional lens has no word
+    if "flx" in camera:
+        raise ValueError("transforms.json does not tell where its pixels are counted from: take COLMAP's cameras.txt")
+    if unknown := [word for key, word in words.items() if key not in (*EITHER, *RADIAL, *FISHEYE)]:
+        raise ValueError(f"the model {reprlib.repr(unknown[0])} is not known: {_INSTEAD}")
+    fisheye = not words.keys().isdisjoint(FISHEYE)
+    if fisheye and not words.keys().isdisjoint(RADIAL):
+        raise ValueError(f"its models contradict each other: {', '.join(map(str, words.values()))}")
+    size = _numbers(camera, "resolution") or [x for names in _SIDES for x in _numbers(camera, *names)]
+    single = [x for names in _FOCI for x in _numbers(camera, *names)]
+    four = single or _numbers(camera, "intrinsics")
+    K = _matrix(*four) if len(four) == 4 else four or _numbers(camera, *_MATRICES)
+    order = _KANNALA if "mu" in camera else _FOUR if fisheye else _ORDER
+    named = {name: value for name in camera if re.fullmatch(r"[kps]\d", name) for value in _numbers(camera, name)}
+    if stray := [name for name, value in named.items() if value and name not in order]:
+        raise ValueError(f"{stray[0]} is no coefficient of its model, which has {', '.join(order)}")
+    coefficients = _numbers(camera, *_LISTS) or ([named.get(name, 0.0) for name in order] if named else [])
+    told = not camera.keys().isdisjoint(_LISTS) or "none" in words
+    if not coefficients and (fisheye or not (single or told)):
+        raise ValueError("its coefficients are missing (distortion_model none has none)")
+    if any(coefficients) and "none" in words:
+        raise ValueError("it names no distortion, and has coefficients")
+    if any(float(camera.get(f"binning{axis}", 0)) > 1.0 for axis in "xy"):
+        raise ValueError("its images are binned: calibrate the binned images, or set binning_x and binning_y to 1")
+    roi = {_key(key): value for key, value in (camera.get("roi") or {}).items()}
+    if size_shown := [x for names in _SIDES for x in _numbers(roi, *names) if x]:
+        size, corner = size_shown, [x for name in ("xoffset", "yoffset") for x in _numbers(roi, name)]
+        K = (np.reshape(K, (3, 3)) - np.pad(np.reshape(corner, (2, 1)), ((0, 1), (2, 0)))).ravel().tolist()
+    lens = _checked(size, fisheye, K, coefficients)
+    return lens if words or not any(coefficients) else lens._replace(note="it names no model; ")
+
+
+def _numbers(camera: dict[str, Any], *names: str) -> list[float]:
+    """The number, or the numbers, of the first of these names, as they are or in its field `data`; none: it lacks."""
+    found: Any = next((camera[name] for name in names if name in camera), [])
     return np.ravel(np.array(found.get("data") if isinstance(found, dict) else found, float)).tolist()
 
 
-def _checked(size: Any, fisheye: bool, intrinsics: Any, coefficients: list[float]) -> Lens:
+def _matrix(fx: float, fy: float, cx: float, cy: float) -> list[float]:
+    return [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+
+
+def _checked(size: Any, fisheye: bool, K: list[float], coefficients: list[float]) -> Lens:
     """The lens of these numbers; a ValueError where there are not as many as there should be."""
-    if len(size) != 2 or len(intrinsics) != 4:
-        raise ValueError("it needs two numbers for the size and four for focal lengths and principal point")
-    if len(coefficients) not in ((4,) if fisheye else (4, 5, 8)):
-        raise ValueError(f"{len(coefficients)} coefficients; known are 4, 5 and 8, and 4 of a fisheye")
-    fx, fy, cx, cy = map(float, intrinsics)
-    matrix = np.array(((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0)))
-    numbers = np.array((*matrix.ravel(), *coefficients))
-    if not np.isfinite(numbers).all() or min(fx, fy) <= 0.0:
+    if len(size) != 2 or len(K) != 9:
+        raise ValueError("it needs two numbers for the size, and four or a 3 x 3 matrix for focal length and centre")
+    if (K[3], *K[6:]) != (0.0, 0.0, 0.0, 1.0):
+        raise ValueError(f"camera_matrix must be fx skew cx, 0 fy cy, 0 0 1, got {K}")
+    count = len(np.trim_zeros(coefficients, "b"))  # zeros at the end are none
+    room = next((room for room in ((4,) if fisheye else (4, 5, 8, 12, 14)) if room >= count), 0)
+    if not room or 0 < len(coefficients) < 4:
+        raise ValueError(f"{len(coefficients)} coefficients; known are 4, 5, 8, 12 and 14, and 4 of a fisheye")
+    numbers = np.array((*K, *coefficients[:room], *[0.0] * (room - len(coefficients))))
+    if not np.isfinite(numbers).all() or min(K[0], K[4]) <= 0.0:
         raise ValueError("its numbers must be finite, and its focal lengths positive")
-    return Lens((int(float(size[0])), int(float(size[1]))), fisheye, matrix, np.array(coefficients))
+    width, height = (int(float(side)) for side in size)
+    if (width, height) != tuple(map(float, size)):
+        raise ValueError(f"its size must be whole numbers of pixels, got {size}")
+    return Lens((width, height), fisheye, numbers[:9].reshape(3, 3), numbers[9:])

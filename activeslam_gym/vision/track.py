@@ -194,9 +194,11 @@ def track(
     covariance: str | Path | None = None,
     keep_lost: bool = False,
     features: int = FEATURES,
+    camera: str | None = None,
 ) -> tuple[Track, str]:
     """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
-    the images with their ellipses beside the map, film.mp4. Returns the track and advice on what was lost.
+    the images with their ellipses beside the map, film.mp4. Returns the track and advice on what was lost. Of several
+    cameras in ``calibration`` it is ``camera``, see `read_lens`.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -206,7 +208,7 @@ def track(
     opencv()
     folder, diagnosis = Path(out), Diagnosis()
     with argument("calibration"):
-        lens, straighten = lens_from(calibration)
+        lens, straighten = lens_from(calibration, camera)
     with argument("target"):
         known = None if target is None else read_target(target)
     with argument("images", SourceError):

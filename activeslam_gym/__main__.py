@@ -73,11 +73,12 @@ def _add_track(commands: Any) -> None:
         "Needs the extra `vision`.",
     )
     one.set_defaults(run=_track)
-    one.add_argument("--images", required=True, help="a folder, a pattern in quotes, a video, or camera:0")
+    one.add_argument("--images", required=True, help="a folder, a pattern in quotes, a list, a video, or camera:0")
     one.add_argument("--calibration", required=True, help=_LENS)
     one.add_argument("--camera", help=_CAMERA)
     one.add_argument("--target", help="JSON file with what the first image shows; without one the scale is free")
-    one.add_argument("--rate", type=float, default=30.0, help=f"images a second {_DEFAULT}")
+    one.add_argument("--rate", type=float, help="images a second (default: by their own times, else 30)")
+    one.add_argument("--times", metavar="FILE", help="their times: TUM's rgb.txt, EuRoC's data.csv, or one a line")
     one.add_argument("--out", required=True, help="folder for trajectory.tum, map.csv and frames.csv")
     one.add_argument("--features", type=int, default=FEATURES, help=f"most features of the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
@@ -138,7 +139,7 @@ def _track(args: argparse.Namespace) -> Ending:
     from activeslam_gym.vision.track import summary, track
 
     files = args.images, args.calibration, args.target, args.rate, args.out
-    done, advice = track(*files, args.film, args.covariance, args.keep_lost, args.features, args.camera)
+    done, advice = track(*files, args.film, args.covariance, args.keep_lost, args.features, args.camera, args.times)
     print(f"{summary(done)}; results in {args.out}")
     tracked, early = len(done.lost) - int(done.lost.sum()), done.trouble and f"ended early: {done.trouble}"
     if 2 * tracked < len(done.lost):

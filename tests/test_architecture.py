@@ -84,8 +84,12 @@ PANELS = "activeslam_gym.rendering.panels"
 DRAWING = {"matplotlib", "PIL", "pygame", "cv2"}
 """Imported by ``activeslam_gym.rendering`` alone within ``activeslam_gym``, inside functions too."""
 
-PICTURES = {"activeslam_gym.vision.opencv": {"cv2"}, "activeslam_gym.live.model": {"PIL"}}
-"""The exceptions: OpenCV, which `vision` reads images with, and says the extra's name where it is missing; and Pillow,
+PICTURES = {
+    "activeslam_gym.vision.opencv": {"cv2"},
+    "activeslam_gym.live.model": {"PIL"},
+    "activeslam_gym.vision.sources": {"PIL"},
+}
+"""The exceptions: OpenCV, and that says the extra's name where it is missing; and Pillow, which reads pictures, and
 whose images are the textures of trimesh."""
 
 

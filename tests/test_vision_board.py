@@ -1,7 +1,5 @@
 """The lens from pictures of a board, and a live camera."""
 
-from unittest.mock import Mock
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -214,18 +212,6 @@ def test_hidden_files_and_folders_are_no_images_and_other_endings_are_told(tmp_p
     (tmp_path / "3.heic").write_bytes(b"")
     assert len(list(open_images(tmp_path, 30.0))) == 2 and ".heic" in capsys.readouterr().err
     assert len(list(open_images(f"{tmp_path}/*.png", 30.0))) == 1
-
-
-def test_a_video_that_announces_too_many_images_is_read_to_its_end(tmp_path, capsys, monkeypatch) -> None:
-    writer = cv2.VideoWriter(str(tmp_path / "a.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, FLAT.shape[::-1], False)
-    for _ in range(5):
-        writer.write(FLAT)
-    writer.release()
-    capture = cv2.VideoCapture(str(tmp_path / "a.avi"))
-    announcing = Mock(wraps=capture, **{"get.side_effect": lambda field: capture.get(field) + 30.0})
-    monkeypatch.setattr(cv2, "VideoCapture", lambda name: announcing)
-    assert len(list(open_images(tmp_path / "a.avi", 30.0))) == 5
-    assert "announces 35 images and holds 5" in capsys.readouterr().err
 
 
 class Stopping:

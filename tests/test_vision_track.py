@@ -104,17 +104,6 @@ def test_a_folder_and_a_pattern_give_times_and_images(tmp_path) -> None:
         assert [int(image[0, 0]) for _, image in frames] == [0, 10, 20]
 
 
-def test_a_video_is_read(tmp_path) -> None:
-    path = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"FFV1"), 30.0, (32, 24), False)
-    if not writer.isOpened():
-        pytest.skip("this OpenCV writes no FFV1")
-    for k in range(4):
-        writer.write(np.full((24, 32), 20 * k, np.uint8))
-    writer.release()
-    assert [int(image[3, 3]) for _, image in open_images(path, 30.0)] == [0, 20, 40, 60]
-
-
 @pytest.mark.parametrize(
     ("name", "word"),
     [("none.mp4", "there is no"), ("empty", "no picture"), ("*.bmp", "pattern"), ("film.mp4", "video")],
@@ -132,7 +121,7 @@ def test_an_unreadable_source_is_named(name, word, tmp_path) -> None:
     "bad, word",
     [
         (np.zeros((20, 32), np.uint8), "32 x 20"),
-        (np.zeros((24, 32), np.uint16), "uint16"),
+        (np.zeros((24, 32), np.uint16), "I;16"),
     ],
 )
 def test_images_before_a_bad_one_are_handed_out(tmp_path, bad, word) -> None:

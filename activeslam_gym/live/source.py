@@ -1,6 +1,7 @@
 """Sources of images: a rendered room with a simulated person, a recorded sequence, or a camera in the hand."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.room.camera import RoomCamera, introduce_target
 from activeslam_gym.vision.settings import FEATURES, SIGHTED
-from activeslam_gym.vision.sources import CAMERA, Frame, open_images
+from activeslam_gym.vision.sources import CAMERA, Frame, images_of
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import HAND_HELD, start
 
@@ -94,7 +95,7 @@ class RenderedRoom:
 
 
 class Sequence:
-    """A recorded sequence at its own ``rate``, or a live camera, as `open_images` reads it, before a known target."""
+    """A recorded sequence at its own ``rate``, or a live camera, as `images_of` reads it, before a known target."""
 
     person = None
 
@@ -105,13 +106,16 @@ class Sequence:
         """A live camera's images come at their own times, and at first may not show the target."""
         self._calibration, self._straighten = lens_from(calibration, camera)
         self._target, self._rate = read_target(target), rate
-        self._images = open_images(images, rate)
+        self._images = self._opened()
         self._fields, self.scenario = posed(self._calibration, rate)
 
     def restart(self) -> None:
         """Start again. Raises ValueError: there is no image."""
         if not self.is_camera:
-            self._images = open_images(self.name, self._rate)
+            self._images = self._opened()
+
+    def _opened(self) -> Iterator[Frame]:
+        return images_of(self.name, self._rate, size=self._calibration[:2]).frames
 
     def next(self) -> Frame | None:
         """The next image, or None. Raises ValueError: it cannot be read."""

@@ -23,7 +23,7 @@ from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.sources import SourceError, image_count, open_images
+from activeslam_gym.vision.sources import SourceError, images_of, open_images
 from activeslam_gym.vision.target import CHARUCO, Board
 
 KINDS = ("chessboard", CHARUCO)
@@ -214,8 +214,9 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
         if Path(out).is_dir():
             raise ValueError(f"{out} is a folder; allowed: a file")
     with argument("images", SourceError):
-        every = 1 + max((image_count(images) or 0) - 1, 0) // _ENOUGH
-        for number, (_, image) in islice(enumerate(open_images(images, 1.0)), 0, None, every):
+        source = images_of(images)
+        every = 1 + max((source.count or 0) - 1, 0) // _ENOUGH
+        for number, (_, image) in islice(enumerate(source.frames), 0, None, every):
             shape = image.shape
             if (view := find_board(image, kind, columns, rows)) is not None:
                 views.append(view)
@@ -233,7 +234,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
 
 def _hint(images: str | Path, kind: str, columns: int, rows: int) -> str:
     """The size of the board that the first pictures show, if it is another than that given."""
-    sizes = Counter(_size_seen(image, kind, columns, rows) for _, image in islice(open_images(images, 1.0), _LOOKED_AT))
+    sizes = Counter(_size_seen(image, kind, columns, rows) for _, image in islice(open_images(images), _LOOKED_AT))
     sizes[None] = 0
     size, count = sizes.most_common(1)[0]
     if size is None or size == (columns, rows) or count < LEAST_PICTURES:

@@ -1,137 +1,284 @@
-"""Sources of images: a folder, a pattern, a video, a live camera. Each is an iterator of `Frame`."""
+"""Sources of images: a folder, a pattern, a list, a video, a live camera. Each is an iterator of `Frame`.
+
+Pictures are as their sensor stored them, since the lens belongs to the sensor. A tag that asks a viewer to turn them is
+followed only where the lens is of the turned size.
+"""
 
 import glob
+import itertools
 import math
+import re
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from itertools import chain
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from activeslam_gym.files import text_of
 from activeslam_gym.vision.opencv import opencv
 
 Frame = tuple[float, np.ndarray]
 """Time [s] and grey image (h, w) uint8."""
 PICTURES = (".png", ".pgm", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pnm", ".jp2")
 """Endings of the pictures that a folder is searched for."""
+LISTS = (".txt", ".csv")
+"""Endings of files with times, and names, of images."""
 CAMERA = "camera:"
 """The name of a live camera begins with it; its number follows."""
+USUAL_RATE = 30.0
+"""Images a second [Hz] where nothing tells."""
+_TURNS = {6: -1, 8: 1}  # quarter turns to the left of EXIF's Orientation
+_CLOCK = 1e8  # a name with a number over it is a time [s] ...
+_NANOSECONDS = 1e17  # ... and over it one in nanoseconds
 
 
 class SourceError(ValueError):
     """Images are missing or are not as they should be. Those before have been handed out and stay valid."""
 
 
-def open_images(path: str | Path, rate: float) -> Iterator[Frame]:
-    """The images of the source ``path``, ``rate`` [Hz] a second: a folder, a pattern (``shots/*.png``) or a video; or
-    of the live camera ``camera:0``, in grey, with the times at which they came.
+class Images(NamedTuple):
+    """The images of a source, from time 0 on."""
+
+    frames: Iterator[Frame]
+    rate: float  # images a second [Hz]
+    count: int | None  # of images, or about so many; None: unknown
+    origin: float = 0.0  # time of the first image in the source's own clock [s]
+
+
+class _Stored(NamedTuple):
+    """An image as it is stored."""
+
+    name: str
+    time: float | None  # [s]
+    pixels: np.ndarray  # (h, w) grey or (h, w, 3) red, green, blue
+    tag: str = ""  # that asks to turn it
+    turns: int = 0  # by so many quarters, to the left
+
+
+def open_images(path: str | Path, rate: float | None = None) -> Iterator[Frame]:
+    """The frames of `images_of`."""
+    return images_of(path, rate).frames
+
+
+def images_of(
+    path: str | Path, rate: float | None = None, times: str | Path | None = None, size: tuple[int, int] | None = None
+) -> Images:
+    """The images of the source ``path``: a folder, a pattern (``shots/*.png``), a list (TUM's rgb.txt, EuRoC's
+    data.csv), a video, or the live camera ``camera:0``, in grey.
+
+    Their times are those in the file ``times`` or the list, or ``rate`` [Hz] a second, or the video's own or those in
+    the pictures' names, or `USUAL_RATE` a second. The lens is of ``size`` (width, height) [px].
 
     Raises:
         SourceError: there is nothing there (said at once), or an image is unreadable or of another size than the
             first (said when it is reached).
-        ValueError: ``rate`` is not positive and finite.
-        ModuleNotFoundError: OpenCV is not installed.
+        ValueError: ``rate`` is not positive and finite, or ``times`` is no list of times.
+        ModuleNotFoundError: PyAV, for a video, or OpenCV is not installed.
     """
-    if not 0.0 < rate < math.inf:
+    if rate is not None and not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
-    frames = _live(str(path)) if str(path).startswith(CAMERA) else _timed(_stored(path), rate)
-    return chain([next(frames)], frames)  # so that errors come at once
+    if str(path).startswith(CAMERA):
+        return Images(_begun(_live(str(path))), rate or USUAL_RATE, None)
+    file, kind, own = Path(path), Path(path).suffix.lower(), None
+    rows = read_times(times or path) if times or kind in LISTS else []
+    stamps = [stamp for stamp, _ in rows]
+    if file.is_file() and kind not in LISTS + PICTURES:
+        stored, own, count = _video(file)
+    else:
+        files = _picture_files(path, rows)
+        if times is not None:
+            files, stamps = _at_times(files, rows, times)
+        elif rate is None and not rows:
+            stamps = _times_in([file.stem for file in files])
+        stored, count = _pictures(files), len(files)
+    if len(stamps) > 1:
+        steps = np.diff(stamps)
+        if steps.min() <= 0.0:
+            raise ValueError(f"{times or path}: times must increase, and time {steps.argmin() + 2} does not")
+        own = 1.0 / float(np.median(steps))
+    if rate and own and abs(rate / own - 1.0) > 0.02:
+        print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}", file=sys.stderr)
+    elif stamps and not rows:
+        print(f"{path}: {own or 0.0:.2f} images a second, by the times in their names", file=sys.stderr)
+    usual = rate or own or USUAL_RATE
+    clock = None if own and not stamps and not rate else iter(stamps or (k / usual for k in itertools.count()))
+    return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0)
 
 
-def _stored(path: str | Path) -> Iterator[tuple[str, np.ndarray]]:
-    """The images of a folder, a pattern or a video with their names."""
-    if Path(path).is_file():
-        return _video(Path(path))
-    files = _picture_files(path)
-    if Path(path).is_dir():
-        if files and (others := sorted({file.suffix for file in _shown(Path(path).iterdir()) if file not in files})):
+def read_times(path: str | Path) -> list[tuple[float, str]]:
+    """Times [s] and names of images, a line each, as TUM's rgb.txt, EuRoC's data.csv (in ns) or bare times have them.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: a line does not begin with a time.
+    """
+    rows = list[tuple[float, str]]()
+    for number, line in enumerate(text_of(path, 2**24).splitlines(), 1):
+        stamp, _, name = line.strip().replace(",", " ").partition(" ")
+        if not stamp or stamp.startswith("#"):
+            continue
+        try:
+            rows.append((_seconds(float(stamp)), name.split()[0] if name.strip() else ""))
+        except ValueError:
+            raise ValueError(f"{path}: line {number} must begin with a time, got {line[:60]!r}") from None
+    if not rows:
+        raise ValueError(f"{path} holds no time")
+    return rows
+
+
+def _seconds(time: float) -> float:
+    """The time in seconds, which may be in nanoseconds."""
+    if not abs(time) < math.inf:
+        raise ValueError
+    return 1e-9 * time if time > _NANOSECONDS else time
+
+
+def _times_in(names: list[str]) -> list[float]:
+    """The times in pictures' names, where all have one of TUM's or EuRoC's kind."""
+    numbers = [float(name) for name in names if re.fullmatch(r"\d+(\.\d+)?", name)]
+    return [_seconds(x) for x in numbers] if min(numbers, default=0.0) > _CLOCK and len(numbers) == len(names) else []
+
+
+def _at_times(files: list[Path], rows: list[tuple[float, str]], times: str | Path) -> tuple[list[Path], list[float]]:
+    """The ``files`` that are named in the ``rows`` of ``times``, or all, and their times."""
+    if all(name for _, name in rows):
+        known = {file.name: file for file in files}
+        rows = [(stamp, Path(name).name) for stamp, name in rows if Path(name).name in known]
+        if len(rows) < len(files):
+            print(f"{times} names {len(rows)} of {len(files)} images, which are used", file=sys.stderr)
+        files = [known[name] for _, name in rows]
+    if len(rows) != len(files) or not rows:
+        raise ValueError(f"{times} has {len(rows)} times, and there are {len(files)} images")
+    return files, [stamp for stamp, _ in rows]
+
+
+def _picture_files(path: str | Path, rows: list[tuple[float, str]]) -> list[Path]:
+    """The pictures in a folder, those that match a pattern, or in the ``rows`` of a list.
+
+    Raises:
+        SourceError: there are none.
+    """
+    folder = Path(path)
+    if folder.is_file() and folder.suffix.lower() in LISTS:
+        beside = ((folder.parent / name, folder.parent / "data" / name) for _, name in rows)
+        return [near if near.is_file() else inside for near, inside in beside]
+    if folder.is_file():
+        return [folder]
+    if folder.is_dir():
+        shown = _shown(folder.iterdir())
+        files = [file for file in shown if file.suffix.lower() in PICTURES]
+        if files and (others := sorted({file.suffix for file in shown if file not in files})):
             print(f"{path}: left out: files that end with {', '.join(others)}", file=sys.stderr)
-        return _pictures(files, f"the folder {path} holds no picture ({', '.join(PICTURES)})")
-    if glob.has_magic(str(path)):
-        return _pictures(files, f"nothing matches the pattern {path}")
-    raise SourceError(f"there is no {path}; allowed: a folder, a pattern, a video, or {CAMERA}0")
-
-
-def image_count(path: str | Path) -> int | None:
-    """How many images the source ``path`` has, or None where that is unknown: a live camera, some videos."""
-    if not Path(path).is_file():
-        return len(_picture_files(path)) or None
-    cv2 = opencv()
-    return max(int(cv2.VideoCapture(str(path)).get(cv2.CAP_PROP_FRAME_COUNT)), 0) or None
-
-
-def _picture_files(path: str | Path) -> list[Path]:
-    """The pictures in a folder, or those that match a pattern."""
-    if Path(path).is_dir():
-        return [file for file in _shown(Path(path).iterdir()) if file.suffix.lower() in PICTURES]
-    return _shown(map(Path, glob.glob(str(path))))
+        nothing = f"the folder {path} holds no picture ({', '.join(PICTURES)})"
+    else:
+        files, nothing = _shown(map(Path, glob.glob(str(path)))), f"nothing matches the pattern {path}"
+        if not glob.has_magic(str(path)):
+            nothing = f"there is no {path}; allowed: a folder, a pattern, a list, a video, or {CAMERA}0"
+    if not files:
+        raise SourceError(nothing)
+    return files
 
 
 def _shown(paths: Iterable[Path]) -> list[Path]:
-    """The files among ``paths``, sorted, without the hidden ones."""
-    return sorted(path for path in paths if not path.name.startswith(".") and not path.is_dir())
+    """The files among ``paths`` that are not hidden, in the order of the numbers in their names."""
+
+    def order(path: Path) -> list[Any]:
+        return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
+
+    return sorted((path for path in paths if not path.name.startswith(".") and not path.is_dir()), key=order)
 
 
-def _timed(images: Iterator[tuple[str, np.ndarray]], rate: float) -> Iterator[Frame]:
-    """The images with their times, each grey and of the first one's size."""
-    shape = None
-    for k, (name, image) in enumerate(images):
-        grey = _grey(image, name)
-        shape = shape or grey.shape
+def _begun(frames: Iterator[Frame]) -> Iterator[Frame]:
+    """The same, so that errors of the first come at once."""
+    return itertools.chain([next(frames)], frames)
+
+
+def _timed(images: Iterator[_Stored], clock: Iterator[float] | None, size: tuple[int, int] | None) -> Iterator[Frame]:
+    """The images with their times, from 0 on, by the ``clock`` or their own; each grey and of the first one's size."""
+    shape, first, last = None, 0.0, -math.inf
+    for name, own, pixels, tag, turns in images:
+        if turns and size not in (None, pixels.shape[1::-1]) and size == pixels.shape[:2]:
+            pixels = np.rot90(pixels, turns)
+        elif tag and shape is None:
+            print(f"{name}: its {tag} is not followed: the lens is of the picture as it is stored", file=sys.stderr)
+        grey, stamp = _grey(pixels), own if clock is None else next(clock, None)
+        if shape is None:
+            shape, first = grey.shape, stamp or 0.0
         if grey.shape != shape:
             now, then = (f"{w} x {h}" for h, w in (grey.shape, shape))
             raise SourceError(f"{name} is of {now} pixels, the first image of {then}")
-        yield k / rate, grey
+        if stamp is None or stamp <= last:
+            raise SourceError(f"{name} has no time after that of the image before: give --rate, or more --times")
+        last = stamp
+        yield stamp - first, grey
 
 
-def _grey(image: np.ndarray, name: str) -> np.ndarray:
-    """The image (h, w) uint8: of colours the luminance, and of three equal channels exactly their value.
-
-    Raises:
-        SourceError: it has no 8 bits.
-    """
-    if image.dtype != np.uint8:
-        raise SourceError(f"{name} has {image.dtype} pixels; 8-bit grey is needed")
-    if image.ndim == 2:
-        return image
-    if (image[:, :, 1:3] == image[:, :, :1]).all():
-        return np.ascontiguousarray(image[:, :, 0])
+def _grey(pixels: np.ndarray) -> np.ndarray:
+    """(h, w) uint8: of colours the luminance, and of three equal channels exactly their value."""
+    if pixels.ndim == 2:
+        return np.ascontiguousarray(pixels)
+    if (pixels[:, :, 1:] == pixels[:, :, :1]).all():
+        return np.ascontiguousarray(pixels[:, :, 0])
     cv2 = opencv()
-    return cv2.cvtColor(np.ascontiguousarray(image[:, :, :3]), cv2.COLOR_BGR2GRAY)
+    return cv2.cvtColor(np.ascontiguousarray(pixels), cv2.COLOR_RGB2GRAY)
 
 
-def _pictures(files: list[Path], nothing: str) -> Iterator[tuple[str, np.ndarray]]:
-    if not files:
-        raise SourceError(nothing)
-    cv2 = opencv()
+def _pictures(files: list[Path]) -> Iterator[_Stored]:
+    from PIL import Image
+
     for file in files:
         try:
-            image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-        except cv2.error:  # it has more pixels than OpenCV reads
-            image = None
-        if image is None:
-            raise SourceError(f"{file} cannot be read as a picture")
-        yield file.name, image
+            with Image.open(file) as image:
+                kind, pages = image.mode, getattr(image, "n_frames", 1) if image.format != "MPO" else 1
+                tag = image.getexif().get(0x0112, 1)
+                pixels = np.array(image.convert("L" if kind in ("1", "L", "LA", "La") else "RGB"))
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+            raise SourceError(f"{file} cannot be read as a picture") from None
+        if kind[0] in "IF":
+            raise SourceError(f"{file} has {kind} pixels; 8 bits a channel are needed")
+        if pages > 1:
+            raise SourceError(f"{file} holds {pages} pages; one picture a file is needed")
+        yield _Stored(file.name, None, pixels, f"EXIF Orientation {tag}" if tag != 1 else "", _TURNS.get(tag, 0))
 
 
-def _video(path: Path) -> Iterator[tuple[str, np.ndarray]]:
-    cv2 = opencv()
-    capture, count = cv2.VideoCapture(str(path)), 0
+def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
+    """The images of a video with their times, its images a second, and about how many there are."""
     try:
-        if not capture.isOpened():
-            why = "it is empty" if path.stat().st_size == 0 else "it is damaged, or its codec is unknown to OpenCV"
-            raise SourceError(f"{path} cannot be read as a video: {why}")
-        while (frame := capture.read())[0]:
-            yield f"image {count} of {path.name}", frame[1]
-            count += 1
+        import av
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError("PyAV is needed for videos: pip install av") from None
+    try:
+        container = av.open(str(path))
+        stream = container.streams.video[0]
+    except (av.error.FFmpegError, OSError, IndexError):
+        why = "it is empty" if path.stat().st_size == 0 else "it is damaged, or its codec is unknown"
+        raise SourceError(f"{path} cannot be read as a video: {why}") from None
+    stream.thread_type = "AUTO"
+    rate = float(stream.average_rate or 0.0) or None
+    length = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / av.time_base
+
+    def images() -> Iterator[_Stored]:
+        count, last, damage = 0, 0.0, ""
+        try:
+            for count, frame in enumerate(container.decode(stream), 1):
+                grey = frame.format.name.startswith("gray")
+                pixels, last = frame.to_ndarray(format="gray" if grey else "rgb24"), frame.time or last
+                tag = f"rotation of {frame.rotation} degrees" if frame.rotation else ""
+                name = f"image {count - 1} of {path.name}"
+                yield _Stored(name, frame.time, pixels, tag, round(frame.rotation / 90) % 4)
+        except av.error.FFmpegError as error:
+            damage = f" ({error})"
+        finally:
+            container.close()
         if count == 0:
-            raise SourceError(f"{path} holds no image that can be read")
-        if count < (announced := int(capture.get(cv2.CAP_PROP_FRAME_COUNT))):
-            print(f"{path} announces {announced} images and holds {count}: is its end cut off?", file=sys.stderr)
-    finally:
-        capture.release()
+            raise SourceError(f"{path} holds no image that can be read{damage}")
+        if damage or (rate and last + 3.0 / rate < length):
+            ending = f"{path} announces {length:.2f} s; its images end at {last:.2f} s{damage}"
+            print(f"{ending}: is its end cut off?", file=sys.stderr)
+
+    return images(), rate, stream.frames or (round(length * rate) if rate else 0) or None
 
 
 def _live(name: str) -> Iterator[Frame]:

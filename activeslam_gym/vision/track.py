@@ -39,7 +39,7 @@ from activeslam_gym.vision.other_lenses import lens_from
 from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.rehearsal import rehearsed
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
-from activeslam_gym.vision.sources import Frame, SourceError, image_count, open_images
+from activeslam_gym.vision.sources import Frame, SourceError, images_of
 from activeslam_gym.vision.target import FACING, Target, read_target
 from activeslam_gym.vision.views import reduced
 
@@ -188,17 +188,18 @@ def track(
     images: str | Path,
     calibration: str | Path,
     target: str | Path | None,
-    rate: float,
+    rate: float | None,
     out: str | Path,
     film: bool = False,
     covariance: str | Path | None = None,
     keep_lost: bool = False,
     features: int = FEATURES,
     camera: str | None = None,
+    times: str | Path | None = None,
 ) -> tuple[Track, str]:
     """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
     the images with their ellipses beside the map, film.mp4. Returns the track and advice on what was lost. Of several
-    cameras in ``calibration`` it is ``camera``, see `read_lens`.
+    cameras in ``calibration`` it is ``camera``, see `read_lens`; for ``rate`` and ``times`` see `images_of`.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -212,13 +213,14 @@ def track(
     with argument("target"):
         known = None if target is None else read_target(target)
     with argument("images", SourceError):
-        frames = map(straighten, open_images(images, rate))
+        source = images_of(images, rate, times, lens[:2])
+    rate, frames = source.rate, map(straighten, source.frames)
     with argument("out"):
         demand_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)
     with argument("covariance"):
         demand_writable(Path(covariance or out).parent)
-    bar = _with_progress(frames, image_count(images))
+    bar = _with_progress(frames, source.count)
     with ExitStack() as at_close:
         files, picture = None, None
 
@@ -230,7 +232,8 @@ def track(
                     covariances = None if covariance is None else Lines(Path(covariance))
                 files = at_close.enter_context(closing(TrackFiles(folder, known is not None, covariances, keep_lost)))
             filter = front_end.filter
-            files.add(frame[0], filter.mean, log, filter.camera_covariance[:6, :6])
+            dated = log and log._replace(time=source.origin + log.time)
+            files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
             if log is not None and log.lost:
                 diagnosis.add(frame[1], log, filter.estimate().mapped)
             if hasattr(bar, "set_postfix_str"):

@@ -1,0 +1,149 @@
+"""Images and their times are read as people have them: lists, names, tags of orientation, videos of variable rate."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cv2", reason="the extra `vision` is not installed")
+Image = pytest.importorskip("PIL.Image", reason="the extra `vision` is not installed")
+
+from activeslam_gym.vision.sources import SourceError, images_of, open_images  # noqa: E402
+
+START = 1403636579763555584
+
+
+def pictures(folder: Path, names: list[str]) -> list[Path]:
+    """Grey pictures of 32 x 24 pixels in a new ``folder``, of 0, 1, 2 ... in all of their pixels."""
+    folder.mkdir(parents=True)
+    for k, name in enumerate(names):
+        Image.fromarray(np.full((24, 32), k, np.uint8)).save(folder / name)
+    return [folder / name for name in names]
+
+
+def seen(frames) -> list[int]:
+    """The values of the pictures of `pictures`, in the order in which they come."""
+    return [int(image[0, 0]) for _, image in frames]
+
+
+def test_numbers_in_names_are_ordered_as_numbers(tmp_path) -> None:
+    pictures(tmp_path / "a", [f"shot{k}.png" for k in range(12)])
+    assert seen(open_images(tmp_path / "a", 30.0)) == list(range(12))
+
+
+LISTS = {
+    "rgb.txt": "# color images\n# timestamp filename\n" + "".join(f"{100 + 0.05 * k} rgb/{k}.png\n" for k in range(4)),
+    "data.csv": "#timestamp [ns],filename\n" + "".join(f"{START + k * 50000000},{k}.png\r\n" for k in range(4)),
+    "times.txt": "100.0\n100.05\n\n100.1\n100.15\n",
+}
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_times_are_read_from_a_list(name: str, tmp_path) -> None:
+    (tmp_path / name).write_text(LISTS[name])
+    pictures(tmp_path / "rgb", [f"{k}.png" for k in range(4)])
+    found = images_of(tmp_path / "rgb", times=tmp_path / name)
+    assert found.rate == pytest.approx(20.0) and found.origin == pytest.approx(START * 1e-9 if "csv" in name else 100.0)
+    np.testing.assert_allclose([time for time, _ in found.frames], [0.0, 0.05, 0.1, 0.15], atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "folder"), [("rgb.txt", "rgb"), ("data.csv", "data")])
+def test_a_list_is_a_source(name: str, folder: str, tmp_path, capsys) -> None:
+    (tmp_path / name).write_text(LISTS[name])
+    pictures(tmp_path / folder, [f"{k}.png" for k in range(4)])
+    found = images_of(tmp_path / name)
+    assert found.rate == pytest.approx(20.0) and seen(found.frames) == [0, 1, 2, 3]
+    images_of(tmp_path / name, 30.0)
+    assert "20.00 images a second by its times, and --rate is 30" in capsys.readouterr().err
+
+
+def test_a_list_chooses_and_says_so(tmp_path, capsys) -> None:
+    (tmp_path / "some.txt").write_text("1.0 2.png\n2.0 gone.png\n3.0 0.png\n")
+    pictures(tmp_path / "a", ["0.png", "1.png", "2.png"])
+    assert seen(images_of(tmp_path / "a", times=tmp_path / "some.txt").frames) == [2, 0]
+    assert "names 2 of 3 images" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("1\n2\n2\n4\n", "time 3 does"),
+        ("1\n2\n3\n", "3 times.* 4 images"),
+        *(("a\n", "line 1"), ("inf\n", "line 1"), ("", "no time")),
+    ],
+)
+def test_a_bad_list_is_refused(text: str, word: str, tmp_path) -> None:
+    (tmp_path / "times.txt").write_text(text)
+    pictures(tmp_path / "a", [f"{k}.png" for k in range(4)])
+    with pytest.raises(ValueError, match=word):
+        images_of(tmp_path / "a", times=tmp_path / "times.txt")
+
+
+def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
+    pictures(tmp_path / "euroc", [f"{START + k * 50000000}.png" for k in range(4)])
+    pictures(tmp_path / "tum", [f"{1305031102.175304 + k / 20:.6f}.png" for k in range(4)])
+    for name in ("euroc", "tum"):
+        assert images_of(tmp_path / name).rate == pytest.approx(20.0, rel=1e-4)
+        assert "20.00 images a second, by the times in their names" in capsys.readouterr().err
+        assert [time for time, _ in open_images(tmp_path / name, 10.0)] == [0.0, 0.1, 0.2, 0.3]
+
+
+def test_a_tag_turns_only_what_the_lens_needs_turned(tmp_path, capsys) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    (tmp_path / "a").mkdir()
+    Image.fromarray(np.repeat(np.arange(24, dtype=np.uint8)[:, None], 32, axis=1)).save(tmp_path / "a/0.png", exif=exif)
+    ((_, stored),) = images_of(tmp_path / "a", size=(32, 24)).frames
+    assert stored.shape == (24, 32) and "EXIF Orientation 6 is not followed" in capsys.readouterr().err
+    ((_, turned),) = images_of(tmp_path / "a", size=(24, 32)).frames
+    assert turned.shape == (32, 24) and turned[0, 0] == 23 and turned[0, -1] == 0
+    assert "Orientation" not in capsys.readouterr().err
+
+
+def test_alpha_is_left_out_and_other_pixels_are_refused(tmp_path) -> None:
+    grey = np.arange(24 * 32, dtype=np.uint16).reshape(24, 32).astype(np.uint8)
+    (tmp_path / "a").mkdir()
+    Image.merge("LA", [Image.fromarray(grey), Image.fromarray(255 - grey)]).save(tmp_path / "a/0.png")
+    ((_, image),) = open_images(tmp_path / "a")
+    np.testing.assert_array_equal(image, grey)
+    (tmp_path / "b").mkdir()
+    pages = [Image.fromarray(grey)] * 3
+    pages[0].save(tmp_path / "b/0.tif", save_all=True, append_images=pages[1:])
+    with pytest.raises(SourceError, match="3 pages"):
+        open_images(tmp_path / "b")
+    with pytest.raises(SourceError, match="pages"):
+        open_images(tmp_path / "b/0.tif")
+
+
+def video(path: Path, stamps: list[int]) -> Path:
+    """A video of grey pictures of 0, 5, 10 ... at the ``stamps`` [ms]."""
+    av = pytest.importorskip("av", reason="PyAV is not installed")
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 32, 24, "gray"
+        stream.codec_context.time_base = Fraction(1, 1000)
+        for k, stamp in enumerate(stamps):
+            frame = av.VideoFrame.from_ndarray(np.full((24, 32), 5 * k % 256, np.uint8), format="gray")
+            frame.pts, frame.time_base = stamp, Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def test_a_video_has_its_own_times(tmp_path, capsys) -> None:
+    stamps = [500, 520, 540, 580, 620]
+    path = video(tmp_path / "a.mkv", stamps)
+    frames = list(open_images(path))
+    np.testing.assert_allclose([time for time, _ in frames], 1e-3 * (np.array(stamps) - 500.0), atol=1e-9)
+    assert seen(frames) == [0, 5, 10, 15, 20] and capsys.readouterr().err == ""
+    assert [time for time, _ in open_images(path, 10.0)] == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert "--rate is 10" in capsys.readouterr().err
+
+
+def test_a_video_that_is_cut_off_is_read_to_its_end(tmp_path, capsys) -> None:
+    path = video(tmp_path / "a.mkv", [40 * k for k in range(200)])
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    assert 20 < len(list(open_images(path))) < 180
+    assert "is its end cut off?" in capsys.readouterr().err

@@ -83,6 +83,7 @@ def _add_track(commands: Any) -> None:
     one.add_argument("--features", type=int, default=FEATURES, help=f"most features of the map {_DEFAULT}")
     one.add_argument("--film", action="store_true", help="write film.mp4 too: the images beside the map")
     one.add_argument("--covariance", metavar="FILE", help="write the covariance (6 x 6) of each pose to this text file")
+    one.add_argument("--belief", choices=("smfeval",), help="write belief.square too, which the program smfeval scores")
     one.add_argument("--keep-lost", action="store_true", help="write the poses of lost images to trajectory.tum too")
 
 
@@ -139,7 +140,8 @@ def _track(args: argparse.Namespace) -> Ending:
     from activeslam_gym.vision.track import summary, track
 
     files = args.images, args.calibration, args.target, args.rate, args.out
-    done, advice = track(*files, args.film, args.covariance, args.keep_lost, args.features, args.camera, args.times)
+    outputs = args.film, args.covariance, args.keep_lost, args.features
+    done, advice = track(*files, *outputs, args.camera, args.times, args.belief is not None)
     print(f"{summary(done)}; results in {args.out}")
     tracked, early = len(done.lost) - int(done.lost.sum()), done.trouble and f"ended early: {done.trouble}"
     if 2 * tracked < len(done.lost):

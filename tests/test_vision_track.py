@@ -13,6 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
@@ -24,7 +25,7 @@ from activeslam_gym.vision.drawing import drawn  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners, start_pose  # noqa: E402
 from activeslam_gym.vision.sources import SourceError, open_images  # noqa: E402
 from activeslam_gym.vision.target import read_target, target_from  # noqa: E402
-from activeslam_gym.vision.track import track  # noqa: E402
+from activeslam_gym.vision.track import TrackFiles, track  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402
@@ -342,3 +343,33 @@ def test_without_opencv_the_extra_is_named(sequence, tmp_path, capsys, monkeypat
     monkeypatch.setitem(sys.modules, "cv2", None)
     assert main(command(sequence, tmp_path / "out")) == 1
     assert capsys.readouterr().err.endswith("pip install -e '.[vision]'\n")
+
+
+def test_the_belief_is_what_its_judge_reads(tmp_path) -> None:
+    """Errors drawn from covariances in the world's axes have the NEES that `smfeval` expects of consistent ones."""
+    smfeval = pytest.importorskip("smfeval.cli.main", reason="the extra `dev` is not installed")
+    rng, half = np.random.default_rng(0), Rotation.from_matrix(np.diag((-1.0, -1.0, 1.0)))
+    P = np.diag(np.square((0.1, 0.01, 0.03, 0.02, 0.002, 0.006)))
+    P[0, 4] = P[4, 0] = 0.9 * 0.1 * 0.002
+    files, truth = TrackFiles(tmp_path, metric=True, belief=True), []
+    for k, turn in enumerate(Rotation.random(1000, random_state=1)):
+        error, place = rng.multivariate_normal(np.zeros(6), P), rng.uniform(-1.0, 1.0, 3)
+        files.add(0.1 * k, np.concatenate((place, np.roll(turn.as_quat(), 1))), None, P)
+        true = Rotation.from_rotvec(error[3:]) * turn * half
+        truth.append((0.1 * k, *(place + error[:3]), *true.as_quat()))
+    files.close()
+    np.savetxt(tmp_path / "truth.tum", truth, fmt="%.9f")
+    belief, reference, report = (str(tmp_path / name) for name in ("belief.square", "truth.tum", "report.json"))
+    assert not smfeval.main(["validate", "--strict", belief])
+    smfeval.main(["score", belief, reference, "--ref-body-frame", "camera", "--calibration", "--json-out", report])
+    judged = json.loads(Path(report).read_text())["calibration_split"]["absolute"]["translation"]
+    assert judged["verdict"] == "consistent" and 2.1 < judged["nees_median"] < 2.65
+    rows, whole = np.loadtxt(belief), []
+    for row, (_, *place, x, y, z, w) in zip(rows, truth):
+        at, C = Rotation.from_quat(row[4:8]), np.zeros((6, 6))
+        C[np.tril_indices(6)] = row[8:]
+        xi = np.concatenate(
+            (at.inv().apply(place - row[1:4]), (at.inv() * Rotation.from_quat((x, y, z, w))).as_rotvec())
+        )
+        whole.append(xi @ np.linalg.solve(C + np.tril(C, -1).T, xi))
+    assert np.mean(whole) == pytest.approx(6.0, abs=0.4)

@@ -266,8 +266,10 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
                 grey = frame.format.name.startswith("gray")
                 pixels, last = frame.to_ndarray(format="gray" if grey else "rgb24"), frame.time or last
                 tag = f"rotation of {frame.rotation} degrees" if frame.rotation else ""
-                name = f"image {count - 1} of {path.name}"
-                yield _Stored(name, frame.time, pixels, tag, round(frame.rotation / 90) % 4)
+                name, stamp = f"image {count - 1} of {path.name}", frame.time
+                if stamp is not None and rate and abs(round(stamp * rate) / rate - stamp) <= frame.time_base:
+                    stamp = round(stamp * rate) / rate  # its clock is coarse: Matroska's has milliseconds
+                yield _Stored(name, stamp, pixels, tag, round(frame.rotation / 90) % 4)
         except av.error.FFmpegError as error:
             damage = f" ({error})"
         finally:

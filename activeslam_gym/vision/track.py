@@ -14,12 +14,14 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
+from importlib import metadata
 from io import StringIO
 from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
@@ -63,6 +65,20 @@ COVARIANCE = (
     "[rad]: R = Exp(rotation) R_file\n"
 )
 """The first line of a file of covariances."""
+BELIEF = """\
+#%FORMAT SQUARE/0.3
+#%REPRESENTATION gaussian_se3
+#%POSE_FRAME world
+#%BODY_FRAME camera
+#%GAUGE {}
+#%TIMESTAMP_UNIT seconds
+#%ALGORITHM activeslam_gym
+#%ALGORITHM_VERSION {}
+#%TANGENT_CONVENTION right_perturbation
+#%TANGENT_ORDER translation_rotation
+#%ROTATION_PARAM axis_angle
+"""
+"""The first lines of a belief as `smfeval` 0.4 reads it: T = T_file Exp(xi), and a row has xi's covariance."""
 Step = TypeVar("Step")
 _SEARCHED_OF_MANY = 28  # features that are searched in an image, where the map is larger than usual
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
@@ -196,10 +212,11 @@ def track(
     features: int = FEATURES,
     camera: str | None = None,
     times: str | Path | None = None,
+    belief: bool = False,
 ) -> tuple[Track, str]:
     """`follow` the images of the source ``images`` and write `TrackFiles` into the folder ``out``, and with ``film``
-    the images with their ellipses beside the map, film.mp4. Returns the track and advice on what was lost. Of several
-    cameras in ``calibration`` it is ``camera``, see `read_lens`; for ``rate`` and ``times`` see `images_of`.
+    the images with their ellipses beside the map, film.mp4; with ``belief`` belief.square too. Returns the track and
+    advice on what was lost. For ``camera`` see `read_lens`, for ``rate`` and ``times`` `images_of`.
 
     Raises:
         OSError: a file is missing or cannot be written.
@@ -230,7 +247,9 @@ def track(
                 picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
                 with argument("covariance"):
                     covariances = None if covariance is None else Lines(Path(covariance))
-                files = at_close.enter_context(closing(TrackFiles(folder, known is not None, covariances, keep_lost)))
+                files = at_close.enter_context(
+                    closing(TrackFiles(folder, known is not None, covariances, keep_lost, belief))
+                )
             filter = front_end.filter
             dated = log and log._replace(time=source.origin + log.time)
             files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
@@ -309,13 +328,21 @@ class TrackFiles:
     """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
 
     The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
-    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances`` gets a line for each pose.
+    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances``, and with ``belief``
+    belief.square, get a line for each pose.
 
     Raises:
         OSError: they cannot be written.
     """
 
-    def __init__(self, folder: Path, metric: bool, covariances: Lines | None = None, keep_lost: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        metric: bool,
+        covariances: Lines | None = None,
+        keep_lost: bool = False,
+        belief: bool = False,
+    ) -> None:
         self._map, self._keep_lost = folder / "map.csv", keep_lost
         self._map.unlink(missing_ok=True)  # of a track before
         self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
@@ -326,6 +353,10 @@ class TrackFiles:
             self._poses.write(f"# {FREE}\n")
         if self._covariances is not None:
             self._covariances.write(COVARIANCE)
+        self._belief = Lines(folder / "belief.square") if belief else None
+        if self._belief is not None:
+            version = next((found.version for found in metadata.distributions(name="activeslam-gym")), "unknown")
+            self._belief.write(BELIEF.format("se3" if metric else "sim3", version))
 
     def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
         """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
@@ -335,6 +366,11 @@ class TrackFiles:
             self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
             if self._covariances is not None and covariance is not None:
                 self._covariances.write(f"{time:.6f} {' '.join(f'{number:.6e}' for number in covariance.ravel())}\n")
+            if self._belief is not None and covariance is not None:
+                turn = np.kron(np.eye(2), Rotation.from_quat((x, y, z, w)).as_matrix())  # errors in the camera's axes
+                entries = (turn.T @ covariance @ turn)[np.tril_indices(6)]
+                row = " ".join(f"{number:.12g}" for number in (*camera[:3], x, y, z, w, *entries))
+                self._belief.write(f"{time:.9f} {row}\n")
         if log is not None:
             self._rows.writerow((f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"))
 
@@ -345,7 +381,7 @@ class TrackFiles:
 
     def close(self) -> None:
         """Nothing more is written."""
-        for file in filter(None, (self._poses, self._frames, self._covariances)):
+        for file in filter(None, (self._poses, self._frames, self._covariances, self._belief)):
             file.close()
 
 

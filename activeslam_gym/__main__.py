@@ -91,7 +91,7 @@ def _add_calibrate(commands: Any) -> None:
     one = commands.add_parser(
         "calibrate",
         help="the lens from pictures of a board",
-        description="Fit the lens of equation 1 to pictures of a chessboard or a ChArUco board (dictionary 4x4_50, "
+        description="Fit a lens to pictures of a chessboard or a ChArUco board (dictionary 4x4_50, "
         "markers of 3/4 of a square), held at different places, distances and angles. Needs the extra `vision`.",
     )
     one.set_defaults(run=_calibrate)
@@ -99,6 +99,10 @@ def _add_calibrate(commands: Any) -> None:
     one.add_argument("--kind", default="chessboard", help=f"chessboard or charuco {_DEFAULT}")
     one.add_argument("--columns", type=int, required=True, help="inner corners in a row; of charuco, squares")
     one.add_argument("--rows", type=int, required=True, help="rows of them")
+    model = "equation-1, or OpenCV's radtan or fisheye"
+    one.add_argument(
+        "--model", default="equation-1", choices=("equation-1", "radtan", "fisheye"), help=f"{model} {_DEFAULT}"
+    )
     one.add_argument("--out", required=True, help="the JSON file to write")
 
 
@@ -153,10 +157,14 @@ def _track(args: argparse.Namespace) -> Ending:
 def _calibrate(args: argparse.Namespace) -> None:
     from activeslam_gym.vision.board import calibrate
 
-    fit = calibrate(args.images, args.kind, args.columns, args.rows, args.out)
+    fit = calibrate(args.images, args.kind, args.columns, args.rows, args.out, args.model)
     lens, stds = fit.calibration, fit.stds
+    print(f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px")
+    if fit.lens:
+        print(
+            f"OpenCV's {args.model}, coefficients {fit.lens.coefficients.round(5).tolist()}; the nearest of equation 1:"
+        )
     print(
-        f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
         f"focal_px {lens.focal_px:.2f} +- {stds[0]:.2f}, principal point ({lens.principal_x_px:.2f} +- {stds[1]:.2f}, "
         f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
         f"written to {args.out}"

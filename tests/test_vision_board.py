@@ -1,5 +1,7 @@
 """The lens from pictures of a board, and a live camera."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,7 +13,11 @@ from activeslam_gym.geometry import quaternion_exp, rotation_matrix  # noqa: E40
 from activeslam_gym.vision import board  # noqa: E402
 from activeslam_gym.vision.board import View, _model, find_board, fit_lens  # noqa: E402
 from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
+from activeslam_gym.vision.drawing import printed  # noqa: E402
+from activeslam_gym.vision.first_sight import seen_corners  # noqa: E402
+from activeslam_gym.vision.other_lenses import Lens, _projected, read_lens  # noqa: E402
 from activeslam_gym.vision.sources import SourceError, open_images  # noqa: E402
+from activeslam_gym.vision.target import Board, target_from  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, photographed, pose_at  # noqa: E402
@@ -241,3 +247,41 @@ def test_a_live_camera_gives_grey_images_until_it_stops(monkeypatch) -> None:
     for name, message in (("camera:1", "camera:1 is not there"), ("camera:front", "camera:0, camera:1")):
         with pytest.raises(SourceError, match=message):
             open_images(name, 30.0)
+
+
+@pytest.mark.parametrize("model", ["radtan", "fisheye"])
+def test_a_lens_of_opencvs_is_found_and_read_again(model, tmp_path) -> None:
+    """Corners through such a lens, some of them in a wrong place; the file is OpenCV's, and its deviations hold."""
+    matrix = np.array(((400.0, 0.0, 325.0), (0.0, 403.0, 236.0), (0.0, 0.0, 1.0)))
+    bent = (-0.03, 0.01, -0.004, 0.001) if model == "fisheye" else (-0.25, 0.08, 0.002, -0.001)
+    true = Lens((640, 480), model == "fisheye", matrix, np.array(bent))
+    rng, views = np.random.default_rng(3), []
+    for k in range(14):
+        turn = Rotation.from_rotvec(rng.uniform(-0.6, 0.6, 3))
+        p = turn.apply(POINTS) + (rng.uniform(-1.5, 1.5), rng.uniform(-1, 1), rng.uniform(5, 8))
+        z = _projected(true, p[:, :2] / p[:, 2:]) + 0.1 * rng.standard_normal((len(p), 2))
+        if k == 3:
+            z.reshape(ROWS, COLUMNS, 2)[3:, :-1] = z.reshape(ROWS, COLUMNS, 2)[3:, 1:].copy()
+        views.append((POINTS, z))
+    fit = fit_lens(views, 640, 480, model)
+    assert 3 not in fit.kept and fit.residual_px == pytest.approx(0.1, rel=0.15) and fit.lens is not None
+    (tmp_path / "lens.json").write_text(json.dumps(fit.lens.fields()))
+    again = read_lens(tmp_path / "lens.json")
+    assert again.fisheye == true.fisheye and (again.matrix == fit.lens.matrix).all()
+    rays = rng.uniform((-0.6, -0.45), (0.6, 0.45), (50, 2))
+    assert np.abs(_projected(again, rays) - _projected(true, rays)).max() < 1.0
+    if model == "radtan":
+        off = (fit.lens.matrix[[0, 0, 1], [0, 2, 2]] - true.matrix[[0, 0, 1], [0, 2, 2]]) / fit.stds[:3]
+        assert np.abs(off).max() < 3.0
+
+
+def test_the_legacy_pattern_of_a_charuco_board_is_found_or_named(tmp_path) -> None:
+    legacy = Board("charuco", 6, 4, 0.03, 0.0225, "DICT_4X4_50", True)
+    image = cv2.copyMakeBorder(printed(legacy), 60, 60, 60, 60, cv2.BORDER_CONSTANT, value=255)
+    points, pixels = find_board(image, "charuco", 6, 4)
+    np.testing.assert_allclose(np.diff(pixels[:5, 0]), np.full(4, pixels[1, 0] - pixels[0, 0]), atol=0.5)
+    assert len(points) == 15
+    fields = {"columns": 6, "rows": 4, "square": 0.03, "marker": 0.0225, "dictionary": "4x4_50"}
+    assert target_from({"kind": "charuco-legacy", **fields}) == legacy
+    with pytest.raises(ValueError, match='pattern of kind "charuco-legacy"'):
+        seen_corners(image, CAMERA, target_from({"kind": "charuco", **fields}))

@@ -1,7 +1,8 @@
-"""The lens of equation 1 that explains pictures of a flat board with known corners: the command ``calibrate``.
+"""The lens that explains pictures of a flat board with known corners: the command ``calibrate``.
 
 A board is a chessboard of so many inner corners, or a ChArUco board of so many squares. Its size does not enter the
 lens. Axes are those of image files here, x right and y down, in which equation 1 is u = u0 + u_c / sqrt(1 + K r_c^2).
+SciPy fits equation 1, robustly, which also tells the views that contradict the others; OpenCV fits its own models.
 """
 
 import json
@@ -23,10 +24,12 @@ from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.other_lenses import Lens, fitted
 from activeslam_gym.vision.sources import SourceError, images_of, open_images
 from activeslam_gym.vision.target import CHARUCO, Board
 
 KINDS = ("chessboard", CHARUCO)
+MODELS = ("equation-1", "radtan", "fisheye")
 LEAST_PICTURES = 3
 _ENOUGH = 200  # from so many pictures on, as of a video, some are left out, evenly
 _MISCOUNT = 2  # columns or rows by which the given size may be wrong for a hint: texture may look like squares
@@ -51,11 +54,12 @@ View = tuple[np.ndarray, np.ndarray]
 class Fit(NamedTuple):
     """A lens and how well it explains the corners."""
 
-    calibration: Calibration
+    calibration: Calibration  # of equation 1, or the nearest to the lens of OpenCV's
     residual_px: float  # root mean square of a corner's residual from this lens, each axis
-    stds: np.ndarray  # (4,) of focal length, principal point and distortion
+    stds: np.ndarray  # (4,) of focal length, principal point and (first) distortion; NaN of a fisheye
     pictures: int  # that showed the board and agree
     kept: list[int]  # their numbers among all that showed it
+    lens: Lens | None = None  # of OpenCV's, where it was asked for
 
 
 class Solution(NamedTuple):
@@ -74,8 +78,10 @@ def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | 
     """
     small, scale = _reduced(image)
     if kind == CHARUCO:
-        points, pixels = corners_in(small, Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50"))
-        found, points = len(points) >= LEAST_CORNERS, points * (1.0, -1.0, 1.0)
+        board = Board(CHARUCO, columns, rows, 1.0, _MARKER_SHARE, "DICT_4X4_50")
+        prints = (corners_in(small, board._replace(legacy=legacy)) for legacy in (False, True))
+        points, pixels = next((one for one in prints if len(one[0]) >= LEAST_CORNERS), np.empty((2, 0, 3)))
+        found, points = len(points) > 0, points * (1.0, -1.0, 1.0)
     else:
         cv2 = opencv()
         found, pixels = cv2.findChessboardCornersSB(small, (columns, rows), flags=cv2.CALIB_CB_ACCURACY)
@@ -104,7 +110,7 @@ def _refined(image: np.ndarray, kind: str, pixels: np.ndarray) -> np.ndarray:
     return cv2.cornerSubPix(image, rough, (half, half), (-1, -1), stop).reshape(-1, 2).astype(float)
 
 
-def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
+def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS[0]) -> Fit:
     """The lens of images of ``width`` x ``height`` pixels that explains the ``views`` best.
 
     A view whose residual is far over the median of all was found in the wrong place: it is left out.
@@ -123,12 +129,11 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     if len(kept) < min(LEAST_PICTURES, len(views)):
         raise ValueError(f"{len(kept)} of {len(views)} pictures agree on a lens; {LEAST_PICTURES} or more must")
     if len(kept) < len(views):
-        agreed = fit_lens([views[k] for k in kept], width, height)
+        agreed = fit_lens([views[k] for k in kept], width, height, model)
         return agreed._replace(kept=[kept[k] for k in agreed.kept])
-    residual = math.sqrt(float(np.mean(best.residuals**2)))
-    if residual > _NO_LENS * width:
-        why = "corners were found in wrong places, or it is another kind of lens"
-        raise ValueError(f"the pictures agree on no lens: its residual is {residual:.1f} px; {why}")
+    if model != MODELS[0]:
+        return _by_opencv(views, (width, height), model == "fisheye", best.x[:3])._replace(kept=kept)
+    residual = _plausible(math.sqrt(float(np.mean(best.residuals**2))), width)
     lens = np.stack((best.x[:4], _deviations(best)[:4]))
     if not lens[1, 0] < _VAGUE * lens[0, 0]:
         fitted = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
@@ -138,6 +143,35 @@ def fit_lens(views: Sequence[View], width: int, height: int) -> Fit:
     fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
     calibration = calibration_from(fields, "the fitted lens is none that can be used")
     return Fit(calibration, residual, lens[1], len(views), kept)
+
+
+def _by_opencv(views: Sequence[View], size: tuple[int, int], fisheye: bool, first: np.ndarray) -> Fit:
+    """OpenCV's calibration of its radial-tangential lens, or of its fisheye, from a ``first`` f, u0, v0."""
+    cv2, K = opencv(), np.array(((first[0], 0.0, first[1]), (0.0, first[0], first[2]), (0.0, 0.0, 1.0)))
+    points, pixels = ([np.array(view[k], np.float32).reshape(1, -1, 3 - k) for view in views] for k in (0, 1))
+    try:
+        if fisheye:
+            names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4, 5
+            flags = names.CALIB_USE_INTRINSIC_GUESS | names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW
+            rms, K, bent = cv2.fisheye.calibrate(points, pixels, size, K, np.zeros(4), flags=flags)[:3]
+            stds = np.full(5, np.nan)
+        else:
+            flags = cv2.CALIB_USE_INTRINSIC_GUESS
+            found = cv2.calibrateCameraExtended(points, pixels, size, K, np.zeros(5), flags=flags)
+            rms, K, bent, stds = *found[:3], found[5].ravel()
+    except cv2.error as error:
+        raise ValueError(f"OpenCV finds no lens: {' '.join(str(error).split())[-120:]}") from None
+    lens = Lens(size, fisheye, K, bent.ravel())
+    residual = _plausible(float(rms) / math.sqrt(2.0), size[0])
+    return Fit(fitted(lens, "the fitted lens")[0], residual, stds[[0, 2, 3, 4]], len(views), [], lens)
+
+
+def _plausible(residual: float, width: int) -> float:
+    """The ``residual`` [px]; a ValueError, if it is none of a lens for images so wide."""
+    if residual > _NO_LENS * width:
+        why = "corners were found in wrong places, or it is another kind of lens (--model)"
+        raise ValueError(f"the pictures agree on no lens: its residual is {residual:.1f} px; {why}")
+    return residual
 
 
 def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
@@ -193,8 +227,9 @@ def _guess(views: Sequence[View], focal: float, width: int, height: int) -> np.n
     return np.concatenate(((focal, *middle, 0.0), *(np.ravel(pose) for pose in poses)))
 
 
-def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str | Path) -> Fit:
-    """The lens from the pictures ``images`` (a folder, a pattern or a video) of a board, written to the file ``out``.
+def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str | Path, model: str = MODELS[0]) -> Fit:
+    """The lens from the pictures ``images`` (a folder, a pattern or a video) of a board, written to the file ``out`` in
+    JSON: that of equation 1, or of one of OpenCV's models as OpenCV has it.
 
     Raises:
         SourceError, ValueError: a picture is unreadable or of another size, or too few show the board.
@@ -224,11 +259,12 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
     if len(views) < LEAST_PICTURES:
         hint = _hint(images, kind, columns, rows)
         raise ValueError(f"the board was found in {len(views)} pictures; {LEAST_PICTURES} or more are needed{hint}")
-    fit = fit_lens(views, shape[1], shape[0])
+    fit = fit_lens(views, shape[1], shape[0], model)
     if left_out := np.delete(numbers, fit.kept).tolist():
         print(f"left out, since their corners contradict the others': images {left_out}, from 0", file=sys.stderr)
     with written_whole(Path(out)) as unfinished:
-        unfinished.write_text(json.dumps(fit.calibration._asdict(), indent=1) + "\n")
+        fields = fit.lens.fields() if fit.lens else fit.calibration._asdict()
+        unfinished.write_text(json.dumps(fields, indent=1) + "\n")
     return fit
 
 

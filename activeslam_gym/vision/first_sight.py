@@ -11,7 +11,7 @@ from activeslam_gym.camera import pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.geometry import rotate_left
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.target import CHARUCO, Board, Rectangle, Target, markers_of
+from activeslam_gym.vision.target import CHARUCO, LEGACY, Board, Rectangle, Target, markers_of
 from activeslam_gym.vision.views import pose_of, projected
 
 _SIDES = ((0, 1), (2, 3), (0, 2), (1, 3))  # of the rectangle, by corners: top, bottom, left, right
@@ -38,9 +38,21 @@ def seen_corners(image: np.ndarray, camera: Record, target: Target) -> tuple[np.
     if len(points) < LEAST_CORNERS:
         raise ValueError(
             f"the first image shows {len(points)} of the {len(target.points)} corners of the target, a board of kind "
-            f"{target.kind}; {LEAST_CORNERS} or more are needed"
+            f"{target.kind}; {LEAST_CORNERS} or more are needed{_other_print(image, target)}"
         )
     return points, _refined(image, target, points[:, :2], pixels)
+
+
+def _other_print(image: np.ndarray, board: Board) -> str:
+    """The other way in which the board in the ``image`` is printed, if any."""
+    if board.kind == CHARUCO:
+        legacy = board._replace(legacy=not board.legacy)
+        kind = LEGACY if legacy.legacy else CHARUCO
+        return f': it has the pattern of kind "{kind}"' if len(corners_in(image, legacy)[0]) >= LEAST_CORNERS else ""
+    wide = opencv().aruco.DetectorParameters()
+    wide.markerBorderBits = 2
+    found = opencv().aruco.ArucoDetector(markers_of(board.dictionary), wide).detectMarkers(image)[1]
+    return "" if found is None else ": its tags have borders of two bits, as Kalibr's AprilGrid, which is not known"
 
 
 def fiducials_among(points: np.ndarray) -> np.ndarray:
@@ -199,7 +211,8 @@ def start_pose(
         if pose[2] > 0.0:
             fits.append((fit.cost, pose, corner_std**2 * np.linalg.inv(fit.jac.T @ fit.jac)))
     if not fits:
-        raise ValueError("no pose before the target explains its corners in the first image")
+        why = "are its tags counted from the bottom, as in Kalibr's AprilGrid?"
+        raise ValueError(f"no pose before the target explains its corners in the first image: {why}")
     return min(fits, key=lambda fit: fit[0])[1:]
 
 

@@ -62,6 +62,19 @@ class Lens(NamedTuple):
     coefficients: np.ndarray  # (4,), (5,), (8,), (12,) or (14,); of a fisheye (4,)
     note: str = ""  # which it is, where its file holds several, or names no model
 
+    def fields(self) -> dict[str, Any]:
+        """The lens as OpenCV has it in JSON, with its model's name."""
+        numbers = {"camera_matrix": self.matrix, "distortion_coefficients": self.coefficients[None]}
+        named = {
+            "image_width": self.size[0],
+            "image_height": self.size[1],
+            "distortion_model": ("radtan", "fisheye")[self.fisheye],
+        }
+        form = {"type_id": "opencv-matrix", "dt": "d"}
+        return named | {
+            k: {**form, "rows": len(m), "cols": len(m.T), "data": m.ravel().tolist()} for k, m in numbers.items()
+        }
+
 
 def _on_grid(lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rays (n, m, 2), their pixels (n, m, 2), and whether these move outwards up to there (n, m): the lens can fold."""
@@ -174,40 +187,40 @@ def read_lens(path: str | Path, camera: str | None = None) -> Lens:
     """
     text = text_of(path).lstrip("\ufeff")
     rows = [line.split() for line in text.splitlines() if not line.lstrip().startswith("#") and line.strip()]
+    found: dict[str, Any] = {}
     try:
-        colmap = bool(rows) and len(rows[0]) > 3 and rows[0][0].isdigit()
-        found = (
-            {row[0]: row for row in rows} if colmap else next(filter(any, map(dict, map(_cameras, _parsed(text)))), {})
-        )
+        if rows and len(rows[0]) > 3 and rows[0][0].isdigit():
+            found = {row[0]: row for row in rows}
+        else:
+            found = next(filter(any, map(dict, map(_cameras, _parsed(text)))), {})
         if not found:
             raise ValueError("camera_matrix, intrinsics and fx are missing")
-        names = ", ".join(found)
-        name = "cam0" if "cam0" in found else next(iter(found))
+        names, name = ", ".join(found), "cam0" if "cam0" in found else next(iter(found))
         if camera is not None:
             name = next((n for n in found if n == camera or re.fullmatch(rf".*\D{re.escape(camera)}", n)), "")
             if not name:
                 raise ValueError(f"--camera {camera} is not there; it holds {names}")
-        lens = _of_colmap(found[name]) if colmap else _of_fields(found[name])
-        return (
-            lens if camera or len(found) == 1 else lens._replace(note=f"{name} of {names}, see --camera; {lens.note}")
-        )
+        fields = found[name]
+        lens = _of_fields(_of_colmap(fields) if isinstance(fields, list) else fields)
+        which = f"{name} of {names}, see --camera; " if camera is None and len(found) > 1 else ""
+        return lens._replace(note=which + lens.note)
     except (ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError) as error:
         raise ValueError(f"{path} holds no lens of OpenCV, ROS, Kalibr, ORB-SLAM or COLMAP: {error}") from None
 
 
-def _of_colmap(row: list[str]) -> Lens:
-    """A line of cameras.txt: id, model, width, height, parameters; its first pixel's centre is (0.5, 0.5)."""
+def _of_colmap(row: list[str]) -> dict[str, Any]:
+    """The fields in a line of cameras.txt: id, model, width, height, parameters; (0.5, 0.5) is its first pixel."""
     if row[1] not in COLMAP:
         known = ", ".join(COLMAP)
         raise ValueError(f"COLMAP's model {reprlib.repr(row[1])} is not known; known are {known}: {_INSTEAD}")
     names = COLMAP[row[1]].split()
     if len(row) != 4 + len(names):
         raise ValueError(f"{row[1]} has {len(names)} parameters ({', '.join(names)}), got {len(row) - 4}")
-    values = dict(zip(names, map(float, row[4:])))
-    fx, fy = (values.get(name, values.get("f", 0.0)) for name in ("fx", "fy"))
-    fisheye = row[1].endswith("FISHEYE")
-    coefficients = [values.get(name, 0.0) for name in (_FOUR if fisheye else _ORDER)]
-    return _checked(row[2:4], fisheye, _matrix(fx, fy, values["cx"] - 0.5, values["cy"] - 0.5), coefficients)
+    found: dict[str, Any] = {"k1": 0.0, **dict(zip(names, map(float, row[4:])))}
+    found |= {"cx": found["cx"] - 0.5, "cy": found["cy"] - 0.5, "width": row[2], "height": row[3]}
+    if "f" in found:
+        found["fx"] = found["fy"] = found["f"]
+    return {**found, "model": "fisheye" if row[1].endswith("FISHEYE") else "pinhole"}
 
 
 def _key(name: object) -> str:
@@ -251,7 +264,9 @@ def _cameras(part: Any, name: str = "", outer: dict[str, Any] | None = None) -> 
         yield name or "0", outer | own
         return
     common = own["camera"] if "camera1" in own else {}
-    outer = outer | {key: value for key, value in own.items() if key == "resolution" or not isinstance(value, list)}
+    outer = outer | {
+        key: value for key, value in own.items() if key == "resolution" or isinstance(value, str | int | float)
+    }
     outer |= {_key(key): value for key, value in common.items()}
     for key, value in nested.items():
         yield from _cameras(value, f"{name}.{key}".lstrip("."), outer)
@@ -274,7 +289,8 @@ def _of_fields(camera: dict[str, Any]) -> Lens:
     size = _numbers(camera, "resolution") or [x for names in _SIDES for x in _numbers(camera, *names)]
     single = [x for names in _FOCI for x in _numbers(camera, *names)]
     four = single or _numbers(camera, "intrinsics")
-    K = _matrix(*four) if len(four) == 4 else four or _numbers(camera, *_MATRICES)
+    K = [four[0], 0.0, four[2], 0.0, four[1], four[3], 0.0, 0.0, 1.0] if len(four) == 4 else four
+    K = K or _numbers(camera, *_MATRICES)
     order = _KANNALA if "mu" in camera else _FOUR if fisheye else _ORDER
     named = {name: value for name in camera if re.fullmatch(r"[kps]\d", name) for value in _numbers(camera, name)}
     if stray := [name for name, value in named.items() if value and name not in order]:
@@ -299,10 +315,6 @@ def _numbers(camera: dict[str, Any], *names: str) -> list[float]:
     """The number, or the numbers, of the first of these names, as they are or in its field `data`; none: it lacks."""
     found: Any = next((camera[name] for name in names if name in camera), [])
     return np.ravel(np.array(found.get("data") if isinstance(found, dict) else found, float)).tolist()
-
-
-def _matrix(fx: float, fy: float, cx: float, cy: float) -> list[float]:
-    return [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
 
 
 def _checked(size: Any, fisheye: bool, K: list[float], coefficients: list[float]) -> Lens:

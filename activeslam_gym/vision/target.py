@@ -17,10 +17,10 @@ from activeslam_gym.vision.calibration import check_names, read_object
 from activeslam_gym.vision.opencv import opencv
 
 CORNERS = ("top_left", "top_right", "bottom_left", "bottom_right")
-RECTANGLE, CHARUCO, APRILTAG = "rectangle", "charuco", "apriltag"
+RECTANGLE, CHARUCO, LEGACY, APRILTAG = "rectangle", "charuco", "charuco-legacy", "apriltag"
 _FIELDS = {
     RECTANGLE: {"kind", "width", "height", "corners_px"},
-    CHARUCO: {"kind", "columns", "rows", "square", "marker", "dictionary"},
+    **dict.fromkeys((CHARUCO, LEGACY), {"kind", "columns", "rows", "square", "marker", "dictionary"}),
     APRILTAG: {"kind", "columns", "rows", "tag", "gap", "dictionary"},
 }
 """Fields of a target's file, by its kind."""
@@ -53,6 +53,7 @@ class Board(NamedTuple):
     pitch: float  # from one square, or tag, to the next [m]
     marker: float  # side of a marker: of its black part [m]
     dictionary: str  # OpenCV's name: DICT_4X4_50, DICT_APRILTAG_36h11, ...
+    legacy: bool = False  # of ChArUco, as OpenCV before 4.6 has it: the first square of even rows has a marker
 
     @property
     def size(self) -> np.ndarray:
@@ -65,7 +66,9 @@ class Board(NamedTuple):
         """OpenCV's board."""
         aruco, size, markers = opencv().aruco, (self.columns, self.rows), markers_of(self.dictionary)
         if self.kind == CHARUCO:
-            return aruco.CharucoBoard(size, self.pitch, self.marker, markers)
+            board = aruco.CharucoBoard(size, self.pitch, self.marker, markers)
+            board.setLegacyPattern(self.legacy)
+            return board
         return aruco.GridBoard(size, self.marker, self.pitch - self.marker, markers)
 
     @property
@@ -134,6 +137,7 @@ def _rectangle_from(fields: dict[str, Any]) -> Rectangle:
 
 def _board_from(fields: dict[str, Any]) -> Board:
     kind, columns, rows, name = (fields[name] for name in ("kind", "columns", "rows", "dictionary"))
+    kind, legacy = (CHARUCO, True) if kind == LEGACY else (kind, False)
     least = 3 if kind == CHARUCO else 1
     for side in ("columns", "rows"):
         value = fields[side]
@@ -157,7 +161,7 @@ def _board_from(fields: dict[str, Any]) -> Board:
         raise ValueError(f"dictionary must be one of OpenCV's, {example} for example, got {wrong}") from None
     if needed > there:
         raise ValueError(f"the board has {reprlib.repr(needed)} markers, the dictionary {name} only {there}")
-    return Board(kind, columns, rows, pitch, marker, dictionary)
+    return Board(kind, columns, rows, pitch, marker, dictionary, legacy)
 
 
 def _metres(fields: dict[str, Any], name: str) -> float:

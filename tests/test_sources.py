@@ -80,6 +80,13 @@ def test_a_bad_list_is_refused(text: str, word: str, tmp_path) -> None:
         images_of(tmp_path / "a", times=tmp_path / "times.txt")
 
 
+def test_a_text_is_no_video(tmp_path) -> None:
+    pytest.importorskip("av", reason="PyAV is not installed")
+    (tmp_path / "rgb.list").write_text(LISTS["rgb.txt"] * 30)
+    with pytest.raises(SourceError, match="text|damaged"):
+        open_images(tmp_path / "rgb.list")
+
+
 def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> None:
     pictures(tmp_path / "euroc", [f"{START + k * 50000000}.png" for k in range(4)])
     pictures(tmp_path / "tum", [f"{1305031102.175304 + k / 20:.6f}.png" for k in range(4)])
@@ -87,6 +94,7 @@ def test_times_in_names_are_used_unless_a_rate_is_given(tmp_path, capsys) -> Non
         assert images_of(tmp_path / name).rate == pytest.approx(20.0, rel=1e-4)
         assert "20.00 images a second, by the times in their names" in capsys.readouterr().err
         assert [time for time, _ in open_images(tmp_path / name, 10.0)] == [0.0, 0.1, 0.2, 0.3]
+        assert "20.00 images a second by its times, and --rate is 10" in capsys.readouterr().err
 
 
 def test_a_tag_turns_only_what_the_lens_needs_turned(tmp_path, capsys) -> None:

@@ -110,7 +110,7 @@ def test_fiducials_are_few_and_far_apart() -> None:
 @pytest.mark.parametrize(
     ("fields", "change", "word"),
     [
-        (CHARUCO, {"kind": "circle"}, "kind must be rectangle, charuco, apriltag, got 'circle'"),
+        (CHARUCO, {"kind": "circle"}, "kind must be rectangle, charuco, charuco-legacy, apriltag, got 'circle'"),
         (CHARUCO, {"marker": 0.06}, "marker must be smaller than square"),
         (CHARUCO, {"columns": 2}, "columns must be a whole number of 3 or more"),
         (CHARUCO, {"rows": 4.0}, "rows must be a whole number"),

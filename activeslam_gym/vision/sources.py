@@ -80,6 +80,8 @@ def images_of(
     if rate is not None and not 0.0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of images a second, got {rate!r}")
     if str(path).startswith(CAMERA):
+        if times is not None:
+            raise ValueError("times are for stored images; a live camera has its own")
         return Images(_begun(_live(str(path))), rate or USUAL_RATE, None)
     file, kind, own = Path(path), Path(path).suffix.lower(), None
     rows = read_times(times or path) if times or kind in LISTS else []
@@ -90,7 +92,7 @@ def images_of(
         files = _picture_files(path, rows)
         if times is not None:
             files, stamps = _at_times(files, rows, times)
-        elif rate is None and not rows:
+        elif not rows:
             stamps = _times_in([file.stem for file in files])
         stored, count = _pictures(files), len(files)
     if len(stamps) > 1:
@@ -100,9 +102,9 @@ def images_of(
         own = 1.0 / float(np.median(steps))
     if rate and own and abs(rate / own - 1.0) > 0.02:
         print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}", file=sys.stderr)
-    elif stamps and not rows:
+    elif stamps and not rows and not rate:
         print(f"{path}: {own or 0.0:.2f} images a second, by the times in their names", file=sys.stderr)
-    usual = rate or own or USUAL_RATE
+    usual, stamps = rate or own or USUAL_RATE, [] if rate and not rows else stamps
     clock = None if own and not stamps and not rate else iter(stamps or (k / usual for k in itertools.count()))
     return Images(_begun(_timed(stored, clock, size)), usual, count, stamps[0] if stamps else 0.0)
 
@@ -255,6 +257,8 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
     except (av.error.FFmpegError, OSError, IndexError):
         why = "it is empty" if path.stat().st_size == 0 else "it is damaged, or its codec is unknown"
         raise SourceError(f"{path} cannot be read as a video: {why}") from None
+    if container.format.name == "tty":  # FFmpeg would draw its letters
+        raise SourceError(f"{path} is a text; a list of images ends with {' or '.join(LISTS)}")
     stream.thread_type = "AUTO"
     rate = float(stream.average_rate or 0.0) or None
     length = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / av.time_base

@@ -156,7 +156,7 @@ $(VENV)/.docs: pyproject.toml | $(VENV)/.made
 
 $(VENV)/.dev: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the tests need, PyTorch among it, into $(VENV) (once; takes a few minutes)"
-	@$(PIP) --editable '.[agents,compare,dev,docs,notebooks,onnx,plot,vision]'
+	@$(PIP) --editable '.[agents,compare,dev,docs,mesh,notebooks,onnx,plot,vision]'
 	@touch $@
 
 # Each client has its own environment, since their pins disagree: RLlib's gymnasium, CleanRL's gym and NumPy.

@@ -19,14 +19,14 @@ class SphereScene:
         self.bounds = np.stack((-half, half))
         self.centre, self.radius = np.array((rng.uniform(-0.2, 0.2), 0.0, 1.8)), 0.5
 
-    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
-        length = float(np.linalg.norm(b - a))
-        near, far = self._crossings(a, (b - a) / length)
-        return near < length - 1e-6 and far > 1e-6 and far - near > 1e-6
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        length = np.linalg.norm(b - a, axis=1)
+        near, far = self._crossings(a[None], (b - a) / length[:, None])
+        return (near < length - 1e-6) & (far > 1e-6) & (far - near > 1e-6)
 
-    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
-        near, far = self._crossings(p, direction)
-        return farthest if far < 1e-9 else min(max(near, 0.0), farthest)
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
+        near, far = self._crossings(p, directions)
+        return np.where(far < 1e-9, farthest, np.clip(near, 0.0, farthest))
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         normals = rng.standard_normal((n, 3))
@@ -38,11 +38,12 @@ class SphereScene:
             points[k, axis], normals[k, axis] = self.bounds[side, axis], 1.0 - 2.0 * side
         return points, normals
 
-    def _crossings(self, p: np.ndarray, direction: np.ndarray) -> tuple[float, float]:
-        """Where the line p + t direction enters and leaves the sphere; (inf, -inf) where it passes it by."""
-        along = float(direction @ (self.centre - p))
-        square = self.radius**2 + along**2 - float(np.sum((self.centre - p) ** 2))
-        return (along - square**0.5, along + square**0.5) if square > 0.0 else (np.inf, -np.inf)
+    def _crossings(self, p: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the lines p + t direction enter and leave the sphere; (inf, -inf) where they pass it by."""
+        along = np.sum(directions * (self.centre - p), axis=1)
+        square = self.radius**2 + along**2 - np.sum((self.centre - p) ** 2, axis=1)
+        root = np.sqrt(np.maximum(square, 0.0))
+        return np.where(square > 0.0, along - root, np.inf), np.where(square > 0.0, along + root, -np.inf)
 
 
 # --8<-- [end:scene]
@@ -55,8 +56,8 @@ def main(steps: int = 28) -> Any:
     for _ in range(steps):
         *_, info = env.step((Motion.FORWARD, Gaze.STAY))
     truth = env.unwrapped.truth
-    gap = truth.scene.clearance(truth.position, np.array((0.0, 0.0, 1.0)), 3.0)
-    hidden = sum(truth.scene.blocks(truth.position, point) for point in truth.landmarks)
+    gap = truth.scene.clearance(truth.position[None], np.array([(0.0, 0.0, 1.0)]), 3.0)[0]
+    hidden = truth.scene.blocks(truth.position, truth.landmarks).sum()
     print(f"after {steps / 4:.0f} s the sphere is {gap:.2f} m ahead and hides {hidden} landmarks")
     print(f"log score {info['log_score']:.0f} bits, position error {100 * info['position_error']:.1f} cm")
     return env

@@ -25,6 +25,8 @@ EXAMPLES = [*sorted((ROOT / "examples").glob("extend_*.py")), ROOT / "examples" 
 def test_example_runs_and_says_something(path: Path) -> None:
     if path.stem == "extend_smoother":
         pytest.importorskip("gtsam", reason="the extra `gtsam` is not installed")
+    if path.stem == "extend_mesh":
+        pytest.importorskip("embreex", reason="the extra `mesh` is not installed")
     assert python(path, PYTHONPATH=str(ROOT)).strip()
 
 

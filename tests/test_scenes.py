@@ -14,8 +14,8 @@ from activeslam_gym.camera import hidden
 from activeslam_gym.config import NoRoomError
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.sensors.points import PointModel
-from activeslam_gym.world.room import draw_room
-from activeslam_gym.world.scenes import SCENES, BoxScene, draw_scene
+from activeslam_gym.world.room import draw_room, draw_scene
+from activeslam_gym.world.scenes import SCENES, BoxScene
 from activeslam_gym.world.simulator import faces
 from examples.extend_scene import SphereScene
 
@@ -26,11 +26,11 @@ BOX = ((-3.0, -1.0, 1.2), (3.0, 1.0, 1.9))
 class Nothing(SphereScene):
     """Neither hides nor stops."""
 
-    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
-        return False
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.zeros(len(b), bool)
 
-    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
-        return farthest
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
+        return np.full(len(p), farthest)
 
 
 class OneBox(BoxScene):
@@ -73,7 +73,7 @@ def test_landmarks_behind_the_sphere_are_not_detected_under_a_policy(estimator: 
         points = np.concatenate((truth.fiducials, truth.landmarks))
         shown = model.in_view(camera, points)
         shown[K:] &= [faces(n, y, truth.position, cosine) for n, y in zip(normals, truth.landmarks)]
-        blocked = np.array([truth.scene.blocks(truth.position, point) for point in points])
+        blocked = truth.scene.blocks(truth.position, points)
         missing += int((shown & blocked).sum())
         assert sorted(inner.labels.detected.tolist()) == np.flatnonzero(shown & ~blocked).tolist()
     assert missing > 0
@@ -85,7 +85,7 @@ def test_noise_and_order_of_detections_do_not_depend_on_what_is_hidden() -> None
         env = gym.make("ActiveSLAM-v0", scenario={"scene": "sphere"}, gaze_period=0.05)  # so that no estimate differs
         env.reset(seed=2)
         if scene == "glass":
-            env.unwrapped.truth.scene._scene.blocks = lambda a, b: False
+            env.unwrapped.truth.scene._scene.blocks = lambda a, b: np.zeros(len(b), bool)
         env.step((Motion.STAY, Gaze.STAY))
         labels, pixels = env.unwrapped.labels.detected, env.unwrapped._run.candidate["pixel"]
         seen[scene] = {label: tuple(pixel) for label, pixel in zip(labels.tolist(), pixels.tolist())}
@@ -172,15 +172,15 @@ def test_the_truth_has_the_scene_of_boxes_too() -> None:
     env.reset(seed=1)
     truth = env.unwrapped.truth
     scene, p = truth.scene, truth.position
-    blocked = [scene.blocks(p, y) for y in truth.landmarks]
+    blocked = scene.blocks(p, truth.landmarks).tolist()
     assert blocked == [hidden(scene.boxes, p, y) for y in truth.landmarks] and 0 < sum(blocked) < len(blocked)
     for y, hides in zip(truth.landmarks, blocked):
         distance = np.linalg.norm(y - p)
-        free = scene.clearance(p, (y - p) / distance, 20.0)
+        free = scene.clearance(p[None], (y - p)[None] / distance, 20.0)[0]
         assert free < distance - 1e-6 if hides else free == pytest.approx(distance)
     points, normals = scene.sample(50, np.random.default_rng(0))
     assert points.shape == normals.shape == (50, 3)
-    assert not any(scene.blocks(y + 0.05 * n, y) for y, n in zip(points, normals))
+    assert not any(scene.blocks(y + 0.05 * n, y[None])[0] for y, n in zip(points, normals))
 
 
 # Errors -------------------------------------------------------------------------------------------------------------
@@ -205,7 +205,8 @@ class NoBounds(WideBounds):
 
 N, UP = Scenario().landmark_count, np.tile((0.0, 1.0, 0.0), (Scenario().landmark_count, 1))
 WRONG = {
-    "a clearance of NaN": told("clearance", float("nan")),
+    "a clearance of NaN": told("clearance", np.full(26, np.nan)),
+    "one clearance of all": told("clearance", 1.0),
     "blocks in words": told("blocks", "no"),
     "flat points": told("sample", (np.zeros((N, 2)), UP)),
     "points of NaN": told("sample", (np.full((N, 3), np.nan), UP)),
@@ -225,8 +226,8 @@ def test_a_wrong_answer_of_a_scene_is_an_error_with_its_name(wrong: str) -> None
 
 def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -> None:
     class Full(SphereScene):
-        def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
-            return 0.0
+        def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
+            return np.zeros(len(p))
 
     SCENES.register("Full")(Full)
     with pytest.raises(RuntimeError, match="Full"):
@@ -235,7 +236,7 @@ def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -
 
 def test_a_scene_cannot_change_the_points_that_it_is_asked_about() -> None:
     class Careless(SphereScene):
-        def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
+        def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
             blocked = super().blocks(a, b)
             a[:] = b[:] = 0.0
             return blocked

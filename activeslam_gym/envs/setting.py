@@ -28,7 +28,7 @@ from activeslam_gym.motion import motion_of
 from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
 from activeslam_gym.slam.estimator import ESTIMATORS
 from activeslam_gym.slam.frame import filter_of
-from activeslam_gym.world.scenes import SCENES
+from activeslam_gym.world.room import scene_factory
 from activeslam_gym.world.simulator import sensor_of
 
 _NO_FIELDS = ("motion_period", "reward", "lost_position_error", "end_when_lost", "render_mode", "render_size")
@@ -81,6 +81,8 @@ def resolve(
         field, near = (name, "") if name in BOUNDS else ("FIELD", did_you_mean(name, (*_NO_FIELDS, *BOUNDS)))
         raise TypeError(f"no argument {name}{near}; a scenario's fields are given as scenario={{{field!r}: {value!r}}}")
     resolved = scenario_from(scenario)
+    if fitted := getattr(scene_factory(resolved.scene), "fitted", None):
+        resolved = fitted(resolved)
     frame, most = resolved.frame_time, MOST_HELD_FRAMES
     duration = resolved.duration if duration is None else duration
     if gaze_period is None:
@@ -95,7 +97,6 @@ def resolve(
     if check := getattr(ESTIMATORS[resolved.estimator], "check", None):
         check(resolved)
     SENSORS.require(resolved.sensor)
-    SCENES.require(resolved.scene)
     CRITERIA.require(resolved.motion_criterion, "scenario.motion_criterion")
     if resolved.sensor in TEXTURED:
         from activeslam_gym.envs.textured import require_textured

@@ -13,8 +13,11 @@ from activeslam_gym.information.expectation import WAITING
 from activeslam_gym.motion import POSITION, Gaze, Motion, nearest_motion
 from activeslam_gym.slam.estimator import COMPILED
 from activeslam_gym.slam.sight import sight_of_belief
+from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.simulator import boxes_of
 from activeslam_gym.world.truth import truth_of
+
+_PLACES, _LEVEL_RAYS = 40, 180  # of the rays that draw the floor plan of a registered scene
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,8 @@ class Snapshot:
     """(3,) [m]."""
     boxes: np.ndarray
     """(B, 2, 3) lowest and highest corner of each [m]."""
+    floor_plan: np.ndarray
+    """(n, 3) where the bodies of a registered scene stand, on its floor [m]."""
     true_position: np.ndarray
     true_quaternion: np.ndarray
     true_landmarks: np.ndarray
@@ -89,6 +94,22 @@ class History:
         }
 
 
+def _floor_plan(scene: Scene | None, position: np.ndarray) -> np.ndarray:
+    """What level rays meet, from the camera's ``position`` and, where the ``scene`` knows some, from other places."""
+    if scene is None:
+        return np.zeros((0, 3))
+    start, rng = getattr(scene, "start", None), np.random.default_rng(0)
+    places = np.array([position, *([start(rng) for _ in range(_PLACES)] if start else [])])
+    turns = np.linspace(0.0, 2.0 * np.pi, _LEVEL_RAYS, endpoint=False)
+    ways = np.stack((np.sin(turns), np.zeros_like(turns), np.cos(turns)), axis=1)
+    origins, ways = np.repeat(places, len(ways), axis=0), np.tile(ways, (len(places), 1))
+    farthest = float(np.ptp(scene.bounds, axis=0).max())
+    free = scene.clearance(origins, ways, farthest)
+    met = (origins + free[:, None] * ways)[free < farthest]
+    met[:, 1] = scene.bounds[0, 1]
+    return met
+
+
 def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, perception: Any = None) -> Snapshot:
     """The present moment of a run.
 
@@ -107,6 +128,7 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
         gaze=gaze,
         room_size=2.0 * run.models.motion.half,
         boxes=boxes_of(run.world).copy(),
+        floor_plan=_floor_plan(getattr(perception, "scene", None), truth.position),
         true_position=truth.position,
         true_quaternion=truth.quaternion,
         true_landmarks=truth.landmarks if image is None else truth.landmarks[run.expected["serial"] != WAITING],

@@ -53,6 +53,7 @@ class MapPanel:
         alignments = ("right", "center", "left")
         self._lengths = [axes.text(0, 0, "", color=MUTED, size=7.5, ha=ha, va="top") for ha in alignments]
         self._boxes = _shapes(axes, linewidths=0.6, edgecolors=_faded([MUTED], 0.7), zorder=2.5)
+        self._floor_plan = _line(axes, ".", color=MUTED, ms=2.0 * size, mew=0.0, zorder=1.5)
         self._plumbs = _segments(axes, colors=EXPECTED, linewidths=0.5, zorder=2)
         self._shadow = _line(axes, color=EXPECTED, linewidth=1.0, zorder=2)
         self._expected = _line(axes, ".", color=EXPECTED, ms=5.0 * size, zorder=3)
@@ -72,6 +73,7 @@ class MapPanel:
         faces, colours = screen_from_world(geometry.box_faces(snapshot.boxes)), [GRID, MUTED, EXPECTED]
         self._boxes.set(verts=list(faces), facecolor=_faded(colours * len(snapshot.boxes), _BOX_ALPHA))
         for artist, points in (
+            (self._floor_plan, snapshot.floor_plan),
             (self._expected, snapshot.expected_landmarks),
             (self._fiducials, snapshot.fiducials),
             (self._true_landmarks, snapshot.true_landmarks),

@@ -11,8 +11,9 @@ from activeslam_gym.config import ANYWHERE, CENTRE, CLUSTERS, CORNER, RANGES, WA
 from activeslam_gym.geometry import quaternion_exp, rotate_left, rotation_matrix
 from activeslam_gym.kernels import uncompiled
 from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
+from activeslam_gym.registry import asked
 from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, reachable, surface_points
-from activeslam_gym.world.scenes import AROUND, Scene, draw_scene
+from activeslam_gym.world.scenes import AROUND, SCENES, CheckedScene, Scene
 
 _FIDUCIAL_IMAGE_SHARE = 0.8
 """Fiducials project into the central part of the first image, of this relative width and height."""
@@ -20,6 +21,7 @@ _CORNER_DISTANCE, _WALL_DISTANCE = 1.4, 0.7
 """Of a start in a corner from its two walls, and of one along a wall from it [m]."""
 _START_MARGIN = 0.45  # between a start and whatever stops the camera [m]
 _TRIES = 1000
+_MESHES = ".glb", ".gltf", ".obj", ".off", ".ply", ".stl"  # endings of files that are meshes
 _BATCHES = 60  # so often landmarks are drawn, until enough are apart
 
 
@@ -33,6 +35,23 @@ class Room(NamedTuple):
     normals: np.ndarray  # (L, 3) of the surfaces that the landmarks are on, or (0, 3)
     boxes: np.ndarray  # (B, 2, 3) lowest and highest corners [m]
     scene: Scene | None = None  # the registered scene; None: the boxes
+
+
+def scene_factory(name: str) -> Any:
+    """What makes the scenes of that ``name``: the registered one, or for the file of a mesh `world.mesh`."""
+    if name.lower().endswith(_MESHES):
+        try:
+            from activeslam_gym.world.mesh import MeshFactory
+        except ImportError as error:
+            raise ImportError(f"scenario.scene {name!r} needs the extra mesh: pip install trimesh embreex") from error
+        return MeshFactory(name)
+    return SCENES[name]
+
+
+def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
+    """The scene of a reset; a wrong answer of a registered one is a ValueError."""
+    scene = asked(f"the scene {scenario.scene!r}", scene_factory(scenario.scene), scenario, rng)
+    return CheckedScene(scenario, scene) if scenario.has_registered_scene else scene
 
 
 def varied(scenario: Scenario, rng: np.random.Generator) -> Scenario:
@@ -77,6 +96,8 @@ def draw_room(scenario: Scenario, rng: np.random.Generator) -> Room:
         scene = draw_scene(scenario, rng) if registered else None
         boxes = np.empty((0, 2, 3)) if registered else draw_boxes(scenario, rng)
         place = _draw_place(scenario, boxes, rng)
+        if start := getattr(scene, "start", None):
+            place[:3] = start(rng)
         camera = draw_start(scenario, rng, place)
         fiducials = _in_view(scenario, boxes, camera, rng, scene)
         if fiducials is None or not (registered or reachable(scenario, boxes, place, scenario.wall_margin + 0.05)):
@@ -218,8 +239,10 @@ def _in_view(
     z, view = np.empty(2), View(camera, start, R_WC, boxes)
     if inside_any(start[None, :3], boxes, _START_MARGIN)[0]:
         return None
-    if scene is not None and any(scene.clearance(start[:3], way, _START_MARGIN) < _START_MARGIN for way in AROUND):
-        return None
+    if scene is not None:
+        free = scene.clearance(np.repeat(start[None, :3], len(AROUND), axis=0), AROUND, _START_MARGIN)
+        if (free < _START_MARGIN).any():
+            return None
     for _ in range(20 * scenario.fiducial_count):
         if len(found) == scenario.fiducial_count:
             break
@@ -234,7 +257,7 @@ def _in_view(
             point = _floating(scenario, 1, start, rng)[0]
             if inside_any(point[None], boxes)[0]:
                 continue
-        if scene is not None and scene.blocks(start[POSITION], point):
+        if scene is not None and scene.blocks(start[POSITION], point[None])[0]:
             continue
         if visible(view, point, 0.0, z) and _is_apart(point, found, scenario.point_spacing):
             found.append(point)

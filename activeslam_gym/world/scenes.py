@@ -5,12 +5,14 @@
     @SCENES.register("mine")
     class Mine: ...
 
-and ``gymnasium.make("ActiveSLAM-v0", scenario={"scene": "mine"})`` runs it. The walls of the room stop the camera in
-every scene.
+and ``gymnasium.make("ActiveSLAM-v0", scenario={"scene": "mine"})`` runs it; ``"scene": "flat.glb"``, or another file of
+a mesh, needs no class. The walls of the room stop the camera in every scene.
+
+What makes a scene may have a method ``fitted(scenario)``, which gives the scenario the room that it needs; and a scene
+a method ``start(rng)``, a place (3,) where the camera may start.
 """
 
 from collections.abc import Callable
-from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,7 +20,7 @@ import numpy as np
 from activeslam_gym.camera import hidden
 from activeslam_gym.config import BOXES, NoRoomError, Scenario
 from activeslam_gym.registry import Registry, array_of, asked
-from activeslam_gym.world.furniture import draw_boxes, first_hits, surface_points
+from activeslam_gym.world.furniture import draw_boxes, first_hits, inside_any, surface_points
 
 _ROUNDING = 1e-6  # of what a scene answers, which may be in single precision
 AROUND = np.array([way for way in np.ndindex(3, 3, 3) if way != (1, 1, 1)]) - 1.0
@@ -33,13 +35,13 @@ class Scene(Protocol):
     def bounds(self) -> np.ndarray:
         """(2, 3) lowest and highest corner of all bodies, inside the scenario's room [m]."""
 
-    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
-        """Whether a body cuts the line of sight between the points ``a`` and ``b`` (3,). A surface on which one of
-        them lies does not."""
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """(n,) bool: whether a body cuts the lines of sight from the point ``a`` (3,) to the points ``b`` (n, 3). A
+        surface on which an end lies does not."""
 
-    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
-        """How far a point can go from ``p`` (3,) along the unit vector ``direction`` (3,) before it meets a body:
-        ``farthest`` at most, and 0 where it is inside of one [m]."""
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
+        """(n,) how far points can go from ``p`` (n, 3) along the unit vectors ``directions`` (n, 3) before they meet a
+        body: ``farthest`` at most, and 0 inside of one [m]."""
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """``n`` points (n, 3) [m] on surfaces, where landmarks are, and the unit normals (n, 3) out of the bodies."""
@@ -47,12 +49,6 @@ class Scene(Protocol):
 
 _BATCHES = 60  # so often points on surfaces are drawn, until there are enough
 SCENES: Registry[Any] = Registry("scenario.scene")  # the scenes by name
-
-
-def draw_scene(scenario: Scenario, rng: np.random.Generator) -> Scene:
-    """The scene of a reset; a wrong answer of a registered one is a ValueError."""
-    scene = asked(f"the scene {scenario.scene!r}", SCENES[scenario.scene], scenario, rng)
-    return CheckedScene(scenario, scene) if scenario.has_registered_scene else scene
 
 
 class BoxScene:
@@ -66,15 +62,17 @@ class BoxScene:
         """(2, 3) those of the room."""
         return np.stack((-self.half, self.half))
 
-    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """Whether a box does."""
-        return bool(hidden(self.boxes, np.asarray(a, float), np.asarray(b, float)))
+        return np.array([hidden(self.boxes, np.asarray(a, float), point) for point in np.asarray(b, float)], bool)
 
-    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
         """To the first box or wall."""
-        if ((self.boxes[:, 0] < p) & (p < self.boxes[:, 1])).all(axis=1).any():
-            return 0.0
-        return min(float(first_hits(self.boxes, self.half, p, np.asarray(direction)[None])[0]), farthest)
+        free = [
+            0.0 if inside else min(float(first_hits(self.boxes, self.half, one, way[None])[0]), farthest)
+            for one, way, inside in zip(p, directions, inside_any(p, self.boxes), strict=True)
+        ]
+        return np.array(free)
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Uniform on walls and boxes; see `furniture.surface_points`."""
@@ -97,29 +95,25 @@ class CheckedScene:
 
     def __init__(self, scenario: Scenario, scene: Scene) -> None:
         self._of, self._scene, half = f"of the scene {scenario.scene!r}", scene, 0.5 * np.array(scenario.room_size)
-        self._slack = _ROUNDING * max(1.0, half.max())
+        self._slack, self.start = _ROUNDING * max(1.0, half.max()), getattr(scene, "start", None)
         self.bounds = low, high = self._array("bounds", lambda: scene.bounds, (2, 3))
         if not ((-half - self._slack <= low) & (low < high) & (high <= half + self._slack)).all():
             room = f"its lowest and highest corner, inside of ±{half.tolist()}"
             raise ValueError(f"bounds {self._of} must be {room}, got {self.bounds.tolist()}")
 
-    def blocks(self, a: np.ndarray, b: np.ndarray) -> bool:
+    def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """`Scene.blocks`."""
-        blocked = asked(f"blocks() {self._of}", lambda: self._scene.blocks(a.copy(), b.copy()))
-        if not isinstance(blocked, (bool, np.bool_)):
-            raise ValueError(f"blocks() {self._of} must return True or False, got {blocked!r}")
-        return bool(blocked)
+        what = f"blocks() {self._of}"
+        return array_of(f"what {what} returns", asked(what, self._scene.blocks, a.copy(), b.copy()), (len(b),), bool)
 
-    def clearance(self, p: np.ndarray, direction: np.ndarray, farthest: float) -> float:
+    def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:
         """`Scene.clearance`."""
-        free: Any = asked(
-            f"clearance() {self._of}", lambda: self._scene.clearance(p.copy(), direction.copy(), farthest)
-        )
-        most = farthest * (1.0 + _ROUNDING)
-        real = isinstance(free, Real) and not isinstance(free, bool)
-        if not real or not 0.0 <= free <= most:
-            raise ValueError(f"clearance() {self._of} must return a number from 0 to {farthest:g}, got {free!r}")
-        return float(free) if free < farthest * (1.0 - _ROUNDING) else farthest
+        what = f"clearance() {self._of}"
+        answer = asked(what, self._scene.clearance, p.copy(), directions.copy(), farthest)
+        free = array_of(f"what {what} returns", answer, (len(p),))
+        if not ((0.0 <= free) & (free <= farthest * (1.0 + _ROUNDING))).all():
+            raise ValueError(f"{what} must return numbers from 0 to {farthest:g}, got {free!r}")
+        return np.where(free < farthest * (1.0 - _ROUNDING), free, farthest)
 
     def sample(self, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """`Scene.sample`."""

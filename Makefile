@@ -20,9 +20,8 @@ help: ## show this list
 demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: table and pictures in results/demo
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
 
-consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes a policy, both initialisers (minutes): results/consistency
-	$(RUN) -m agents consistency --episodes $(or $(EPISODES),100) --seed 2000000 --out results/consistency --report docs/consistency_report.md
-	cp results/consistency/nees.png docs/images/nees.png
+consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each policy and variant (minutes): docs/consistency.md
+	$(RUN) -m studies.consistency --episodes $(or $(EPISODES),100) --jobs $(WORKERS) --out results/consistency --report docs/consistency.md
 
 # SUITE: that the leaderboard shows. EPISODES: episodes of each study, for a trial; without bench and client-figures.
 SUITE    := v1
@@ -109,7 +108,7 @@ $(CLIENTS:%=client-%): client-%: .venvs/%/.made
 	OMP_NUM_THREADS=1 .venvs/$*/bin/python -m pytest -m '' $(TESTS_$*)
 
 client-figures: $(VENV)/.demo $(addprefix .venvs/,$(addsuffix /.made,sb3 torchrl rllib cleanrl)) ## does each library learn? (ten minutes): docs/clients.md
-	$(RUN) -m benchmarks.studies.clients --report docs/clients.md
+	$(RUN) -m studies.clients --report docs/clients.md
 
 lint: $(VENV)/.dev ## ruff (lint and format) and mypy
 	$(RUN) -m ruff check .

@@ -8,7 +8,6 @@ PROGRAM = "python -m agents"
 COMMANDS = {
     "check-results": "agents.suite.check",
     "compare": "agents.compare.command",
-    "consistency": "agents.consistency.command",
     "enter": "agents.suite.enter",
     "export": "agents.export",
     "generalise": "agents.compare.generalise",

@@ -10,7 +10,7 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.geometry import rotation_error  # noqa: E402
 from activeslam_gym.metrics import write_tum  # noqa: E402
-from benchmarks.studies import excerpts  # noqa: E402
+from studies import excerpts  # noqa: E402
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 GENERATED = re.compile(r"<!-- generated: (.*?) -->.*?<!-- end: \1 -->", re.DOTALL)
 FIRST_READ = ("README.md", "docs/index.md", "docs/start.md", "docs/tutorial.md", "docs/concepts.md")
 MOST_WORDS = 35
-MOST_LINES = {"README.md": 150, "docs/consistency.md": 60, "docs/notes.md": 300}
+MOST_LINES = {"README.md": 150, "docs/consistency.md": 100, "docs/notes.md": 300}
 IDIOMS = tuple(
     line.strip()
     for line in r"""
@@ -48,6 +48,7 @@ IDIOMS = tuple(
 )
 """Private words for which the field has its own; names in code are left alone."""
 NAMES = {"births", "forfeit"}  # keys of `info`, in messages that show them
+REMOVALS = ROOT / "studies" / "removals.py"  # its strings are code
 EXCEPTIONS = {
     "docs/STUDY.md": set(IDIOMS),  # `python -m agents study` writes the page
 }
@@ -96,10 +97,12 @@ def test_pages_use_the_words_of_the_field(page: Path) -> None:
     assert not found, f"{name(page)}: {', '.join(sorted(found))}"
 
 
-@pytest.mark.parametrize("folder", ["activeslam_gym", "agents", "baselines", "benchmarks", "examples", "tests"])
+@pytest.mark.parametrize(
+    "folder", ["activeslam_gym", "agents", "baselines", "benchmarks", "studies", "examples", "tests"]
+)
 def test_code_uses_the_words_of_the_field(folder: str) -> None:
     for path in sorted((ROOT / folder).rglob("*.py")):
-        text = "" if path == Path(__file__).resolve() else prose_of_code(path)
+        text = "" if path in (Path(__file__).resolve(), REMOVALS) else prose_of_code(path)
         found = {match[0] for idiom in IDIOMS for match in re.finditer(idiom, text, re.IGNORECASE)}
         assert not found - NAMES, f"{name(path)}: {', '.join(sorted(found))}"
 

@@ -19,7 +19,7 @@ PAGES = (
     "docs/leaderboard.md",
     "docs/STUDY.md",
     "docs/live.md",
-    "docs/consistency_report.md",
+    "docs/consistency.md",
     "docs/clients.md",
 )
 

@@ -1,7 +1,7 @@
 """Policies of a few lines, which a policy that decides has to beat: the constants, and rules that look at the map.
 
-They are named as any policy from outside: ``benchmarks.studies.rules:GoBack``, and a constant action by its motion and
-its gaze: ``benchmarks.studies.rules:RIGHT_LEFT``.
+They are named as any policy from outside: ``studies.rules:GoBack``, and a constant action by its motion and
+its gaze: ``studies.rules:RIGHT_LEFT``.
 """
 
 import math
@@ -54,13 +54,6 @@ class Face(Rule):
     def look(self, i: int, belief: Any) -> int:
         known = belief.landmarks[belief.mapped]
         return gaze_to(belief, known.mean(axis=0)) if len(known) >= ENOUGH else Gaze.LEFT
-
-
-class TurnIn(Rule):
-    """Faces the middle of the room."""
-
-    def look(self, i: int, belief: Any) -> int:
-        return gaze_to(belief, np.zeros(3))
 
 
 class SpinThenOrbit(Rule):

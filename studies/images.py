@@ -1,6 +1,6 @@
 """How good the front end is where the truth is known: episodes of ``ActiveSLAMPixels-v0``, judged by ray-casting.
 
-    python -m benchmarks.studies.images --rooms 100 --seed 3000000 --out results/store
+    python -m studies.images --rooms 100 --seed 3000000 --out results/store
 
 Prints, for each policy, the log score, the NEES of the pose and of the landmarks, their depths, lost runs and wrong
 matches; and the noise of all matched pixels.
@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
 from agents.tools.sections import table as markdown
 from agents.tools.statistics import bootstrap_interval
-from benchmarks.studies import parser, played, tasks
+from studies import parser, played, run, settings_of, tasks
 
 TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
 LAGS = (1, 5, 20)  # frames, of the correlation of a feature's errors
@@ -141,21 +140,19 @@ def summary(by_policy: dict[str, list[Episode]]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print."""
-    made = parser("images", __doc__, ("mi-fisher", "mi-mi"), 20)
-    made.add_argument("--seed", type=int, default=3_000_000, help="R was fitted on rooms from 4000000 on")
+    made = parser("images", __doc__, policies=("mi-fisher", "mi-mi"), rooms=20, seed=3_000_000)
     made.add_argument("--scenario", default="pixels", help="a name, or fields as JSON")
     made.add_argument("--seconds", type=float, default=35.0)
     made.add_argument(
         "--gaze-period", type=float, help="of a step, whose last frame is looked at; a frame if not given"
     )
     args = made.parse_args(arguments)
-    scenario = json.loads(args.scenario) if args.scenario.startswith("{") else args.scenario
-    period = scenario_from(scenario).frame_time if args.gaze_period is None else args.gaze_period
-    times = {"gaze_period": period, "duration": args.seconds}
-    settings = json.dumps({"scenario": scenario, "end_when_lost": True, **times})
+    period = args.gaze_period or json.loads(settings_of(args.scenario))["scenario"]["frame_time"]
+    times = {"gaze_period": period, "duration": args.seconds, "end_when_lost": True}
+    settings = settings_of(args.scenario, times)
     groups = {policy: tasks(policy, settings, args.seed, args.rooms, PixelErrors) for policy in args.policies}
-    print(summary(played(groups, args.out, batch=1)))
+    print(summary(played(groups, args.out, batch=1, jobs=args.jobs)))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,6 @@
 """Does each RL library learn in the environment? Each script of `examples/`, in the environment of `make clients`.
 
-    python -m benchmarks.studies.clients --report docs/clients.md
+    python -m studies.clients --report docs/clients.md
 
 Prints the mean return in bits before and after training, and the time. Skips libraries that are not installed;
 ``--report`` needs them all, and `make client-figures` installs them.
@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from agents.tools.sections import page_with, provenance, put_section
-from agents.tools.sections import table as markdown
+from agents.tools.sections import table
+from studies import page_type, publish, run
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 HEADER = ("Client", "Script", "Steps", "Before → after [bit]", "Time [s]")
 LINE = re.compile(r": (-?\d+) -> (-?\d+) bits, (\d+) steps in (\d+) s$", re.MULTILINE)
 """The last line of each script's output."""
@@ -85,20 +85,15 @@ def row_of(client: Client) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run, print, and fill the page's section "clients"."""
-    made = argparse.ArgumentParser(prog="python -m benchmarks.studies.clients", description=__doc__)
-    made.add_argument("--report", type=Path, help='a page whose generated section "clients" is made')
+    made = argparse.ArgumentParser(prog="python -m studies.clients", description=__doc__)
+    made.add_argument("--report", type=page_type("clients"), help='a page whose generated section "clients" is made')
     args = made.parse_args(arguments)
     missing = sorted({client.environment for client in CLIENTS if not python_of(client).exists()})
-    if args.report:
-        page_with(args.report, "clients")
-        if missing:
-            made.error(f"argument --report: not installed: {', '.join(missing)}; make client-figures installs them")
+    if args.report and missing:
+        made.error(f"argument --report: not installed: {', '.join(missing)}; make client-figures installs them")
     rows = [row_of(client) for client in CLIENTS if client.environment not in missing]
-    text = f"{provenance('make client-figures')}\n\n{markdown(HEADER, rows)}"
-    print(text)
-    if args.report:
-        put_section(args.report, "clients", text)
+    publish(args.report, "clients", table(HEADER, rows), "make client-figures")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,15 +1,13 @@
 """Does deciding pay? The best open-loop policies and policies that decide, in rooms of each scenario.
 
-    python -m benchmarks.studies.worlds --scenarios office rooms --rooms 100 --out results/store
+    python -m studies.worlds --scenarios office rooms --rooms 100 --out results/store
 
 Open-loop policies are the baselines ``best-constant`` and ``best-sequence``, chosen in training episodes, and
-``sweep``; ``--open`` names others, such as those of `benchmarks.studies.rules`. All figures are of the scenario's own
+``sweep``; ``--open`` names others, such as those of `studies.rules`. All figures are of the scenario's own
 held-out episodes, or of those from ``--seed`` on. Prints a table for each scenario and one of all.
 """
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from agents.compare.generalise import shares_of_best
 from agents.task import Task
 from agents.tools.sections import table as markdown
 from agents.tools.statistics import estimate
-from benchmarks.studies import NEES, SCENARIOS, parser, played, tasks
+from studies import NEES, SCENARIOS, parser, played, run, settings_of, tasks
 
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
 OPEN = ("best-constant", "sweep", "best-sequence")
@@ -37,9 +35,8 @@ Runs = dict[str, list[Episode]]  # by policy, an episode for each room
 def tasks_of(scenario: str, name: str, seed: int, rooms: int, **fields: Any) -> list[Task]:
     """For each room from ``seed`` on, with these ``fields`` of the scenario; a name that ends in `KNOWN` is a policy
     whose belief knows the boxes."""
-    fields = asdict(config.SCENARIOS[scenario]) | fields | ({"boxes_known": True} if name.endswith(KNOWN) else {})
-    settings = json.dumps({"scenario": fields})
-    return tasks(name.removesuffix(KNOWN), settings, seed, rooms)
+    fields |= {"boxes_known": True} if name.endswith(KNOWN) else {}
+    return tasks(name.removesuffix(KNOWN), settings_of(scenario, **fields), seed, rooms)
 
 
 def log_scores(runs: Sequence[Episode]) -> np.ndarray:
@@ -80,10 +77,9 @@ def text_of(scenario: str, table: Runs, references: Sequence[str]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print the tables."""
-    made = parser("worlds", __doc__, DECIDING, 100)
+    made = parser("worlds", __doc__, policies=DECIDING, rooms=100, seed=None)
     made.add_argument("--scenarios", nargs="+", default=SCENARIOS, choices=tuple(config.SCENARIOS))
     made.add_argument("--open", nargs="+", default=OPEN, help="policies whose best is the reference")
-    made.add_argument("--seed", type=int, help="the first room's; the scenario's own if not given")
     made.add_argument("--boxes-known", nargs="+", default=(), help="of these, also with a belief that knows the boxes")
     made.add_argument("--corners", action="store_true", help="the sensor `corners` in the place of images")
     args = made.parse_args(arguments)
@@ -93,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         made.error(f"argument --boxes-known: {', '.join(sorted(unpaired))} is not among the policies")
     first = {s: config.benchmark_seed(s) if args.seed is None else args.seed for s in args.scenarios}
     groups = {(s, name): tasks_of(s, name, first[s], args.rooms, **fields) for s in args.scenarios for name in names}
-    runs = played(groups, args.out)
+    runs = played(groups, args.out, jobs=args.jobs)
     tables = {scenario: {name: runs[scenario, name] for name in names} for scenario in args.scenarios}
     for scenario, table in tables.items():
         print(text_of(scenario, table, args.open))
@@ -105,4 +101,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,6 @@
 """`track` along recorded motions of a hand, through rendered rooms and three kinds of lens, where the truth is known.
 
-    python -m benchmarks.studies.excerpts room1.tum room2.tum --excerpts 4
+    python -m studies.excerpts room1.tum room2.tum --excerpts 4
 
 A file has a line a pose, as `trajectories` has it. Each excerpt starts at rest before the target of a room in which it
 meets no wall, and is flown at half the speed. Its images are of 640 x 480 pixels, 30 a second. Errors are those of the
@@ -34,6 +34,7 @@ from activeslam_gym.vision.target import Rectangle
 from activeslam_gym.vision.track import follow
 from activeslam_gym.vision.views import projected
 from agents.tools.sections import table
+from studies import run
 
 SIZE, RATE = (640, 480), 30.0
 _MATRIX = np.array(((400.0, 0.0, 325.0), (0.0, 402.0, 236.0), (0.0, 0.0, 1.0)))
@@ -138,7 +139,7 @@ def flown(cameras: np.ndarray, lens: Lens | None, seed: int, features: int = FEA
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Fly, and print the table."""
-    made = argparse.ArgumentParser(prog="python -m benchmarks.studies.excerpts", description=__doc__)
+    made = argparse.ArgumentParser(prog="python -m studies.excerpts", description=__doc__)
     made.add_argument("paths", nargs="+", type=Path)
     made.add_argument("--seconds", type=float, default=20.0)
     made.add_argument("--excerpts", type=int, default=6, help="of each file at most")
@@ -166,4 +167,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

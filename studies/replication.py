@@ -1,8 +1,8 @@
 """Which settings give the paper's numbers? The paper states the noise of its images, but not the rest of its filter.
 
-    python -m benchmarks.studies.replication --designs 0
-    python -m benchmarks.studies.replication --designs 128 --episodes 16 --out results/replication
-    python -m benchmarks.studies.replication --live 64
+    python -m studies.replication --designs 0
+    python -m studies.replication --designs 128 --episodes 16 --out results/replication
+    python -m studies.replication --live 64
 
 The first command plays the scenario ``paper-2006``, whose settings an earlier search found; the second searches; the
 third plays the live system of figure 5 under several readings.

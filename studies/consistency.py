@@ -1,0 +1,102 @@
+"""Is the filter consistent? Lost episodes, wrong matches and NEES, of each policy and variant of the filter.
+
+    python -m studies.consistency --episodes 100 --report docs/consistency.md
+
+The variants are the default, the default with known data association, and the paper's depth particles. Every episode is
+played to its end, lost or not. With ``--report`` the page has the table, its folder `images` the figure `nees.png`, and
+`consistency.csv` beside it the NEES at single times.
+"""
+
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from activeslam_gym import config
+from activeslam_gym.evaluation import Episode
+from agents.figures import grid_of_panels, legend_below, save_figure
+from agents.tools.files import write_csv
+from agents.tools.sections import table
+from agents.tools.statistics import TAILS, estimate
+from studies import NEES, command_line, mean, parser, played, publish, run, settings_of, tasks
+from studies.measures import Matches, mean_nees, nees
+
+POLICIES = ("orbit", "mi-mi", "mi-fisher", "joint-mi", "mi-constant", "sweep", "random", "stay")
+VARIANTS: dict[str, dict[str, Any]] = {
+    "inverse depth": {},
+    "known association": {"association": config.KNOWN},
+    "depth particles": {"initialisation": config.DEPTH_PARTICLES},
+}
+TIMES = (5.0, 15.0, 25.0, 35.0)  # of the CSV [s]
+HEADER = ("policy", "variant", "lost, %", "wrong matches, %", "NEES of the pose", "NEES of landmarks")
+DRAWN = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
+Runs = Mapping[tuple[str, str], list[Episode]]  # by policy and variant
+
+
+def wrong_matches(runs: Sequence[Episode]) -> float:
+    """Share of all matches that are wrong by the hidden labels."""
+    wrong = sum(run.events["wrong_matches"].sum() for run in runs)
+    return float(wrong / max(sum(run.notes["matches"] for run in runs), 1))
+
+
+def row_of(policy: str, variant: str, runs: Sequence[Episode]) -> list[str]:
+    """A row of the table; a NEES is the mean over the seconds of an episode."""
+    cells = [mean(values).text(1.0, 2) for values in mean_nees(runs)]
+    lost = estimate([run.lost for run in runs], "share").text(100.0)
+    return [f"`{policy}`", variant, lost, f"{100.0 * wrong_matches(runs):.3f}", *cells]
+
+
+def line_of(policy: str, variant: str, runs: Sequence[Episode]) -> dict[str, Any]:
+    """A line of the CSV."""
+    gain = np.array([run.log_score[-1] - run.log_score[0] for run in runs])
+    at = {time: np.abs(runs[0].times - time).argmin() for time in TIMES if time <= runs[0].times[-1]}
+    return {
+        **{"policy": policy, "variant": variant, "episodes": len(runs), "lost": sum(run.lost for run in runs)},
+        **{"reset": int(sum(run.events["restarts"].any() for run in runs)), "wrong_matches": wrong_matches(runs)},
+        **{"log_score_median": float(np.median(gain)), "log_score_under_0": int((gain < 0.0).sum())},
+        **{
+            f"{x}_{t:g}s": mean(np.array([getattr(run, x)[k] for run in runs])).value
+            for t, k in at.items()
+            for x in NEES
+        },
+    }
+
+
+def draw(runs: Runs, path: Path) -> None:
+    """Mean NEES over time, with the 95 % band of a consistent filter (Bar-Shalom et al. 2001, section 5.4)."""
+    shown = [policy for policy in dict.fromkeys(policy for policy, _ in runs) if policy in DRAWN]
+    figure, grid = grid_of_panels(2, max(len(shown), 1), (3.2, 2.4), sharex=True, sharey=True)
+    for (policy, variant), group in ((key, group) for key, group in runs.items() if key[0] in shown):
+        band = np.array([chi2.ppf(end, 3 * len(group)) / (3 * len(group)) for end in TAILS])
+        for name, axes, values in zip(("pose", "landmarks"), grid[:, shown.index(policy)], nees(group)):
+            known = ~np.isnan(values).all(axis=0)
+            axes.plot(group[0].times[known], np.nanmean(values[:, known], axis=0), label=variant, linewidth=1.2)
+            axes.axhspan(*band, color="0.85", zorder=0)
+            axes.set(yscale="log", ylim=(0.3, 30.0), title=policy, ylabel=f"NEES of {name}", xlabel="time, s")
+            axes.label_outer()
+    legend_below(figure, grid[0, :1])
+    save_figure(figure, path)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Play, print the table, and regenerate the page."""
+    made = parser("consistency", __doc__, "consistency", policies=POLICIES, rooms=100, seed=2_000_000)
+    made.add_argument("--scenario", default="paper", help="a name, or fields as JSON")
+    made.add_argument("--variants", nargs="+", default=tuple(VARIANTS), choices=tuple(VARIANTS))
+    args = made.parse_args(arguments)
+    settings = {variant: settings_of(args.scenario, **VARIANTS[variant]) for variant in args.variants}
+    pairs = product(args.policies, args.variants)
+    groups = {pair: tasks(pair[0], settings[pair[1]], args.seed, args.rooms, Matches) for pair in pairs}
+    runs = played(groups, args.out, jobs=args.jobs)
+    if args.report:
+        draw(runs, args.report.parent / "images" / "nees.png")
+        write_csv(args.report.with_name("consistency.csv"), [line_of(*key, group) for key, group in runs.items()])
+    rows = [row_of(*key, group) for key, group in runs.items()]
+    publish(args.report, "consistency", table(HEADER, rows), command_line("consistency", arguments))
+
+
+if __name__ == "__main__":
+    run(main)

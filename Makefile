@@ -63,16 +63,13 @@ results: leaderboard ## every generated section of the pages and its pictures, a
 check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR and this manifest? (before a release)
 	$(RUN) -m agents check-results
 
-LIVE := -m agents live --rooms $(if $(EPISODES),$(EPISODES) $(EPISODES),50 20) --seconds 35 167 --jobs 2 --out results/live --report docs/live.md
+figures: $(VENV)/.advice ## the paper's claims and figures, other estimators and the live system (an hour or more): docs
+	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) --out results/paper --report docs/paper.md
+	$(RUN) -m studies.estimators --episodes $(or $(EPISODES),200) --seed 3000000 --jobs $(WORKERS) --out results/estimators --report docs/estimators.md
+	$(MAKE) advice
 
-figures: $(VENV)/.advice ## the paper's study over 100 episodes, and the live system's (half an hour or more): results/figures and docs
-	$(RUN) -m agents study --episodes $(or $(EPISODES),100) --choice-episodes $(or $(EPISODES),50) --seed 1000000 --out results/figures
-	$(RUN) $(LIVE) results/figures/STUDY.md
-	cp results/figures/STUDY.md docs/STUDY.md
-	cp results/figures/images/study/*.png docs/images/study/
-
-advice: $(VENV)/.advice ## is the live page's advice worth following? 50 rooms (a quarter of an hour on two cores): results/live
-	$(RUN) $(LIVE) docs/STUDY.md
+advice: $(VENV)/.advice ## is the live page's advice worth following? 50 episodes (a quarter of an hour on two cores): docs/live.md
+	$(RUN) -m studies.live --episodes $(or $(EPISODES),50) --long $(or $(EPISODES),20) --jobs $(WORKERS) --out results/live --report docs/live.md
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md

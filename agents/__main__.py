@@ -12,8 +12,6 @@ COMMANDS = {
     "export": "agents.export",
     "generalise": "agents.compare.generalise",
     "leaderboard": "agents.suite.leaderboard",
-    "live": "agents.advising",
-    "study": "agents.study.command",
     "train": "agents.train",
     "verify": "agents.suite.verify",
     "watch": "agents.watching.command",

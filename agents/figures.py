@@ -131,6 +131,20 @@ def actions(by_policy: Runs) -> Figure:
     return figure
 
 
+def live(drawn: Episode, runs: Sequence[Episode], until: float) -> Figure:
+    """Fig. 5: log₂|P| over time of a run, mean and band over all, and the run's commands ``until`` a time [s]."""
+    figure, (left, right) = _panels(2, (5.4, 3.0))
+    entropy_panel(left, drawn, {part: over_rooms(runs, f"log2_det_{part}") for part in PARTS})
+    read = np.flatnonzero(drawn.motion_read & (drawn.times[:-1] < until))
+    right.step(drawn.times[read], drawn.actions[read, 0], where="post", color=ESTIMATE, linewidth=1.0)
+    right.set_yticks(range(len(Motion)), [motion.name.lower() for motion in Motion], fontsize=7)
+    left.set(xlabel="time, s", ylabel="log₂|P|")
+    right.set(xlabel="time, s", title="commands")
+    left.legend(fontsize=7)
+    _title(left, f"room {drawn.seed}; {sum(run.lost for run in runs)} of {len(runs)} lost", drawn)
+    return figure
+
+
 def decision_times(by_policy: Runs) -> Figure:
     """Time of a decision: its distribution over all steps; the whiskers span 1 to 99 %."""
     figure, (axes,) = _panels(1, (2.0 + 0.8 * len(by_policy), 3.6))

@@ -18,7 +18,6 @@ from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, module_sources, pack
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import Arrays
 from agents import policies
-from agents.places import Placed
 from agents.tools.arguments import made_scenario
 
 ENVIRONMENT, IMAGES = "ActiveSLAM-v0", "ActiveSLAMPixels-v0"
@@ -114,22 +113,17 @@ def make_environment(arguments: dict[str, Any], count: int = 1, actions: str = "
     """The environment of every study, or a batch of ``count``. A lost run goes on, or its score would stop there.
 
     ``actions``: "Continuous" or "Discrete"; on images there are only pairs.
-
-    Beside its own arguments: ``expected``, a name in `places.PLACES`, where the expected landmarks stand.
     """
     given = {"end_when_lost": False, **{name: value for name, value in arguments.items() if value is not None}}
-    place, scenario = given.pop("expected", None), made_scenario(given.pop("scenario", "paper"))
+    scenario = made_scenario(given.pop("scenario", "paper"))
     fields = {"name": scenario} if isinstance(scenario, str) else {**getattr(scenario, "__dict__", scenario)}
     sensor = fields.get("sensor")
     on_images = sensor == "images" or (fields.get("name") in IMAGE_SCENARIOS and sensor != "corners")
     name = IMAGES if on_images else ENVIRONMENT
     name = name.replace("-", f"{actions}-") if name == ENVIRONMENT else name
     if count > 1:
-        if place:
-            raise ValueError(f"expected: {place!r} in a batch of {count}; allowed: single environments")
         return gym.make_vec(name, num_envs=count, autoreset_mode="DISABLED", num_threads=1, scenario=scenario, **given)
-    env = gym.make(name, scenario=scenario, **given)
-    return Placed(env, place) if place else env
+    return gym.make(name, scenario=scenario, **given)
 
 
 def run_policy(

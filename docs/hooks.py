@@ -29,7 +29,7 @@ SHOWN = {
 }
 """Folder on the site, and the files that are shown there, each as a page."""
 KINDS = {".py": "python", ".yml": "yaml", ".json": "json"}
-WIDE = {"results.md", "STUDY.md", "BENCHMARKS.md", "leaderboard.md"}
+WIDE = {"results.md", "paper.md", "BENCHMARKS.md", "leaderboard.md"}
 """Pages of wide tables: they have no table of contents beside them."""
 FONT = "assets/STIXTwoMath-Regular.ttf"
 """A font for formulas, for readers whose system has none; it comes with the package ziamath (SIL Open Font License)."""

@@ -18,8 +18,6 @@ from agents.tools.arguments import made_scenario, scenario_argument
 from agents.tools.sections import page_with, provenance, put_section
 from agents.tools.statistics import Estimate, bootstrap_interval
 
-SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
-NEES = ("position_nees", "orientation_nees", "landmark_nees")
 BATCH = 100  # episodes at a time
 NO_NUMBER = ("--jobs", "--out", "--report")  # options that decide no number
 Name = TypeVar("Name")

@@ -21,7 +21,7 @@ from agents.figures import grid_of_panels, legend_below, save_figure
 from agents.tools.files import write_csv
 from agents.tools.sections import table
 from agents.tools.statistics import TAILS, estimate
-from studies import NEES, command_line, mean, parser, played, publish, run, settings_of, tasks
+from studies import command_line, mean, parser, played, publish, run, settings_of, tasks
 from studies.measures import Matches, mean_nees, nees
 
 POLICIES = ("orbit", "mi-mi", "mi-fisher", "joint-mi", "mi-constant", "sweep", "random", "stay")
@@ -31,6 +31,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "depth particles": {"initialisation": config.DEPTH_PARTICLES},
 }
 TIMES = (5.0, 15.0, 25.0, 35.0)  # of the CSV [s]
+NEES = ("position_nees", "orientation_nees", "landmark_nees")
 HEADER = ("policy", "variant", "lost, %", "wrong matches, %", "NEES of the pose", "NEES of landmarks")
 DRAWN = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
 Runs = Mapping[tuple[str, str], list[Episode]]  # by policy and variant

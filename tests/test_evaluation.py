@@ -87,8 +87,6 @@ def test_a_batch_that_cannot_be_judged_is_refused() -> None:
     env = gym.make_vec("ActiveSLAM-v0", num_envs=2)
     with pytest.raises(ValueError, match="autoreset_mode NEXT_STEP; allowed: DISABLED"):
         play(env, baselines.make("stay", env), [1, 2])
-    with pytest.raises(ValueError, match="expected: 'nowhere' in a batch of 2"):
-        make_environment({"expected": "nowhere"}, 2)
     with pytest.raises(ValueError, match="seeds: 1 of them; allowed: 2"):
         play(env, baselines.make("stay", env), [1])
 
@@ -103,7 +101,7 @@ def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, mon
     assert is_kept(base)
     same = {"scenario": "paper", "motion_period": 1.0, "lost_position_error": 0.5, **json.loads(SHORT)}
     assert is_kept(Task("stay", 1, json.dumps(same))), "the same environment in other words"
-    for other in ({"scenario": {"pixel_std": 4.0}}, {"motion_period": 0.5}, {"expected": "nowhere"}, {"duration": 2.0}):
+    for other in ({"scenario": {"pixel_std": 4.0}}, {"motion_period": 0.5}, {"duration": 2.0}):
         assert not is_kept(Task("stay", 1, json.dumps(json.loads(SHORT) | other))), other
     assert not is_kept(Task("stay", 1, SHORT, whole=True)) and not is_kept(Task("stay", 1, SHORT, measures=(Counted,)))
     assert not is_kept(Task("stay", 1, SHORT, content="other weights"))

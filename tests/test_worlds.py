@@ -18,7 +18,7 @@ from activeslam_gym.slam.sight import INSIDE, NEAR
 from activeslam_gym.world import simulator
 from activeslam_gym.world.furniture import first_hits, inside_any, reachable
 from activeslam_gym.world.room import Room, draw_room, varied
-from studies import SCENARIOS as PLACES
+from studies.worlds import SCENARIOS as PLACES
 
 BOX = np.array([[[1.0, -1.0, -0.5], [2.0, 1.0, 0.5]]])
 

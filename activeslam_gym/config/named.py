@@ -56,7 +56,7 @@ _add("paper", "the paper's simulation: improve the map and keep the camera local
 _add("paper-literal", "the paper's simulation with its vague first pose and depth particles",
      orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES,
      negative_information=False, gaze_horizon=None, gaze_period=0.05)
-_add("paper-2006", "the paper's simulation with settings fitted to its six numbers (studies.replication)",
+_add("paper-2006", "the paper's simulation with settings fitted to its six numbers (studies.paper)",
      focal_px=123.0, distortion=0.0, linearity_threshold=0.068, birth_detections=23, landmark_prior_scale=3.58,
      acceleration_std=0.025, angular_acceleration_std=0.61, filter_acceleration_std=0.074,
      filter_angular_acceleration_std=1.81, gaze_horizon=3.0)

@@ -17,10 +17,11 @@ PAGES = (
     "RESULTS.md",
     "docs/BENCHMARKS.md",
     "docs/leaderboard.md",
-    "docs/STUDY.md",
+    "docs/paper.md",
     "docs/live.md",
     "docs/consistency.md",
     "docs/clients.md",
+    "docs/estimators.md",
 )
 
 

@@ -26,8 +26,8 @@ LEGEND = (
 """Explains the brackets."""
 
 Array = NDArray[np.float64]
-Statistic = Literal["median", "IQM", "share", "mean", "pooled"]
-"""`IQM`: interquartile mean. `pooled`: of the values of all rooms together. The last two have no interval."""
+Statistic = Literal["median", "IQM", "share", "mean"]
+"""`IQM`: interquartile mean. A mean has no interval."""
 
 
 @dataclass(frozen=True)

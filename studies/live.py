@@ -1,0 +1,126 @@
+"""The paper's live system from rendered pixels: does a person who follows the advice know more?
+
+    python -m studies.live --episodes 50 --long 20 --report docs/live.md
+
+Persons who follow, move at random or stay, in the same rendered rooms, with the same hand and gaze. The first of the
+episodes, ``--long``, last to the last of ``--seconds``, the others to the first. ``--report`` also draws figure 5.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from activeslam_gym import Motion
+from activeslam_gym.evaluation import Store
+from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, package_versions
+from activeslam_gym.evaluation.store import Arrays
+from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
+from activeslam_gym.live.trial import Second, trial
+from agents.figures import PARTS, grid_of_panels, save_figure
+from agents.tools.sections import table
+from agents.tools.statistics import Column, estimate
+from studies import command_line, parser, publish, run
+from studies.measures import CHANCE, LATERAL, MINUTE
+
+PERSONS = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
+COMPARED = ((FOLLOW, ""), (NEVER, ""), (STILL, ""), (FOLLOW, NEVER), (FOLLOW, STILL))  # a person, less another
+MEASURES = (
+    Column("log2_det_total", "log₂|P|", digits=0),
+    Column("log_score", "log score [bit]", digits=0),
+    Column("position_error", "position error [cm]", scale=100.0),
+)
+LOST = Column("lost", "lost, %", "share", 100.0, 0)
+HEADER = ("after", "person", *(one.title for one in (*MEASURES, LOST)))
+Runs = Mapping[str, Mapping[int, Arrays]]  # habit → seed → the columns of its seconds
+
+
+class Trial(NamedTuple):
+    """An episode; a `Job` of the store."""
+
+    seed: int
+    habit: str
+    lasts: float  # [s]
+    label = property(lambda self: f"{self.seed}-{self.habit}")
+    group = property(lambda self: self)
+    key = property(lambda self: {"live": self, "versions": package_versions(IMAGE_LIBRARIES)})
+
+
+def play_trials(trials: Sequence[Trial]) -> list[Arrays]:
+    """Play one after the other."""
+    told = [trial(*one) for one in trials]
+    return [{name: np.array([getattr(now, name) for now in one]) for name in Second._fields} for one in told]
+
+
+def at(episodes: Mapping[int, Arrays], time: float) -> dict[int, dict[str, Any]]:
+    """Seed → the last second up to ``time``, of the episodes that lasted until then."""
+    lasting = {seed: one for seed, one in episodes.items() if one["time"][-1] > time - 1.0}
+    return {
+        seed: {name: values[one["time"] <= time + 1e-6][-1] for name, values in one.items()}
+        for seed, one in lasting.items()
+    }
+
+
+def rows(runs: Runs, time: float) -> Iterator[list[str]]:
+    """A row for each person and each difference in the same rooms, at a time."""
+    for habit, other in COMPARED:
+        ours, theirs = at(runs[habit], time), at(runs[other], time) if other else {}
+        lead = [{m.key: own[m.key] - (theirs[s][m.key] if other else 0.0) for m in MEASURES} for s, own in ours.items()]
+        name = f"{PERSONS[habit]} − {PERSONS[other]}" if other else PERSONS[habit]
+        lost = "" if other else LOST.text(LOST.of(ours.values()))
+        yield [f"{time:g} s, {len(ours)} rooms", name, *(one.text(one.of(lead)) for one in MEASURES), lost]
+
+
+def figure_5(runs: Runs) -> str:
+    """Of the person who follows: lateral commands of the first minute, and the change of log2 |P| at closures."""
+    lateral, change = [], []
+    for one in runs[FOLLOW].values():
+        steps, closed = np.diff(one["log2_det_total"]), one["closures"][1:] > 0
+        change.append(steps[closed].mean() - steps[~closed].mean() if 0 < closed.sum() < len(closed) else np.nan)
+        lateral.append(100.0 * np.isin(one["command"][one["time"] <= MINUTE], LATERAL).mean())
+    return (
+        f"- Lateral commands in the first minute: {estimate(lateral, 'median').text()} %, by chance {CHANCE:.0f} %.\n"
+        f"- log₂|P| in a second with a loop closure less that in one without: {estimate(change, 'median').text()}."
+    )
+
+
+def draw(runs: Runs, path: Path) -> None:
+    """Figure 5 of the paper: (a) entropies of the first episode, loops marked; (b) all commands of the first minute."""
+    figure, ((left, right),) = grid_of_panels(1, 2, (5.2, 3.4))
+    one = next(iter(runs[FOLLOW].values()))
+    for name, colour in PARTS.items():
+        left.plot(one["time"], one[f"log2_det_{name}"], color=colour, label=name, linewidth=1.2)
+    closed = one["closures"] > 0
+    left.plot(one["time"][closed], one["log2_det_total"][closed], "v", color="#E69F00", ms=4, label="a loop closes")
+    left.set(xlabel="time, s", ylabel="log₂|P|", title="(a) entropies, one episode")
+    left.legend(fontsize=8)
+    told = np.concatenate([own["command"][own["time"] <= MINUTE] for own in runs[FOLLOW].values()])
+    right.bar(range(len(Motion)), np.bincount(told, minlength=len(Motion)), color="#0072B2")
+    right.set_xticks(range(len(Motion)), [motion.name.lower() for motion in Motion], rotation=40, fontsize=8)
+    right.set(ylabel="commands", title="(b) commands of the first minute, all episodes")
+    save_figure(figure, path)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Play, print the tables, and regenerate the page."""
+    made = parser("live", __doc__, "live", rooms=3, seed=5_000_000)
+    made.add_argument("--seconds", nargs="+", type=float, default=(35.0, 167.0), help="when persons are compared")
+    made.add_argument("--long", type=int, default=0, help="episodes that last to the last of these")
+    args = made.parse_args(arguments)
+    lasts = [max(args.seconds) if j < args.long else min(args.seconds) for j in range(args.rooms)]
+    trials = [Trial(args.seed + j, habit, time) for j, time in enumerate(lasts) for habit in HABITS]
+    runs: dict[str, dict[int, Arrays]] = {habit: {} for habit in HABITS}
+    with closing(Store(args.out).gather(trials, play_trials, args.jobs)) as finished:
+        for one, arrays in finished:
+            dets = {f"log2_det_{part}": values for part, values in zip(PARTS, arrays["log2_dets"].T)}
+            runs[one.habit][one.seed] = arrays | dets
+    text = table(HEADER, [row for time in args.seconds if time <= max(lasts) for row in rows(runs, time)])
+    if args.report:
+        draw(runs, args.report.parent / "images" / "live-figure5.png")
+    publish(args.report, "live", f"{text}\n\n{figure_5(runs)}", command_line("live", arguments))
+
+
+if __name__ == "__main__":
+    run(main)

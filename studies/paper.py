@@ -1,0 +1,125 @@
+"""The claims and figures of the paper (Active Control for Single Camera SLAM, ICRA 2006), in our episodes.
+
+    python -m studies.paper --episodes 100 --report docs/paper.md
+
+Plays its three strategies in `paper` and `paper-2006`, variants that single claims need, and the live system
+(`hand-held`), and prints a table. ``--report`` also draws the paper's figures 2, 3 and 5 into `images/paper`.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from activeslam_gym import Motion
+from activeslam_gym.evaluation import Episode
+from agents import figures
+from agents.tools.sections import table
+from agents.tools.statistics import estimate
+from studies import command_line, measures, parser, played, publish, run, settings_of, tasks
+from studies.measures import CHANCE, LATERAL, MINUTE, at_target, noted, share, unless_lost
+
+STRATEGIES = {"(i)": "mi-constant", "(ii)": "mi-mi", "(iii)": "mi-fisher"}
+CONDITIONS = {  # policy, scenario, duration [s], measures
+    **{name: (policy, "paper", 35.0, (measures.Loops,)) for name, policy in STRATEGIES.items()},
+    **{f"{name} 2006": (policy, "paper-2006", 35.0, ()) for name, policy in STRATEGIES.items()},
+    "fisher": ("fisher-fisher", "paper", 35.0, ()),
+    "alone": ("mi-fisher", "paper", 35.0, (measures.WithoutExpected,)),
+    "live": ("mi-mi", "hand-held", 167.0, ()),  # 2500 frames
+}
+STATED = {"(i)": (19.0, -530.0), "(ii)": (18.0, -550.0), "(iii)": (30.0, -610.0)}
+"""Figure 2: time of the 14th landmark [s], and log2 |P| then."""
+FEWEST = 10  # episodes for a verdict
+HEADER = ("The paper says", "Our measure", "Median [95 %]", "Episodes", "Verdict")
+Runs = Mapping[str, Sequence[Episode]]
+
+
+def row(words: str, measure: str, values: np.ndarray, above: bool, bound: float = 0.0) -> list[str]:
+    """A claim: the median over episodes, and whether its whole interval is on the claimed side of the bound."""
+    figure = estimate(values, "median")
+    verdict = "not significant" if figure.rooms >= FEWEST else "too few episodes"
+    if figure.rooms >= FEWEST and not figure.low <= bound <= figure.high:
+        verdict = "**holds**" if (figure.low > bound) == above else "**does not hold**"
+    return [words, measure, figure.text(1.0, 2 if abs(figure.value) < 10.0 else 1), str(figure.rooms), verdict]
+
+
+def number(words: str, measure: str, values: np.ndarray, stated: float) -> list[str]:
+    """A number that the paper states of one run, and its rank among the episodes, 0 to 1."""
+    figure, lower = estimate(values, "median"), np.count_nonzero(values < stated)
+    rank = f"rank {lower / figure.rooms:.2f}" if figure.rooms else "–"
+    return [words.format(f"{stated:g}".replace("-", "−")), measure, figure.text(), str(figure.rooms), rank]
+
+
+def claims(runs: Runs) -> Iterator[list[str]]:
+    """A row for each claim."""
+    time = {name: at_target(own, "landmark_times", own[0].times[-1]) for name, own in runs.items()}
+    det = {name: at_target(own, "landmark_log2_det", np.nan) for name, own in runs.items()}
+    end = {name: unless_lost(own, lambda one: one.log2_det_total[-1]) for name, own in runs.items()}
+    rms = {name: unless_lost(own, measures.orientation_rms) for name, own in runs.items()}
+    fiducials, closures = ({name: noted(runs[name], note) for name in STRATEGIES} for note in ("fiducials", "closure"))
+    for words, measure, values, above in (
+        ("{} maps landmarks faster than (iii)", "14th landmark [s]", time, True),
+        ("at the 14th landmark (iii) has lower entropy than {}", "log₂|P|", det, False),
+        ("(iii) needs more time than {} to reduce entropy", "log₂|P| at the end", end, True),
+        ("(iii) estimates orientation better than {}", "RMS error [°]", rms, False),
+        ("(iii) revisits the fiducials more than {}", "matched in a frame", fiducials, True),
+        ("(iii) closes loops sooner than {}", "first closure [s]", closures, False),
+    ):
+        for name in ("(i)", "(ii)"):
+            yield row(words.format(name), f"{measure}, (iii) − {name}", values["(iii)"] - values[name], above)
+    for name in STRATEGIES:
+        yield row("errors stay within 2σ", f"position, {name} [%]; 95.4", measures.within(runs[name]), True, 90.0)
+    yield row("entropy drops where a loop closes", "camera's log₂|P|, (i)", noted(runs["(i)"], "drop"), False)
+    still, moving = share(runs["alone"], [Motion.STAY]), share(runs["(iii)"], [Motion.STAY])
+    yield row("without expected landmarks the best motion is always `stay`", "(iii) [%]", still, True, 95.0)
+    yield row("expected landmarks keep the camera moving", "less `stay`, (iii) [%]", still - moving, True)
+    closer = measures.nearest(runs["fisher"]) - measures.nearest(runs["(iii)"])
+    yield row("Fisher information drives the camera onto landmarks", "distance to the nearest [m]", closer, False)
+    after, live = share(runs["(ii)"], LATERAL, after="births"), share(runs["live"], LATERAL, until=MINUTE)
+    yield row("after new features come lateral motions", "(ii) [%], by chance 57", after, True, CHANCE)
+    yield row("live commands are mostly lateral", "first minute [%], by chance 57", live, True, CHANCE)
+    yield number("live, log₂|P| falls to {} in 2500 frames", "log₂|P|", end["live"], -900.0)
+    for name, (seconds, log2_det) in STATED.items():
+        yield number(f"{name} maps 14 landmarks in {{}} s", "`paper-2006` [s]", time[f"{name} 2006"], seconds)
+        yield number("log₂|P| is then {}", f"`paper-2006`, {name}", det[f"{name} 2006"], log2_det)
+
+
+def play(rooms: int, seed: int, out: Path | None = None, jobs: int = 1, seconds: float = np.inf) -> tuple[Runs, Runs]:
+    """The episodes of every condition, of ``seconds`` at most; and those to draw, of median log score, whole."""
+    groups = {
+        name: tasks(policy, settings_of(scenario, {"duration": min(lasts, seconds)}), seed, rooms, *taken)
+        for name, (policy, scenario, lasts, taken) in CONDITIONS.items()
+    }
+    runs = played(groups, out, jobs=jobs)
+    gains = {name: np.array([one.log_score[-1] - 1e9 * one.lost for one in own]) for name, own in runs.items()}
+    gains |= dict.fromkeys(STRATEGIES, sum(gains[name] for name in STRATEGIES))
+    middle = {name: np.argsort(gains[name])[rooms // 2] for name in (*STRATEGIES, "live")}
+    return runs, played({name: [replace(groups[name][k], whole=True)] for name, k in middle.items()}, out)
+
+
+def draw(runs: Runs, drawn: Runs, folder: Path) -> None:
+    """Figures 2, 3 and 5: the drawn episodes, and the mean and the central 80 % of all."""
+    rest = {name: [one for one in runs[name] if one.seed != drawn[name][0].seed] for name in drawn}
+    shown = {f"{name} {policy}": [*drawn[name], *rest[name]] for name, policy in STRATEGIES.items()}
+    pictures = {"maps": figures.maps(shown), "entropies": figures.entropies(shown), "errors": figures.errors(shown)}
+    for axes, stated in zip(pictures["entropies"].axes, STATED.values()):
+        axes.plot(*stated, "kx", markersize=9)
+    pictures["live"] = figures.live(drawn["live"][0], runs["live"], MINUTE)
+    for name, figure in pictures.items():
+        figures.save_figure(figure, folder / f"{name}.png", dpi=80)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Play, print the table, and regenerate the page."""
+    made = parser("paper", __doc__, "paper", rooms=100, seed=1_000_000)
+    made.add_argument("--seconds", type=float, default=np.inf, help="of an episode at most, for a quick look")
+    args = made.parse_args(arguments)
+    runs, drawn = play(args.rooms, args.seed, args.out, args.jobs, args.seconds)
+    if args.report:
+        draw(runs, drawn, args.report.parent / "images" / "paper")
+    publish(args.report, "paper", table(HEADER, list(claims(runs))), command_line("paper", arguments))
+
+
+if __name__ == "__main__":
+    run(main)

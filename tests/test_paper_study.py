@@ -1,0 +1,104 @@
+"""The study of the paper's claims: its measures have known answers, and its command fills its page."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import baselines
+from activeslam_gym import Motion
+from activeslam_gym.evaluation import TARGET, run_episode
+from activeslam_gym.information.candidates import motion_plans, score_plans
+from activeslam_gym.information.criteria import CRITERIA
+from activeslam_gym.metrics import CLOSURE_GAP, LoopClosures
+from agents.suite.check import stale
+from studies import measures, paper
+from tests.test_compare import episode
+
+ROOMS = 40
+
+
+def environment(duration: float = 3.0) -> gym.Env:
+    return gym.make("ActiveSLAM-v0", gaze_period=0.05, duration=duration)
+
+
+def test_a_verdict_needs_the_whole_interval_of_enough_episodes_on_one_side() -> None:
+    noise = np.random.default_rng(0).normal(0.0, 0.5, ROOMS)
+    verdicts = [paper.row("", "", values, above)[-1] for values in (noise + 2.0, noise) for above in (True, False)]
+    assert verdicts == ["**holds**", "**does not hold**", "not significant", "not significant"]
+    assert paper.row("", "", noise + 2.0, True, 1.9)[-1] == "not significant"
+    assert paper.row("", "", noise[:9] + 2.0, True)[-1] == "too few episodes"
+    assert paper.row("", "", np.r_[noise, np.nan], True)[3] == str(ROOMS)
+
+
+def test_a_stated_number_has_its_rank_among_the_episodes_that_have_one() -> None:
+    values = np.r_[np.arange(4.0), np.nan]
+    assert paper.number("falls to {}", "", values, -5.0)[::4] == ["falls to −5", "rank 0.00"]
+    assert paper.number("", "", values, 2.5)[3:] == ["4", "rank 0.75"]
+    assert paper.number("", "", np.full(2, np.nan), 2.5)[3:] == ["0", "–"]
+
+
+def test_numbers_of_made_up_episodes() -> None:
+    late = episode(lost=True, landmark_times=np.arange(TARGET) + 1.0)
+    np.testing.assert_array_equal(measures.at_target([late, episode()], "landmark_times", 2.0), [TARGET, 2.0])
+    np.testing.assert_array_equal(measures.unless_lost([late, episode()], lambda one: 3.0), [np.nan, 3.0])
+    actions = np.array([[motion, 0] for motion in (Motion.STAY, Motion.UP, Motion.UP, Motion.FORWARD)])
+    events = {"births": np.array([1, 0, 0, 0])}
+    one = episode(actions=actions, motion_read=np.ones(4, bool), events=events)  # a step is 0.5 s
+    assert measures.share([one], measures.LATERAL) == 50.0
+    assert (
+        measures.share([one], measures.LATERAL, until=1.0) == 50.0
+        and measures.share([one], [Motion.UP], until=0.5) == 0
+    )
+    assert measures.share([one], measures.LATERAL, after="births") == 100.0
+    assert np.isnan(measures.share([replace(one, events={"births": np.zeros(4)})], [Motion.UP], after="births"))
+    assert measures.within([episode()]) == 100.0
+    assert measures.nearest([episode()]) == pytest.approx(0.0)
+    nees = episode(position_nees=np.full(5, 3.0), landmark_nees=np.array([np.nan, np.nan, 1.0, 2.0, 3.0]))
+    np.testing.assert_array_equal(measures.mean_nees([nees]), [[2.0], [2.0]])
+
+
+def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
+    env, loops = environment(4.0), measures.Loops()
+    run = run_episode(env, baselines.make("stay", env), seed=5, looks=[loops.look])
+    assert 0.0 < loops.result(run)["fiducials"] <= env.unwrapped.scenario.fiducial_count
+    steps, closed = len(run.actions), 40
+    slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
+    falling = replace(run, log2_det_camera=np.concatenate(([0.0], np.cumsum(slopes))))
+    loops._closed = [0] * (steps + 1)
+    assert np.isnan(loops.result(falling)["drop"]) and loops.result(falling)["closure"] == run.times[-1]
+    loops._closed[closed + 1] = loops._closed[closed + 6] = 1  # after the step; the second is the same event
+    found = loops.result(falling)
+    assert found["drop"] == -60.0 + 20.0 and found["closure"] == pytest.approx((closed + 1) * 0.05)
+    counted = LoopClosures()
+    assert [counted.count([-1], time) for time in (0.0, 0.1, CLOSURE_GAP + 0.1)] == [0, 0, 1]
+
+
+def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
+    env = environment()
+    env.reset(seed=5)
+    core = env.unwrapped
+    before = core.motion_scores("mutual_information")
+    measures.WithoutExpected().look(core, {})
+    models, whole = core.setting.models, core.prospect
+    size = len(whole.covariance) - 3 * whole.waiting
+    P = whole.covariance[:size, :size].copy()
+    rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)
+    for criterion in ("mutual_information", "fisher_trace"):
+        without, plans = np.empty(len(Motion)), motion_plans(20)
+        score_plans(models.camera, models.motion, rest, 0.0, plans, CRITERIA.number(criterion), without)
+        np.testing.assert_array_equal(core.motion_scores(criterion), without)
+    assert (before > core.motion_scores("mutual_information")).any()
+
+
+def test_the_command_fills_its_page(tmp_path: Path) -> None:
+    page = tmp_path / "paper.md"
+    page.write_text("<!-- generated: paper -->\n<!-- end: paper -->\n")
+    paper.main(["--episodes", "2", "--seconds", "2", "--report", str(page), "--out", str(tmp_path / "store")])
+    rows = [line for line in page.read_text().splitlines() if line.startswith("| ")]
+    assert len(rows) == 29 and {len(row.split(" | ")) for row in rows} == {5} and stale(page) == []
+    assert "python -m studies.paper --episodes 2 --seconds 2\n" in page.read_text()
+    pictures = {path.stem for path in (tmp_path / "images" / "paper").glob("*.png")}
+    assert pictures == {"maps", "entropies", "errors", "live"}

@@ -1,11 +1,13 @@
 """Studies: each file makes a published page or table, from a list of episodes and a measure of them."""
 
 import argparse
+import contextlib
 import json
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,8 +15,10 @@ import numpy as np
 
 from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode, Measure, Store
-from agents.task import Task, results
-from agents.tools.arguments import made_scenario, scenario_argument
+from agents.policies import holds_code
+from agents.task import Task, check, rehearse, results
+from agents.tools.arguments import SEEDS, made_scenario, scenario_argument
+from agents.tools.files import writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 from agents.tools.statistics import Estimate, bootstrap_interval
 
@@ -34,33 +38,47 @@ def parser(name: str, description: str | None, section: str = "", **defaults: An
     made.set_defaults(report=None)
     if "policies" in defaults:
         made.add_argument("--policies", nargs="+", default=defaults["policies"])
-    made.add_argument("--episodes", "--rooms", dest="rooms", type=_positive, default=defaults["rooms"])
-    made.add_argument("--seed", type=int, default=defaults["seed"], help="of the first episode")
-    made.add_argument("--jobs", type=_positive, default=1, help="processes")
-    made.add_argument("--out", type=Path, help="folder of the episodes, which are then not played again")
+    made.add_argument("--episodes", "--rooms", dest="rooms", type=number(1, 10**6), default=defaults["rooms"])
+    made.add_argument("--seed", type=number(*SEEDS), default=defaults["seed"], help="of the first episode")
+    made.add_argument("--jobs", type=number(1, 4096), default=1, help="processes")
+    made.add_argument("--out", type=folder, help="folder of the episodes, which are then not played again")
     if section:
         told = f"a page whose generated section {section!r} is made"
-        made.add_argument("--report", type=page_type(section), help=told)
+        made.add_argument("--report", type=partial(page_with_section, section), help=told)
     return made
 
 
-def _positive(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) <= 10**6:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 1 to 1000000")
-    return int(text)
+def number(low: float, high: float, kind: Callable[[str], float] = int) -> Callable[[str], float]:
+    """The type of an argument between bounds."""
+
+    def read(text: str) -> float:
+        with contextlib.suppress(ValueError):
+            if low <= kind(text) <= high:
+                return kind(text)
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: {low:g} to {high:g}")
+
+    return read
 
 
-def page_type(section: str) -> Callable[[str], Path]:
+SECONDS = number(1.0, 36_000.0, float)  # of an episode
+
+
+def folder(text: str) -> Path:
+    """The type of an argument that names a folder to write to."""
+    try:
+        writable_folder("out", Path(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return Path(text)
+
+
+def page_with_section(section: str, text: str) -> Path:
     """The type of an argument that names a page with a generated ``section``."""
-
-    def page(text: str) -> Path:
-        try:
-            page_with(Path(text), section)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from error
-        return Path(text)
-
-    return page
+    try:
+        page_with(Path(text), section)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+    return Path(text)
 
 
 def settings_of(scenario: str, arguments: dict[str, Any] | None = None, **fields: Any) -> str:
@@ -77,8 +95,14 @@ def tasks(policy: str, settings: str, seed: int, rooms: int, *measures: type[Mea
 def played(
     groups: dict[Name, list[Task]], out: Path | None, batch: int = BATCH, jobs: int = 1
 ) -> dict[Name, list[Episode]]:
-    """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same."""
+    """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same.
+
+    Raises ValueError for an unknown policy or a bad argument of an environment, before any episode.
+    """
     every = list(dict.fromkeys(task for group in groups.values() for task in group))
+    names, environments = ({getattr(task, part) for task in every} for part in ("policy", "settings"))
+    check(sorted(names), list(map(json.loads, environments)))
+    rehearse([name for name in names if holds_code(name)], [json.loads(every[0].settings)], every[0].seed)
     found = dict(results(every, Store(out), jobs, batch))
     return {name: [found[task] for task in group] for name, group in groups.items()}
 

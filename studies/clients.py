@@ -12,11 +12,12 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from agents.tools.sections import table
-from studies import page_type, publish, run
+from studies import page_with_section, publish, run
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = ("Client", "Script", "Steps", "Before → after [bit]", "Time [s]")
@@ -86,7 +87,9 @@ def row_of(client: Client) -> list[str]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run, print, and fill the page's section "clients"."""
     made = argparse.ArgumentParser(prog="python -m studies.clients", description=__doc__)
-    made.add_argument("--report", type=page_type("clients"), help='a page whose generated section "clients" is made')
+    made.add_argument(
+        "--report", type=partial(page_with_section, "clients"), help='a page whose generated section "clients" is made'
+    )
     args = made.parse_args(arguments)
     missing = sorted({client.environment for client in CLIENTS if not python_of(client).exists()})
     if args.report and missing:

@@ -16,7 +16,7 @@ from activeslam_gym.evaluation import Episode
 from activeslam_gym.metrics import camera_error, nees
 from agents.tools.sections import table as markdown
 from agents.tools.statistics import bootstrap_interval
-from studies import parser, played, run, settings_of, tasks
+from studies import SECONDS, parser, played, run, settings_of, tasks
 
 TIMES = (5.0, 15.0, 35.0)  # at which the NEES is read [s]
 LAGS = (1, 5, 20)  # frames, of the correlation of a feature's errors
@@ -142,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Play, and print."""
     made = parser("images", __doc__, policies=("mi-fisher", "mi-mi"), rooms=20, seed=3_000_000)
     made.add_argument("--scenario", default="pixels", help="a name, or fields as JSON")
-    made.add_argument("--seconds", type=float, default=35.0)
+    made.add_argument("--seconds", type=SECONDS, default=35.0)
     made.add_argument(
         "--gaze-period", type=float, help="of a step, whose last frame is looked at; a frame if not given"
     )

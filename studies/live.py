@@ -22,7 +22,7 @@ from activeslam_gym.live.trial import Second, trial
 from agents.figures import PARTS, grid_of_panels, save_figure
 from agents.tools.sections import table
 from agents.tools.statistics import Column, estimate
-from studies import command_line, parser, publish, run
+from studies import SECONDS, command_line, number, parser, publish, run
 from studies.measures import CHANCE, LATERAL, MINUTE
 
 PERSONS = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
@@ -106,8 +106,8 @@ def draw(runs: Runs, path: Path) -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Play, print the tables, and regenerate the page."""
     made = parser("live", __doc__, "live", rooms=3, seed=5_000_000)
-    made.add_argument("--seconds", nargs="+", type=float, default=(35.0, 167.0), help="when persons are compared")
-    made.add_argument("--long", type=int, default=0, help="episodes that last to the last of these")
+    made.add_argument("--seconds", nargs="+", type=SECONDS, default=(35.0, 167.0), help="when persons are compared")
+    made.add_argument("--long", type=number(0, 10**6), default=0, help="episodes that last to the last of these")
     args = made.parse_args(arguments)
     lasts = [max(args.seconds) if j < args.long else min(args.seconds) for j in range(args.rooms)]
     trials = [Trial(args.seed + j, habit, time) for j, time in enumerate(lasts) for habit in HABITS]

@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
+from functools import partial
 from importlib import import_module
 from itertools import product
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from agents import __main__ as commands
 from agents.__main__ import COMMANDS, main
 from benchmarks.__main__ import entry
+from studies import consistency, estimators, paper, run, worlds
 
 pytest.importorskip("torch")
 
@@ -49,17 +51,16 @@ FILES = {
 }
 FILES |= {"broken.py": "def (:", "broken.npz": "PK\3\4 not all", "broken.json": "{}", "half.npz": "", "half.json": "{"}
 
-PLAY = "compare consistency generalise"
-ROOMS = f"{PLAY} study"
+PLAY = "compare generalise"
 UNKNOWN = "; allowed: random, stay, sweep"
 TABLE: tuple[tuple[str, str, str, str], ...] = (
     # files and folders
-    (f"{ROOMS} train live", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),
+    (f"{PLAY} train", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),
     ("watch", "--tum", "TMP/file TMP/file/below /dev/null", "is no folder to write to"),
     ("watch", "--save", "TMP/file/a.gif /dev/null/a.png", "is no folder to write to"),
     ("watch", "--rerun", "TMP", "is a folder; allowed: a file"),
     ("watch", "--save", "clip clip.avi clip.GIF TMP", "must end in .gif, .webp, .png, .mp4, got"),
-    (f"{PLAY} live", "--report", "TMP/absent.md TMP", "there is no page"),
+    (PLAY, "--report", "TMP/absent.md TMP", "there is no page"),
     (PLAY, "--report", "TMP/page.md", "has no section <!-- generated:"),
     (PLAY, "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     (PLAY, "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
@@ -84,21 +85,21 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--reference", "nobody ppo MI-FISHER", "is not compared; allowed: mi-constant"),
     ("train", "--reward", "bogus 5", "reward must be one of entropy, log_score"),
     # numbers, beside those of `test_every_number_of_every_command_is_bounded_and_named`
-    (f"{ROOMS} watch live", "--seed", "-1", "allowed: 0 to 4611686018427387904"),
-    (ROOMS, "--episodes", "0", "allowed: 1 to 1000000"),
-    ("compare consistency study", "--duration", "0.01", "duration must be a whole multiple of "),
+    (f"{PLAY} watch", "--seed", "-1", "allowed: 0 to 4611686018427387904"),
+    (PLAY, "--episodes", "0", "allowed: 1 to 1000000"),
+    ("compare", "--duration", "0.01", "duration must be a whole multiple of "),
     ("compare watch", "--gaze-period", "0.07", "must be a whole multiple of the frame (0.05 s)"),
     ("watch", "--speed", "1e-300", "shows a picture for more than 60 s"),
     ("train", "--learning-rate --gamma", "2", "allowed: 0.0 to 1.0"),
     ("train", "--duration", "0.1", "must be a whole multiple of decision_period (1 s)"),
     ("train", "--decision-period", "0.07", "decision_period must be a whole multiple of the frame (0.05 s)"),
     # scenarios
-    ("compare consistency watch", "--scenario", "nowhere [1] PAPER", "scenario must be one of paper, paper-literal"),
+    ("compare watch", "--scenario", "nowhere [1] PAPER", "scenario must be one of paper, paper-literal"),
     ("compare watch", "--scenario", "{ {}x {pixel_std:1}", "is no JSON object"),
     ("compare", "--scenario", '{"nonsense":1}', "scenario has no field nonsense"),
     ("compare", "--scenario", '{"pixel_std":-1} {"pixel_std":"wide"}', "must be a positive number, got"),
     # the line itself
-    (f"{ROOMS} train watch live export", "--nonsense", "", "Unrecognized options: --nonsense"),
+    (f"{PLAY} train watch export", "--nonsense", "", "Unrecognized options: --nonsense"),
 )
 """(commands, options, values, what is said): each command with each option and each value is a mistake."""
 
@@ -191,3 +192,26 @@ def test_a_full_disk_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     status, lines = told(capsys, main, [*line, str(tmp_path)])
     assert status == 2 and lines[-1].startswith("compare: [Errno 28]")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+STUDIES = {"--out TMP/file": "is no folder", "--report TMP/absent.md": "no page", "--report TMP/page.md": "no section"}
+STUDIES |= {"--seed -1": "allowed: 0 to", "--episodes 0": "allowed: 1 to", "--jobs x": "allowed: 1 to"}
+POLICIES = {"--policies nobody": UNKNOWN, "--policies broken:make": "cannot be imported"}
+FIELDS = {
+    "--scenario nowhere": "scenario must be one of",
+    '--scenario {"nonsense":1}': "scenario has no field nonsense",
+}
+
+
+@pytest.mark.parametrize(("study", "lines"), [
+    (consistency, STUDIES | POLICIES | FIELDS),
+    (estimators, STUDIES | POLICIES),
+    (paper, STUDIES | {"--seconds 0": "allowed: 1 to", "--seconds nan": "allowed: 1 to", "--nonsense": "arguments"}),
+    (worlds, {"--scenarios nowhere": "invalid choice", **POLICIES}),
+])  # fmt: skip
+def test_a_mistake_in_a_study_is_told_in_a_line(study: Any, lines: dict[str, str], folder: Path, capsys: Any) -> None:
+    for line, said in lines.items():
+        given = line.replace("TMP", str(folder)).split()
+        status, lines_told = told(capsys, lambda given: run(partial(study.main, given)), given)
+        text = " ".join(lines_told)
+        assert status == 2 and said in text and "Traceback" not in text, (line, text)

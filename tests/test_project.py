@@ -66,7 +66,7 @@ def test_neither_the_learners_nor_the_demo_pull_opencv_or_a_viewer() -> None:
 def test_the_hints_install_what_there_is() -> None:
     """An index has no package of ours: a hint names a clone, and an extra that there is."""
     extras = PYPROJECT["project"]["optional-dependencies"]
-    for folder in ("activeslam_gym", "baselines", "agents", "benchmarks"):
+    for folder in ("activeslam_gym", "baselines", "agents", "benchmarks", "studies"):
         for path in (ROOT / folder).rglob("*.py"):
             text = path.read_text(encoding="utf-8")
             assert not re.search(r"pip install .?activeslam-gym", text), path

@@ -12,9 +12,9 @@ from activeslam_gym.camera import camera_of, pixel_from_camera_point  # noqa: E4
 from activeslam_gym.config import Scenario  # noqa: E402
 from activeslam_gym.vision.other_lenses import (  # noqa: E402
     Lens,
-    _projected,
     fitted,
     lens_from,
+    projected_by,
     straightening,
 )
 
@@ -64,7 +64,7 @@ def test_images_are_mapped_to_equation_1_to_a_tenth_of_a_pixel(fisheye: bool) ->
     assert greatest > 1.0  # or there would be nothing to map
     straighten, camera = straightening(lens, calibration), camera_of(Scenario(**calibration._asdict()))
     for x, y in np.random.default_rng(0).uniform((-0.45, -0.35), (0.45, 0.35), (30, 2)):
-        ours, theirs = np.empty(2), _projected(lens, np.array((x, y)))
+        ours, theirs = np.empty(2), projected_by(lens, np.array((x, y)))
         assert pixel_from_camera_point(camera, (-x, -y, 1.0), ours)
         v, u = np.mgrid[:480, :640]
         spot = 200.0 * np.exp(-0.5 * ((u - theirs[0]) ** 2 + (v - theirs[1]) ** 2) / 3.0**2)
@@ -107,7 +107,9 @@ def test_of_a_lens_that_folds_nothing_is_shown_twice(
 def test_skew_moves_the_pixels() -> None:
     skewed = MATRIX + np.array(((0.0, 7.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
     for fisheye in (False, True):
-        moved = [_projected(Lens((640, 480), fisheye, m, np.zeros(4)), np.array((0.0, 0.3))) for m in (skewed, MATRIX)]
+        moved = [
+            projected_by(Lens((640, 480), fisheye, m, np.zeros(4)), np.array((0.0, 0.3))) for m in (skewed, MATRIX)
+        ]
         assert moved[0][0] - moved[1][0] == pytest.approx(7.0 * (np.arctan(0.3) if fisheye else 0.3))
 
 

@@ -2,7 +2,7 @@
 
 A board is a chessboard of so many inner corners, or a ChArUco board of so many squares. Its size does not enter the
 lens. Axes are those of image files here, x right and y down, in which equation 1 is u = u0 + u_c / sqrt(1 + K r_c^2).
-SciPy fits equation 1, robustly, which also tells the views that contradict the others; OpenCV fits its own models.
+OpenCV fits its own models, and SciPy equation 1 from there.
 """
 
 import json
@@ -13,18 +13,19 @@ from collections import Counter
 from collections.abc import Sequence
 from itertools import islice, product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.sparse import block_diag, hstack
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from activeslam_gym.files import argument, demand_writable, written_whole
 from activeslam_gym.vision.calibration import Calibration, calibration_from
 from activeslam_gym.vision.first_sight import LEAST_CORNERS, corners_in
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.other_lenses import Lens, fitted
+from activeslam_gym.vision.other_lenses import Lens, fitted, projected_by
 from activeslam_gym.vision.sources import SourceError, images_of, open_images
 from activeslam_gym.vision.target import CHARUCO, Board
 
@@ -39,13 +40,11 @@ _MARKER_SHARE = 0.75  # side of a ChArUco board's markers, in squares
 _MARKERS = 50  # markers of its dictionary, 4x4_50: a board has at most as many
 _SEARCHED = 1000  # a board is searched in images no longer than this [px]
 _WINDOWS = {"chessboard": 0.2, CHARUCO: 0.1}  # half sides of the windows in which corners are refined, in squares
-_ROUNDS = 60  # most evaluations of a fit
 _BOUND = 1.0  # residual beyond which a corner counts little [px]
 _FAR, _QUIET = 4.0, 0.25  # a view is left out at so many medians of all views' residuals, each at least so many pixels
 _NO_LENS = 0.005  # residual from which the pictures agree on no lens, as a share of the image's width
 _WORST = 1e12  # condition of the scaled J^T J from which it is singular
 _VAGUE = 0.1  # deviation of a focal length that the pictures do not determine, as a share of it
-_FOCALS = (0.45, 0.65, 0.9, 1.3)  # focal lengths from which the fit starts, in widths of the image
 
 View = tuple[np.ndarray, np.ndarray]
 """Corners on the board (n, 3) [squares] and in the picture (n, 2) [px]."""
@@ -60,15 +59,6 @@ class Fit(NamedTuple):
     pictures: int  # that showed the board and agree
     kept: list[int]  # their numbers among all that showed it
     lens: Lens | None = None  # of OpenCV's, where it was asked for
-
-
-class Solution(NamedTuple):
-    """Parameters of a lens and of n boards before it."""
-
-    x: np.ndarray  # (4 + 6 n,): see `_model`
-    residuals: np.ndarray  # (m,) predicted - measured [px]
-    J: Any  # (m, len(x)) their derivatives, sparse
-    cost: float
 
 
 def find_board(image: np.ndarray, kind: str, columns: int, rows: int) -> View | None:
@@ -118,113 +108,93 @@ def fit_lens(views: Sequence[View], width: int, height: int, model: str = MODELS
     Raises:
         ValueError: they do not determine the lens, or contradict each other.
     """
-    fits = [_solve(views, _guess(views, share * width, width, height), math.inf) for share in _FOCALS]
-    fits = [fit for fit in fits if np.isfinite(fit.cost) and fit.x[0] > 0.0]
-    if not fits:
-        raise ValueError("no lens explains the corners of the board")
-    best = _solve(views, min(fits, key=lambda fit: fit.cost).x, _BOUND)
-    ends = np.cumsum([len(points) for points, _ in views])[:-1]
-    residuals = np.sqrt([np.mean(part**2) for part in np.split(best.residuals.reshape(-1, 2), ends)])
-    kept = np.flatnonzero(residuals <= _FAR * max(np.median(residuals), _QUIET)).tolist()
-    if len(kept) < min(LEAST_PICTURES, len(views)):
-        raise ValueError(f"{len(kept)} of {len(views)} pictures agree on a lens; {LEAST_PICTURES} or more must")
-    if len(kept) < len(views):
-        agreed = fit_lens([views[k] for k in kept], width, height, model)
-        return agreed._replace(kept=[kept[k] for k in agreed.kept])
-    if model != MODELS[0]:
-        return _by_opencv(views, (width, height), model == "fisheye", best.x[:3])._replace(kept=kept)
-    residual = _plausible(math.sqrt(float(np.mean(best.residuals**2))), width)
-    lens = np.stack((best.x[:4], _deviations(best)[:4]))
-    if not lens[1, 0] < _VAGUE * lens[0, 0]:
-        fitted = f"focal length {lens[0, 0]:.0f} +- {lens[1, 0]:.0f} px"
+    kept, size = [*range(len(views))], (width, height)
+    while True:
+        lens, poses, residuals, stds = _by_opencv([views[k] for k in kept], size, model == "fisheye")
+        worst, most = int(residuals.argmax()), _FAR * max(float(np.median(residuals)), _QUIET)
+        if residuals[worst] <= most:
+            break
+        del kept[worst]
+        if len(kept) < min(LEAST_PICTURES, len(views)):
+            raise ValueError(f"fewer than {LEAST_PICTURES} of {len(views)} pictures agree on a lens")
+    residual = _plausible(math.sqrt(float(np.mean(residuals**2))), width)
+    calibration = fitted(lens, "the fitted lens")[0]
+    if model == MODELS[0]:
+        calibration, residual, stds = _equation_1([views[k] for k in kept], calibration, poses)
+        _plausible(residual, width)
+    if stds[0] >= _VAGUE * calibration.focal_px or math.isinf(stds[0]):
+        about = f"focal length {calibration.focal_px:.0f} +- {stds[0]:.0f} px"
         raise ValueError(
-            f"the pictures do not determine the lens ({fitted}): tilt the board differently in each picture"
+            f"the pictures do not determine the lens ({about}): tilt the board differently in each picture"
         )
-    fields = dict(zip(Calibration._fields, (width, height, *lens[0].tolist())))
-    calibration = calibration_from(fields, "the fitted lens is none that can be used")
-    return Fit(calibration, residual, lens[1], len(views), kept)
-
-
-def _by_opencv(views: Sequence[View], size: tuple[int, int], fisheye: bool, first: np.ndarray) -> Fit:
-    """OpenCV's calibration of its radial-tangential lens, or of its fisheye, from a ``first`` f, u0, v0."""
-    cv2, K = opencv(), np.array(((first[0], 0.0, first[1]), (0.0, first[0], first[2]), (0.0, 0.0, 1.0)))
-    points, pixels = ([np.array(view[k], np.float32).reshape(1, -1, 3 - k) for view in views] for k in (0, 1))
-    try:
-        if fisheye:
-            names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4, 5
-            flags = names.CALIB_USE_INTRINSIC_GUESS | names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW
-            rms, K, bent = cv2.fisheye.calibrate(points, pixels, size, K, np.zeros(4), flags=flags)[:3]
-            stds = np.full(5, np.nan)
-        else:
-            flags = cv2.CALIB_USE_INTRINSIC_GUESS
-            found = cv2.calibrateCameraExtended(points, pixels, size, K, np.zeros(5), flags=flags)
-            rms, K, bent, stds = *found[:3], found[5].ravel()
-    except cv2.error as error:
-        raise ValueError(f"OpenCV finds no lens: {' '.join(str(error).split())[-120:]}") from None
-    lens = Lens(size, fisheye, K, bent.ravel())
-    residual = _plausible(float(rms) / math.sqrt(2.0), size[0])
-    return Fit(fitted(lens, "the fitted lens")[0], residual, stds[[0, 2, 3, 4]], len(views), [], lens)
+    return Fit(calibration, residual, stds, len(kept), kept, None if model == MODELS[0] else lens)
 
 
 def _plausible(residual: float, width: int) -> float:
-    """The ``residual`` [px]; a ValueError, if it is none of a lens for images so wide."""
+    """The ``residual`` [px]; a ValueError, if a lens for images so wide has none so large."""
     if residual > _NO_LENS * width:
         why = "corners were found in wrong places, or it is another kind of lens (--model)"
         raise ValueError(f"the pictures agree on no lens: its residual is {residual:.1f} px; {why}")
     return residual
 
 
-def _solve(views: Sequence[View], x: np.ndarray, bound: float) -> Solution:
-    """The least squares of residuals from the parameters ``x`` of `_model`; those over ``bound`` [px] count little."""
-    loss: dict[str, Any] = {"loss": "soft_l1", "f_scale": bound} if bound < math.inf else {}
-    residuals, jacobian = (lambda x: _model(x, views)[0]), (lambda x: _model(x, views)[1])
-    fit = least_squares(residuals, x, jac=jacobian, x_scale="jac", max_nfev=_ROUNDS, **loss)
-    return Solution(fit.x, *_model(fit.x, views), fit.cost)
+def _by_opencv(
+    views: Sequence[View], size: tuple[int, int], fisheye: bool
+) -> tuple[Lens, np.ndarray, np.ndarray, np.ndarray]:
+    """OpenCV's calibration: lens, poses (n, 6), residuals of the views (n,) [px], and deviations of f, u0, v0, k1."""
+    cv2, K = opencv(), np.eye(3)
+    points, pixels = ([np.array(view[k], np.float32).reshape(1, -1, 3 - k) for view in views] for k in (0, 1))
+    try:
+        if fisheye:
+            names = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2  # OpenCV 4, 5
+            flags = names.CALIB_RECOMPUTE_EXTRINSIC | names.CALIB_FIX_SKEW
+            _, K, bent, turns, shifts = cv2.fisheye.calibrate(points, pixels, size, K, np.zeros(4), flags=flags)
+            stds = np.full(4, np.nan)
+        else:
+            _, K, bent, turns, shifts, stds = cv2.calibrateCameraExtended(points, pixels, size, None, None)[:6]
+            stds = stds.ravel()[[0, 2, 3, 4]]
+    except cv2.error as error:
+        raise ValueError(f"OpenCV finds no lens: {' '.join(str(error).split())[-120:]}") from None
+    lens, poses = Lens(size, fisheye, K, bent.ravel()), np.reshape((turns, shifts), (2, -1, 3))
+    seen = [projected_by(lens, _before(pose, view[0])) - view[1] for pose, view in zip(np.swapaxes(poses, 0, 1), views)]
+    return lens, np.hstack(poses), np.array([np.sqrt(np.mean(each**2)) for each in seen]), stds
 
 
-def _deviations(fit: Solution) -> np.ndarray:
-    """(n,) standard deviations of the parameters of a robust ``fit`` (Huber 1981, 7.6); infinite where others explain
-    the corners as well.
+def _before(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(n, 2) where the rays of ``points`` (n, 3) of a board at a ``pose`` (6,) or (2, 3) meet the plane at depth 1."""
+    turn, shift = np.reshape(pose, (2, 3))
+    there = Rotation.from_rotvec(turn).apply(points) + shift
+    return there[:, :2] / there[:, 2:]
 
-    cov = s^2 (J^T W J)^-1, s^2 = (psi^T psi) / (degrees of freedom) / mean(W), where psi is the bounded residual and W
-    its slope. The columns of J, pixels for a radian and for a K of 1e-6, are scaled alike before the inversion.
+
+def _equation_1(views: Sequence[View], first: Calibration, poses: np.ndarray) -> tuple[Calibration, float, np.ndarray]:
+    """The calibration, its residual [px] and its deviations (4,), from a ``first`` one and ``poses`` (n, 6).
+
+    The covariance is s^2 (J^T J)^-1; deviations are infinite where other lenses explain the corners as well.
     """
-    softened = 1.0 + (fit.residuals / _BOUND) ** 2
-    J = fit.J.multiply(softened[:, None] ** -0.75)
-    square = (J.T @ J).toarray()
-    scale = np.sqrt(np.maximum(np.diag(square), np.finfo(float).tiny))
-    correlation = square / np.outer(scale, scale)
-    if not np.linalg.cond(correlation) < _WORST:
-        return np.full(len(scale), np.inf)
-    degrees = max(len(fit.residuals) - len(fit.x), 1)
-    variance = (fit.residuals**2 / softened).sum() / degrees / (softened**-1.5).mean()
-    return np.sqrt(variance * np.diag(np.linalg.inv(correlation))) / scale
+    f = first.focal_px
 
+    def residuals(x: np.ndarray) -> np.ndarray:
+        out = []
+        for (points, pixels), pose in zip(views, x[4:].reshape(-1, 6)):
+            ray = _before(pose, points)
+            root = np.sqrt(np.maximum(1.0 + x[3] * (x[0] / f * ray) ** 2 @ np.ones((2, 1)), 1e-3))
+            out.append(x[0] * ray / root + x[1:3] - pixels)
+        return np.concatenate(out).ravel()
 
-def _model(x: np.ndarray, views: Sequence[View]) -> tuple[np.ndarray, Any]:
-    """Predicted - measured pixels (m,), and their derivatives by ``x``, sparse (m, n): f, u0, v0 and K;
-    then each board's rotation vector and place in the camera."""
-    cv2, f, centre, bend = opencv(), x[0], x[1:3], x[3]
-    residuals, by_lens, by_pose = [], [], []
-    for (points, pixels), pose in zip(views, x[4:].reshape(-1, 6)):
-        ray, ray_pose = cv2.projectPoints(points, pose[:3], pose[3:], np.eye(3), None)[:2]
-        ray, ray_pose = ray.reshape(-1, 2), ray_pose[:, :6].reshape(-1, 2, 6)
-        u_c, r2 = f * ray, f**2 * (ray**2).sum(axis=1)[:, None]
-        root = np.sqrt(np.maximum(1.0 + bend * r2, 1e-3))
-        residuals.append(u_c / root + centre - pixels)
-        z_uc = np.eye(2) / root[:, :, None] - bend * u_c[:, :, None] * u_c[:, None] / root[:, :, None] ** 3
-        z_f, z_bend = z_uc @ ray[:, :, None], (-0.5 * r2 * u_c / root**3)[:, :, None]
-        z_centre = np.broadcast_to(np.eye(2), z_uc.shape)
-        by_lens.append(np.concatenate((z_f, z_centre, z_bend), axis=2).reshape(-1, 4))
-        by_pose.append((f * z_uc @ ray_pose).reshape(-1, 6))
-    return np.concatenate(residuals).ravel(), hstack((np.concatenate(by_lens), block_diag(by_pose)), format="csr")
-
-
-def _guess(views: Sequence[View], focal: float, width: int, height: int) -> np.ndarray:
-    """The parameters for a lens without distortion, with each board's pose through it."""
-    cv2, middle = opencv(), 0.5 * np.array((width - 1.0, height - 1.0))
-    poses = [cv2.solvePnP(points, (pixels - middle) / focal, np.eye(3), None)[1:] for points, pixels in views]
-    return np.concatenate(((focal, *middle, 0.0), *(np.ravel(pose) for pose in poses)))
+    blocks = block_diag([np.ones((2 * len(points), 6)) for points, _ in views])
+    pattern = hstack((np.ones((blocks.shape[0], 4)), blocks))
+    start = np.concatenate(((f, *first[3:5], first.distortion * f**2), poses.ravel()))
+    fit = least_squares(residuals, start, jac_sparsity=pattern, x_scale="jac", loss="soft_l1", f_scale=_BOUND)
+    J = fit.jac.toarray()
+    scale = np.linalg.norm(J, axis=0)
+    correlation = (J / scale).T @ (J / scale)
+    variance = 2.0 * fit.cost / max(len(fit.fun) - len(fit.x), 1)
+    known = np.linalg.cond(correlation) < _WORST
+    stds = np.sqrt(variance * np.diag(np.linalg.inv(correlation)))[:4] / scale[:4] if known else np.full(4, np.inf)
+    found = (*first[:2], *fit.x[:3].tolist(), float(fit.x[3]) / f**2)
+    calibration = calibration_from(dict(zip(Calibration._fields, found)), "the fitted lens is none that can be used")
+    return calibration, math.sqrt(float(np.mean(fit.fun**2))), stds * (1.0, 1.0, 1.0, f**-2)
 
 
 def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str | Path, model: str = MODELS[0]) -> Fit:

@@ -80,7 +80,7 @@ def _on_grid(lens: Lens) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rays (n, m, 2), their pixels (n, m, 2), and whether these move outwards up to there (n, m): the lens can fold."""
     angle, around = np.meshgrid(_ANGLES, np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False), indexing="ij")
     rays = np.tan(angle)[..., None] * np.stack((np.cos(around), np.sin(around)), axis=-1)
-    pixels = _projected(lens, rays)
+    pixels = projected_by(lens, rays)
     radius = np.linalg.norm(pixels - lens.matrix[:2, 2], axis=-1)
     return rays, pixels, np.logical_and.accumulate(np.diff(radius, axis=0, prepend=0.0) > 0.0, axis=0)
 
@@ -120,7 +120,7 @@ def fitted(lens: Lens, where: str) -> tuple[Calibration, float, float]:
     return calibration_from(fields, where), typical, greatest
 
 
-def _projected(lens: Lens, rays: np.ndarray) -> np.ndarray:
+def projected_by(lens: Lens, rays: np.ndarray) -> np.ndarray:
     """Pixels (..., 2) of points at ``rays`` (..., 2) before the camera, x right and y down, at depth 1."""
     there = np.concatenate((rays, np.ones((*rays.shape[:-1], 1))), axis=-1).reshape(-1, 1, 3)
     project = opencv().fisheye.projectPoints if lens.fisheye else opencv().projectPoints
@@ -131,7 +131,7 @@ def _projected(lens: Lens, rays: np.ndarray) -> np.ndarray:
 def straightening(lens: Lens, calibration: Calibration) -> Straighten:
     """What maps images of the ``lens`` to those of equation 1 with ``calibration``; black where there are none."""
     rays = _rays(calibration)
-    pixels, last = _projected(lens, rays), np.array(lens.size) - 1.0
+    pixels, last = projected_by(lens, rays), np.array(lens.size) - 1.0
     inside = (np.abs(pixels - 0.5 * last) <= 0.5 * (last + 1.0)).all(-1) & (np.hypot(*rays.T).T <= _reach(lens))
     pixels = np.where(inside[..., None], np.clip(pixels, 0.0, last), -9.0)  # no edge is mixed with the black about it
     cv2 = opencv()

@@ -70,7 +70,13 @@ def test_a_list_chooses_and_says_so(tmp_path, capsys) -> None:
     [
         ("1\n2\n2\n4\n", "time 3 does"),
         ("1\n2\n3\n", "3 times.* 4 images"),
-        *(("a\n", "line 1"), ("inf\n", "line 1"), ("", "no time")),
+        *(
+            ("1700000000000\n", "line 1"),
+            ("0\n50000000\n100000000\n150000000\n", "in ns since"),
+            ("a\n", "line 1"),
+            ("inf\n", "line 1"),
+            ("", "no time"),
+        ),
     ],
 )
 def test_a_bad_list_is_refused(text: str, word: str, tmp_path) -> None:

@@ -157,7 +157,12 @@ def _by_opencv(
         raise ValueError(f"OpenCV finds no lens: {' '.join(str(error).split())[-120:]}") from None
     lens, poses = Lens(size, fisheye, K, bent.ravel()), np.reshape((turns, shifts), (2, -1, 3))
     seen = [projected_by(lens, _before(pose, view[0])) - view[1] for pose, view in zip(np.swapaxes(poses, 0, 1), views)]
-    return lens, np.hstack(poses), np.array([np.sqrt(np.mean(each**2)) for each in seen]), stds
+    return (
+        lens,
+        np.concatenate((poses[0], poses[1]), axis=1),
+        np.array([np.sqrt(np.mean(each**2)) for each in seen]),
+        stds,
+    )
 
 
 def _before(pose: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -220,7 +225,7 @@ def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str |
             raise ValueError(f"{out} is a folder; allowed: a file")
     with argument("images", SourceError):
         source = images_of(images)
-        every = 1 + max((source.count or 0) - 1, 0) // _ENOUGH
+        every = 1 + max((source.total or 0) - 1, 0) // _ENOUGH
         for number, (_, image) in islice(enumerate(source.frames), 0, None, every):
             shape = image.shape
             if (view := find_board(image, kind, columns, rows)) is not None:

@@ -30,8 +30,12 @@ CAMERA = "camera:"
 USUAL_RATE = 30.0
 """Images a second [Hz] where nothing tells."""
 _TURNS = {6: -1, 8: 1}  # quarter turns to the left of EXIF's Orientation
-_CLOCK = 1e8  # a name with a number over it is a time [s] ...
-_NANOSECONDS = 1e17  # ... and over it one in nanoseconds
+_CLOCK, _NEVER, _NANOSECONDS = (
+    1e8,
+    1e11,
+    1e17,
+)  # a name over the first is a time [s]; none is over the second, but in ns
+_RATES = 0.05, 1e4  # fewest and most images a second that times can tell [Hz]
 
 
 class SourceError(ValueError):
@@ -43,7 +47,7 @@ class Images(NamedTuple):
 
     frames: Iterator[Frame]
     rate: float  # images a second [Hz]
-    count: int | None  # of images, or about so many; None: unknown
+    total: int | None  # of images, or about so many; None: unknown
     origin: float = 0.0  # time of the first image in the source's own clock [s]
 
 
@@ -100,6 +104,10 @@ def images_of(
         if steps.min() <= 0.0:
             raise ValueError(f"{times or path}: times must increase, and time {steps.argmin() + 2} does not")
         own = 1.0 / float(np.median(steps))
+        if not _RATES[0] <= own <= _RATES[1]:
+            raise ValueError(
+                f"{times or path}: times must be in s, or in ns since 1970; by these, {own:.3g} images a second"
+            )
     if rate and own and abs(rate / own - 1.0) > 0.02:
         print(f"{path} has {own:.2f} images a second by its times, and --rate is {rate:g}", file=sys.stderr)
     elif stamps and not rows and not rate:
@@ -124,15 +132,15 @@ def read_times(path: str | Path) -> list[tuple[float, str]]:
         try:
             rows.append((_seconds(float(stamp)), name.split()[0] if name.strip() else ""))
         except ValueError:
-            raise ValueError(f"{path}: line {number} must begin with a time, got {line[:60]!r}") from None
+            raise ValueError(f"{path}: line {number} must begin with a time [s] or [ns], got {line[:60]!r}") from None
     if not rows:
         raise ValueError(f"{path} holds no time")
     return rows
 
 
 def _seconds(time: float) -> float:
-    """The time in seconds, which may be in nanoseconds."""
-    if not abs(time) < math.inf:
+    """The time in seconds, which may be in nanoseconds; in milliseconds it is refused."""
+    if not abs(time) < math.inf or _NEVER < time <= _NANOSECONDS:
         raise ValueError
     return 1e-9 * time if time > _NANOSECONDS else time
 
@@ -140,7 +148,8 @@ def _seconds(time: float) -> float:
 def _times_in(names: list[str]) -> list[float]:
     """The times in pictures' names, where all have one of TUM's or EuRoC's kind."""
     numbers = [float(name) for name in names if re.fullmatch(r"\d+(\.\d+)?", name)]
-    return [_seconds(x) for x in numbers] if min(numbers, default=0.0) > _CLOCK and len(numbers) == len(names) else []
+    clocks = [_seconds(x) for x in numbers if _CLOCK < x <= _NEVER or x > _NANOSECONDS]
+    return clocks if len(clocks) == len(names) else []
 
 
 def _at_times(files: list[Path], rows: list[tuple[float, str]], times: str | Path) -> tuple[list[Path], list[float]]:

@@ -237,7 +237,7 @@ def track(
         folder.mkdir(parents=True, exist_ok=True)
     with argument("covariance"):
         demand_writable(Path(covariance or out).parent)
-    bar = _with_progress(frames, source.count)
+    bar = _with_progress(frames, source.total)
     with ExitStack() as at_close:
         files, picture = None, None
 

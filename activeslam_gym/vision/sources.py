@@ -288,7 +288,7 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
         finally:
             container.close()
         if count == 0:
-            raise SourceError(f"{path} holds no image that can be read{damage}")
+            raise SourceError(f"{path} cannot be read as a video: it is damaged, or its codec is unknown{damage}")
         if damage or (rate and last + 3.0 / rate < length):
             ending = f"{path} announces {length:.2f} s; its images end at {last:.2f} s{damage}"
             print(f"{ending}: is its end cut off?", file=sys.stderr)

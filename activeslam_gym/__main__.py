@@ -158,16 +158,18 @@ def _calibrate(args: argparse.Namespace) -> None:
     from activeslam_gym.vision.board import calibrate
 
     fit = calibrate(args.images, args.kind, args.columns, args.rows, args.out, args.model)
-    lens, stds = fit.calibration, fit.stds
-    print(f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px")
+    numbers = fit.calibration[2:]
     if fit.lens:
-        print(
-            f"OpenCV's {args.model}, coefficients {fit.lens.coefficients.round(5).tolist()}; the nearest of equation 1:"
-        )
+        K, bent = fit.lens.matrix, fit.lens.coefficients.tolist()
+        numbers = (K[0, 0], K[0, 2], K[1, 2], bent[0])
+        print(f"OpenCV's {args.model}, fx fy {K[0, 0]:.2f} {K[1, 1]:.2f}, bent by {' '.join(f'{x:.5f}' for x in bent)}")
+    f, x, y, k = (f"{value:{form}}" for value, form in zip(numbers, (".2f", ".2f", ".2f", ".3e")))
+    df, dx, dy, dk = (
+        f" +- {std:{form}}" if std == std else "" for std, form in zip(fit.stds, (".2f", ".2f", ".2f", ".0e"))
+    )
     print(
-        f"focal_px {lens.focal_px:.2f} +- {stds[0]:.2f}, principal point ({lens.principal_x_px:.2f} +- {stds[1]:.2f}, "
-        f"{lens.principal_y_px:.2f} +- {stds[2]:.2f}), distortion {lens.distortion:.3e} +- {stds[3]:.0e}\n"
-        f"written to {args.out}"
+        f"{fit.pictures} pictures show the board; residual {fit.residual_px:.3f} px\n"
+        f"focal_px {f}{df}, principal point ({x}{dx}, {y}{dy}), distortion {k}{dk}\nwritten to {args.out}"
     )
 
 

@@ -43,9 +43,18 @@ class Trial(NamedTuple):
     seed: int
     habit: str
     lasts: float  # [s]
-    label = property(lambda self: f"{self.seed}-{self.habit}")
-    group = property(lambda self: self)
-    key = property(lambda self: {"live": self, "versions": package_versions(IMAGE_LIBRARIES)})
+
+    @property
+    def label(self) -> str:
+        return f"{self.seed}-{self.habit}"
+
+    @property
+    def group(self) -> Any:
+        return self
+
+    @property
+    def key(self) -> dict[str, Any]:
+        return {"live": self, "versions": package_versions(IMAGE_LIBRARIES)}
 
 
 def play_trials(trials: Sequence[Trial]) -> list[Arrays]:

@@ -131,3 +131,11 @@ def within(runs: Sequence[Episode]) -> np.ndarray:
 def orientation_rms(run: Episode) -> float:
     """Root mean square of the orientation error [degree]."""
     return float(np.degrees(np.sqrt(np.mean(run.orientation_error**2))))
+
+
+def middle(several: Sequence[Sequence[Episode]]) -> int:
+    """The number of the episode with the median log score of several policies together, if any is not lost of these."""
+    gains = np.sum([[one.log_score[-1] for one in runs] for runs in several], axis=0)
+    lost = np.any([[one.lost for one in runs] for runs in several], axis=0)
+    kept = np.flatnonzero(lost.all() | ~lost)
+    return int(kept[np.argsort(gains[kept])[len(kept) // 2]])

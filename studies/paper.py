@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import Episode
+from activeslam_gym.evaluation import Episode, Measure
 from agents import figures
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
@@ -21,7 +21,7 @@ from studies import SECONDS, command_line, measures, parser, played, publish, ru
 from studies.measures import CHANCE, LATERAL, MINUTE, at_target, noted, share, unless_lost
 
 STRATEGIES = {"(i)": "mi-constant", "(ii)": "mi-mi", "(iii)": "mi-fisher"}
-CONDITIONS = {  # policy, scenario, duration [s], measures
+CONDITIONS: dict[str, tuple[str, str, float, tuple[type[Measure], ...]]] = {  # policy, scenario, duration [s], measures
     **{name: (policy, "paper", 35.0, (measures.Loops,)) for name, policy in STRATEGIES.items()},
     **{f"{name} 2006": (policy, "paper-2006", 35.0, ()) for name, policy in STRATEGIES.items()},
     "fisher": ("fisher-fisher", "paper", 35.0, ()),
@@ -91,13 +91,9 @@ def play(rooms: int, seed: int, out: Path | None = None, jobs: int = 1, seconds:
         for name, (policy, scenario, lasts, taken) in CONDITIONS.items()
     }
     runs = played(groups, out, jobs=jobs)
-    gains = {name: np.array([one.log_score[-1] - 1e9 * one.lost for one in own]) for name, own in runs.items()}
-    gains |= dict.fromkeys(STRATEGIES, sum(gains[name] for name in STRATEGIES))
-    above = {
-        name: min((rooms + np.count_nonzero(gains[name] < -1e8)) // 2, rooms - 1) for name in (*STRATEGIES, "live")
-    }
-    middle = {name: np.argsort(gains[name])[k] for name, k in above.items()}  # of those that are not lost
-    return runs, played({name: [replace(groups[name][k], whole=True)] for name, k in middle.items()}, out)
+    drawn = dict.fromkeys(STRATEGIES, measures.middle([runs[name] for name in STRATEGIES]))
+    drawn["live"] = measures.middle([runs["live"]])
+    return runs, played({name: [replace(groups[name][k], whole=True)] for name, k in drawn.items()}, out)
 
 
 def draw(runs: Runs, drawn: Runs, folder: Path) -> None:

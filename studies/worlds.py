@@ -8,6 +8,7 @@ held-out episodes, or of those from ``--seed`` on. Prints a table for each scena
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -54,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made.add_argument("--open", nargs="+", default=OPEN, help="policies whose best is the reference")
     made.add_argument("--corners", action="store_true", help="the sensor `corners` in the place of images")
     args = made.parse_args(arguments)
-    fields = {"sensor": "corners"} if args.corners else {}
+    fields: dict[str, Any] = {"sensor": "corners"} if args.corners else {}
     names = dict.fromkeys((*args.open, *args.policies))
     first = {one: config.benchmark_seed(one) if args.seed is None else args.seed for one in args.scenarios}
     groups = {

@@ -58,6 +58,8 @@ def test_numbers_of_made_up_episodes() -> None:
     assert measures.nearest([episode()]) == pytest.approx(0.0)
     nees = episode(position_nees=np.full(5, 3.0), landmark_nees=np.array([np.nan, np.nan, 1.0, 2.0, 3.0]))
     np.testing.assert_array_equal(measures.mean_nees([nees]), [[2.0], [2.0]])
+    runs = [episode(lost=lost, log_score=np.full(5, x)) for lost, x in zip((0, 0, 1, 0, 0), (1.0, 5.0, 2.0, 4.0, 3.0))]
+    assert measures.middle([runs]) == 3 and measures.middle([runs[2:3]]) == 0  # the upper of the two in the middle
 
 
 def test_the_drop_at_a_closure_is_against_the_second_before() -> None:

@@ -38,7 +38,9 @@ def parser(name: str, description: str | None, section: str = "", **defaults: An
     made.set_defaults(report=None)
     if "policies" in defaults:
         made.add_argument("--policies", nargs="+", default=defaults["policies"])
-    made.add_argument("--episodes", "--rooms", dest="rooms", type=number(1, 10**6), default=defaults["rooms"])
+    made.add_argument(
+        "--episodes", "--rooms", dest="rooms", metavar="N", type=number(1, 10**6), default=defaults["rooms"]
+    )
     made.add_argument("--seed", type=number(*SEEDS), default=defaults["seed"], help="of the first episode")
     made.add_argument("--jobs", type=number(1, 4096), default=1, help="processes")
     made.add_argument("--out", type=folder, help="folder of the episodes, which are then not played again")

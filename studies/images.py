@@ -143,9 +143,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made = parser("images", __doc__, policies=("mi-fisher", "mi-mi"), rooms=20, seed=3_000_000)
     made.add_argument("--scenario", default="pixels", help="a name, or fields as JSON")
     made.add_argument("--seconds", type=SECONDS, default=35.0)
-    made.add_argument(
-        "--gaze-period", type=float, help="of a step, whose last frame is looked at; a frame if not given"
-    )
+    made.add_argument("--gaze-period", type=float, help="of a step, whose last frame is measured; default: a frame")
     args = made.parse_args(arguments)
     period = args.gaze_period or json.loads(settings_of(args.scenario))["scenario"]["frame_time"]
     times = {"gaze_period": period, "duration": args.seconds, "end_when_lost": True}

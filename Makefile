@@ -1,14 +1,17 @@
 # Each target sets itself up: nothing is needed but Python 3.10+, pip and make.
-# `make PYTHON=python3.12 test` chooses the interpreter of a new .venv.
+# `make PYTHON=python3.12 test` chooses the interpreter of a new .venv, and `make CLUSTER=auto results` plays the episodes
+# on a cluster of Ray (docs/cluster.md).
 
 PYTHON  ?= python3
 WORKERS ?= 2
+CLUSTER ?=
+ON      := $(if $(CLUSTER),--cluster $(CLUSTER))
 VENV    := .venv
 RUN     := $(VENV)/bin/python
 PIP     := $(RUN) -m pip --disable-pip-version-check install --quiet
 
 POLICIES := generalist ppo ppo-entropy random stay sweep best-constant best-sequence mi-constant mi-mi mi-fisher fisher-fisher variance-reduction joint-mi lookahead-2 greedy-plus
-CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam
+CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam cluster
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -21,7 +24,9 @@ demo: $(VENV)/.agents ## compare learned and greedy policies in eight episodes: 
 	$(RUN) -m agents compare --policies ppo best-constant mi-constant mi-mi mi-fisher --episodes 8 --seed 1000000 --out results/demo
 
 consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each policy and variant (minutes): docs/consistency.md
-	$(RUN) -m studies.consistency --episodes $(or $(EPISODES),100) --jobs $(WORKERS) --out results/consistency --report docs/consistency.md
+	$(RUN) -m studies.consistency --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/consistency --report docs/consistency.md
+
+consistency leaderboard results figures advice: $(if $(CLUSTER),$(VENV)/.cluster)
 
 # SUITE: that the leaderboard shows. EPISODES: episodes of each study, for a trial; without bench and client-figures.
 SUITE    := v1
@@ -45,18 +50,18 @@ learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and
 	done; done
 
 leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this code already stays; with EPISODES=8 twenty minutes)
-	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) --out $(BOARD) || exit 1; done
+	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) $(ON) --out $(BOARD) || exit 1; done
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
-		--note "imitates older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) --out $(BOARD)
+		--note "imitates older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) $(ON) --out $(BOARD)
 	for one in $(LEARNERS); do \
 		$(RUN) -m agents enter --name $$one-default --policies agents/suite/entries/$$one-default/policy-?.npz \
-			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) --out $(BOARD) || exit 1; \
+			--note "$$one of Stable-Baselines3, in the scenarios of the suite" $(PLAYED) $(ON) --out $(BOARD) || exit 1; \
 	done
 	$(RUN) -m agents leaderboard $(PLAYED) --entries $(BOARD) --report docs/leaderboard.md README.md
 
 results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
-	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume
-	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md
+	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume $(ON)
+	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md $(ON)
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 	$(if $(EPISODES),,$(RUN) -m agents check-results)
 
@@ -64,12 +69,12 @@ check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR a
 	$(RUN) -m agents check-results
 
 figures: $(VENV)/.advice ## the paper's claims and figures, other estimators and the live system (an hour or more): docs
-	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) --out results/paper --report docs/paper.md
-	$(RUN) -m studies.estimators --episodes $(or $(EPISODES),200) --seed 3000000 --jobs $(WORKERS) --out results/estimators --report docs/estimators.md
+	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/paper --report docs/paper.md
+	$(RUN) -m studies.estimators --episodes $(or $(EPISODES),200) --seed 3000000 --jobs $(WORKERS) $(ON) --out results/estimators --report docs/estimators.md
 	$(MAKE) advice
 
 advice: $(VENV)/.advice ## is the live page's advice worth following? 50 episodes (a quarter of an hour on two cores): docs/live.md
-	$(RUN) -m studies.live --episodes $(or $(EPISODES),50) --long $(or $(EPISODES),20) --jobs $(WORKERS) --out results/live --report docs/live.md
+	$(RUN) -m studies.live --episodes $(or $(EPISODES),50) --long $(or $(EPISODES),20) --jobs $(WORKERS) $(ON) --out results/live --report docs/live.md
 
 bench: $(VENV)/.bench ## how fast is it, beside others in the same run (10 minutes): results/bench
 	$(RUN) -m benchmarks --out results/bench --report docs/BENCHMARKS.md
@@ -140,6 +145,11 @@ $(VENV)/.agents: pyproject.toml | $(VENV)/.made
 	@$(PIP) --editable '.[agents]'
 	@touch $@
 
+$(VENV)/.cluster: pyproject.toml | $(VENV)/.made
+	@echo "Installing Ray's core into $(VENV) (once)"
+	@$(PIP) --editable '.[cluster]'
+	@touch $@
+
 $(VENV)/.bench: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the benchmark needs into $(VENV) (once)"
 	@$(PIP) --editable '.[bench,vision]'
@@ -166,6 +176,7 @@ PACKAGES_cleanrl := --editable . $(TORCH) 'gym==0.23.1' 'numpy<2' 'setuptools<81
 PACKAGES_rerun   := --editable '.[rerun]'
 PACKAGES_live    := --editable '.[live]' playwright # drives the system's own chromium; it downloads none
 PACKAGES_gtsam   := --editable '.[compare,dev,gtsam]'
+PACKAGES_cluster := --editable '.[agents,cluster]'
 PACKAGES_oldest  := --editable '.[compare,dev,vision]' --constraint .venvs/lowest.txt
 PACKAGES_newest  := --editable '.[compare,dev,vision]' --upgrade --upgrade-strategy eager
 
@@ -175,6 +186,7 @@ TESTS_rllib   := tests/test_clients.py -k rllib
 TESTS_cleanrl := tests/test_clients.py -k cleanrl
 TESTS_rerun   := tests/test_recording.py
 TESTS_live    := tests/test_live_page.py tests/test_live_access.py tests/test_live_browser.py tests/test_live_device.py tests/test_vision_waving.py
+TESTS_cluster := tests/test_cluster.py
 TESTS_gtsam   := tests/test_smoother.py
 
 .venvs/lowest.txt: pyproject.toml # each lower bound as the one version

@@ -1,11 +1,13 @@
 """From a policy's name to the policy: a baseline, shipped weights, a file of weights, or the user's own factory."""
 
+import hashlib
 import importlib
 import json
 import signal
 from base64 import b64decode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from pickletools import genops
 from traceback import extract_tb
@@ -15,7 +17,14 @@ from zipfile import ZipFile
 import baselines
 from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor
-from activeslam_gym.evaluation.code import digest, is_own_module, module_sources, package_versions
+from activeslam_gym.evaluation.code import (
+    LEARNING_LIBRARIES,
+    digest,
+    is_own_module,
+    module_sources,
+    own_files,
+    package_versions,
+)
 from agents import pretrained
 from agents.tools.files import reading
 from baselines.policy import Environment
@@ -24,7 +33,7 @@ Factory = Callable[[Environment, int | Sequence[int]], Predictor]
 """(environment, seed) -> a policy bound to that environment; a random one draws from the seed, of a batch one for each.
 """
 LEARNED = Path(__file__).with_name("learn")
-LEARNING_LIBRARIES = ("stable-baselines3", "torch")
+RLLIB = "rllib:"  # before the folder of a checkpoint that RLlib wrote
 FILES = (".npz", ".zip")  # our weights, and a model as Stable-Baselines3 saves it
 
 
@@ -34,29 +43,59 @@ def resolve(name: str, env: Environment, seed: int | Sequence[int] = 0) -> Predi
 
 
 def factory(name: str) -> Factory:
-    """Return the factory of the policy `name`: a baseline, shipped weights, a file, or 'package.module:factory'.
+    """Return the factory of the policy `name`: a baseline, shipped weights, a file, 'package.module:factory', or
+    'rllib:FOLDER'.
 
     Raises ValueError, which lists the allowed names, for an unknown one.
     """
-    if ":" in name:
+    if ":" in name and not name.startswith(RLLIB):
         make = _imported(name)
         return lambda env, seed: Own(name, make, env)
+    if name.startswith(RLLIB):
+        from agents.rllib import CheckpointPolicy
+
+        return lambda env, seed: Own(name, partial(CheckpointPolicy, _at(name)), env)
     if name in baselines.names():
         return lambda env, seed: baselines.make(name, env, **({"seed": seed} if name == "random" else {}))
-    if path := pretrained.path_of(name):
+    if (path := file_of(name)) and path.suffix == ".npz":
         return lambda env, seed: learned(path.stem, env, path.parent)
-    if model := file_of(name):
-        return lambda env, seed: Own(name, lambda env: _saved_model(model, env), env)
+    if path:
+        return lambda env, seed: Own(name, lambda env: _saved_model(path, env), env)
     if name.endswith(FILES):
         raise ValueError(f"policy: {name!r} is no file of weights")
     known = [*baselines.names(), *pretrained.names()]
-    allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:factory'"
+    allowed = f"{', '.join(known)}, a file of weights (policy.npz, or model.zip of SB3), 'package.module:factory',"
+    allowed += " rllib:FOLDER"
     raise ValueError(f"policy: {name!r} is unknown{did_you_mean(name, known)}; allowed: {allowed}")
 
 
 def file_of(name: str) -> Path | None:
     """The file that a policy is in; None where it is in none."""
-    return Path(name) if name.endswith(".zip") and Path(name).is_file() else pretrained.path_of(name)
+    path = _at(name)
+    return path if path.suffix == ".zip" and path.is_file() else pretrained.path_of(str(path))
+
+
+def files(names: Iterable[str]) -> dict[str, Path]:
+    """What policies need on another machine beside the clone: path in a working folder there → path here."""
+    found, modules = {}, {name.partition(":")[0] for name in names if ":" in name and not name.startswith(RLLIB)}
+    for name in names:
+        if name.startswith(RLLIB):
+            found[str(_there(name))] = _at(name)
+        elif name.endswith(FILES) and (path := file_of(name)):
+            card = path.with_suffix(".json")
+            found |= {str(_there(name).with_suffix(one.suffix)): one for one in (path, card) if one.exists()}
+            modules |= set(_own_modules(path)) if path.suffix == ".zip" else set()
+    return {**own_files(modules), **found}
+
+
+def _at(name: str) -> Path:
+    """Where a policy's file or checkpoint is."""
+    return _there(name) if _there(name).exists() else Path(name.removeprefix(RLLIB))
+
+
+def _there(name: str) -> Path:
+    """Where a policy's file is found on a machine that it was sent to."""
+    return Path(".sent", hashlib.sha256(name.encode()).hexdigest()[:16]).with_suffix(Path(name).suffix)
 
 
 def is_identified(name: str) -> bool:
@@ -85,20 +124,23 @@ def learned(name: str, env: Environment, folder: Path) -> Predictor:
 def actions_of(name: str) -> str:
     """The actions of a policy: "Continuous" of weights of SAC; of a saved model its own, "Discrete" for an index."""
     if name.endswith(".zip"):
-        with reading(Path(name)), ZipFile(name) as model:
+        path = file_of(name) or Path(name)
+        with reading(path), ZipFile(path) as model:
             space = json.loads(model.read("data"))["action_space"][":type:"]
             return "Continuous" if ".Box" in space else "Discrete" if ".Discrete" in space else ""
-    if (path := pretrained.path_of(name)) is None:
+    if (weights := file_of(name)) is None:
         return ""
     from agents.learn.card import read_card
 
-    return "Continuous" if read_card(path)["algorithm"] == "sac" else ""
+    return "Continuous" if read_card(weights)["algorithm"] == "sac" else ""
 
 
 def content(name: str) -> str:
     """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports, and
     all weights shipped, which it may load."""
-    if ":" in name:
+    if name.startswith(RLLIB):
+        made_of = digest(*sorted(filter(Path.is_file, _at(name).rglob("*"))))
+    elif ":" in name:
         made_of = f"{module_sources(name.partition(':')[0])} {digest(*sorted(pretrained.FOLDER.glob('*.npz')))}"
     elif path := file_of(name):
         network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "inputs", "weights")]

@@ -3,10 +3,11 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -14,7 +15,15 @@ import gymnasium as gym
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
-from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, module_sources, package_sources, package_versions
+from activeslam_gym.evaluation.cluster import Carrying
+from activeslam_gym.evaluation.code import (
+    IMAGE_LIBRARIES,
+    foreign_modules,
+    module_sources,
+    own_files,
+    package_sources,
+    package_versions,
+)
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import Arrays
 from agents import policies
@@ -59,12 +68,13 @@ class Task:
 
 
 def results(
-    tasks: Sequence[Task], store: Store, jobs: int = 1, batch: int = 1, anew: bool = False
+    tasks: Sequence[Task], store: Store, batch: int = 1, anew: bool = False
 ) -> Generator[tuple[Task, Episode], None, None]:
     """Yield every task with its episode; see `Store.gather`. A policy that is not identified is always played."""
     made = {task for task in tasks if anew or not policies.is_identified(task.policy)}
     apart = any(policies.holds_code(task.policy) for task in tasks)
-    with closing(store.gather(tasks, play_tasks, jobs, batch, made, apart)) as finished:
+    play = Carrying(play_tasks, _files(tasks)) if isinstance(store.workers, str) else play_tasks
+    with closing(store.gather(tasks, play, batch, made, apart)) as finished:
         for task, arrays in finished:
             yield task, replace(Episode.of(arrays), settings=task.settings)  # another command may have put it otherwise
 
@@ -72,20 +82,28 @@ def results(
 def play_until_interrupted(
     tasks: Sequence[Task],
     store: Store,
-    jobs: int,
     anew: bool = False,
-    note: Callable[[list[Episode]], None] = lambda episodes: None,
+    into: list[Episode] | None = None,
 ) -> list[Episode]:
-    """The episodes of `results`, or those that were over at Ctrl-C; `note` gets them after each."""
-    episodes: list[Episode] = []
+    """The episodes of `results`, or those that were over at Ctrl-C, in the list ``into`` where it is given.
+
+    Raises as `results` where some fail, when all others are over.
+    """
+    episodes: list[Episode] = [] if into is None else into
     try:
-        with closing(results(tasks, store, jobs, anew=anew)) as finished:
-            for _, episode in finished:
-                episodes.append(episode)
-                note(episodes)
+        with closing(results(tasks, store, anew=anew)) as finished:
+            episodes.extend(episode for _, episode in finished)
     except KeyboardInterrupt:
         print("Interrupted; the episodes that are over are kept.")
     return episodes
+
+
+def _files(tasks: Sequence[Task]) -> dict[str, Path]:
+    """What these tasks need on another machine beside the clone: path in a working folder there → path here."""
+    names = {task.policy for task in tasks}
+    scenarios = (json.loads(settings).get("scenario") for settings in {task.settings for task in tasks})
+    modules = {one.partition(":")[0] for one in scenarios if isinstance(one, str) and ":" in one}
+    return {**own_files(modules | foreign_modules()), **policies.files(names)}
 
 
 def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
@@ -142,8 +160,8 @@ def run_policy(
         policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
         return play(env, policy, seeds, source, settings, looks, period)
     except ValueError as error:
-        told = f"policy: {source!r}, room {seeds[0]}: {error}"
-        raise ValueError(str(error) if source in str(error) else told) from error
+        told = f"{error}" if source in str(error) else f"policy: {source!r}: {error}"
+        raise ValueError(f"{told} (room {seeds[0]})") from error
     finally:
         env.close()
 

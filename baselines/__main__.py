@@ -5,6 +5,7 @@ default times. With names of scenarios it chooses for them alone, and keeps the 
 open-loop episodes of an interrupted call are kept in `results/baselines`.
 """
 
+import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -21,11 +22,14 @@ from activeslam_gym.files import written_whole
 from . import constants, readings, sequences
 from .constants import Choose, key_of
 
-STORE = Store(Path("results/baselines"))
 
-
-def main(names: Sequence[str]) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Write the tables; the exit status, 2 for an unknown name."""
+    made = argparse.ArgumentParser(prog="python -m baselines", description=__doc__)
+    made.add_argument("names", nargs="*", metavar="SCENARIO")
+    made.add_argument("--cluster", help="address of a cluster of Ray that plays the open-loop episodes, such as 'auto'")
+    args = made.parse_args(arguments)
+    names, store = args.names, Store(Path("results/baselines"), args.cluster or 1)
     if unknown := [name for name in names if name not in SCENARIOS]:
         print(f"scenario: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}", file=sys.stderr)
         return 2
@@ -35,17 +39,17 @@ def main(names: Sequence[str]) -> int:
         (readings.TABLE, readings.choose_readings),
     )
     for path, choose in choices:
-        _renew(path, choose, names)
+        _renew(path, choose, names, store)
     return 0
 
 
-def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
+def _renew(path: Path, choose: Choose, names: Sequence[str], store: Store) -> None:
     """Choose again for the ``names``, or for all, in the table ``path``."""
     kept = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     table: dict[str, Any] = {key: entry for key, entry in kept.items() if entry["scenario"] in SCENARIOS}
     for name in names or SCENARIOS:
         env: Any = gym.make(f"ActiveSLAM{'Pixels' if name in IMAGE_SCENARIOS else ''}-v0", scenario=name).unwrapped
-        entry = choose(env.scenario, env.motion_period, env.motion_period, env.duration, STORE)
+        entry = choose(env.scenario, env.motion_period, env.motion_period, env.duration, store)
         table = {key: one for key, one in table.items() if one["scenario"] != name} | {key_of(env): entry}
         print(f"{name}: {entry['medians']}", flush=True)
         with written_whole(path) as unfinished:
@@ -53,4 +57,4 @@ def _renew(path: Path, choose: Choose, names: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -5,12 +5,11 @@ when it is first asked for, which takes a minute or so and is said.
 """
 
 import json
-import math
 import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,9 @@ from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
+from activeslam_gym.evaluation.cluster import FOUND
 from activeslam_gym.evaluation.code import digest
+from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
 from activeslam_gym.files import demand_writable
 
@@ -31,7 +32,7 @@ ROOMS = 8  # in so many rooms all constants are tried,
 FINALISTS = 4  # and so many of them
 LAST_ROOMS = 32  # are judged in so many new rooms
 
-BATCH = 64  # episodes at a time
+BATCH, CLUSTER_BATCH = 64, 16  # episodes at a time, in a process and in one of a cluster
 Choose = Callable[..., dict[str, Any]]  # (scenario, gaze period, motion period, duration, store) -> an entry of a table
 OF_PLANNERS = (
     "gaze_period", "motion_criterion", "negative_information", "gaze_horizon", "plan_horizon", "plan_position_std",
@@ -55,9 +56,12 @@ def best_constant(env: Any) -> tuple[Motion, Gaze]:
     return Motion[found["motion"]], Gaze[found["gaze"]]
 
 
-def found_or_chosen(path: Path, env: Any, choose: Choose, what: str, **limit: float) -> dict[str, Any]:
+def found_or_chosen(path: Path, env: Any, choose: Choose, what: str, **limit: Any) -> dict[str, Any]:
     """The entry of the table ``path`` for ``env``, or, where it has none, the best one that ``choose`` finds now."""
-    return table_of(path).get(key_of(env)) or _chosen(choose, what, *_asked(env), **limit)
+    own, key = key_of(env), (path.stem, key_of(env), *limit.values())
+    if not (known := table_of(path).get(own) or FOUND.get(key)):
+        FOUND[key] = known = _chosen(choose, what, *_asked(env), **limit)
+    return known
 
 
 def key_of(env: Any) -> str:
@@ -83,9 +87,8 @@ def _asked(env: Any) -> tuple[Scenario, float, float, float]:
     return env.scenario, env.motion_period if whole else env.gaze_period, env.motion_period, env.duration
 
 
-@cache
-def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float, **limit: float) -> dict[str, Any]:
-    """``choose``, once a process, and said. Its episodes are kept in the user's cache, where that can be written."""
+def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float, **limit: Any) -> dict[str, Any]:
+    """``choose``, and said. Its episodes are kept in the user's cache, where that can be written."""
     told = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
     folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "activeslam_gym")
     try:
@@ -134,15 +137,20 @@ def log_scores(
 
     def scores() -> dict[str, NDArray[Any]]:
         each, rooms = np.repeat(plans, len(seeds), axis=0), np.tile(seeds, len(plans))
-        parts = np.array_split(np.arange(len(rooms)), math.ceil(len(rooms) / BATCH))
-        ends = [_final_scores(each[part], scenario, rooms[part].tolist(), times) for part in parts]
-        return {"log_scores": np.concatenate(ends).reshape(len(plans), len(seeds))}
+        on_cluster = isinstance(store.workers, str)
+        batch = CLUSTER_BATCH if on_cluster else BATCH
+        parts = [tuple(range(len(rooms)))[i : i + batch] for i in range(0, len(rooms), batch)]
+        play = partial(_final_scores, plans=each, scenario=scenario, seeds=rooms.tolist(), times=times)
+        ends = dict(run_all(play, parts, store.workers, None) if on_cluster else zip(parts, map(play, parts)))
+        return {"log_scores": np.concatenate([ends[part] for part in parts]).reshape(len(plans), len(seeds))}
 
     return store.of(f"{scenario.name}-{len(plans)}-plans", key, scores)["log_scores"]
 
 
-def _final_scores(plans: Actions, scenario: Scenario, seeds: list[int], times: Times) -> NDArray[np.float64]:
-    """(r,) log score [bit] at the end of the episodes of ``plans`` (r, T, 2)."""
-    named = dict(zip(("gaze_period", "motion_period", "duration"), times))
-    episodes = played(lambda env: Planned(env, plans), scenario, seeds, ends=True, **named)
+def _final_scores(
+    part: Sequence[int], plans: Actions, scenario: Scenario, seeds: list[int], times: Times
+) -> NDArray[np.float64]:
+    """(p,) log score [bit] at the end of the episodes of a ``part`` (p,) of ``plans`` (r, T, 2) and ``seeds`` (r,)."""
+    named, own = dict(zip(("gaze_period", "motion_period", "duration"), times)), [seeds[i] for i in part]
+    episodes = played(lambda env: Planned(env, plans[list(part)]), scenario, own, ends=True, **named)
     return np.array([episode.log_score[-1] for episode in episodes])

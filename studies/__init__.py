@@ -22,8 +22,8 @@ from agents.tools.files import writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 from agents.tools.statistics import Estimate, bootstrap_interval
 
-BATCH = 100  # episodes at a time
-NO_NUMBER = ("--jobs", "--out", "--report")  # options that decide no number
+BATCH, CLUSTER_BATCH = 100, 10  # episodes at a time, in this process and in one of a cluster
+NO_NUMBER = ("--jobs", "--cluster", "--out", "--report")  # options that decide no number
 Name = TypeVar("Name")
 
 
@@ -43,6 +43,8 @@ def parser(name: str, description: str | None, section: str = "", **defaults: An
     )
     made.add_argument("--seed", type=number(*SEEDS), default=defaults["seed"], help="of the first episode")
     made.add_argument("--jobs", type=number(1, 4096), default=1, help="processes")
+    told = "address of a cluster of Ray that plays in their place, such as 'auto'"
+    made.add_argument("--cluster", dest="jobs", metavar="ADDRESS", default=argparse.SUPPRESS, help=told)
     made.add_argument("--out", type=folder, help="folder of the episodes, which are then not played again")
     if section:
         told = f"a page whose generated section {section!r} is made"
@@ -95,7 +97,7 @@ def tasks(policy: str, settings: str, seed: int, rooms: int, *measures: type[Mea
 
 
 def played(
-    groups: dict[Name, list[Task]], out: Path | None, batch: int = BATCH, jobs: int = 1
+    groups: dict[Name, list[Task]], out: Path | None, batch: int = BATCH, jobs: int | str = 1
 ) -> dict[Name, list[Episode]]:
     """The episodes of groups of tasks, kept or played now, as a batch where policy and environment are the same.
 
@@ -105,7 +107,8 @@ def played(
     names, environments = ({getattr(task, part) for task in every} for part in ("policy", "settings"))
     check(sorted(names), list(map(json.loads, environments)))
     rehearse([name for name in names if holds_code(name)], [json.loads(every[0].settings)], every[0].seed)
-    found = dict(results(every, Store(out), jobs, batch))
+    batch = min(batch, CLUSTER_BATCH) if isinstance(jobs, str) else batch
+    found = dict(results(every, Store(out, jobs), batch))
     return {name: [found[task] for task in group] for name, group in groups.items()}
 
 

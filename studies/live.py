@@ -121,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     lasts = [max(args.seconds) if j < args.long else min(args.seconds) for j in range(args.rooms)]
     trials = [Trial(args.seed + j, habit, time) for j, time in enumerate(lasts) for habit in HABITS]
     runs: dict[str, dict[int, Arrays]] = {habit: {} for habit in HABITS}
-    with closing(Store(args.out).gather(trials, play_trials, args.jobs)) as finished:
+    with closing(Store(args.out, args.jobs).gather(trials, play_trials)) as finished:
         for one, arrays in finished:
             dets = {f"log2_det_{part}": values for part, values in zip(PARTS, arrays["log2_dets"].T)}
             runs[one.habit][one.seed] = arrays | dets

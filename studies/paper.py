@@ -84,7 +84,9 @@ def claims(runs: Runs) -> Iterator[list[str]]:
         yield number("log₂|P| is then {}", f"`paper-2006`, {name}", det[f"{name} 2006"], log2_det)
 
 
-def play(rooms: int, seed: int, out: Path | None = None, jobs: int = 1, seconds: float = np.inf) -> tuple[Runs, Runs]:
+def play(
+    rooms: int, seed: int, out: Path | None = None, jobs: int | str = 1, seconds: float = np.inf
+) -> tuple[Runs, Runs]:
     """The episodes of every condition, of ``seconds`` at most; and those to draw, of median log score, whole."""
     groups = {
         name: tasks(policy, settings_of(scenario, {"duration": min(lasts, seconds)}), seed, rooms, *taken)

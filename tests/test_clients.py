@@ -3,6 +3,7 @@
 A client whose package is not installed is skipped; `make clients` installs each in an environment of its own.
 """
 
+import json
 import math
 import re
 import runpy
@@ -11,9 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import pytest
 
 import activeslam_gym  # noqa: F401  (registers the environments)
+from agents import policies
+from agents.task import Task, play_tasks
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 CLIENTS: dict[str, tuple[str, str, tuple[Any, ...], dict[str, Any]]] = {
@@ -56,6 +60,20 @@ def test_client_learns(client: tuple[Any, dict], capfd: pytest.CaptureFixture[st
     with capfd.disabled():
         print(f"\n{capfd.readouterr().out.splitlines()[-1]}")
     assert after > before + 50.0
+
+
+def test_a_checkpoint_of_rllib_plays_the_scenarios_that_it_learned_in(tmp_path: Path) -> None:
+    pytest.importorskip("ray.rllib", reason="ray.rllib is not installed: see make clients")
+    scenarios = ("sprint", "office")
+    runpy.run_path(str(EXAMPLES / "rllib_ppo.py"))["main"](iterations=1, scenario=scenarios, out=tmp_path / "kept")
+    name = f"rllib:{tmp_path / 'kept'}"
+    for scenario in scenarios:
+        settings = json.dumps({"duration": 2.0, "scenario": scenario})
+        (alone,) = play_tasks([Task(name, 1, settings, content=policies.content(name))])
+        _, batched = play_tasks([Task(name, seed, settings) for seed in (0, 1)])
+        np.testing.assert_array_equal(alone["actions"], batched["actions"])
+    with pytest.raises(ValueError, match="size: .*allowed"):
+        play_tasks([Task(name, 1, json.dumps({"duration": 2.0, "scenario": "hall"}))])
 
 
 ZOO = sorted((EXAMPLES / "rl_zoo3").glob("*.yml"))

@@ -424,7 +424,7 @@ def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
     summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1))
     assert summary is not None
     assert summary.notes[-2:] == [
-        "Interrupted: 2 of 10 episodes.",
+        "Incomplete: 2 of 10 episodes.",
         "No figures: matplotlib is not installed (pip install -e '.[plot]').",
     ]
     assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3 and not list(tmp_path.glob("*.png"))

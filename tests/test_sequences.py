@@ -66,7 +66,7 @@ def test_a_search_goes_on_though_the_tables_that_it_writes_have_changed(
     store, asked = Store(tmp_path), ([BACK_THEN_ORBIT], Scenario(), range(2), (1.0, 1.0, 2.0))
     first = log_scores(*asked, store)
     monkeypatch.setattr(code, "package_sources", lambda package: "other tables")
-    monkeypatch.setattr(constants, "_final_scores", lambda *_: pytest.fail("played again"))
+    monkeypatch.setattr(constants, "_final_scores", lambda *_, **__: pytest.fail("played again"))
     np.testing.assert_array_equal(log_scores(*asked, store), first)
     with pytest.raises(pytest.fail.Exception, match="played again"):
         log_scores([constant((2, 1))], *asked[1:], store)
@@ -115,7 +115,7 @@ def test_a_search_stops_at_its_limit_and_goes_on_from_the_rounds_that_it_kept(
     first = baselines.make("best-sequence", env, seconds=1e-9)
     assert str(tmp_path) in capsys.readouterr().err
     assert [path.suffix for path in tmp_path.rglob("*.*")] == [".npz"], "one round, whole"
-    monkeypatch.setattr(constants, "_final_scores", lambda *_: pytest.fail("played again"))
+    monkeypatch.setattr(constants, "_final_scores", lambda *_, **__: pytest.fail("played again"))
     again = baselines.make("best-sequence", env, seconds=2e-9)
     np.testing.assert_array_equal(again._plans, first._plans)
     with pytest.raises(ValueError, match="seconds must be"):

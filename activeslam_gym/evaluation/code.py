@@ -2,9 +2,10 @@
 
 import ast
 import hashlib
+import platform
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from importlib import metadata
 from importlib.machinery import PathFinder
@@ -13,10 +14,12 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
+from activeslam_gym import BEHAVIOUR, __version__
 from activeslam_gym.registry import REGISTRIES
 
 LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")  # every result depends on these
 IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")  # results from images depend on these too
+LEARNING_LIBRARIES = ("stable-baselines3", "torch")  # and those of learned policies on these
 COUNTED = ("activeslam_gym", "baselines")
 """Packages that `module_sources` leaves out, since their digests are part of every key that needs them."""
 
@@ -29,12 +32,33 @@ def package_versions(packages: tuple[str, ...]) -> dict[str, str]:
 
 
 @cache
-def package_sources(package: str) -> str:
+def package_sources(package: str, patterns: tuple[str, ...] = ("*.py", "*.json")) -> str:
     """Digest of the Python and JSON files of a package."""
     spec = find_spec(package)
     assert spec is not None and spec.origin is not None
     home = Path(spec.origin).parent
-    return digest(*sorted([*home.rglob("*.py"), *home.rglob("*.json")]))
+    return digest(*sorted(path for pattern in patterns for path in home.rglob(pattern)))
+
+
+@cache
+def installation() -> dict[str, str]:
+    """What results depend on and has to be the same on every machine of a cluster, by name."""
+    libraries = package_versions((*LIBRARIES, *IMAGE_LIBRARIES, *LEARNING_LIBRARIES))
+    ours = {"activeslam-gym": __version__, "BEHAVIOUR": str(BEHAVIOUR)}
+    ours |= {f"code of {name}": package_sources(name) for name in COUNTED}
+    return {**ours, "code of agents": package_sources("agents", ("*.py",)), **libraries}
+
+
+def processor() -> str:
+    """The processor's name, with its family and model where they are known, or "unknown"."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    name = fields.get("model name") or platform.processor() or "unknown"
+    known = {"cpu family", "model"} <= fields.keys()
+    return name + (f" (family {fields['cpu family']}, model {fields['model']})" if known else "")
 
 
 @cache
@@ -49,16 +73,41 @@ def module_sources(module: str) -> str:
     top = module.partition(".")[0]
     if (origin := _origin(top)) and _is_installed(origin):
         return package_sources(top) if origin.name == "__init__.py" else digest(origin)
+    files = _own_modules(module)
+    return digest(*dict.fromkeys(files[name] for name in sorted(files))) if module in files else uuid4().hex
+
+
+def own_files(modules: Iterable[str]) -> dict[str, Path]:
+    """Files and packages of these modules and of what they import that are not installed: relative path → path here."""
+    found: dict[str, Path] = {}
+    for name, path in {name: path for one in modules for name, path in _own_modules(one, "agents").items()}.items():
+        top = name.partition(".")[0]
+        home = _origin(top)
+        if home and home.name == "__init__.py":
+            found[top] = home.parent  # whole, with its data
+        else:
+            found["/".join(name.split(".")) + ("/__init__.py" if path.name == "__init__.py" else ".py")] = path
+    return found
+
+
+def foreign_modules() -> set[str]:
+    """The modules of registered entries of other packages."""
+    entries = [one[name] for one in REGISTRIES for name in one if name not in one.own]
+    return {getattr(entry, "__module__", "") for entry in entries} - {"", "__main__"}
+
+
+def _own_modules(module: str, *others: str) -> dict[str, Path]:
+    """A module and what it imports, but for what is installed, in `COUNTED` or in ``others``, each with its file."""
     files: dict[str, Path | None] = {"": None}
     names = [module]
     while names:
         name = names.pop()
-        if name in files or name.partition(".")[0] in COUNTED:
+        if name in files or name.partition(".")[0] in (*COUNTED, *others):
             continue
         path = _origin(name)
         files[name] = path if path and path.suffix == ".py" and not _is_installed(path) else None
         names += [name.rpartition(".")[0], *_imports(name, files[name])]
-    return digest(*sorted({path for path in files.values() if path})) if files.get(module) else uuid4().hex
+    return {name: path for name, path in files.items() if path}
 
 
 def is_own_module(name: str) -> bool:

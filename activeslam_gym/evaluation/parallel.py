@@ -1,76 +1,75 @@
-"""The same function for many tasks, in several processes, with a progress bar."""
+"""The same function for many tasks, in several processes or on a cluster, with a progress bar."""
 
 import os
 import signal
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack
+from contextlib import closing
 from multiprocessing import get_context, parent_process
 from threading import Thread
-from typing import TypeVar
 
-T = TypeVar("T", bound=Sequence)
-R = TypeVar("R")
+from activeslam_gym.evaluation.cluster import R, T, on_cluster, outcome
 
 
 def run_all(
-    function: Callable[[T], R], tasks: Sequence[T], jobs: int, finished: int | None, apart: bool = False
+    function: Callable[[T], R], tasks: Sequence[T], workers: int | str, finished: int | None, apart: bool = False
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar.
 
-    They run in at most `jobs` processes or, with one job and not `apart`, in this one. The bar counts the episodes of
-    each task, and `finished` were there before; None is no bar. Close the generator (or exhaust it) to end the
-    processes; Ctrl-C reaches the parent alone. Raises ChildProcessError, which names its episode, where one ends.
+    ``workers``: at most so many processes, for one and not ``apart`` this one; or the address of a cluster of Ray. The
+    bar counts the episodes of each task, and ``finished`` were there before; None is no bar. Close the generator (or
+    exhaust it) to end the processes; Ctrl-C reaches the parent alone. What fails is raised when all others are over:
+    ValueError or, where a process ends, ChildProcessError, with the names of its episodes.
     """
     from tqdm import tqdm
 
-    results: Iterable[tuple[T, R]] = ((task, _result(function, task)) for task in tasks)
-    before, processes, futures = finished or 0, min(jobs, len(tasks)), {}
+    outcomes = ((task, outcome(function, task)) for task in tasks)
+    if isinstance(workers, str):
+        outcomes = on_cluster(function, tasks, workers)
+    elif tasks and (apart or min(workers, len(tasks)) > 1):
+        outcomes = _in_processes(function, tasks, min(workers, len(tasks)))
+    before, failed = finished or 0, []
     bar = tqdm(total=before + sum(map(len, tasks)), initial=before, unit="episode", disable=finished is None)
-    with bar, ExitStack() as stack:
-        if processes > 1 or (tasks and apart):
-            pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
-            stack.callback(_end, pool)
-            futures = {pool.submit(_result, function, task): task for task in tasks}
-            results = ((futures[future], future.result()) for future in as_completed(futures))
-        try:
-            for task, result in results:
-                bar.update(len(task))
+    with bar, closing(outcomes):
+        for task, result in outcomes:
+            bar.update(len(task))
+            if isinstance(result, Exception):
+                failed.append(result)
+            else:
                 yield task, result
-        except BrokenProcessPool as error:
-            left = [task[0] for one, task in futures.items() if isinstance(one.exception(), BrokenProcessPool)]
-            played = "; ".join(map(str, left[:processes]))  # they begin in their order
-            raise ChildProcessError(
-                f"a process ended before its episode was over (by itself, killed, or out of memory): {played}"
-            ) from error
+    if failed[1:]:
+        raise ValueError(f"{len(failed)} of {len(tasks)} failed, such as {'; '.join(map(str, failed[:3]))}")
+    for error in failed:
+        raise error
 
 
-def _result(function: Callable[[T], R], task: T) -> R:
-    """`function(task)`; a SystemExit or the like is an error, but for Ctrl-C, which the parent alone has."""
+def _in_processes(
+    function: Callable[[T], R], tasks: Sequence[T], processes: int, again: bool = False
+) -> Generator[tuple[T, R | Exception], None, None]:
+    """The tasks with their outcomes; those that ran when a process ended are repeated once, each alone."""
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
+    left = {pool.submit(outcome, function, task): task for task in tasks}
     try:
-        return function(task)
-    except BaseException as error:
-        if isinstance(error, Exception) or (parent_process() is None and not isinstance(error, SystemExit)):
-            raise
-        raise ChildProcessError(f"{task[0]}: {type(error).__name__} ended it before its episode was over") from error
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
-        process.kill()  # code in it may ignore a request
-    pool.shutdown(cancel_futures=True)
+        for future in as_completed(list(left)):
+            if not isinstance(error := future.exception(), BrokenProcessPool):
+                yield left.pop(future), error or future.result()  # type: ignore[misc]
+    finally:
+        for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
+            process.kill()  # code in it may ignore a request
+        pool.shutdown(cancel_futures=True)
+    rest = list(left.values())
+    for task in rest[:processes]:  # they begin in their order
+        why = f"{task[0]}: its process ended before it was over, twice (by itself, killed, or out of memory)"
+        yield from [(task, ChildProcessError(why))] if again else _in_processes(function, [task], 1, again=True)
+    if rest[processes:]:
+        yield from _in_processes(function, rest[processes:], processes)
 
 
 def _start_worker() -> None:
     """Leave Ctrl-C to the parent, end with it however it ends, and use one thread."""
     from threadpoolctl import threadpool_limits
 
-    def end_with_the_parent() -> None:
-        if parent := parent_process():
-            parent.join()
-            os._exit(1)
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=end_with_the_parent, daemon=True).start()
+    Thread(target=lambda: (parent_process().join(), os._exit(1)), daemon=True).start()  # type: ignore[union-attr]
     threadpool_limits(1)

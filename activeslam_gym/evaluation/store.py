@@ -5,6 +5,8 @@ import json
 import re
 from collections.abc import Callable, Collection, Generator, Sequence
 from contextlib import closing
+from functools import partial
+from io import BytesIO
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -12,6 +14,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from activeslam_gym.evaluation.cluster import Carrying
 from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.files import remove_unfinished, written_whole
@@ -45,11 +48,12 @@ class Store:
 
     A key is completed with the sources of `activeslam_gym` and the versions of `code.LIBRARIES`. The type of the
     processor is no part of it. Without a ``folder`` nothing is kept, nor is a result of a registered criterion, reward,
-    estimator, sensor or scene of another package, whose files and libraries are not known.
+    estimator, sensor or scene of another package, whose files and libraries are not known. What is missing is made by
+    ``workers``: so many processes, or a cluster at an address (see `parallel.run_all`).
     """
 
-    def __init__(self, folder: Path | None = None) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path | None = None, workers: int | str = 1) -> None:
+        self.folder, self.workers = folder, workers
 
     def load(self, label: str, key: Key) -> Arrays | None:
         """The result of ``key``, or None where it is not there. Raises ValueError where its file is damaged."""
@@ -64,9 +68,12 @@ class Store:
 
     def save(self, label: str, key: Key, arrays: Arrays) -> None:
         """Keep a result, whole or not at all."""
+        self._write(label, key, _packed(key, arrays))
+
+    def _write(self, label: str, key: Key, packed: bytes) -> None:
         if path := self._path(label, key):
             with written_whole(path) as unfinished:
-                np.savez_compressed(unfinished, **{**arrays, "key": np.array(_completed(key))})  # type: ignore[arg-type]
+                unfinished.write_bytes(packed)
 
     def of(self, label: str, key: Key, make: Callable[[], Arrays]) -> Arrays:
         """The result of ``key``, kept or made now."""
@@ -83,16 +90,15 @@ class Store:
         self,
         jobs: Sequence[J],
         play: Callable[[tuple[J, ...]], list[Arrays]],
-        processes: int = 1,
         batch: int = 1,
         anew: Collection[J] = (),
         apart: bool = False,
     ) -> Generator[tuple[J, Arrays], None, None]:
         """Yield every job with its result: the kept ones first, whose number is printed, then others as they finish.
 
-        ``play`` makes the results of up to ``batch`` jobs of one group, in one of several ``processes``; a single one
-        is this one, unless ``apart``. Kept results of the jobs ``anew`` are replaced. Close the generator (or exhaust
-        it) to end the processes.
+        ``play`` makes the results of up to ``batch`` jobs of one group, by the `workers`; a single one is this process,
+        unless ``apart``. Kept results of the jobs ``anew`` are replaced. Close the generator (or exhaust it) to end
+        them. Raises as `parallel.run_all`, after all others, where some jobs fail.
         """
         missing, damaged = [], 0
         if self.folder:
@@ -113,10 +119,11 @@ class Store:
             return
         groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
         parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
-        with closing(run_all(play, parts, processes, kept, apart)) as finished:
+        made = Carrying(partial(_made, play), getattr(play, "files", {}))
+        with closing(run_all(made, parts, self.workers, kept, apart)) as finished:
             for part, results in finished:
-                for job, arrays in zip(part, results, strict=True):
-                    self.save(job.label, job.key, arrays)
+                for job, (arrays, packed) in zip(part, results, strict=True):
+                    self._write(job.label, job.key, packed)
                     yield job, arrays
 
     def _path(self, label: str, key: Key) -> Path | None:
@@ -124,6 +131,18 @@ class Store:
             return None
         digest = hashlib.sha256(_completed(key).encode()).hexdigest()[:20]
         return self.folder / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', label)}-{digest}.npz"
+
+
+def _made(play: Callable[[Any], list[Arrays]], jobs: Sequence[Job]) -> list[tuple[Arrays, bytes]]:
+    """The results of ``jobs``, each with its file, which is packed where it was played: that takes milliseconds."""
+    return [(arrays, _packed(job.key, arrays)) for job, arrays in zip(jobs, play(jobs), strict=True)]
+
+
+def _packed(key: Key, arrays: Arrays) -> bytes:
+    """The content of a file."""
+    file = BytesIO()
+    np.savez_compressed(file, **{**arrays, "key": np.array(_completed(key))})  # type: ignore[arg-type]
+    return file.getvalue()
 
 
 NOT_KEPT = Store()  # where nothing is to be kept

@@ -93,21 +93,26 @@ def compare(args: Args) -> Summary | None:
     """Run what is missing, write everything into `args.out`, and return the figures; None if no episode was finished.
 
     Ctrl-C ends it early, with tables and figures of the episodes that are over. Raises ValueError for an unknown
-    policy or a bad argument of the environment, before any episode.
+    policy or a bad argument of the environment, before any episode; where some episodes fail, after all others.
     """
     check(args.names, [args.environment])
     args.check_pages("compare", "headline")
     args.prepare()
     rehearse(args.names, [args.environment], args.seed)
     with alone_in(args.out):
-        episodes = _play(args)
-        return _written(episodes, args) if episodes else None
+        episodes: list[Episode] = []
+        try:
+            play_until_interrupted(args.tasks(), args.episode_store, not args.resume, episodes)
+        finally:  # where some failed, the others are written
+            episodes.sort(key=lambda one: (args.names.index(one.policy), one.seed))
+            summary = _written(episodes, args) if episodes else None
+        return summary
 
 
 def part_of(args: Any, name: str, seed: int, **more: Any) -> Args:
     """One of several comparisons of a command: in a folder of its own, with the common store of episodes."""
     out, store = args.out / name.replace(" ", "-"), args.store or args.out / "episodes"
-    same = {"episodes": args.episodes, "jobs": args.jobs, "resume": True, "figures": False}
+    same = {"episodes": args.episodes, "jobs": args.jobs, "cluster": args.cluster, "resume": True, "figures": False}
     return Args(**same, seed=seed, out=out, store=store, **more)
 
 
@@ -124,20 +129,6 @@ def compare_each(comparisons: Mapping[str, Args]) -> dict[str, Summary] | None:
     return summaries
 
 
-def _play(args: Args) -> list[Episode]:
-    """The episodes by policy, as they were named, and seed: all, or those that were over at Ctrl-C.
-
-    episodes.csv is written after each room.
-    """
-
-    def write(episodes: Sequence[Episode]) -> None:
-        if len(episodes) % len(args.names) == 0:
-            write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])
-
-    episodes = play_until_interrupted(args.tasks(), args.episode_store, args.jobs, not args.resume, write)
-    return sorted(episodes, key=lambda one: (args.names.index(one.policy), one.seed))
-
-
 def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     """The figures, written with everything else."""
     total = args.episodes * len(args.names)
@@ -150,7 +141,7 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     }
     summary = summarise(episodes, args.reference, settings)
     if not settings["complete"]:
-        summary.notes.append(f"Interrupted: {len(episodes)} of {total} episodes.")
+        summary.notes.append(f"Incomplete: {len(episodes)} of {total} episodes.")
     if args.figures and not args.drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])

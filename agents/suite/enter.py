@@ -1,8 +1,7 @@
 """`python -m agents enter`: play a suite and write the entry."""
 
-import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from activeslam_gym.evaluation import Store
@@ -11,12 +10,12 @@ from agents.learn.card import read_card
 from agents.suite import entry as entries
 from agents.suite.manifest import Suite, suite
 from agents.task import check, play_until_interrupted, rehearse
-from agents.tools.arguments import given, within
+from agents.tools.arguments import Workers, given, within
 from agents.tools.files import alone_in, writable_folder, write_json
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(Workers):
     """Play the test episodes of a suite, and write the entry: its weights, and the score of every episode."""
 
     name: str = ""
@@ -29,14 +28,13 @@ class Args:
     """The first so many episodes of each scenario; all if not given, which the leaderboard asks for."""
     note: str = ""
     """A sentence about it: what it is, and what it was trained on."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     out: Path = Path("results/entries")
     """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again; nor is a
     finished entry of the same policies and code. Those of a factory of yours always are."""
 
     def __post_init__(self) -> None:
-        within(self, jobs=(1, 4096), **({} if self.episodes is None else {"episodes": (1, 10**6)}))
+        super().__post_init__()
+        within(self, **({} if self.episodes is None else {"episodes": (1, 10**6)}))
         given(self, "name", "policies")
         entries.check_name(self.name)
         if not self.note.isprintable():
@@ -61,7 +59,7 @@ def main(args: Args) -> int:
         wanted = entries.tasks(names, of, count)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
         rehearse(names, environments, wanted[0].seed)
-        episodes = play_until_interrupted(wanted, Store(args.out / entries.EPISODES), args.jobs)
+        episodes = play_until_interrupted(wanted, Store(args.out / entries.EPISODES, args.workers))
         if len(episodes) < len(wanted):
             print("Run the same command to continue.")
             return 130

@@ -3,9 +3,8 @@
 It shows that the scores are those of the policy. That the policy keeps the rules, a reader of its code has to see.
 """
 
-import os
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -14,14 +13,14 @@ import tyro
 
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Store, outcome
-from activeslam_gym.evaluation.code import package_versions
+from activeslam_gym.evaluation.code import package_versions, processor
 from agents import policies
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.task import Task, check, play_until_interrupted, rehearse
-from agents.tools.arguments import within
-from agents.tools.machine import machine, processor, sources
+from agents.tools.arguments import Workers
+from agents.tools.machine import machine, sources
 from agents.tools.sections import in_a_line
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
@@ -30,20 +29,15 @@ MOST_SHOWN = 10  # differences that are shown one by one
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args:
+class Args(Workers):
     """Replay an entry's point episodes, and a tenth of its image episodes, and compare every score."""
 
     entry: Annotated[Path, tyro.conf.Positional] = Path("entry.json")
     """The entry's file, with weights or modules beside it."""
     suite: str = ""
     """The suite, if it is a manifest of your own (NAME.json)."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     out: Path = Path("results/verified")
     """Folder of the replayed episodes, for an interrupted command."""
-
-    def __post_init__(self) -> None:
-        within(self, jobs=(1, 4096))
 
 
 def main(args: Args) -> int:
@@ -61,7 +55,7 @@ def main(args: Args) -> int:
     check(names, environments)
     chosen = _chosen(entry, of, names)
     rehearse(names, environments, next(iter(chosen)).seed)
-    runs = play_until_interrupted(list(chosen), Store(args.out), args.jobs)
+    runs = play_until_interrupted(list(chosen), Store(args.out, args.workers))
     places = {(task.policy, task.settings, task.seed): place for task, place in chosen.items()}
     differences = []
     for run in runs:

@@ -17,19 +17,37 @@ from agents.tools.files import reading, writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 
 SEEDS = (0, 2**62)  # bounds of a seed: the rooms after it have seeds too
-UNTOLD = ("jobs", "out", "store", "report", "resume", "figures")  # arguments that decide no number
+UNTOLD = ("jobs", "cluster", "out", "store", "report", "resume", "figures")  # arguments that decide no number
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rooms:
+class Workers:
+    """Where episodes are played."""
+
+    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    """Processes."""
+    cluster: str = ""
+    """Address of a cluster of Ray that plays in their place: 'auto' on one of its machines, 'ray://HEAD:10001' from
+    elsewhere, 'local' for one on this machine."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a number outside its bounds."""
+        within(self, jobs=(1, 4096))
+
+    @property
+    def workers(self) -> int | str:
+        """As a `Store` takes them."""
+        return self.cluster or self.jobs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rooms(Workers):
     """Arguments of every command that plays many rooms."""
 
     episodes: int
     """Rooms for each policy, in each scenario or condition."""
     seed: int = 1_000_000
     """Episode j is reset(seed=seed + j)."""
-    jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Processes."""
     out: Path
     """Folder of the results; finished episodes that it holds are not run again."""
     store: Path | None = None
@@ -37,7 +55,8 @@ class Rooms:
 
     def __post_init__(self) -> None:
         """Raises ValueError for a number outside its bounds."""
-        within(self, episodes=(1, 10**6), seed=SEEDS, jobs=(1, 4096))
+        super().__post_init__()
+        within(self, episodes=(1, 10**6), seed=SEEDS)
 
     def prepare(self) -> None:
         """Raises ValueError where a folder cannot be written to."""
@@ -53,7 +72,7 @@ class Rooms:
     @property
     def episode_store(self) -> Store:
         """The store of the episodes."""
-        return Store(self.store or self.out / "episodes")
+        return Store(self.store or self.out / "episodes", self.workers)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,9 @@ import json
 import os
 import platform
 from collections.abc import Mapping
-from pathlib import Path
 
 from activeslam_gym import BEHAVIOUR
-from activeslam_gym.evaluation.code import package_sources, package_versions
+from activeslam_gym.evaluation.code import package_sources, package_versions, processor
 
 SOURCES = ("activeslam_gym", "baselines", "agents.learn")
 """Packages that decide a score, beside the policy's own files."""
@@ -17,18 +16,6 @@ SOURCES = ("activeslam_gym", "baselines", "agents.learn")
 def machine() -> str:
     """Processor and number of cores."""
     return f"{processor()}, {os.cpu_count()} cores"
-
-
-def processor() -> str:
-    """The processor's name, with its family and model where they are known, or "unknown"."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
-    name = fields.get("model name") or platform.processor() or "unknown"
-    known = {"cpu family", "model"} <= fields.keys()
-    return name + (f" (family {fields['cpu family']}, model {fields['model']})" if known else "")
 
 
 def versions(packages: tuple[str, ...]) -> dict[str, str]:

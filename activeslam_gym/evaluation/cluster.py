@@ -1,0 +1,235 @@
+"""Tasks on a cluster of Ray: chunks of a few seconds, the slowest first, on machines with the same installation.
+
+The calling process alone makes the chunks and takes their results, so that each task counts once. Ray starts processes,
+moves functions, files and results, and tells which process or machine is lost.
+"""
+
+import pickle
+import shutil
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from multiprocessing import parent_process
+from pathlib import Path
+from socket import create_connection
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any, TypeVar
+
+from activeslam_gym.evaluation.code import installation, processor
+from activeslam_gym.files import argument
+from activeslam_gym.registry import REGISTRIES
+
+T = TypeVar("T", bound=Sequence)
+R = TypeVar("R")
+CHUNK = 4.0  # a chunk takes about so long [s], several hundred times what Ray needs for one
+AHEAD = 2  # chunks for each core that are on their way
+FOUND: dict[Hashable, Any] = {}
+"""What takes a process long to find, and others are given."""
+_connection: dict[str, Any] = {}  # what the one connection of this process was asked for
+
+
+@dataclass(frozen=True)
+class Carrying:
+    """A function with the files and folders that it needs elsewhere: path in its working folder there → path here."""
+
+    function: Callable[[Any], Any]
+    files: Mapping[str, Path]
+
+    def __call__(self, task: Any) -> Any:
+        return self.function(task)
+
+
+def outcome(function: Callable[[T], R], task: T, elsewhere: bool = False) -> R | Exception:
+    """`function(task)`, or its error; SystemExit is one too, and Ctrl-C in another process: the parent alone has it."""
+    try:
+        return function(task)
+    except Exception as error:
+        return error
+    except BaseException as error:
+        if parent_process() is None and not elsewhere and not isinstance(error, SystemExit):
+            raise
+        return ChildProcessError(f"{task[0]}: {type(error).__name__} ended it before its episode was over")
+
+
+@dataclass
+class Group:
+    """Tasks that take about as long as each other."""
+
+    waiting: deque = field(default_factory=deque)
+    cost: float = inf  # the lowest mean of a chunk so far [s]: a process loads kernels in its first one
+    begun: int = 0
+
+
+class Schedule:
+    """The order of tasks: groups of unknown cost, of tasks that take longer than a chunk, then the others by turns."""
+
+    def __init__(self, tasks: Sequence[Any]) -> None:
+        self._groups: dict[Hashable, Group] = {}
+        self._alone: deque[tuple[Group, list[Any]]] = deque()
+        self._repeated: set[int] = set()
+        for task in tasks:
+            self._groups.setdefault(getattr(task[0], "group", None), Group()).waiting.append(task)
+
+    def next(self, cores: int) -> tuple[Group, list[Any]] | None:
+        """A group and tasks of it that take about `CHUNK` seconds, at the end fewer; None where none wait."""
+        if self._alone:
+            return self._alone.popleft()
+        waiting = [group for group in self._groups.values() if group.waiting]
+        if not waiting:
+            return None
+        group = max(waiting, key=lambda one: (max(one.cost, CHUNK), -one.begun))
+        left = sum(len(one.waiting) * one.cost for one in waiting)
+        seconds = min(CHUNK, left / (AHEAD * cores))
+        count = min(max(1, round(seconds / group.cost)), len(group.waiting))
+        group.begun += count
+        return group, [group.waiting.popleft() for _ in range(count)]
+
+    def lost(self, group: Group, tasks: list[Any]) -> list[Any]:
+        """Each of the ``tasks`` is played again, alone; those that were already are returned."""
+        twice = [task for task in tasks if id(task) in self._repeated]
+        again = [task for task in tasks if id(task) not in self._repeated]
+        self._alone.extend((group, [task]) for task in again)
+        self._repeated.update(map(id, again))
+        return twice
+
+    def put_back(self, group: Group, tasks: list[Any]) -> None:
+        """The ``tasks`` were not begun."""
+        self._alone.append((group, tasks))
+
+
+def on_cluster(
+    function: Callable[[T], R], tasks: Sequence[T], address: str
+) -> Generator[tuple[T, R | Exception], None, None]:
+    """Yield the tasks with their results or errors, as they finish, on the cluster of Ray at an ``address``.
+
+    Where a process or a machine is lost, its tasks are repeated once, each alone. A machine whose `installation` is
+    another one is named, and plays nothing.
+
+    Raises:
+        ImportError: Ray is not installed.
+        ConnectionError: there is no cluster at this address, or it is lost.
+        ValueError: every machine has another installation.
+    """
+    ray = _connected(address, getattr(function, "files", {}))
+    registered = {one.kind: {name: one[name] for name in one if name not in one.own} for one in REGISTRIES}
+    work = ray.put(ray.cloudpickle.dumps((function, registered, FOUND)))
+    expected, schedule = ray.put(installation()), Schedule(tasks)
+    pending: dict[Any, tuple[Group, list[T]]] = {}
+    refused: dict[str, str] = {}
+    kinds = {processor()}
+    try:
+        while _submit(ray, schedule, pending, (work, expected), refused):
+            ray.wait(list(pending), num_returns=1, timeout=5.0)
+            for ref in ray.wait(list(pending), num_returns=len(pending), timeout=0)[0]:
+                group, chunk = pending.pop(ref)
+                try:
+                    node, name, kind, differs, played = ray.get(ref)
+                except ray.exceptions.RayTaskError as error:
+                    yield from ((task, ChildProcessError(f"{task[0]}: {error.cause}")) for task in chunk)
+                    continue
+                except ray.exceptions.RayError as error:
+                    why = f"its process or machine was lost twice ({type(error).__name__})"
+                    yield from ((task, ChildProcessError(f"{task[0]}: {why}")) for task in schedule.lost(group, chunk))
+                    continue
+                if differs:
+                    _refuse(ray, refused, node, f"{name} plays nothing, its installation differs: {differs}")
+                    schedule.put_back(group, chunk)
+                    continue
+                if kind not in kinds:
+                    _say(f"{name} has another processor, {kind}: its scores may differ in their last digits.")
+                    kinds.add(kind)
+                outcomes, seconds = pickle.loads(played)
+                group.cost = min(group.cost, seconds / len(chunk))
+                yield from zip(chunk, outcomes, strict=True)
+    except ConnectionError as error:
+        raise ConnectionError(f"--cluster: {address} is lost ({error}); --resume goes on") from error
+    finally:
+        if pending:
+            _connection.clear()
+            ray.shutdown()  # unfinished episodes are not waited for
+
+
+def _submit(ray: Any, schedule: Schedule, pending: dict, given: tuple, refused: Mapping[str, str]) -> bool:
+    """Send chunks until each core has `AHEAD` of them; whether any is on its way."""
+    cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
+    selector = {"ray.io/node-id": f"!in({','.join(refused)})"} if refused else {}
+    play = ray.remote(num_cpus=1, max_retries=0, label_selector=selector)(_on_node(ray))
+    while len(pending) < AHEAD * cores and (chosen := schedule.next(cores)):
+        pending[play.remote(*given, ray.cloudpickle.dumps(chosen[1]))] = chosen
+    return bool(pending)
+
+
+def _on_node(ray: Any) -> Callable[..., Any]:
+    """What a process there runs; it is sent by value, for a machine may have another version of this module."""
+
+    def play(work: bytes, expected: dict[str, str], chunk: bytes) -> tuple:
+        import platform
+
+        node, name, kind = ray.get_runtime_context().get_node_id(), platform.node(), ""
+        try:
+            from activeslam_gym.evaluation import cluster, code
+
+            here, kind = code.installation(), code.processor()
+        except (ImportError, AttributeError, AssertionError) as error:
+            here = {"activeslam-gym": f"{type(error).__name__}: {error}"}
+        differs = ", ".join(f"{one} {here.get(one)} → {of}" for one, of in expected.items() if here.get(one) != of)
+        return node, name, kind, differs, None if differs else cluster.play(work, chunk)
+
+    return play
+
+
+def play(work: bytes, chunk: bytes) -> bytes:
+    """The outcomes of a chunk and their time [s], in a process of a cluster."""
+    from threadpoolctl import threadpool_limits
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)
+    begun = perf_counter()
+    function, registered, found = pickle.loads(work)
+    FOUND.update(found)
+    for registry in REGISTRIES:
+        registry.update(registered[registry.kind])
+    outcomes = [outcome(function, task, elsewhere=True) for task in pickle.loads(chunk)]
+    return pickle.dumps((outcomes, perf_counter() - begun))
+
+
+def _refuse(ray: Any, refused: dict[str, str], node: str, why: str) -> None:
+    """Name a machine; ValueError where every one is refused."""
+    if node not in refused:
+        _say(why)
+    refused[node] = why
+    there = {one["NodeID"] for one in ray.nodes() if one["Alive"] and one["Resources"].get("CPU")}
+    if there <= refused.keys():
+        raise ValueError(f"--cluster: no machine can play: {'; '.join(refused.values())}")
+
+
+def _say(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+def _connected(address: str, files: Mapping[str, Path]) -> Any:
+    """Ray, with a connection to the cluster at ``address`` whose processes find the ``files``."""
+    try:
+        import ray
+    except ImportError as error:
+        raise ImportError("--cluster needs Ray: pip install --editable '.[cluster]'") from error
+    wanted = {"address": address, **files}
+    if _connection != wanted or not ray.is_initialized():
+        ray.shutdown()
+        with TemporaryDirectory() as folder, argument("cluster"):
+            for name, path in files.items():
+                target = Path(folder, name)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copytree(path, target) if path.is_dir() else shutil.copyfile(path, target)
+            if ":" in address:  # where nothing listens, Ray tries again for minutes
+                host, _, port = address.rpartition("/")[2].rpartition(":")
+                create_connection((host, int(port)), 10.0).close()
+            environment = {"working_dir": folder} if files else {}
+            ray.init(address, runtime_env=environment, log_to_driver=False, logging_level="ERROR")
+        _connection.clear()
+        _connection.update(wanted)
+    return ray

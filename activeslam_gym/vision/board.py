@@ -204,7 +204,7 @@ def _equation_1(views: Sequence[View], first: Calibration, poses: np.ndarray) ->
 
 def calibrate(images: str | Path, kind: str, columns: int, rows: int, out: str | Path, model: str = MODELS[0]) -> Fit:
     """The lens from the pictures ``images`` (a folder, a pattern or a video) of a board, written to the file ``out`` in
-    JSON: that of equation 1, or of one of OpenCV's models as OpenCV has it.
+    JSON: a `Calibration`, or one of the models of OpenCV as it has them.
 
     Raises:
         SourceError, ValueError: a picture is unreadable or of another size, or too few show the board.

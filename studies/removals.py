@@ -38,6 +38,12 @@ REMOVALS: dict[str, dict[str, str]] = {
     "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
     "curvature-of-points": {"slam/curvature": _answers("curvature_of_point(view, P, y, thing, work)", "None")},
     "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, thing, work)", "None")},
+    # images: scenarios whose names end in "pixels"
+    "1-point-ransac": {"slam/frame": "from studies.textbook import one_point_ransac as associate_identified"},
+    "appearance": {"vision/settings": "SIGHTED = replace(SIGHTED, score_weight=0.0)"},
+    "mean-residuals": {"vision/settings": "SIGHTED = replace(SIGHTED, residual_weight=0.0)"},
+    "target's-biases": {"vision/settings": "SIGHTED = replace(SIGHTED, fiducial_bias_std=0.0, floor_std=0.03)"},
+    "wander": {"vision/settings": "SIGHTED = replace(SIGHTED, drift=0.0)"},
     # the rest
     "restarts": {"slam/restart": _constants("restart_of", limit="math.inf")},
     "disproof": {"envs/disproof": _answers("disprove(run)", "None")},

@@ -1,7 +1,9 @@
 """The textbook's data associations, in place of `slam.association.associate`, whose arguments and answers they have.
 
 Neira and Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001: mutual nearest
-neighbours within gates (section II), and the joint compatibility branch and bound (JCBB, section III).
+neighbours within gates (section II), and the joint compatibility branch and bound (JCBB, section III). For images, in
+place of `slam.appearance.associate_identified`: Civera, Grasa, Davison and Montiel, "1-point RANSAC for EKF filtering",
+2010.
 """
 
 import numpy as np
@@ -13,6 +15,7 @@ from activeslam_gym.slam.sight import Sight
 
 NODES = 2000  # after which the best hypothesis so far is taken
 NORMAL_QUANTILE = 2.3263  # of 99 %
+LOW_INNOVATION = 1.0  # distance from its prediction by one detection up to which another supports it [px]
 
 
 @compiled
@@ -150,3 +153,51 @@ def _write_matches(
     for i in range(detections.shape[0]):
         for a in range(of_thing.shape[0]):
             waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0
+
+
+@compiled
+def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least: int) -> np.ndarray:
+    """The most detections within `LOW_INNOVATION` of the predictions that one of them determines; given these, each
+    further one inside its gate. Every hypothesis is tried, so that nothing is left to chance."""
+    v, M = sight.thing.shape[0], detections.shape[0]
+    z0, S0 = predicted_pixels(sight)
+    of_detection, of_thing, best, best_count = np.full(M, -1), np.full(v, -1), np.full(v, -1), 0
+    for i in range(M):
+        for a in range(v):
+            if sight.thing[a].id == detections[i].id:
+                of_detection[i] = a
+    everything = np.ones(v, np.bool_)
+    for seed in range(M):
+        a = of_detection[seed]
+        if a < 0 or distance_and_det(z0, S0, a, detections[seed])[0] >= model.search_gate:
+            continue
+        z, S, nearest = z0.copy(), S0.copy(), np.full(v, LOW_INNOVATION)
+        condition(z, S, everything, a, detections[seed])
+        of_thing[:] = -1
+        for i in range(M):
+            b = of_detection[i]
+            if b >= 0:
+                apart = np.hypot(detections[i].pixel[0] - z[2 * b], detections[i].pixel[1] - z[2 * b + 1])
+                if apart < nearest[b]:
+                    nearest[b], of_thing[b] = apart, i
+        count = np.sum(of_thing >= 0)
+        if count > best_count:
+            best_count = count
+            best[:] = of_thing
+    others = best < 0
+    for a in range(v):
+        if best[a] >= 0:
+            condition(z0, S0, others, a, detections[best[a]])
+    nearest = np.full(v, model.gate)
+    for i in range(M):
+        a = of_detection[i]
+        if a >= 0 and others[a]:
+            d2, det = distance_and_det(z0, S0, a, detections[i])
+            if d2 < nearest[a]:
+                nearest[a], best[a] = d2, i
+    if np.sum(best >= 0) < least:
+        best[:] = -1
+    for i in range(M):
+        a = of_detection[i]
+        detections[i].match = detections[i].id if a >= 0 and best[a] == i else REJECTED
+    return best

@@ -200,8 +200,7 @@ def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_wher
     core = gym.make(NAME).unwrapped
     core.reset(seed=3)
     front_end, drawn = core._perceptions[0]._front_end, []
-    redrawing, normal = front_end._target
-    draw = redrawing._target
+    draw, normal = front_end._target, front_end._normal
 
     def counting(pose: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         drawn.extend([pose] if k == 0 else [])
@@ -213,11 +212,11 @@ def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_wher
         return picture, pixel
 
     front_end.show(counting, normal)
-    state, sight = front_end.filter.belief.state.camera, front_end.filter.sight()
+    state, things = front_end.filter.belief.state.camera, front_end.filter.sight().thing
     looks = []
     for step, times in ((0.0, 1), (0.05, 1), (0.5, 2), (0.0, 3), (0.0, 4), (0.0, 4)):
         state[0] += step
-        front_end._draw_target(sight)
+        front_end._draw_target(things)
         assert len(drawn) == times
         looks.append(front_end._gallery.templates.patch[front_end._gallery.places([-1, -2, -3, -4])].copy())
     for kept in looks[:4]:

@@ -13,6 +13,7 @@ pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.camera import camera_of, ray_from_pixel  # noqa: E402
 from activeslam_gym.config import CENTRE, CLUSTERS, CORNER, SCENARIOS, WALL, NoRoomError, Scenario  # noqa: E402
 from activeslam_gym.geometry import quaternion_exp, rotate_left  # noqa: E402
+from activeslam_gym.kernels import filled  # noqa: E402
 from activeslam_gym.vision.corners import new_corners  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners  # noqa: E402
 from activeslam_gym.vision.room import scene as scene_module  # noqa: E402
@@ -25,7 +26,7 @@ from activeslam_gym.vision.room.scene import BOX_COUNT, draw_scene  # noqa: E402
 from activeslam_gym.vision.room.sensor import Sensor, gain  # noqa: E402
 from activeslam_gym.vision.room.shading import SIZE  # noqa: E402
 from activeslam_gym.vision.room.textures import texture_library, texture_range, write_pyramid  # noqa: E402
-from activeslam_gym.vision.search import Findings, search  # noqa: E402
+from activeslam_gym.vision.search import SEARCH, Findings, search  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.templates import Templates, empty_templates, store  # noqa: E402
 from activeslam_gym.vision.views import projected, view_from  # noqa: E402
@@ -232,7 +233,7 @@ def test_the_target_is_where_the_camera_equation_has_it() -> None:
 
 def found_at(x: np.ndarray, templates: Templates, points: np.ndarray, image: np.ndarray, off: float) -> Findings:
     """The search of ``points`` (n, 3) in the ``image`` from ``x``, ``off`` [px] their true pixels."""
-    model, places, n = FrontEndSettings().search(False), np.arange(len(points)), len(points)
+    model, places, n = filled(SEARCH, FrontEndSettings(), gate=11.8), np.arange(len(points)), len(points)
     guess, S = projected(CAMERA, x, points) + off, np.tile(np.eye(2), (n, 1, 1))
     return search(view_from(CAMERA, x), model, templates, image.astype(np.float32), places, points, guess, S)
 
@@ -242,14 +243,14 @@ def test_corners_stay_where_they_are_while_the_camera_moves(sensor: Sensor) -> N
     scene, errors, count = room(0), [], 0
     path = [state((0.016 * k, 0.006 * k, 0.02 * k), (0.004 * k, 0.01 * k, 0.002 * k)) for k in range(16)]
     first = photograph(scene, path[0], sensor)
-    corners = new_corners(first, np.zeros((0, 2)), 60, 7.0, 20, 1e-4, 0.0)
+    corners = new_corners(first, np.zeros((0, 2)), 60, 7.0, 20, 1e-4)
     met = [shown(scene, path[0], corner) for corner in corners]
     around = 6.0 * np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     plane = [k for k, (_, on) in enumerate(met) if {shown(scene, path[0], corners[k] + d)[1] for d in around} == {on}]
     templates, points = empty_templates(len(plane)), np.array([met[k][0] for k in plane])
     for place, k in enumerate(plane):
         normal = -scene.surfaces[met[k][1]]["normal"]
-        store(view_from(CAMERA, path[0]), templates, place, 1 + k, first.astype(np.float32), corners[k], normal, 0.0)
+        store(view_from(CAMERA, path[0]), templates, place, 1 + k, first.astype(np.float32), corners[k], normal)
     for k in range(3, 16, 4):
         found = found_at(path[k], templates, points, photograph(scene, path[k], sensor, k), 0.3)
         there = found.peaks > 0
@@ -389,7 +390,7 @@ def test_the_target_is_drawn_as_it_is_photographed(place) -> None:
         assert np.std(photographed - contrast * drawn - black) < 4.0  # of which 2 are noise
         for j in range(4):
             looks, pixel = target_seen(CAMERA, middle, other[:7], j)
-            store(view_from(CAMERA, other), templates, j, -1 - j, looks, pixel, np.array((0.0, 0.0, 1.0)), 0.0)
+            store(view_from(CAMERA, other), templates, j, -1 - j, looks, pixel, np.array((0.0, 0.0, 1.0)))
         found = found_at(x, templates, eye.fiducials, image, 0.7)
         assert found.peaks.all()
         errors.append(found.pixel[:, 0] - corners)

@@ -23,6 +23,7 @@ from activeslam_gym.vision.rehearsal import rehearsed  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
 from activeslam_gym.vision.target import CORNERS, Board, target_from  # noqa: E402
+from activeslam_gym.vision.templates import TEMPLATE_SIDE  # noqa: E402
 from activeslam_gym.vision.track import UNSCALED, follow, start, summary  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
@@ -194,7 +195,7 @@ def test_the_first_features_are_apart(free) -> None:
     front_end = start(free[0][1], LENS, None, 30.0)
     pixels = front_end.candidates["pixel"]
     apart = np.abs(pixels[:, None] - pixels).max(axis=2) + 1e3 * np.eye(len(pixels))
-    assert len(pixels) > 8 and apart.min() >= 0.9 * front_end.settings.spacing
+    assert len(pixels) > 8 and apart.min() >= 0.9 * TEMPLATE_SIDE
 
 
 @pytest.mark.parametrize("n", [1, 2])

@@ -30,8 +30,8 @@ from activeslam_gym.vision.room.geometry import Scene as Room
 from activeslam_gym.vision.room.scene import draw_scene
 from activeslam_gym.vision.room.shading import SIZE
 from activeslam_gym.vision.room.textures import texture_library, texture_range
-from activeslam_gym.vision.settings import SIGHTED
-from activeslam_gym.vision.templates import TEMPLATE_HALF
+from activeslam_gym.vision.settings import ENOUGH, SIGHTED
+from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE
 from activeslam_gym.vision.views import is_outdated, speeds
 from activeslam_gym.world.noise import normal_pair, uniforms
 from activeslam_gym.world.scenes import Scene
@@ -48,9 +48,9 @@ _SIDES = (16, 32, 64, 128, 256)  # texels, along a side, of the levels of a text
 _MOST = 60  # corners of a level
 
 RULES = record(
-    drift="f8", most_change="f8", scout_area="f8", gate="f8", least_share="f8", memory="f8", least_success="f8",
-    enough="f8", spacing="f8", births="i8", births_every="i8", visible="i8", room_below="i8", fiducial_blur="f8",
-    fiducial_bias_std="f8", feature_bias_std="f8", redrawn=("f8", 2),
+    drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8",
+    births="i8", visible="i8", lost_after="i8", fiducial_blur="f8",
+    fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8",
 )  # fmt: skip
 """The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
 MEMORY = record(
@@ -94,7 +94,7 @@ class Glance:
 
     def __init__(self, setting: Setting, run: Run, start: np.ndarray, seed: np.random.SeedSequence) -> None:
         room, noise = seed.spawn(2)
-        scene, s = draw_scene(setting.scenario, np.random.default_rng(room), start), SIGHTED
+        scene = draw_scene(setting.scenario, np.random.default_rng(room), start)
         run.world.fiducials[:] = scene.target
         run.world.boxes[:] = scene.boxes
         run.world.state.boxes = len(scene.boxes)
@@ -105,7 +105,8 @@ class Glance:
         drawn["pose"] = np.nan
         spare = run.world.landmarks.copy()
         self.corners = Corners(points[order], normals[order], reach[order], drawn, memory, spare, key)
-        self._rules = filled(RULES, s, enough=(1.0 - s.memory**s.trials) / (1.0 - s.memory))
+        gate = setting.models.filter.appearance.search_gate
+        self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.camera.focal)), gate=gate)
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
@@ -131,7 +132,7 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
     _draw_target(run, rules, corners, luck[2 * things + most :])
     found = _search(run, rules, corners, luck)
     for entry in memory:
-        if entry.id > 0 and entry.tried >= rules.enough and entry.matched < rules.least_success * entry.tried:
+        if entry.id > 0 and entry.tried >= ENOUGH * rules.trials and 2.0 * entry.matched < entry.tried:
             remove_id(run.ekf, entry.id)
             entry.id = 0
             run.episode.events.deletions += 1
@@ -151,11 +152,11 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
 @compiled
 def _draw_target(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> None:
     """The fiducials whose view has changed are drawn for the one that is believed, and found with new biases."""
-    belief, std, (change, turn) = run.ekf, rules.fiducial_bias_std, rules.redrawn
+    belief, std = run.ekf, rules.fiducial_bias_std
     pose, fiducials = belief.state.camera, run.world.fiducials
     for k in range(fiducials.shape[0]):
         drawn = corners.drawn[k]
-        if is_outdated(drawn.pose, pose, fiducials[k], change, turn):
+        if is_outdated(drawn.pose, pose, fiducials[k], rules.redrawn):
             copy_into(drawn.pose, pose[:7])
             first, second = normal_pair(luck[2 * k], luck[2 * k + 1])
             drawn.bias[0], drawn.bias[1] = std * first, std * second
@@ -170,7 +171,7 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
     sight = sight_of_belief(models.camera, belief, fiducials, run.world.boxes[:0])
     view = view_of(models.true_camera, pose, boxes_of(run.world))
     believed, z = positions_of(belief), np.empty(2)
-    v, found, searched = sight.thing.shape[0], 0, 0
+    v, found = sight.thing.shape[0], 0
     tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.camera, belief.state.camera, fiducials)
     for i in range(v):
         thing = sight.thing[i]
@@ -181,10 +182,7 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
                 continue
         a, b, d = sight.S[2 * i, 2 * i], sight.S[2 * i, 2 * i + 1], sight.S[2 * i + 1, 2 * i + 1]
         det = max(a * d - b * b, 1e-12)
-        if math.pi * rules.gate * math.sqrt(det) > rules.scout_area:
-            continue
         tried[i] = True
-        searched += 1
         k = -1 - thing.id
         point = corners.points[memory[m].corner] if m >= 0 else fiducials[k]
         if not visible(view, point, -_EDGE, z) or found == run.candidate.shape[0]:
@@ -192,7 +190,8 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
         if m >= 0 and not faces(corners.normals[memory[m].corner], point, pose, _FACING):
             continue
         x, y = z[0] - thing.z_hat[0], z[1] - thing.z_hat[1]
-        if (d * x * x - 2.0 * b * x * y + a * y * y) / det > rules.gate:
+        gate = min(rules.gate, rules.largest_area / (math.pi * math.sqrt(det)))
+        if (d * x * x - 2.0 * b * x * y + a * y * y) / det > gate:
             continue
         std = memory[m].std if m >= 0 else math.hypot(FIDUCIAL_STD, blur[k])
         one = run.candidate[found]
@@ -204,9 +203,8 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
             one.pixel[1] += corners.drawn[k].bias[1]
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = std * std, 0.0, 0.0, std * std
         found += 1
-    least = max(int(round(rules.least_share * searched)), 1)
     candidates = run.candidate[:found]
-    use_identified(models, belief, fiducials, sight, candidates, least, run.episode.events)
+    use_identified(models, belief, fiducials, sight, candidates, 1, run.episode.events)
     for i in range(v):
         thing = sight.thing[i]
         if tried[i] and thing.id > 0:
@@ -215,8 +213,9 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
                 matched = matched or one.match == thing.id
             if matched or thing.visibility == INSIDE:
                 entry = memory[_place(memory, thing.id)]
-                entry.tried = rules.memory * entry.tried + 1.0
-                entry.matched = rules.memory * entry.matched + matched
+                keep = 1.0 - 1.0 / rules.trials
+                entry.tried = keep * entry.tried + 1.0
+                entry.matched = keep * entry.matched + matched
                 entry.seen = frame if matched else entry.seen
     return found
 
@@ -240,7 +239,7 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         in_view += _EDGE <= across < camera.width - _EDGE and _EDGE <= down < camera.height - _EDGE
         crowd += 1
     wanted = min(rules.births, rules.visible - in_view)
-    if wanted <= 0 or not (frame % rules.births_every == 0 or 2 * in_view < rules.visible):
+    if wanted < rules.births:
         return 0
     view, z, n, born = view_of(models.true_camera, pose, boxes_of(run.world)), np.empty(2), corners.points.shape[0], 0
     begin = int(luck[0] * n)
@@ -252,13 +251,13 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
             continue
         free = True
         for i in range(crowd):
-            free = free and math.hypot(occupied[i, 0] - z[0], occupied[i, 1] - z[1]) > rules.spacing
+            free = free and math.hypot(occupied[i, 0] - z[0], occupied[i, 1] - z[1]) > TEMPLATE_SIDE
         if not free:
             continue
         m = _place(memory, 0)
         if m < 0:
-            m = _longest_unseen(memory, frame - 3)
-            if m < 0 or in_view + born >= rules.room_below:
+            m = _longest_unseen(memory, frame - rules.lost_after)
+            if m < 0:
                 break
             remove_id(belief, memory[m].id)
             memory[m].id = 0
@@ -318,7 +317,7 @@ def _texture_corners() -> tuple[tuple[np.ndarray, ...], ...]:
         for side in _SIDES:
             top = 2 * (SIZE - side)
             grey = (texture[top : top + side, :side] & 255).astype(np.uint8)
-            corners = new_corners(grey, np.zeros((0, 2)), _MOST, 4.0, 3, SIGHTED.least_corner, SIGHTED.least_ratio)
+            corners = new_corners(grey, np.zeros((0, 2)), _MOST, 4.0, 3, SIGHTED.least_corner)
             levels.append((corners + 0.5) / side)
         out.append(tuple(levels))
     return tuple(out)

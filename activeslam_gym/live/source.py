@@ -33,7 +33,7 @@ ROOM = replace(
     scripted_gaze_amplitude=0.0,  # the filter does not know the person's gaze
 )
 """The rendered room and what the filter assumes of a hand: 15 images a second, 4 m/s^2 and 6 rad/s^2, u unknown."""
-HELD = replace(SIGHTED, memory=0.97, trials=30, least_success=0.35, most_change=0.4, room_below=16)
+HELD = replace(SIGHTED, trials=30, most_change=0.4)
 """The front end of the rendered room. A hand comes back to features that it left. So an occluded feature is kept for
 two seconds, where `SIGHTED` at 15 images a second keeps it for half of one; and no feature is searched from another
 side, where it would be missed and deleted. When the map is full, the features not seen for longest are deleted until as

@@ -12,15 +12,15 @@ _MEETING = (_BLOCK // 2 + 1,) * 2, (-1, -1), (1, 10, 0.0)
 
 
 def new_corners(
-    image: np.ndarray, occupied: np.ndarray, count: int, radius: float, border: int, least: float, least_ratio: float
+    image: np.ndarray, occupied: np.ndarray, count: int, radius: float, border: int, least: float
 ) -> np.ndarray:
     """Up to ``count`` pixels (n, 2) of ``image`` (h, w) uint8 for new features, the best first.
 
     Each is the strongest corner of the cell that has the fewest features, at least ``radius`` pixels from the
     ``occupied`` pixels (m, 2) and from each other, ``border`` pixels inside the image, of strength ``least`` or more.
-    The smaller eigenvalue is at least ``least_ratio`` of the greater: along an edge, features slide. It is the pixel
-    where the edges meet (Foerstner and Guelch 1987): the strength is nearly the same wherever the window holds the
-    corner, and a pixel beside the feature would move otherwise than the feature where the view changes.
+    It is the pixel where the edges meet (Foerstner and Guelch 1987): the strength is nearly the same wherever the
+    window holds the corner, and a pixel beside the feature would move otherwise than the feature where the view
+    changes.
     """
     cv2 = opencv()
     _, strength = cv2.threshold(cv2.cornerMinEigenVal(image, _BLOCK, ksize=3), least, 0.0, cv2.THRESH_TOZERO)
@@ -34,13 +34,8 @@ def new_corners(
         x, y = np.rint(cv2.cornerSubPix(image, np.array([[pixel]], np.float32), *_MEETING))[0, 0].astype(int).tolist()
         if strength[y, x] <= 0.0:
             x, y = pixel
-        part = image[max(y - _BLOCK, 0) : y + _BLOCK + 1, max(x - _BLOCK, 0) : x + _BLOCK + 1]
-        both = cv2.cornerEigenValsAndVecs(part, _BLOCK, ksize=3)[min(y, _BLOCK), min(x, _BLOCK), :2]
-        if both.min() >= least_ratio * both.max():
-            found.append((x, y))
-            _take(strength, crowd, np.array([[x, y]], float), radius)
-        else:
-            _clear(strength, x, y, radius)
+        found.append((x, y))
+        _take(strength, crowd, np.array([[x, y]], float), radius)
     return np.array(found, float).reshape(-1, 2)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.settings import FrontEndSettings
-from activeslam_gym.vision.templates import TEMPLATE_HALF
+from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE
 
 _DARK = 40  # an image is dark where 99 % of its pixels are no brighter, of 255
 _FEW_CORNERS = 8  # an image with fewer is blank
@@ -25,7 +25,7 @@ def blemish(image: np.ndarray) -> str:
     if level <= _DARK:
         return DARK.format(level=level)
     s, edge = FrontEndSettings(), TEMPLATE_HALF + 8
-    corners = new_corners(image, np.zeros((0, 2)), _FEW_CORNERS, s.spacing, edge, s.least_corner, s.least_ratio)
+    corners = new_corners(image, np.zeros((0, 2)), _FEW_CORNERS, TEMPLATE_SIDE, edge, s.least_corner)
     return BLANK if len(corners) < _FEW_CORNERS else ""
 
 

@@ -6,35 +6,30 @@ candidates it believes.
 
 import math
 import time
-from dataclasses import replace
-from statistics import median
+from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
-from activeslam_gym.kernels import Record
-from activeslam_gym.motion import D_ROTATION
+from activeslam_gym.kernels import filled
 from activeslam_gym.slam.association import DETECTION
 from activeslam_gym.slam.belief import Belief
 from activeslam_gym.slam.estimate import EstimateArrays, add_offsets
 from activeslam_gym.slam.filter import Filter
-from activeslam_gym.slam.sight import INSIDE, Sight
+from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
 from activeslam_gym.vision.gallery import Gallery
 from activeslam_gym.vision.outcome import DOUBTED, MATCHED, MISSED, NOTHING, FrameLog, Searched
-from activeslam_gym.vision.redrawing import Drawn, Redrawing
-from activeslam_gym.vision.relocalisation import PRIOR, locate, remember
+from activeslam_gym.vision.relocalisation import PRIOR, locate
 from activeslam_gym.vision.restart import Restart
-from activeslam_gym.vision.search import FOUND, UNSEARCHED, Findings, search
-from activeslam_gym.vision.selection import among, most_telling, own_covariances
+from activeslam_gym.vision.search import FOUND, SEARCH, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
-from activeslam_gym.vision.templates import TEMPLATE_HALF
-from activeslam_gym.vision.views import reduced, speeds, view_from
+from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, shows_template
+from activeslam_gym.vision.views import is_outdated, reduced, speeds, view_from
 
-_LEVER = 0.5 * TEMPLATE_HALF
-"""Mean distance of the edges of a corner's template from the corner: so far off is the corner found for each radian by
-which the template is turned against the image [px]."""
-_STEADY = 0.1
-"""Where the rotation is known less well [rad], the filter's linear model of what is unknown to the map fails."""
+Drawn = Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]]
+"""From a camera's pose (7,) and the number of a fiducial, the picture (h, w) float32 of the target around it, NaN where
+it is unknown, and its pixel (2,); a ValueError: it is not before the camera, or too little is known of it."""
 _NEAREST = 3.0
 """What is nearer counts as so many times the scenario's inverse depth."""
 
@@ -45,19 +40,20 @@ class FrontEnd:
     def __init__(self, filter: Filter, settings: FrontEndSettings | None = None) -> None:
         self.filter, self.camera = filter, filter.camera
         self._focal, self._width, self._height = (float(self.camera[name]) for name in ("focal", "width", "height"))
-        self._shape = int(self._height), int(self._width)
         self._centre = np.array((self.camera.u0, self.camera.v0))
         self.settings = (settings or FrontEndSettings()).seen_through(self._focal)
-        self._models = [self.settings.search(scouting) for scouting in (False, True)]
+        self._gate = float(filter.models.filter.appearance.search_gate)
+        self._model = filled(SEARCH, self.settings, gate=self._gate)
         self._prior = filter.expected_inverse_depth
         self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
-        self._found: list[np.ndarray] = []
+        self.candidates = np.zeros(0, DETECTION)
+        """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
         self._searched = NOTHING
-        self._views: list[np.ndarray] = []
+        self._last_view: np.ndarray | None = None  # pose (7,) from which the map was seen last
         self._blind = 0  # images in a row without the map
         self._scale = 1.0  # pixels of an image, along a side, to one of the filter's
-        self._target: tuple[Redrawing, np.ndarray] | None = None
+        self._target: Drawn | None = None
         self._restart = Restart(self.camera, filter.fiducials, self.settings.fiducial_std)
 
     # The start --------------------------------------------------------------------------------------------------------
@@ -69,33 +65,29 @@ class FrontEnd:
         image = self._reduced(image)
         for k, corner in enumerate(corners):
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
-        self._found = []
         self._give_births(image, image.astype(np.float32), corners, 4 * self.settings.births)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
         they are drawn again whenever their view has changed, and now, unless all were ``shown_from`` a pose (7,)."""
-        self._target = Redrawing(target, self.filter.fiducials, self.settings.redrawn, shown_from), normal
+        self._target, self._normal = target, normal
+        self._drawn_from = np.full((len(self.filter.fiducials), 7), np.nan if shown_from is None else shown_from)
 
-    def _draw_target(self, sight: Sight) -> None:
-        """Draw the fiducials in ``sight`` that were drawn for another view as they should look now; those that are not
-        wholly in the image keep their looks. A new drawing is found with a new bias."""
-        if self._target is None:
-            return
-        (looks, normal), pose = self._target, self.filter.mean[:7]
-        for k, picture, pixel in looks.due(-1 - sight.thing["id"], sight.thing["z_hat"], pose, self._shape):
-            self._gallery.hang(-1 - k, picture, pixel, pose, normal, self._frame)
-            if self.settings.fiducial_bias_std > 0.0:
-                self.filter.draw_bias(k, self.settings.fiducial_bias_std)
+    def _draw_target(self, things: np.ndarray) -> None:
+        """Draw the fiducials among the predicted ``things`` that were drawn for another view as they should look now;
+        one of which too little can be drawn keeps its looks. A new drawing is found with a new bias."""
+        pose = self.filter.mean[:7]
+        for k in -1 - things["id"][things["id"] < 0] if self._target is not None else ():
+            if is_outdated(self._drawn_from[k], pose, self.filter.fiducials[k], self.settings.redrawn):
+                with suppress(ValueError):
+                    picture, pixel = self._target(pose, int(k))
+                    if shows_template(picture, pixel):
+                        self._drawn_from[k] = pose
+                        self._gallery.hang(int(-1 - k), picture, pixel, pose, self._normal, self._frame)
+                        if self.settings.fiducial_bias_std > 0.0:
+                            self.filter.draw_bias(int(k), self.settings.fiducial_bias_std)
 
     # A frame ----------------------------------------------------------------------------------------------------------
-
-    @property
-    def candidates(self) -> np.ndarray:
-        """(M,) DETECTION: those of the last image with the filter's answer, in its pixels; new features at the end."""
-        if len(self._found) > 1:
-            self._found = [np.concatenate(self._found)]
-        return self._found[0]
 
     @property
     def searched(self) -> Searched:
@@ -129,23 +121,20 @@ class FrontEnd:
         image = self._reduced(image)
         grey = image.astype(np.float32)
         self._frame += 1
-        self._found, self._searched = [np.zeros(0, DETECTION)], NOTHING
         dt, self._time = time_s - self._time, time_s
         self.filter.predict(u, dt, self.settings.drift / self._focal)
-        lost = self._blind >= self.settings.lost_after
-        before = self._relocalise(grey) if lost else None
-        self._look(grey)
+        before = self._relocalise(grey) if self._blind >= self.settings.lost_after else None
+        self._search(grey)
         outcome = self._searched.outcome
         searched, found, matched = len(outcome), int((outcome != MISSED).sum()), int((outcome == MATCHED).sum())
-        if before is not None and not self._suffices(matched, searched):
+        if before is not None and not self._suffices(matched):
             self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
         dropped = self._heed_target()
-        births, deletions = self._learn(clear, clear or self._sees_nothing_known(searched), image, grey)
-        deletions += dropped
+        births, deletions = self._learn(image, grey) if clear else (0, 0)
         again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
-        missed = not self._suffices(matched, searched)
-        counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions)
+        missed = not self._suffices(matched)
+        counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions + dropped)
         return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.thread_time() - began))
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:
@@ -158,37 +147,34 @@ class FrontEnd:
         """Whether so much of the map is in sight that features may be judged and initialised. Remembers the view, or
         counts one more image without the map."""
         s = self.settings
-        if self._suffices(matched, searched):
+        if self._suffices(matched):
             self._blind = 0
-            remember(self._views, self.filter.mean[:7])
+            self._last_view = self.filter.mean[:7]
         elif self._blind > 0 or searched >= s.constellation:
             self._blind += 1
-        enough = matched >= max(s.clear * searched, s.least_clear)
-        return bool(enough and (self._blind == 0 or self._blind > s.patience))
+        return self._blind == 0 or self._blind > s.trials
 
-    def _sees_nothing_known(self, searched: int) -> bool:
-        """Whether so little of the map was in view, as far as is known, that its misses say nothing."""
-        s = self.settings
-        return searched < s.constellation and self._turn_std() < _STEADY
-
-    def _suffices(self, matched: int, searched: int) -> bool:
+    def _suffices(self, matched: int) -> bool:
         """Whether so many matches tell the pose."""
         s = self.settings
-        return matched >= max(s.least_share * searched, 3 if self._blind < s.lost_after else s.regained)
+        return matched >= (3 if self._blind < s.lost_after else s.constellation)
 
     def _relocalise(self, grey: np.ndarray) -> Belief | None:
-        """Seek the map in all of the image, as it looked from one of the remembered views, the newest first. The belief
-        before the camera was put where the map is seen from; None: it was not."""
-        s, attempt = self.settings, self._blind - self.settings.lost_after
-        if not self._views or (attempt > s.patience and attempt % 5):
+        """Seek the map in all of the image, as it looked when it was seen last. The belief before the camera was put
+        where the map is seen from; None: it was not."""
+        s = self.settings
+        if self._blind % s.lost_after or self._last_view is None:
             return None
-        ids = np.array(self._gallery.best(s.sought), np.int64)
+        ids = self._gallery.ids()
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
-        points, half = self._points(rows), 0.5 * np.array((self._width, self._height))
-        everywhere = np.tile(half, (len(ids), 1)), np.tile(np.diag(2.0 * half**2 / s.gate), (len(ids), 1, 1))
-        model = replace(s, scout_area=np.inf).search(scouting=True)
-        view = view_from(self.camera, self._views[-1 - attempt % len(self._views)])
-        found = search(view, model, self._gallery.templates, grey, self._gallery.places(ids), points, *everywhere)
+        points, places, half = (
+            self._points(rows),
+            self._gallery.places(ids),
+            0.5 * np.array((self._width, self._height)),
+        )
+        z_hat, S = np.tile(half, (len(ids), 1)), np.tile(np.diag(2.0 * half**2 / self._gate), (len(ids), 1, 1))
+        view, model = view_from(self.camera, self._last_view), filled(SEARCH, s, gate=self._gate, largest_area=np.inf)
+        found = search(view, model, self._gallery.templates, grey, places, points, z_hat, S)
         row, peak = found.candidates
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is None:
@@ -197,63 +183,24 @@ class FrontEnd:
         self.filter.place_camera(np.concatenate((pose, np.zeros(6))), PRIOR)
         return before
 
-    def _look(self, grey: np.ndarray) -> None:
-        """Search the features that may be in view, and let the filter judge.
-
-        Three fiducials or more go before all else: features whose depths are wrong alike would outvote them. Where
-        ellipses are large, a few scouts go first: their matches make the others' ellipses small. So the time of a frame
-        stays bounded, and outliers are fewer.
-        """
-        self._draw_target(self.filter.sight())
-        sight, s = self.filter.sight(), self.settings
-        known = sight.thing["id"].copy()
-        if np.count_nonzero(known < 0) >= 3:
-            self._search(sight, grey, known[known < 0], self._models[False], s.scout_share)
-            sight, known = self.filter.sight(), known[known >= 0]
-        scouts = self._scouts(sight)
-        if scouts:
-            self._search(sight, grey, np.array(scouts), self._models[True], s.scout_share)
-            sight = self.filter.sight()
-        others = self._most_telling(sight, known[~among(known, np.array(scouts))])
-        self._search(sight, grey, others, self._models[False], s.least_share)
-
-    def _most_telling(self, sight: Sight, wanted: np.ndarray) -> np.ndarray:
-        """Of the ``wanted`` ids of ``sight``, those that there is time to search: see `selection.most_telling`."""
-        thing = sight.thing
-        allowed = among(thing["id"], wanted) & (self._gallery.places(thing["id"]) >= 0)
-        if np.count_nonzero(allowed) <= self.settings.searched:
-            return wanted
-        return thing["id"][most_telling(sight.S, thing["R"] + thing["curvature"], allowed, self.settings.searched)]
-
-    def _scouts(self, sight: Sight) -> list[int]:
-        """Ids of the features to search first: none if ellipses are small, else those with the best record."""
-        s, ids, z_hat = self.settings, sight.thing["id"], sight.thing["z_hat"]
-        S = own_covariances(sight.S)
-        areas = np.pi * s.gate * np.sqrt(np.maximum(S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] * S[:, 1, 0], 0.0))
-        inside = np.all((z_hat > 20) & (z_hat < (self._width - 20, self._height - 20)), axis=1)
-        known = inside & (self._gallery.places(ids) >= 0)
-        if not known.any() or median(areas[known].tolist()) < s.vague_area:
-            return []
-        return self._gallery.best(s.scouts, ids[known].tolist())
-
-    def _search(self, sight: Sight, grey: np.ndarray, wanted: np.ndarray, model: Record, share: float) -> None:
-        """Search the ``wanted`` ids of ``sight``, and update the filter by the candidates, if a ``share`` agrees."""
-        chosen, mean = among(sight.thing["id"], wanted), self.filter.mean
-        thing, S = sight.thing[chosen], own_covariances(sight.S)[chosen]
+    def _search(self, grey: np.ndarray) -> None:
+        """Search what may be in view, and update the filter by the candidates, if enough agree."""
+        s, mean = self.settings, self.filter.mean
+        self._draw_target(self.filter.sight().thing)
+        sight = self.filter.sight()
+        thing, v = sight.thing, np.arange(len(sight.thing))
         ids, z_hat, points = thing["id"], np.ascontiguousarray(thing["z_hat"]), self._points(thing["row"])
-        places = self._gallery.places(ids)
-        places[self._gallery.change_of_view(places, points, mean) > self.settings.most_change] = -1
-        findings = search(view_from(self.camera, mean), model, self._gallery.templates, grey, places, points, z_hat, S)
+        S, places = sight.S.reshape(len(v), 2, len(v), 2)[v, :, v, :], self._gallery.places(ids)
+        places[self._gallery.change_of_view(places, points, mean) > s.most_change] = -1
+        view, templates = view_from(self.camera, mean), self._gallery.templates
+        findings = search(view, self._model, templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
-        least = max(round(share * np.count_nonzero(tried)), 3 if self._blind >= self.settings.lost_after else 1)
-        candidates = self._candidates(ids, places, findings)
-        candidates["match"] = matched = self.filter.update(candidates, jointly=True, least=least)
-        self._gallery.remember_looks(matched, points, mean, findings)
-        self._found.append(candidates)
-        outcome = np.where(among(ids, matched), MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
+        self.candidates, least = self._candidates(ids, places, findings), 3 if self._blind >= s.lost_after else 1
+        self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
+        believed = np.any(ids[:, None] == matched, axis=1)
+        outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
         inside = thing["visibility"] == INSIDE
-        now = (column[tried] for column in (ids, z_hat, S, outcome, inside))
-        self._searched = Searched(*map(np.concatenate, zip(self._searched, now)))
+        self._searched = Searched(*(column[tried] for column in (ids, z_hat, S, outcome, inside)))
 
     def _points(self, rows: np.ndarray) -> np.ndarray:
         """World points (v, 3) of the fiducials and features at ``rows`` (v,) of a sight."""
@@ -267,44 +214,31 @@ class FrontEnd:
         id, pixel, R = ids[row], findings.pixel[row, peak], findings.R[row, peak]
         fiducial = id < 0
         if fiducial.any():
-            R[fiducial] = self._noise_of_fiducials(-1 - id[fiducial], R[fiducial])
+            speed = speeds(self.camera, self.filter.mean, self.filter.fiducials[-1 - id[fiducial]])
+            more = s.fiducial_std**2 - s.floor_std**2 + (s.fiducial_blur * speed) ** 2
+            R[fiducial] += more[:, None, None] * np.eye(2)
         R[~self._gallery.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
         astray = s.residual_weight * self._gallery.residuals(places[row])
         R += (lens**2)[:, None, None] * np.eye(2)
         R += astray[:, :, None] * astray[:, None, :]
         out["id"], out["pixel"], out["R"] = id, pixel, R
-        out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.match_score)
+        out["log_ratio"] = s.score_weight * (findings.score[row, peak] - s.least_score)
         return out
-
-    def _noise_of_fiducials(self, k: np.ndarray, R: np.ndarray) -> np.ndarray:
-        """R (n, 2, 2) of the matched fiducials ``k`` (n,), from that of features."""
-        s, turn = self.settings, self._turn_std() ** 2
-        fit = (s.fiducial_grain / s.grain if s.grain > 0.0 else 0.0) * (R - s.floor_std**2 * np.eye(2))
-        blur = s.fiducial_blur * speeds(self.camera, self.filter.mean, self.filter.fiducials[k])
-        return fit + (s.fiducial_std**2 + _LEVER**2 * turn + blur**2)[:, None, None] * np.eye(2)
-
-    def _turn_std(self) -> float:
-        """Deviation of the camera's rotation about an axis [rad]."""
-        return math.sqrt(np.trace(self.filter.camera_covariance[D_ROTATION, D_ROTATION]) / 3.0)
 
     # The map ----------------------------------------------------------------------------------------------------------
 
-    def _learn(self, clear: bool, fertile: bool, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
-        """Delete features if the image is ``clear``, and initialise new ones if it is ``fertile``."""
+    def _learn(self, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
+        """Initialise new features and delete those that fail: how many."""
         sight, searched = self.filter.sight(), self._searched
         points = self._points(sight.thing["row"])
-        if clear:
-            self._gallery.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
-            self._gallery.remember_residuals(self.candidates, sight)
+        self._gallery.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
+        self._gallery.remember_residuals(self.candidates, sight)
+        failed = self._gallery.failed()
+        for id in failed:
+            self._forget(id)
         places = self._gallery.places(sight.thing["id"])
         change = self._gallery.change_of_view(places, points, self.filter.mean)
-        failed = {*self._gallery.failed(), *sight.thing["id"][self._gallery.strained(places, change)].tolist()}
-        for id in sorted(failed):
-            self._forget(id)
-        if not fertile:
-            return 0, len(failed)
-        places = self._gallery.places(sight.thing["id"])
         occupied = sight.thing["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
         return self._give_births(image, grey, occupied, self.settings.births), len(failed)
 
@@ -316,7 +250,7 @@ class FrontEnd:
         for id in (ids := self.filter.ids.tolist()):
             self._forget(id)
         self.filter.place_camera(*instead)
-        self._views.clear()
+        self._last_view = None
         return len(ids)
 
     def _forget(self, id: int) -> None:
@@ -341,23 +275,20 @@ class FrontEnd:
         self.filter.expected_inverse_depth = centre, spread
 
     def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray, most: int) -> int:
-        """New features, at the ``most``, where the image has few; when the map is full, or of unknown depths, those not
-        seen for longest make room."""
+        """New features, at the ``most``, where the image has few; when the map is full, those not seen for longest
+        make room."""
         s, (h, w), edge = self.settings, image.shape, TEMPLATE_HALF + 2
         in_view = int(np.all((occupied >= edge) & (occupied < (w - edge, h - edge)), axis=1).sum())
         wanted = min(most, s.visible - in_view)
-        due = self._frame % s.births_every == 0 or 2 * in_view < s.visible
-        if wanted <= 0 or not due:
+        if wanted < s.births:
             return 0
         if math.isfinite(s.depth_prior) and len(self.filter.fiducials) > 0:
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
-        for pixel in new_corners(image, occupied, wanted, s.spacing, edge + 6, s.least_corner, s.least_ratio):
-            ids, full = self.filter.ids, self._gallery.features >= self.filter.capacity
-            rivals = ids if full else ids[self.filter.vague]
-            if full or len(rivals) >= s.most_vague:
-                oldest = self._gallery.longest_unseen(rivals, self._frame - 3)
-                if oldest is None or in_view + count >= s.room_below:
+        for pixel in new_corners(image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):
+            if self._gallery.features >= self.filter.capacity:
+                oldest = self._gallery.longest_unseen(self.filter.ids, self._frame - s.lost_after)
+                if oldest is None:
                     break
                 self._forget(oldest)
             id = self.filter.birth(pixel)
@@ -365,7 +296,5 @@ class FrontEnd:
                 self._gallery.hang(id, grey, pixel, self.filter.mean, np.zeros(3), self._frame)
                 born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
-        self._found.append(born[:count])
-        if len(self.filter.fiducials) > 0:
-            self.filter.share_depths(born["match"][:count], s.depth_in_common)
+        self.candidates = np.concatenate((self.candidates, born[:count]))
         return count

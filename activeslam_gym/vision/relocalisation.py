@@ -1,6 +1,6 @@
 """The camera's pose from the looks of the map alone, after the map was lost.
 
-Templates are searched in the whole image, as they look from a view that is remembered. Most of what is found are
+Templates are searched in the whole image, as they looked when the map was seen last. Most of what is found are
 outliers; a pose that explains many at once (Fischler and Bolles 1981) is the camera's. It becomes a vague prior
 of the camera, independent of the map, and the ordinary search and update do the rest.
 """
@@ -11,25 +11,13 @@ from scipy.spatial.transform import Rotation
 from activeslam_gym.camera import ray_from_pixel
 from activeslam_gym.kernels import Record
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.views import pose_of, turn_between
+from activeslam_gym.vision.views import pose_of
 
 _TOLERANCE = 4.0  # a pixel that is farther from its prediction does not support a pose [px]
 _TRIALS = 500  # poses that are tried
-_APART, _TURNED = 0.25, 0.35  # two views that are remembered are so far from each other [m], [rad]
-_MOST_VIEWS = 24
 PRIOR = np.diag(np.repeat((0.15, 0.1, 0.5, 1.0), 3) ** 2)
 """(12, 12) covariance of position [m], rotation [rad], velocity [m/s] and angular velocity [rad/s]. Far more than a
 pose of seven features errs by, since its error is the map's too, which the prior does not know."""
-
-
-def remember(views: list[np.ndarray], pose: np.ndarray) -> None:
-    """Keep the ``pose`` (7,) as the newest of the ``views``. The last newest goes if it was near the one before, and of
-    more than 24 the oldest."""
-    if len(views) > 1 and np.linalg.norm(views[-1][:3] - views[-2][:3]) < _APART:
-        if turn_between(views[-1][3:], views[-2][3:]) < _TURNED:
-            views.pop()
-    views.append(pose.copy())
-    del views[:-_MOST_VIEWS]
 
 
 def locate(camera: Record, ids: np.ndarray, points: np.ndarray, pixels: np.ndarray, least: int) -> np.ndarray | None:

@@ -2,8 +2,7 @@
 
 The score is the normalised cross-correlation, which neither gain nor brightness changes (NSSD = 2 - 2 NCC). Peaks are
 refined below the pixel by Gauss-Newton on I(z + w) = gain T(w) + bias, whose normal equations also tell how well the
-patch can be localised: along an edge, badly. At last the slopes of its plane are refined with the pixel, from their
-prior: a plane that stands otherwise is seen shifted.
+patch can be localised: along an edge, badly.
 """
 
 import math
@@ -13,27 +12,17 @@ import numpy as np
 
 from activeslam_gym.camera import View
 from activeslam_gym.kernels import Record, borrowing, compiled, record
-from activeslam_gym.linalg import (
-    cholesky_in_place,
-    copy_block,
-    diagonal,
-    solve_transposed,
-    solve_transposed_vector,
-    solve_vector,
-)
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, Templates, predict_appearance
 
 PEAKS = 3  # most candidates of a feature
 UNSEARCHED, MISSING, FOUND = 0, 1, 2
 """States of a row: it was not searched; nothing there is similar; it has a candidate."""
-_EASE = 0.02  # a half has at least this share of the template's J^T J in every direction
 _COUNT, _INNER = TEMPLATE_SIDE**2, (TEMPLATE_SIDE - 2) ** 2  # pixels of a template, and those that have a gradient
 
 SEARCH = record(
     gate="f8",  # the ellipse is d^2 < gate
     least_score="f8",  # a peak under this correlation is no candidate
-    largest_area="f8",  # an ellipse of more pixels than this is not searched [px^2]
-    shrink="b1",  # or is searched all the same, in its middle part of that size
+    largest_area="f8",  # of a larger ellipse, the middle part of this size is searched [px^2]
     floor_std="f8",  # deviation of a pixel that a perfect template would have: lens, timing, the plane [px]
     grain="f8",  # inflation of the covariance of the fit: neighbouring residuals are correlated
 )
@@ -48,22 +37,12 @@ class Findings(NamedTuple):
     pixel: np.ndarray  # (v, 3, 2) [px]
     R: np.ndarray  # (v, 3, 2, 2) [px^2]
     score: np.ndarray  # (v, 3) normalised cross-correlation
-    strain: np.ndarray  # (v, 3, 4) how much farther the left half moved than the right, the upper than the lower [px]
-    slope: np.ndarray  # (v, 3, 2) by how much the slopes of the plane are more than the template's
-    slope_cov: np.ndarray  # (v, 3, 2, 2) the covariance of the slopes, now
 
     @property
     def candidates(self) -> tuple[np.ndarray, np.ndarray]:
         """(M,) the row and the peak of each candidate."""
         row, peak = np.nonzero(np.arange(PEAKS) < self.peaks[:, None])
         return row, peak
-
-
-class Plane(NamedTuple):
-    """How the plane of a template may stand."""
-
-    slant: np.ndarray  # (3, 2) see `predict_appearance`
-    cov: np.ndarray  # (2, 2) of its slopes; zero: it is known
 
 
 @compiled
@@ -77,29 +56,26 @@ def search(
     """
     v = places.shape[0]
     state, peaks, pixel = np.zeros(v, np.int64), np.zeros(v, np.int64), np.zeros((v, PEAKS, 2))
-    R, score, strain = np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)), np.zeros((v, PEAKS, 4))
-    out = Findings(state, peaks, pixel, R, score, strain, np.zeros((v, PEAKS, 2)), np.zeros((v, PEAKS, 2, 2)))
-    T, slant = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32), np.empty((3, 2))
+    out = Findings(state, peaks, pixel, np.zeros((v, PEAKS, 2, 2)), np.zeros((v, PEAKS)))
+    T = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE), np.float32)
     for a in range(v):
         if (
             places[a] >= 0
-            and _is_searchable(model, image, z_hat[a], S[a])
-            and predict_appearance(view, templates, places[a], points[a], T, slant)
+            and _is_searchable(image, z_hat[a], S[a])
+            and predict_appearance(view, templates, places[a], points[a], T)
             and _normalise(T)
         ):
-            _search_one(model, image, T, Plane(slant, templates.slope_cov[places[a]]), z_hat[a], S[a], a, out)
+            _search_one(model, image, T, z_hat[a], S[a], a, out)
     return out
 
 
 @compiled
-def _is_searchable(model: Record, image: np.ndarray, z: np.ndarray, S: np.ndarray) -> bool:
-    """Whether the template fits into the image at ``z`` and the ellipse is not too large."""
+def _is_searchable(image: np.ndarray, z: np.ndarray, S: np.ndarray) -> bool:
+    """Whether the template fits into the image at ``z``, and there is an ellipse."""
     h, w = image.shape
     edge = TEMPLATE_HALF + 2
-    if not (edge <= z[0] < w - edge and edge <= z[1] < h - edge):
-        return False
-    det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
-    return 0.0 < det and (model.shrink or math.pi * model.gate * math.sqrt(det) <= model.largest_area)
+    inside = edge <= z[0] < w - edge and edge <= z[1] < h - edge
+    return inside and S[0, 0] * S[1, 1] > S[0, 1] * S[1, 0]
 
 
 @compiled
@@ -173,7 +149,7 @@ def _correlate_row(image: np.ndarray, sums: np.ndarray, T: np.ndarray, top: int,
 
 @compiled
 def _search_one(
-    model: Record, image: np.ndarray, T: np.ndarray, plane: Plane, z: np.ndarray, S: np.ndarray, a: int, out: Findings
+    model: Record, image: np.ndarray, T: np.ndarray, z: np.ndarray, S: np.ndarray, a: int, out: Findings
 ) -> None:
     """Correlate ``T`` over the ellipse around ``z``; row ``a`` of ``out`` gets its peaks."""
     h, w = image.shape
@@ -200,7 +176,7 @@ def _search_one(
         out.state[a] = FOUND
         out.pixel[a, k, 0] += left - 1
         out.pixel[a, k, 1] += top - 1
-        _localise(model, image, T, plane, out, a, k)
+        _localise(model, image, T, out, a, k)
 
 
 @compiled
@@ -228,95 +204,37 @@ def _keep_peaks(model: Record, scores: np.ndarray, out: Findings, a: int) -> Non
 
 
 @compiled
-def _localise(model: Record, image: np.ndarray, T: np.ndarray, plane: Plane, out: Findings, a: int, peak: int) -> None:
-    """Refine a pixel (2,) of ``out`` by Gauss-Newton and write its covariance R (2, 2) [px^2], its strain (4,) [px] and
-    the slopes of its plane.
+def _localise(model: Record, image: np.ndarray, T: np.ndarray, out: Findings, a: int, peak: int) -> None:
+    """Refine a pixel (2,) of ``out`` by Gauss-Newton and write its covariance R (2, 2) [px^2].
 
     With J = [dT/dx, dT/dy] and the residual r = (I - mean I) / |I - mean I| - T, both of length about 1:
     d = -(J^T J)^-1 J^T r (inverse composition: the patch in the image is T shifted by d), and
-    R = floor^2 I + grain (r^T r / n) (J^T J)^-1. Where the plane is not known, J has two more columns at the last step,
-    by its slopes, which have their prior.
+    R = floor^2 I + grain (r^T r / n) (J^T J)^-1.
     """
-    J, parts, pulls = np.empty((TEMPLATE_SIDE, TEMPLATE_SIDE, 4)), np.zeros((4, 3)), np.zeros((4, 4))
-    pixel, R, N = out.pixel[a, peak], out.R[a, peak], np.zeros((4, 4))
+    J, g = np.zeros((TEMPLATE_SIDE, TEMPLATE_SIDE, 2)), np.zeros(2)
+    pixel, R = out.pixel[a, peak], out.R[a, peak]
+    A00, A01, A11 = 1e-6, 0.0, 1e-6
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
-            row, (gx, gy) = J[i, j], _gradient(T, i, j)
-            row[0], row[1] = gx, gy
-            along, x, y = gx * plane.slant[0, 0] + gy * plane.slant[0, 1], j - TEMPLATE_HALF, i - TEMPLATE_HALF
-            row[2] = along * (plane.slant[1, 0] * x + plane.slant[1, 1] * y)
-            row[3] = along * (plane.slant[2, 0] * x + plane.slant[2, 1] * y)
-            part = parts[2 * (i // (TEMPLATE_HALF + 1)) + j // (TEMPLATE_HALF + 1)]
-            part[0] += gx * gx
-            part[1] += gx * gy
-            part[2] += gy * gy
-            for k in range(4):
-                for m in range(2, 4):
-                    N[k, m] += row[k] * row[m]
-    A00, A01, A11 = 1e-6 + np.sum(parts[:, 0]), np.sum(parts[:, 1]), 1e-6 + np.sum(parts[:, 2])
-    N[0, 0], N[0, 1], N[1, 1] = A00, A01, A11
+            gx, gy = _gradient(T, i, j)
+            J[i, j, 0], J[i, j, 1] = gx, gy
+            A00 += gx * gx
+            A01 += gx * gy
+            A11 += gy * gy
     det = A00 * A11 - A01 * A01
     start_x, start_y, residual = pixel[0], pixel[1], 0.0
     for step in range(4):
-        residual = _misfit(image, T, J, pixel, pulls)
-        g0, g1 = np.sum(pulls[:, 0]), np.sum(pulls[:, 1])
-        dx, dy = (A11 * g0 - A01 * g1) / det, (A00 * g1 - A01 * g0) / det
+        residual = _misfit(image, T, J, pixel, g)
+        dx, dy = (A11 * g[0] - A01 * g[1]) / det, (A00 * g[1] - A01 * g[0]) / det
         if step == 3 or not abs(dx) + abs(dy) >= 0.005:
             break
         pixel[0] -= dx
         pixel[1] -= dy
-    refined = not math.isnan(residual) and abs(pixel[0] - start_x) <= 1.0 and abs(pixel[1] - start_y) <= 1.0
-    if not refined:
+    if math.isnan(residual) or not (abs(pixel[0] - start_x) <= 1.0 and abs(pixel[1] - start_y) <= 1.0):
         pixel[0], pixel[1], residual = start_x, start_y, 0.5
-    _compare_halves(parts, pulls, _EASE * (A00 + A11), out.strain[a, peak])
     var, floor = model.grain * residual / _COUNT, model.floor_std**2
     R[0, 0], R[0, 1], R[1, 1] = floor + var * A11 / det, -var * A01 / det, floor + var * A00 / det
     R[1, 0] = R[0, 1]
-    copy_block(plane.cov, out.slope_cov[a, peak])
-    if refined and plane.cov[0, 0] > 0.0:
-        _lean(N, pulls, var, floor, out, a, peak)
-
-
-@compiled
-def _lean(N: np.ndarray, pulls: np.ndarray, var: float, floor: float, out: Findings, a: int, peak: int) -> None:
-    """Refine a pixel together with the slopes, which have the covariance that stands in ``out``.
-
-    (N + var diag(0, P^-1)) (d, slopes) = -J^T r with ``N`` (4, 4) = J^T J, which is overwritten, for the prior P, and
-    ``var`` that of a pixel of the residual. A step of more than a pixel is not made.
-    """
-    P, pixel, R = out.slope_cov[a, peak], out.pixel[a, peak], out.R[a, peak]
-    det = P[0, 0] * P[1, 1] - P[0, 1] * P[1, 0]
-    N[2, 2] += var * P[1, 1] / det
-    N[2, 3] -= var * P[0, 1] / det
-    N[3, 3] += var * P[0, 0] / det
-    if not cholesky_in_place(N):
-        return
-    step, C = np.empty(4), diagonal(np.ones(4))
-    for k in range(4):
-        step[k] = -np.sum(pulls[:, k])
-    solve_transposed_vector(N, step)
-    solve_vector(N, step)
-    if max(abs(step[0]), abs(step[1])) > 1.0:
-        return
-    solve_transposed(N, C)
-    for i in range(2):
-        pixel[i] += step[i]
-        out.slope[a, peak, i] = step[2 + i]
-        for j in range(2):
-            R[i, j], P[i, j] = floor if i == j else 0.0, 0.0
-            for k in range(4):
-                R[i, j] += var * C[k, i] * C[k, j]
-                P[i, j] += var * C[k, 2 + i] * C[k, 2 + j]
-
-
-@compiled
-def _compare_halves(parts: np.ndarray, pulls: np.ndarray, ease: float, strain: np.ndarray) -> None:
-    """Write the ``strain`` (4,) [px] from J^T J and J^T r of the quarters."""
-    for k in range(2):  # quarters 0 and 1 are the upper half, 0 and 2 the left one
-        beside = 2 if k == 0 else 1
-        one = _shift(parts[0] + parts[beside], pulls[0] + pulls[beside], ease)
-        other = _shift(parts[3 - beside] + parts[3], pulls[3 - beside] + pulls[3], ease)
-        strain[2 * k], strain[2 * k + 1] = other[0] - one[0], other[1] - one[1]
 
 
 @borrowing
@@ -328,18 +246,8 @@ def _gradient(T: np.ndarray, i: int, j: int) -> tuple[float, float]:
 
 
 @compiled
-def _shift(part: np.ndarray, pull: np.ndarray, ease: float) -> tuple[float, float]:
-    """(A + ease I)^-1 J^T r [px] of a part of the template, which has moved by as much less: A = J^T J as (xx, xy, yy)
-    and ``pull`` (>= 2,) begins with J^T r."""
-    a, b, c = part[0] + ease, part[1], part[2] + ease
-    det = a * c - b * b
-    return (c * pull[0] - b * pull[1]) / det, (a * pull[1] - b * pull[0]) / det
-
-
-@compiled
-def _misfit(image: np.ndarray, T: np.ndarray, J: np.ndarray, pixel: np.ndarray, pulls: np.ndarray) -> float:
-    """r^T r of the image around ``pixel``, against ``T`` where it is seen, as of all of T; J^T r of each quarter into
-    ``pulls`` (4, 4)."""
+def _misfit(image: np.ndarray, T: np.ndarray, J: np.ndarray, pixel: np.ndarray, g: np.ndarray) -> float:
+    """r^T r of the image around ``pixel``, against ``T`` where it is seen, as of all of T; J^T r into ``g`` (2,)."""
     total, square, seen = 0.0, 0.0, 0
     column, row = math.floor(pixel[0]), math.floor(pixel[1])
     h, w = image.shape
@@ -361,15 +269,14 @@ def _misfit(image: np.ndarray, T: np.ndarray, J: np.ndarray, pixel: np.ndarray, 
                 seen += 1
     mean = total / max(seen, 1)
     scale = 1.0 / math.sqrt(max(square - total * mean, 1.0))
-    residual, inner = 0.0, 0
-    pulls[:] = 0.0
+    residual, inner, g0, g1 = 0.0, 0, 0.0, 0.0
     for i in range(1, TEMPLATE_SIDE - 1):
         for j in range(1, TEMPLATE_SIDE - 1):
             if T[i, j] != 0.0:
                 r = (values[i, j] - mean) * scale - T[i, j]
-                pull = pulls[2 * (i // (TEMPLATE_HALF + 1)) + j // (TEMPLATE_HALF + 1)]
-                for k in range(4):
-                    pull[k] += J[i, j, k] * r
+                g0 += J[i, j, 0] * r
+                g1 += J[i, j, 1] * r
                 residual += r * r
                 inner += 1
+    g[0], g[1] = g0, g1
     return residual * (_INNER / max(inner, 1))

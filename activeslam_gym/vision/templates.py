@@ -4,8 +4,7 @@ A patch lies on a small plane through the feature. A pixel z of the present imag
 that plane at X = p + d (n . (y - p)) / (n . d); the first camera saw X at the pixel where the stored patch is sampled.
 This is the plane's homography, taken through the distortion of equation 1 on both sides.
 
-How the plane stands is not known at first: it faces the camera, its two slopes have a wide prior, and matches from new
-views measure them (after Molton, Davison and Reid 2004).
+The plane of a feature faces the first camera; that of a fiducial is known.
 """
 
 import math
@@ -22,8 +21,8 @@ from activeslam_gym.camera import (
     world_from_camera,
 )
 from activeslam_gym.geometry import rotation_matrix
-from activeslam_gym.kernels import borrowing, compiled
-from activeslam_gym.linalg import copy_block, copy_into, diagonal
+from activeslam_gym.kernels import compiled
+from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import QUATERNION
 
 PATCH_HALF, TEMPLATE_HALF = 20, 7
@@ -31,7 +30,6 @@ PATCH_SIDE, TEMPLATE_SIDE = 2 * PATCH_HALF + 1, 2 * TEMPLATE_HALF + 1
 """Pixels a side of a stored patch, with room for a turn and for twice the distance, and of a predicted template."""
 _NARROWEST = 0.35  # a plane that looks narrower than this share of its width at first sight is not predicted
 _SCALES = (0.45, 2.2)  # nor is one at less or more than so many times the distance of its first sight
-_NUDGE = 1e-3  # share of a distance by which it is changed for a derivative
 _LEAST_INSIDE = 0.7  # nor is a template of which less than this share has been seen
 
 
@@ -42,16 +40,13 @@ class Templates(NamedTuple):
     patch: np.ndarray  # (n, 41, 41) float32 grey values around the first sight; NaN outside the image
     pixel: np.ndarray  # (n, 2) its pixel then: the centre of the patch [px]
     camera: np.ndarray  # (n, 7) the camera's pose then: position [m] and quaternion q_WC
-    normal: np.ndarray  # (n, 3) the plane's in the world, away from the camera: s + a t_1 + b t_2, s the first sight
-    tangent: np.ndarray  # (n, 2, 3) t_1 and t_2, across the first sight; (a, b) are the plane's slopes
-    slope_cov: np.ndarray  # (n, 2, 2) the covariance of the slopes
+    normal: np.ndarray  # (n, 3) the plane's in the world, away from the camera; along the first sight it measures 1
 
 
 def empty_templates(capacity: int) -> Templates:
     """No template, and room for ``capacity``."""
     patches = np.zeros((capacity, PATCH_SIDE, PATCH_SIDE), np.float32)
-    shapes = ((2,), (7,), (3,), (2, 3), (2, 2))
-    return Templates(np.zeros(capacity, np.int64), patches, *(np.zeros((capacity, *shape)) for shape in shapes))
+    return Templates(np.zeros(capacity, np.int64), patches, *(np.zeros((capacity, size)) for size in (2, 7, 3)))
 
 
 @compiled
@@ -68,29 +63,17 @@ def sample(image: np.ndarray, x: float, y: float) -> float:
 
 @compiled
 def store(
-    view: View, templates: Templates, place: int, id: int, image: np.ndarray, pixel: np.ndarray, normal: np.ndarray,
-    slope_std: float,
-) -> None:  # fmt: skip
+    view: View, templates: Templates, place: int, id: int, image: np.ndarray, pixel: np.ndarray, normal: np.ndarray
+) -> None:
     """Keep the patch of ``image`` around ``pixel`` (2,) as it is seen in ``view``, whose pose is (>= 7,).
 
-    ``normal`` (3,) is the plane's normal in the world if it is known, or zero: then it faces the camera, and each slope
-    has the deviation ``slope_std``.
+    ``normal`` (3,) is the plane's normal in the world if it is known, or zero: then it faces the camera.
     """
-    ray = ray_from_pixel(view.camera, pixel)
-    sight, a, b = templates.normal[place], templates.tangent[place, 0], templates.tangent[place, 1]
-    copy_into(sight, np.array(world_from_camera(view.R_WC, ray)))
-    _normalise(sight)
-    aside = sight[0] * view.R_WC[0, 0] + sight[1] * view.R_WC[1, 0] + sight[2] * view.R_WC[2, 0]
-    for i in range(3):
-        a[i] = view.R_WC[i, 0] - aside * sight[i]
-    _normalise(a)
-    copy_into(b, np.array((sight[1] * a[2] - sight[2] * a[1], sight[2] * a[0] - sight[0] * a[2],
-                           sight[0] * a[1] - sight[1] * a[0])))  # fmt: skip
+    x, y, z = world_from_camera(view.R_WC, ray_from_pixel(view.camera, pixel))
+    length = math.sqrt(x * x + y * y + z * z)
+    sight = np.array((x / length, y / length, z / length))
     along = normal[0] * sight[0] + normal[1] * sight[1] + normal[2] * sight[2]
-    known = along != 0.0
-    copy_block(diagonal(np.full(2, 0.0 if known else slope_std**2)), templates.slope_cov[place])
-    if known:
-        copy_into(sight, normal / along)
+    copy_into(templates.normal[place], normal / along if along != 0.0 else sight)
     templates.id[place] = id
     copy_into(templates.camera[place], view.pose[:7])
     copy_into(templates.pixel[place], pixel)
@@ -100,67 +83,33 @@ def store(
             templates.patch[place, i, j] = sample(image, x, y)
 
 
-@borrowing
-def _normalise(v: np.ndarray) -> None:
-    """Give a vector (3,) length 1."""
-    length = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    for i in range(3):
-        v[i] /= length
-
-
-@compiled
-def tilt(templates: Templates, place: int, change: np.ndarray, cov: np.ndarray) -> None:
-    """The slopes of a plane change by ``change`` (2,), and have the covariance ``cov`` (2, 2) then."""
-    for k in range(2):
-        for i in range(3):
-            templates.normal[place, i] += change[k] * templates.tangent[place, k, i]
-    copy_block(cov, templates.slope_cov[place])
-
-
 def shows_template(picture: np.ndarray, pixel: np.ndarray) -> bool:
     """Whether ``picture`` (h, w) shows enough around ``pixel`` (2,) for a template, NaN being nothing."""
-    return bool(np.isfinite(picture[_around(pixel)]).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
-
-
-def has_room(shape: tuple[int, ...], pixel: np.ndarray) -> bool:
-    """Whether a picture of ``shape`` (h, w), if nothing of it is unknown, shows enough around ``pixel`` (2,)."""
-    sides = [len(range(*part.indices(side))) for part, side in zip(_around(pixel), shape)]
-    return sides[0] * sides[1] >= _LEAST_INSIDE * TEMPLATE_SIDE**2
-
-
-def _around(pixel: np.ndarray) -> tuple[slice, ...]:
-    """Rows and columns of the template around a ``pixel`` (2,)."""
     x, y = (round(float(value)) for value in pixel)
-    return tuple(slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
+    around = tuple(slice(max(at - TEMPLATE_HALF, 0), max(at + TEMPLATE_HALF + 1, 0)) for at in (y, x))
+    return bool(np.isfinite(picture[around]).sum() >= _LEAST_INSIDE * TEMPLATE_SIDE**2)
 
 
 @compiled
-def predict_appearance(
-    view: View, templates: Templates, place: int, point: np.ndarray, out: np.ndarray, slant: np.ndarray
-) -> bool:
+def predict_appearance(view: View, templates: Templates, place: int, point: np.ndarray, out: np.ndarray) -> bool:
     """Draw the template (15, 15) of the feature at ``point`` (3,) as it looks in ``view`` into ``out``.
 
     The centre of ``out`` is the feature itself: on the sight line of the first camera, at the distance of ``point``.
-    Where the slopes are more by (a, b), what is at x (2,) from the centre is farther from the first camera, by the
-    share (a, b) slant[1:] x, and so seen elsewhere, by that share of slant[0]: ``slant`` (3, 2) is written too. False
-    where the view is too different from the first, or reaches beyond the patch.
+    False where the view is too different from the first, or reaches beyond the patch.
     """
     nodes = np.empty((3, 3, 2))
-    if not _find_nodes(view, templates, place, point, nodes, slant):
+    if not _find_nodes(view, templates, place, point, nodes):
         return False
     return _draw(templates.patch[place], nodes, out) >= _LEAST_INSIDE * TEMPLATE_SIDE * TEMPLATE_SIDE
 
 
 @compiled
-def _find_nodes(
-    view: View, templates: Templates, place: int, point: np.ndarray, nodes: np.ndarray, slant: np.ndarray
-) -> bool:
+def _find_nodes(view: View, templates: Templates, place: int, point: np.ndarray, nodes: np.ndarray) -> bool:
     """Where the template's corners, edge middles and centre are in the patch: ``nodes`` (3, 3, 2) [px] from its centre.
 
     Between them the map is so nearly linear that interpolation is as good as the homography (under 0.02 px).
     """
-    camera, first = view.camera, templates.camera[place]
-    normal, tangent, born = templates.normal[place], templates.tangent[place], templates.pixel[place]
+    camera, first, normal, born = view.camera, templates.camera[place], templates.normal[place], templates.pixel[place]
     R_WB = rotation_matrix(first[QUATERNION])
     ray = ray_from_pixel(camera, born)
     length, along_ray = math.sqrt(ray[0] * ray[0] + ray[1] * ray[1] + 1.0), world_from_camera(R_WB, ray)
@@ -174,7 +123,7 @@ def _find_nodes(
     near = math.sqrt(near)
     if plane < _NARROWEST * near or not _SCALES[0] * far < near < _SCALES[1] * far:
         return False
-    centre, z, nearer = np.empty(2), np.empty(2), np.empty((3, 3, 2))
+    centre, z = np.empty(2), np.empty(2)
     if not pixel_from_camera_point(camera, camera_from_world(view.R_WC, sight), centre):
         return False
     for i in range(3):
@@ -189,15 +138,6 @@ def _find_nodes(
             if not pixel_from_camera_point(camera, camera_from_world(R_WB, p_W), z):
                 return False
             nodes[i, j, 0], nodes[i, j, 1] = z[0] - born[0], z[1] - born[1]
-            for k in range(2):  # with n more by delta t_k, n . X = far is met nearer, by the share delta t_k . X / far
-                nearer[i, j, k] = (tangent[k, 0] * p_W[0] + tangent[k, 1] * p_W[1] + tangent[k, 2] * p_W[2]) / far
-    for k in range(2):
-        slant[1 + k, 0] = (nearer[1, 0, k] - nearer[1, 2, k]) / (2 * TEMPLATE_HALF)
-        slant[1 + k, 1] = (nearer[0, 1, k] - nearer[2, 1, k]) / (2 * TEMPLATE_HALF)
-    for i in range(3):
-        sight[i] += _NUDGE * far * along_ray[i] / length
-    pixel_from_camera_point(camera, camera_from_world(view.R_WC, sight), z)
-    slant[0, 0], slant[0, 1] = (z[0] - centre[0]) / _NUDGE, (z[1] - centre[1]) / _NUDGE
     return True
 
 

@@ -12,7 +12,6 @@ import csv
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
-from dataclasses import replace
 from functools import partial
 from importlib import metadata
 from io import StringIO
@@ -80,7 +79,6 @@ BELIEF = """\
 """
 """The first lines of a belief as `smfeval` 0.4 reads it: T = T_file Exp(xi), and a row has xi's covariance."""
 Step = TypeVar("Step")
-_SEARCHED_OF_MANY = 28  # features that are searched in an image, where the map is larger than usual
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
 _ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
@@ -142,10 +140,7 @@ def start(
     mean, P = np.concatenate((pose, np.zeros(6))), np.diag(np.repeat((1.0, _SPEED_STD**2, _TURN_STD**2), (6, 3, 3)))
     P[:6, :6] = covariance
     filter = Filter(scenario, fiducials=fiducials, camera=mean, covariance=P)
-    chosen = (settings or FrontEndSettings()).at_rate(rate)
-    if features > FEATURES:  # so that an image takes no longer
-        chosen = replace(chosen, searched=min(chosen.searched, _SEARCHED_OF_MANY))
-    front_end = FrontEnd(filter, chosen)
+    front_end = FrontEnd(filter, settings)
     picture, pixels = reduced(image, calibration.scale), fiducials[:, :2]
     if target is not None:
         picture, pixels = drawn(picture, filter.camera, target, pose, fiducials)

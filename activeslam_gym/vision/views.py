@@ -83,17 +83,12 @@ def pose_of(turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def is_outdated(drawn_from: np.ndarray, now: np.ndarray, point: np.ndarray, change: float, turn: float) -> bool:
-    """Whether the pose (7,) that ``point`` (3,) was drawn for differs from ``now`` (>= 7,) by more than a ``change`` of
-    view or a ``turn`` [rad], or is NaN."""
+def is_outdated(drawn_from: np.ndarray, now: np.ndarray, point: np.ndarray, most: float) -> bool:
+    """Whether the pose (7,) that ``point`` (3,) was drawn for differs from ``now`` (>= 7,) by a change of view
+    or a turn of more than ``most`` [rad], or is NaN."""
     cosine = abs(np.sum(drawn_from[QUATERNION] * now[QUATERNION]))
-    same = change_of_view(drawn_from, now, point) <= change and 2.0 * math.acos(min(1.0, cosine)) <= turn
+    same = change_of_view(drawn_from, now, point) <= most and 2.0 * math.acos(min(1.0, cosine)) <= most
     return math.isnan(cosine) or not same
-
-
-def turn_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The angle of the turn from quaternion ``one`` (..., 4) to the ``other`` (4,), (...) [rad]."""
-    return 2.0 * np.arccos(np.minimum(1.0, np.abs(one @ other)))
 
 
 @compiled

@@ -95,7 +95,9 @@ def _at(name: str) -> Path:
 
 def _there(name: str) -> Path:
     """Where a policy's file is found on a machine that it was sent to."""
-    return Path(".sent", hashlib.sha256(name.encode()).hexdigest()[:16]).with_suffix(Path(name).suffix)
+    return Path(".sent", hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()[:16]).with_suffix(
+        Path(name).suffix
+    )
 
 
 def is_identified(name: str) -> bool:

@@ -227,7 +227,10 @@ def _connected(address: str, files: Mapping[str, Path]) -> Any:
                 shutil.copytree(path, target) if path.is_dir() else shutil.copyfile(path, target)
             if ":" in address:  # where nothing listens, Ray tries again for minutes
                 host, _, port = address.rpartition("/")[2].rpartition(":")
-                create_connection((host, int(port)), 10.0).close()
+                try:
+                    create_connection((host, int(port)), 10.0).close()
+                except (OSError, ValueError, OverflowError) as error:
+                    raise ConnectionError(f"{address!r}: {error}; allowed: the address of a cluster of Ray") from None
             environment = {"working_dir": folder} if files else {}
             ray.init(address, runtime_env=environment, log_to_driver=False, logging_level="ERROR")
         _connection.clear()

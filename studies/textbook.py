@@ -180,7 +180,7 @@ def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least:
                 apart = np.hypot(detections[i].pixel[0] - z[2 * b], detections[i].pixel[1] - z[2 * b + 1])
                 if apart < nearest[b]:
                     nearest[b], of_thing[b] = apart, i
-        count = np.sum(of_thing >= 0)
+        count = int(np.count_nonzero(of_thing >= 0))
         if count > best_count:
             best_count = count
             best[:] = of_thing
@@ -195,7 +195,7 @@ def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least:
             d2, det = distance_and_det(z0, S0, a, detections[i])
             if d2 < nearest[a]:
                 nearest[a], best[a] = d2, i
-    if np.sum(best >= 0) < least:
+    if np.count_nonzero(best >= 0) < least:
         best[:] = -1
     for i in range(M):
         a = of_detection[i]

@@ -76,11 +76,13 @@ class FrontEnd:
     def _draw_target(self, things: np.ndarray) -> None:
         """Draw the fiducials among the predicted ``things`` that were drawn for another view as they should look now;
         one of which too little can be drawn keeps its looks. A new drawing is found with a new bias."""
+        if (target := self._target) is None:
+            return
         pose = self.filter.mean[:7]
-        for k in -1 - things["id"][things["id"] < 0] if self._target is not None else ():
+        for k in -1 - things["id"][things["id"] < 0]:
             if is_outdated(self._drawn_from[k], pose, self.filter.fiducials[k], self.settings.redrawn):
                 with suppress(ValueError):
-                    picture, pixel = self._target(pose, int(k))
+                    picture, pixel = target(pose, int(k))
                     if shows_template(picture, pixel):
                         self._drawn_from[k] = pose
                         self._gallery.hang(int(-1 - k), picture, pixel, pose, self._normal, self._frame)

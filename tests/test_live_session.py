@@ -132,11 +132,11 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
     """Of features those from familiar sides, and of expected landmarks as many as there is room for beside them."""
     session, _ = walk
     session.restart()
-    for _ in range(6):  # early, while more is expected than there is room for
+    for _ in range(4):  # early, while more is expected than there is room for
         session.step()
     prospect, settings, left_out = session.expected.prospect(), session.front_end.settings, np.zeros(2, int)
     known = len(prospect.points) - prospect.waiting
-    limits = prospect.limits._replace(wanted=settings.visible // 3)  # so that the room does not suffice
+    limits = prospect.limits._replace(wanted=6)  # so that the room does not suffice
     for way in ((0, 0, -0.3), (0, 0, 0), (0, 0, 0.3), (0.4, 0, 0), (0.8, 0, 0)):
         pose = prospect.camera.copy()
         pose[:3] += way

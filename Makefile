@@ -171,7 +171,7 @@ TORCH := 'torch>=2.8,<2.14'
 
 PACKAGES_sb3     := --editable '.[agents]' sb3-contrib rl_zoo3
 PACKAGES_torchrl := --editable . $(TORCH) 'torchrl>=0.14'
-PACKAGES_rllib   := --editable . $(TORCH) 'ray[rllib]==2.60.0'
+PACKAGES_rllib   := --editable '.[compare]' $(TORCH) 'ray[rllib]==2.60.0'
 PACKAGES_cleanrl := --editable . $(TORCH) 'gym==0.23.1' 'numpy<2' 'setuptools<81' tensorboard
 PACKAGES_rerun   := --editable '.[rerun]'
 PACKAGES_live    := --editable '.[live]' playwright # drives the system's own chromium; it downloads none

@@ -42,7 +42,12 @@ def main(
     out: Path | None = None,
 ) -> tuple[float, float]:
     """Train for `iterations` of 2240 decisions a worker; the mean return [bit] of the first and the last one."""
-    ray.init(address=address, num_cpus=None if address else workers + 1, include_dashboard=False, log_to_driver=False)
+    ray.init(
+        address=address or "local",
+        num_cpus=None if address else workers + 1,
+        include_dashboard=False,
+        log_to_driver=False,
+    )
     register_env("active-slam", make_env)
     size = max(padded_size(gym.make("activeslam_gym:ActiveSLAM-v0", scenario=one)) for one in scenario)
     config = (

@@ -10,29 +10,14 @@ def _answers(signature: str, answer: str) -> str:
     return f"from activeslam_gym.kernels import compiled\n\n\n@compiled\ndef {signature}:\n    return {answer}"
 
 
-def _constants(function: str, **values: object) -> str:
-    """Lines after which the record that ``function`` fills has these ``values``."""
-    sets = "".join(f"    out.{name} = {value}\n" for name, value in values.items())
-    return f"_filled = {function}\n\n\ndef {function}(scenario):\n    out = _filled(scenario)\n{sets}    return out"
-
-
 REMOVALS: dict[str, dict[str, str]] = {
     "base": {},
     # the textbook's algorithms in place of the association
     "jcbb": {"slam/frame": "from studies.textbook import jcbb as associate"},
     "nearest-neighbour": {"slam/frame": "from studies.textbook import nearest_neighbour as associate"},
     # association
-    "clear-matches": {
-        "slam/association": _answers("_match_clear(model, h, things, detections, pair_worth, of_thing)", "False")
-    },
+    "clear-matches": {"slam/association": _answers("_match_clear(model, h, detections, of_thing)", "False")},
     "side-by-side": {"slam/association": _answers("_has_twin(model, things, a)", "False")},
-    "border": {"slam/association": _constants("association_of", border_margin="-1e9")},
-    "lately": {
-        "slam/association": _constants(
-            "association_of", missed_margin="out.margin", point_margin="out.margin", point_missed_margin="out.margin"
-        )
-    },
-    "novelty": {"slam/association": _constants("association_of", novelty="1e9")},
     # update
     "iteration": {"slam/correction": "ITERATIONS = 0"},
     "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
@@ -45,6 +30,11 @@ REMOVALS: dict[str, dict[str, str]] = {
     "target's-biases": {"vision/settings": "SIGHTED = replace(SIGHTED, fiducial_bias_std=0.0, floor_std=0.03)"},
     "wander": {"vision/settings": "SIGHTED = replace(SIGHTED, drift=0.0)"},
     # the rest
-    "restarts": {"slam/restart": _constants("restart_of", limit="math.inf")},
+    "restarts": {
+        "slam/restart": "\n".join(
+            ("_filled = restart_of", "", "", "def restart_of(scenario):", "    out = _filled(scenario)")
+            + ("    out.limit = math.inf", "    return out")
+        )
+    },
     "disproof": {"envs/disproof": _answers("disprove(run)", "None")},
 }

@@ -9,8 +9,7 @@ place of `slam.appearance.associate_identified`: Civera, Grasa, Davison and Mont
 import numpy as np
 
 from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
-from activeslam_gym.slam.hypotheses import condition, distance_and_det, predicted_pixels
+from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, condition, distance_and_det, predicted_pixels
 from activeslam_gym.slam.sight import Sight
 
 NODES = 2000  # after which the best hypothesis so far is taken
@@ -26,9 +25,7 @@ def chi_square(dof: float) -> float:
 
 
 @compiled
-def jcbb(
-    model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
-) -> tuple[np.ndarray, int]:
+def jcbb(model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray) -> np.ndarray:
     """The hypothesis of most pairings that are jointly compatible, of these the one of least joint distance."""
     v, M = sight.thing.shape[0], detections.shape[0]
     z0, S0 = predicted_pixels(sight)
@@ -106,13 +103,13 @@ def jcbb(
     for d in range(n):
         of_thing[order[d]] = best[d]
     _write_matches(sight, detections, of_thing, near, waits)
-    return of_thing, 0
+    return of_thing
 
 
 @compiled
 def nearest_neighbour(
     model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
-) -> tuple[np.ndarray, int]:
+) -> np.ndarray:
     """Mutual nearest neighbours within the gates, by likelihood."""
     v, M = sight.thing.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
@@ -134,7 +131,7 @@ def nearest_neighbour(
         if best[a] >= 0 and rival[best[a]] == a:
             of_thing[a] = best[a]
     _write_matches(sight, detections, of_thing, near, waits)
-    return of_thing, 0
+    return of_thing
 
 
 @compiled

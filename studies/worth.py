@@ -14,12 +14,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from studies.paired import FIGURES, compare
 from studies.removals import REMOVALS
@@ -29,8 +25,6 @@ PACKAGES = "activeslam_gym", "baselines", "agents", "studies"
 SCENARIOS = "paper", "office", "corner", "clusters", "clutter", "rooms", "hand-held"
 POLICIES = "mi-mi", "greedy-plus", "sweep", "generalist"
 SEED = 4_300_600_000  # of the first training episode
-BATCH = 64
-EPISODE = "scenario", "policy", "seed", "lost", "log_score", "pose_nees", "landmark_nees"
 
 
 def build(row: str, folder: Path) -> Path:
@@ -52,46 +46,9 @@ def play_row(folder: Path, results: Path, args: argparse.Namespace) -> None:
     wanted = [(scenario, policy) for scenario in args.scenarios for policy in args.policies]
     if missing := [f"{scenario}:{policy}" for scenario, policy in wanted if (scenario, policy) not in done]:
         paths = {"PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]), "OMP_NUM_THREADS": "1"}
-        command = [sys.executable, str(Path(__file__).resolve()), "--play", str(results), *missing]
-        command += ["--episodes", str(args.episodes), "--seed", str(args.seed)]
+        script = str(ROOT / "studies" / "worth_episodes.py")
+        command = [sys.executable, script, str(results), str(args.seed), str(args.episodes), *missing]
         subprocess.run(command, env={**os.environ, **paths}, cwd=folder, check=True)
-
-
-def play_tasks(results: Path, tasks: list[str], seeds: range) -> None:
-    """Play ``scenario:policy`` tasks, and append their episodes to the file ``results``."""
-    for task in tasks:
-        parts = [seeds[i : i + BATCH] for i in range(0, len(seeds), BATCH)]
-        scenario, policy = task.split(":")
-        rows = [one for part in parts for one in episodes(scenario, policy, part)]
-        new = not results.exists()
-        with open(results, "a", newline="") as file:
-            writer = csv.DictWriter(file, EPISODE)
-            if new:
-                writer.writeheader()
-            writer.writerows(rows)
-        print(f"{results.stem} {task}", flush=True)
-
-
-def episodes(scenario: str, policy: str, seeds: range) -> Iterator[dict[str, Any]]:
-    """Play the episodes of ``seeds`` to their ends, in one batch."""
-    import gymnasium as gym
-
-    import activeslam_gym  # noqa: F401 (registers the environments)
-    from agents.policies import factory
-
-    name = "ActiveSLAMPixels-v0" if scenario.endswith("pixels") else "ActiveSLAM-v0"
-    options: dict[str, Any] = {"scenario": scenario, "end_when_lost": False, "num_threads": 1}
-    env: Any = gym.make_vec(name, num_envs=len(seeds), autoreset_mode="DISABLED", **options)
-    chosen, state, first = factory(policy)(env, list(seeds)), None, np.ones(len(seeds), bool)
-    (observation, info), over = env.reset(seed=list(seeds)), np.zeros(len(seeds), bool)
-    while not over.all():
-        action, state = chosen.predict(observation, state=state, episode_start=first, deterministic=True)
-        observation, _, terminated, truncated, info = env.step(action)
-        first, over = np.zeros(len(seeds), bool), terminated | truncated
-    for i, seed in enumerate(seeds):
-        nees = env.unwrapped.run(i).nees()
-        numbers = int(info["lost"][i]), f"{info['log_score'][i]:.6g}", nees["position"], nees["landmarks"]
-        yield dict(zip(EPISODE, (scenario, policy, seed, *numbers), strict=True))
 
 
 def read(path: Path) -> list[dict[str, str]]:
@@ -113,10 +70,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the first episode")
     parser.add_argument("--jobs", type=int, default=2, help="rows that are played at the same time")
     parser.add_argument("--checkouts", nargs="*", default=[], metavar="NAME=PATH", help="other versions, as more rows")
-    parser.add_argument("--play", nargs="+", help=argparse.SUPPRESS)
     args = parser.parse_args()
-    if args.play:
-        return play_tasks(Path(args.play[0]), args.play[1:], range(args.seed, args.seed + args.episodes))
     if unknown := set(args.rows) - set(REMOVALS):
         parser.error(f"--rows: {', '.join(sorted(unknown))} unknown; allowed: {', '.join(REMOVALS)}")
     checkouts = {name: Path(path).resolve() for name, path in (one.split("=", 1) for one in args.checkouts)}

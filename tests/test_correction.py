@@ -163,21 +163,15 @@ def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low
 
 
 @SEEDS
-def test_a_correction_never_ends_higher_than_it_began(seed: int) -> None:
-    """Errors of a radian and a metre: the cost |delta|^2_P + (z - h)^2_R of the new mean, by its formula."""
+def test_a_correction_of_a_metre_and_a_radian_leaves_a_belief(seed: int) -> None:
+    """Pixels up to 150 px away from what so vague a camera predicts, of which some can have no common cause."""
     rng = np.random.default_rng(seed)
     camera = random_camera(rng)
     fiducials = world_points(rng, camera, 6, (1.0, 2.5))
     belief = random_belief(PAPER, [], rng, camera)
-    P = np.diag([1.0**2] * 3 + [0.6**2] * 3 + [1e-6] * 6)
-    belief.covariance[:12, :12] = P
-    before, sight = copied(belief), sight_of(belief, fiducials)
+    belief.covariance[:12, :12] = np.diag([1.0**2] * 3 + [0.6**2] * 3 + [1e-6] * 6)
+    sight = sight_of(belief, fiducials)
     z = sight.thing["z_hat"].ravel() + rng.uniform(-150.0, 150.0, 2 * len(sight.thing))
-    first = np.sum((z - sight.thing["z_hat"].ravel()) ** 2) / VAR
-    rows = sight.thing["row"].copy()
-    if correct(CAMERA, belief, fiducials, sight, z):
-        delta = mean_difference(belief, before)
-        pixels = np.array([pixel_of(CAMERA, belief.state.camera, y) for y in fiducials[rows]]).ravel()
-        assert delta @ np.linalg.solve(P, delta) + np.sum((z - pixels) ** 2) / VAR <= first
-    else:
-        np.testing.assert_array_equal(belief.covariance, before.covariance)
+    assert correct(CAMERA, belief, fiducials, sight, z)
+    P = joint_covariance(belief)
+    assert np.isfinite(belief.state.camera).all() and np.linalg.eigvalsh(P).min() > 0.0

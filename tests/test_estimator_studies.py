@@ -25,10 +25,10 @@ def test_tau_counts_the_resolved_pairs_that_another_estimator_reverses() -> None
 def test_the_estimators_fill_their_page(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- generated: estimators -->\n<!-- end: estimators -->\n")
-    line = "--policies stay orbit --episodes 6 --scenarios office --estimators ekf-fej --report"
+    line = "--policies stay orbit --episodes 6 --scenarios office --estimators ekf-plain --report"
     estimators.main([*line.split(), str(page)])
     told = page.read_text()
-    assert told.count("| office | `ekf` |") == 1 and told.count("| office | `ekf-fej` |") == 2 and "nan" not in told
+    assert told.count("| office | `ekf` |") == 1 and told.count("| office | `ekf-plain` |") == 2 and "nan" not in told
 
 
 def test_a_recorded_motion_is_flown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ from activeslam_gym.geometry import rotate_left
 from activeslam_gym.motion import accelerations, turn_of
 from activeslam_gym.slam.association import NEW
 from activeslam_gym.slam.belief import INVERSE_DEPTH as INVERSE_DEPTH_KIND
-from activeslam_gym.slam.belief import POINT, RHO, fiducial_id, point_of
+from activeslam_gym.slam.belief import POINT, fiducial_id, point_of
 from activeslam_gym.slam.filter import Filter, detections_of
 from activeslam_gym.slam.kalman import wander
 from activeslam_gym.slam.map import convert_to_point
@@ -81,28 +81,6 @@ def test_a_supposed_depth_is_that_of_a_birth_which_expected_it() -> None:
     convert_to_point(supposed.belief, 0)
     with pytest.raises(ValueError, match="id must be that of a feature by inverse depth, got 1"):
         supposed.suppose(1, 1.0)
-
-
-def test_depths_that_are_wrong_alike_hold_no_more_than_their_common_part() -> None:
-    own = sure_filter()
-    own.expected_inverse_depth = 0.8, 0.4
-    ids = [own.birth(pixel) for pixel in ((100.0, 80.0), (200.0, 90.0), (150.0, 170.0), (90.0, 160.0))]
-    before = own.points()[1]
-    own.share_depths(ids[:3], 0.5)
-    own.share_depths([], 0.5)
-    rows = own.belief.feature["start"][:4] + RHO
-    P = own.belief.covariance[np.ix_(rows, rows)]
-    expected = 0.4**2 * np.array(
-        [[1.0, 0.5, 0.5, 0.0], [0.5, 1.0, 0.5, 0.0], [0.5, 0.5, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-    )
-    np.testing.assert_allclose(P, expected, atol=1e-12)
-    after = own.points()[1]
-    np.testing.assert_allclose(np.diag(after), np.diag(before), rtol=1e-9)
-    assert np.linalg.eigvalsh(after).min() > 0.0
-    with pytest.raises(ValueError, match=r"share must be at least 0 and less than 1, got 1.0"):
-        own.share_depths(ids, 1.0)
-    with pytest.raises(KeyError, match="no feature with id 99"):
-        own.share_depths([99], 0.5)
 
 
 def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:

@@ -7,51 +7,39 @@ import pytest
 import baselines
 from activeslam_gym.config import TRAINING_SEED
 from activeslam_gym.evaluation import play
-from activeslam_gym.slam.belief import FIRST_ESTIMATES, INVARIANT, INVERSE_DEPTH, PLAIN, POINT, RHO, Belief
+from activeslam_gym.slam.belief import INVARIANT, INVERSE_DEPTH, PLAIN, POINT, Belief
 from activeslam_gym.slam.estimator import COMPILED
 from activeslam_gym.slam.manifold import shift_mean, subtract_and_recentre
 
-from .support import PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, turn_of_everything
+from .support import PAPER, dense_H, joint_covariance, random_belief, sight_of, turn_of_everything
 
 SHIFT = 0.03
 
 
 def belief_of(variant: int) -> Belief:
-    """Some features, whose first estimates are not the present ones."""
-    rng = np.random.default_rng(0)
-    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, INVERSE_DEPTH, POINT], rng)
+    """Some features."""
+    belief = random_belief(PAPER, [POINT, INVERSE_DEPTH, INVERSE_DEPTH, POINT], np.random.default_rng(0))
     belief.state.variant = variant
-    for feature in belief.feature[: belief.state.count]:
-        feature.first[:] = feature.mean + SHIFT * rng.standard_normal(6)
     return belief
 
 
-def turn_of(belief: Belief) -> np.ndarray:
-    """N (dim, 3) of a turn of camera and map, of the places where the Jacobians are taken."""
-    belief = copied(belief)
-    for feature in belief.feature[: belief.state.count] if belief.state.variant == FIRST_ESTIMATES else ():
-        feature.mean[:RHO] = feature.first[:RHO]
-    return turn_of_everything(belief)
-
-
-@pytest.mark.parametrize("variant", [INVARIANT, FIRST_ESTIMATES])
-def test_a_turn_of_camera_and_map_is_not_measured_and_stays_as_uncertain_as_it_was(variant: int) -> None:
-    belief = belief_of(variant)
-    dim, N = belief.state.dim, turn_of(belief)
+def test_a_turn_of_camera_and_map_is_not_measured_and_stays_as_uncertain_as_it_was() -> None:
+    belief = belief_of(INVARIANT)
+    dim, N = belief.state.dim, turn_of_everything(belief)
     np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
     belief.covariance[:dim, :dim] = N @ N.T
     delta = SHIFT * np.random.default_rng(1).standard_normal(dim)
     delta[3:6] = 0.0
     shift_mean(belief, delta)
     subtract_and_recentre(belief, np.zeros((0, dim)), delta)
-    N = turn_of(belief)
+    N = turn_of_everything(belief)
     np.testing.assert_allclose(joint_covariance(belief), N @ N.T, atol=1e-12)
     np.testing.assert_allclose(dense_H(sight_of(belief)) @ N, 0.0, atol=1e-9)
 
 
 def test_the_plain_filter_keeps_the_covariance_and_so_measures_a_turn() -> None:
     belief = belief_of(PLAIN)
-    before, N = joint_covariance(belief), turn_of(belief)
+    before, N = joint_covariance(belief), turn_of_everything(belief)
     delta = SHIFT * np.random.default_rng(1).standard_normal(len(before))
     shift_mean(belief, delta)
     subtract_and_recentre(belief, np.zeros((0, len(delta))), delta)

@@ -163,8 +163,6 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `conversions` | features that became points |
     | `deletions` | features that left the filter |
     | `rejected_matches` | detections in a gate that were too ambiguous to be used |
-    | `starvations` | frames in which most detections, of two or more, were so |
-    | `recoveries` | frames that matches of two or more as a constellation kept from being so |
     | `restarts` | times that the fiducials contradicted the belief, and it was reset |
     | `wrong_matches` | matches with another point than that of the feature |
     | `false_births` | features that were initialised from clutter |

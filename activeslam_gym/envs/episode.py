@@ -58,7 +58,6 @@ def open_step(run: Run, command: np.ndarray, reach: float) -> None:
     if episode.steps % run.models.task.steps_per_motion == 0:
         begin_motion(run, command, reach)
     events.births, events.conversions, events.deletions, events.restarts = 0, 0, 0, 0
-    events.starvations, events.recoveries = 0, 0
     events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
     episode.steps += 1
 

@@ -22,8 +22,14 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import squared_distance
-from activeslam_gym.slam.association import REJECTED, chi_square_2_quantile
-from activeslam_gym.slam.hypotheses import condition, distance_and_det, innovation_of, predicted_pixels
+from activeslam_gym.slam.association import (
+    REJECTED,
+    chi_square_2_quantile,
+    condition,
+    distance_and_det,
+    innovation_of,
+    predicted_pixels,
+)
 from activeslam_gym.slam.sight import Sight
 
 APPEARANCE, appearance_of = constants(

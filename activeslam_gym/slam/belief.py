@@ -36,8 +36,8 @@ from activeslam_gym.motion import (
 from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.estimator import COMPILED
 
-INVARIANT, PLAIN, FIRST_ESTIMATES = 0, 1, 2
-"""What tells the compiled estimators apart, in their order: the default, its plain tangent, its first estimates."""
+INVARIANT, PLAIN = 0, 1
+"""What tells the compiled estimators apart, in their order: the default, and its plain tangent."""
 RAY, INVERSE_DEPTH, POINT = 1, 2, 3  # kinds of features
 KIND_DIM = (0, 5, 6, 3)  # tangent dimensions of each kind
 FEATURE_SIZE = 6
@@ -55,14 +55,13 @@ STATE = record(
     count="i8",  # features in use
     serial="i8",  # initialisations so far
     frame="i8",  # frames so far
-    variant="i8",  # INVARIANT, PLAIN or FIRST_ESTIMATES: the Jacobians of the estimator
+    variant="i8",  # INVARIANT or PLAIN: the tangent of the estimator
     fiducial_nis="f8",  # running mean of the fiducials' normalised innovations squared; see `restart`
 )
 """What a belief holds beside its features and its covariance."""
 
 FEATURE = record(
     mean=("f8", FEATURE_SIZE),
-    first=("f8", FEATURE_SIZE),  # mean when it was initialised; a POINT's has the inverse depth of the conversion
     kind="i8",  # RAY, INVERSE_DEPTH or POINT
     start="i8",  # first covariance row
     serial="i8",  # number of the initialisation, counted from 1: the feature's id

@@ -1,7 +1,7 @@
 """Estimators: what turns measurements into a state estimate, chosen by ``scenario.estimator``.
 
-`ekf` is compiled, and the default; `ekf-plain` and `ekf-fej` are the same with other Jacobians. Another estimator is a
-class with the methods of `Estimator` in one file of its own:
+`ekf` is compiled, and the default; `ekf-plain` is the same with the plain tangent. Another one is a class with the
+methods of `Estimator` in one file of its own:
 
     @ESTIMATORS.register("mine")
     class Mine: ...
@@ -17,7 +17,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.registry import Registry
 from activeslam_gym.slam.estimate import Estimate
 
-EKF, EKF_PLAIN, EKF_FEJ = COMPILED = "ekf", "ekf-plain", "ekf-fej"
+EKF, EKF_PLAIN = COMPILED = "ekf", "ekf-plain"
 """The compiled estimators, of which the environments run whole steps in one kernel; see `slam.manifold`."""
 NO_MATCH = 0  # in place of an id: a measurement of no known landmark
 

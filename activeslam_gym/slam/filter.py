@@ -25,7 +25,7 @@ from activeslam_gym.slam.belief import (
     write_estimate,
 )
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
-from activeslam_gym.slam.estimator import EKF, EKF_FEJ, EKF_PLAIN, ESTIMATORS, Measurements
+from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, ESTIMATORS, Measurements
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
 from activeslam_gym.slam.initialisation import give_birth
 from activeslam_gym.slam.kalman import feel_contact, predict, wander
@@ -203,25 +203,7 @@ class Filter:
             raise ValueError(f"id must be that of a feature by inverse depth, got {id}")
         if not 0.0 < inverse_depth < np.inf:
             raise ValueError(f"inverse_depth must be a positive number, got {inverse_depth!r}")
-        feature["mean"][RHO] = feature["first"][RHO] = inverse_depth
-        self._sight = None
-
-    def share_depths(self, ids: Sequence[int] | np.ndarray, share: float) -> None:
-        """Of the features ``ids``, of which nothing was measured since their initialisations, a ``share`` of the
-        variance of the inverse depth is common to all: they hang on one wall, and the prior is wrong by as much for
-        each.
-
-        Raises:
-            KeyError: no feature has an id.
-            ValueError: ``share`` is not in [0, 1).
-        """
-        if not 0.0 <= share < 1.0:
-            raise ValueError(f"share must be at least 0 and less than 1, got {share!r}")
-        rows = np.array([self.belief.feature[self._place(id)]["start"] + RHO for id in ids], np.int64)
-        var = self.belief.covariance[rows, rows]
-        common = share * np.sqrt(np.outer(var, var))
-        np.fill_diagonal(common, var)
-        self.belief.covariance[np.ix_(rows, rows)] = common
+        feature["mean"][RHO] = inverse_depth
         self._sight = None
 
     def delete(self, id: int) -> None:
@@ -299,7 +281,6 @@ class Filter:
         return estimate.points, estimate.covariance
 
 
-@ESTIMATORS.register(EKF_FEJ)
 @ESTIMATORS.register(EKF_PLAIN)
 @ESTIMATORS.register(EKF)
 class Ekf:

@@ -35,8 +35,6 @@ COUNTS = record(
     conversions="i8",
     deletions="i8",
     rejected_matches="i8",
-    starvations="i8",  # frames in which most detections, of two or more, were rejected
-    recoveries="i8",  # frames in which joint matches alone, of two or more, kept this from happening
     restarts="i8",  # times that the belief was reset
 )
 """Counters that a frame adds to; any record with these fields will do."""
@@ -89,18 +87,15 @@ def use_detections(
 
     Where the fiducials contradict the belief, it is reset instead.
     """
-    model, v, M = models.filter, sight.thing.shape[0], detections.shape[0]
-    waits, jointly = np.zeros(v, np.bool_), 0
+    model, v = models.filter, sight.thing.shape[0]
+    waits = np.zeros(v, np.bool_)
     if labelled:
         of_thing = match_by_id(sight, detections)
     else:
-        of_thing, jointly = associate(model.association, sight, detections, belief.state.count, waits)
+        of_thing = associate(model.association, sight, detections, belief.state.count, waits)
     if belief.particles.shape[1] > 0:
         follow_rays(models.camera, model.particles, belief, boxes, detections, labelled)
-    rejected = np.sum(detections["match"] == REJECTED)
-    counts.rejected_matches += rejected
-    counts.starvations += M >= 2 and 2 * rejected > M
-    counts.recoveries += jointly >= 2 and 2 * (rejected + jointly) > M >= 2 * rejected
+    counts.rejected_matches += np.sum(detections["match"] == REJECTED)
     if contradicted(model.restart, belief, sight, detections, of_thing, waits):
         counts.deletions += belief.state.count
         counts.restarts += 1

@@ -1,9 +1,7 @@
 """The mean on its manifold: how an update shifts it, and what the covariance is about the new mean.
 
-Of the estimators, `ekf` is the right-invariant filter. `ekf-plain` keeps the tangent as it is, and so gains orientation
-that it never measured. `ekf-fej` moves the camera's tangent alone and takes a feature's Jacobians where it was first
-estimated (Huang, Mourikis and Roumeliotis, *A first-estimates Jacobian EKF for improving SLAM consistency*, 2008), so
-it does not iterate. The camera's part is the same as `ekf`'s: its Jacobians are taken at its prediction.
+The estimator `ekf` is the right-invariant filter. `ekf-plain` keeps the tangent as it is, and so gains orientation that
+it never measured.
 """
 
 import math
@@ -32,7 +30,7 @@ from activeslam_gym.motion import (
     QUATERNION,
     VELOCITY,
 )
-from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVARIANT, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RHO, Belief
+from activeslam_gym.slam.belief import AZIMUTH, ELEVATION, INVERSE_DEPTH, KIND_DIM, PLAIN, POINT, RHO, Belief
 
 MINIMUM_INVERSE_DEPTH = 0.01  # updates keep inverse depths above this [1/m]
 
@@ -103,7 +101,7 @@ def turning(belief: Belief, delta: np.ndarray) -> np.ndarray:
     write_skew(delta[D_POSITION], E[:, D_POSITION])
     write_skew(delta[D_VELOCITY], E[:, D_VELOCITY])
     write_skew(delta[D_ANGULAR], E[:, D_ANGULAR])
-    for k in range(belief.state.count if belief.state.variant == INVARIANT else 0):
+    for k in range(belief.state.count):
         feature = belief.feature[k]
         at = feature.start
         write_skew(delta[at : at + 3], E[:, at : at + 3])

@@ -7,10 +7,8 @@ from activeslam_gym.linalg import add_product, add_symmetric_product, copy_block
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import (
     FEATURE_SIZE,
-    FIRST_ESTIMATES,
     KIND_DIM,
     POINT,
-    RHO,
     Belief,
     point_marginal,
     point_of,
@@ -43,7 +41,6 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     feature = belief.feature[k]
     feature.slot = free_slot(belief.feature, k)
     copy_into(feature.mean, mean)
-    copy_into(feature.first, mean)
     feature.kind, feature.start, feature.misses = kind, at, 0
     feature.born, feature.seen = state.frame, state.frame
     state.dim, state.count, state.serial = at + width, k + 1, state.serial + 1
@@ -111,11 +108,8 @@ def convert_to_point(belief: Belief, k: int) -> None:
     at, width = feature.start, KIND_DIM[feature.kind]
     T, P_y, TP = np.empty((3, FEATURE_SIZE)), np.empty((3, 3)), np.zeros((3, dim))
     y = point_of(belief, k, T)
-    if belief.state.variant == FIRST_ESTIMATES:
-        copy_into(feature.mean[:RHO], feature.first[:RHO])
-        point_of(belief, k, T)
     add_product(T, P[at : at + width], TP)
-    first = point_marginal(belief, k, P_y)
+    point_marginal(belief, k, P_y)
     for i in range(3):
         for j in range(dim):
             P[at + i, j] = TP[i, j]
@@ -123,7 +117,6 @@ def convert_to_point(belief: Belief, k: int) -> None:
     copy_block(0.5 * (P_y + P_y.T), P[at : at + 3, at : at + 3])
     feature.mean[:] = 0.0
     copy_into(feature.mean, y)
-    copy_into(feature.first, first)
     feature.kind = POINT
     _close_gap(belief, at + 3, width - 3)
 

@@ -26,8 +26,6 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
-    FIRST_ESTIMATES,
-    INVERSE_DEPTH,
     KIND_DIM,
     POINT,
     RAY,
@@ -46,7 +44,6 @@ the initialisation gate, so that no known feature is initialised twice, just out
 INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many standard deviations inside
 TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
 
-NEVER = 2**62
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
 THING = record(
@@ -55,7 +52,6 @@ THING = record(
     column="i8",  # first covariance row of its parameters
     width="i8",  # how many they are: 0 for a fiducial, whose place is known, 2 if its pixel has a bias
     visibility="i8",  # NEAR or INSIDE
-    unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
@@ -192,30 +188,9 @@ def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) ->
                 H_y[i, j] = 1.0 if i == j else 0.0
         return seen
     feature = belief.feature[thing.row - K]
-    if belief.state.variant == FIRST_ESTIMATES:
-        return _measure_from_first(view, feature, thing)
-    return _measure_feature(view, feature.kind, feature.mean, z, H_x, H_y)
-
-
-@borrowing
-def _measure_feature(view: View, kind: int, mean: np.ndarray, z: np.ndarray, H_x: np.ndarray, H_y: np.ndarray) -> bool:
-    if kind == POINT:
-        return point_measurement(view, mean, z, H_x, H_y)
-    return inverse_depth_measurement(view, mean, z, H_x, H_y)
-
-
-@compiled
-def _measure_from_first(view: View, feature: Record, thing: Record) -> bool:
-    """The pixel at the present mean, and the Jacobians at the first estimate of all but the inverse depth.
-
-    A turn of camera and map does not change the inverse depth, of which the first estimate is vague.
-    """
-    first, z_first = feature.first.copy(), np.empty(2)
-    if feature.kind == INVERSE_DEPTH:
-        first[RHO] = feature.mean[RHO]
-    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
-    seen = _measure_feature(view, feature.kind, feature.mean, z, H_x, H_y)
-    return _measure_feature(view, feature.kind, first, z_first, H_x, H_y) and seen
+    if feature.kind == POINT:
+        return point_measurement(view, feature.mean, z, H_x, H_y)
+    return inverse_depth_measurement(view, feature.mean, z, H_x, H_y)
 
 
 @compiled
@@ -258,11 +233,10 @@ def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
     if row < K:
         biased = belief.state.bias_dim > 0
         thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
-        thing.id, thing.unseen = fiducial_id(row), 0
+        thing.id = fiducial_id(row)
     else:
         feature = belief.feature[row - K]
         thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
-        thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
 
 
 @borrowing
@@ -310,7 +284,7 @@ def sight_of_points(
         if visible(view, y, 0.0, thing.z_hat) and point_measurement(
             view, y, thing.z_hat, thing.H_camera, thing.H_feature
         ):
-            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
+            thing.row, thing.id, thing.visibility = row, 0, INSIDE
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             _write_noise(lens, thing)
             v += 1

@@ -270,7 +270,7 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
         raise SourceError(f"{path} is a text; a list of images ends with {' or '.join(LISTS)}")
     stream.thread_type = "AUTO"
     rate = float(stream.average_rate or 0.0) or None
-    length = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / av.time_base
+    length = float((stream.duration or 0) * (stream.time_base or 0)) or (container.duration or 0) / av.time_base
 
     def images() -> Iterator[_Stored]:
         count, last, damage = 0, 0.0, ""
@@ -280,7 +280,7 @@ def _video(path: Path) -> tuple[Iterator[_Stored], float | None, int | None]:
                 pixels, last = frame.to_ndarray(format="gray" if grey else "rgb24"), frame.time or last
                 tag = f"rotation of {frame.rotation} degrees" if frame.rotation else ""
                 name, stamp = f"image {count - 1} of {path.name}", frame.time
-                if stamp is not None and rate and abs(round(stamp * rate) / rate - stamp) <= frame.time_base:
+                if stamp is not None and rate and abs(round(stamp * rate) / rate - stamp) <= (frame.time_base or 0):
                     stamp = round(stamp * rate) / rate  # its clock is coarse: Matroska's has milliseconds
                 yield _Stored(name, stamp, pixels, tag, round(frame.rotation / 90) % 4)
         except av.error.FFmpegError as error:

@@ -59,6 +59,26 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def report(page: Path) -> None:
+    """Fill the section ``worth`` of a ``page`` from ``studies/worth.csv``: the worst figures of each row."""
+    from agents.tools.sections import put_section, table
+
+    rows: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for one in read(ROOT / "studies" / "worth.csv"):
+        rows.setdefault((one["row"], one["behaviour"]), []).append(one)
+    lines = []
+    for (row, behaviour), found in rows.items():
+        most, least = max(found, key=lambda one: float(one["lost"])), min(found, key=lambda one: float(one["score"]))
+        lost = f"{float(most['lost']):+.1f} [{most['lost_low']}, {most['lost_high']}] `{most['scenario']}`"
+        score = f"{least['score']} [{least['score_low']}, {least['score_high']}] `{least['scenario']}`"
+        below = sum(float(one["under_zero"]) for one in found) / sum(int(one["episodes"]) for one in found)
+        nees = max(found, key=lambda one: abs(float(one["landmark_nees"]) - 1.0))
+        changed = f"{nees['base_landmark_nees']} → {nees['landmark_nees']} `{nees['scenario']}`"
+        lines.append((row, behaviour, lost, score, f"{100.0 * below:+.1f}", changed))
+    header = ("without", "of `BEHAVIOUR`", "failures, points", "score", "under 0, points", "NEES of landmarks")
+    put_section(page, "worth", table(header, lines))
+
+
 def main() -> None:
     """Play what is missing, and write the table, ``worth.csv``."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -69,8 +89,11 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=256, help="episodes of each policy in each scenario")
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the first episode")
     parser.add_argument("--jobs", type=int, default=2, help="rows that are played at the same time")
+    parser.add_argument("--report", type=Path, help="only fill the section ``worth`` of this page from the files here")
     parser.add_argument("--checkouts", nargs="*", default=[], metavar="NAME=PATH", help="other versions, as more rows")
     args = parser.parse_args()
+    if args.report:
+        return report(args.report)
     if unknown := set(args.rows) - set(REMOVALS):
         parser.error(f"--rows: {', '.join(sorted(unknown))} unknown; allowed: {', '.join(REMOVALS)}")
     checkouts = {name: Path(path).resolve() for name, path in (one.split("=", 1) for one in args.checkouts)}

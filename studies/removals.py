@@ -16,8 +16,16 @@ REMOVALS: dict[str, dict[str, str]] = {
     "jcbb": {"slam/frame": "from studies.textbook import jcbb as associate"},
     "nearest-neighbour": {"slam/frame": "from studies.textbook import nearest_neighbour as associate"},
     # association
-    "clear-matches": {"slam/association": _answers("_match_clear(model, h, detections, of_thing)", "False")},
+    "clear-matches": {
+        "slam/association": _answers("_match_clear(model, h, things, detections, pair_worth, of_thing)", "False")
+    },
     "side-by-side": {"slam/association": _answers("_has_twin(model, things, a)", "False")},
+    "border": {
+        "slam/association": "\n".join(
+            ("_filled = association_of", "", "", "def association_of(scenario):", "    out = _filled(scenario)")
+            + ("    out.border_margin = -1e9", "    return out")
+        )
+    },
     # update
     "iteration": {"slam/correction": "ITERATIONS = 0"},
     "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},

@@ -246,9 +246,9 @@ def test_vague_rows_are_matched_together() -> None:
 
 
 def test_at_the_edge_of_the_image_a_vague_row_may_be_outside() -> None:
-    """20 px from its point a detection is matched in the middle, where the point would be missed; there it waits."""
+    """8 px from its point a detection is matched in the middle, where the point would be missed; there it waits."""
     belief, z = two_points(std=0.002, yaw_std=np.radians(3.0))
-    shift = np.array([-20.0, 0.0])
+    shift = np.array([-8.0, 0.0])
     assert match(belief, z[:1] + shift)[0] == [1]
     belief.feature["mean"][:2, 0] -= 2.0 * (CAMERA.width + 38.0 - z[0, 0]) / CAMERA.focal
     at_edge = sight_of(belief).thing["z_hat"][:1]

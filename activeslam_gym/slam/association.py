@@ -8,7 +8,8 @@ one wrong match makes the next ones. So a match must be more than near:
 2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the
    initialisation gate comes within a margin. The joint Gaussian of the other predicted pixels is then conditioned on
    it, which sharpens them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and
-   Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, ask for).
+   Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, ask for). Near the border
+   of the image it must also be clear that the prediction is not just outside.
 3. What is left is matched jointly, by branch and bound over the joint Gaussian. An assignment gives each prediction a
    detection or none; its log likelihood, against "all are of nothing known", is
 
@@ -16,8 +17,10 @@ one wrong match makes the next ones. So a match must be more than near:
      + sum over others   ln(1 - P_D P(its pixel is in the image)).
 
    (Neira and Tardos count pairs; here wide ellipses pay for their width, and misses for standing in the image.) A pair
-   is accepted when the best assignment leads every one that makes something else of the prediction by a margin. That
-   closes loops, and finds the way back where wide ellipses are ambiguous one by one.
+   is accepted when the best assignment leads every one that makes something else of the prediction by a margin, a
+   smaller one where it was seen lately: what comes back after a long time does so beside landmarks of which nothing is
+   known, by a pose that has drifted. That closes loops, and finds the way back where wide ellipses are ambiguous one by
+   one. A detection that is better explained by nothing known is new.
 4. Everything else that is near a prediction waits for a clearer frame: it gives no initialisation, and it is no miss.
 5. Two predictions side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
@@ -31,7 +34,7 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
 from activeslam_gym.linalg import copy_into, squared_distance, submatrix
-from activeslam_gym.slam.sight import Sight, pixel_rows
+from activeslam_gym.slam.sight import INSIDE, Sight, pixel_rows
 
 DETECTION = record(
     pixel=("f8", 2),  # [px]
@@ -60,8 +63,12 @@ ASSOCIATION, association_of = constants(
     # a predicted ellipse, without R, is sharp when its longest axis squared is at most this [px^2]:
     sharp_var=lambda s: 3.0 * s.pixel_std**2,
     clear_margin=20.0,  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
-    margin=5.0,  # lead that a joint match needs over any other answer for its prediction, in ln
+    margin=8.0,  # lead that a joint match needs over any other answer for its prediction, in ln
+    lately_margin=5.0,  # and of a feature that was matched within so many frames:
+    border_margin=6.0,  # lead of a clear match near the border over the prediction's being outside, in ln
+    lately=lambda s: round(10.0 / s.frame_time),
     twin_px=lambda s: 4.0 * s.pixel_std,  # predictions nearer to each other are ambiguous [px]
+    novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
     # -2 ln of the density of one unmapped detection in an image, less that of 2 pi:
@@ -93,14 +100,19 @@ def associate(model: Record, sight: Sight, detections: np.ndarray, features: int
     the predictions that a detection may be of without being clear enough to match.
     """
     h, v, M = _open_questions(sight, detections), sight.thing.shape[0], detections.shape[0]
-    of_thing, pair_worth = np.full(v, -1), worth_of_pair(model, expected_unmapped(model, features))
+    of_thing, novelty = np.full(v, -1), np.zeros(M)
+    pair_worth = worth_of_pair(model, expected_unmapped(model, features))
     settled = False  # what a search of everything leaves open stays so
-    while _match_clear(model, h, detections, of_thing) or not settled:
-        settled = match_jointly(model, h, detections, pair_worth, of_thing)
+    while _any_open(model, h):
+        if _match_clear(model, h, sight.thing, detections, pair_worth, of_thing):
+            continue
+        if settled:
+            break
+        settled = match_jointly(model, h, sight.thing, detections, pair_worth, of_thing, novelty)
     for i in range(M):
         detections[i].match = NEW
         for a in range(v):
-            if h.free[i] and h.d2[a, i] < model.birth_gate:
+            if h.free[i] and h.d2[a, i] < model.birth_gate and novelty[i] < model.novelty:
                 detections[i].match = REJECTED
                 waits[a] |= h.open[a]
     for a in range(v):
@@ -124,6 +136,16 @@ def _open_questions(sight: Sight, detections: np.ndarray) -> Hypotheses:
                 h.d2[a, i] = np.inf
     measure_distances(h, detections)
     return h
+
+
+@borrowing
+def _any_open(model: Record, h: Hypotheses) -> bool:
+    """Whether an open prediction and a free detection may still belong together."""
+    for a in range(h.open.shape[0]):
+        for i in range(h.free.shape[0]):
+            if h.open[a] and h.free[i] and h.d2[a, i] < model.birth_gate:
+                return True
+    return False
 
 
 @borrowing
@@ -154,13 +176,22 @@ def expected_unmapped(model: Record, features: int) -> float:
 
 
 @compiled
-def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, of_thing: np.ndarray) -> bool:
-    """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any."""
+def _match_clear(
+    model: Record, h: Hypotheses, things: np.ndarray, detections: np.ndarray, pair_worth: float, of_thing: np.ndarray
+) -> bool:
+    """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any.
+
+    Near the border a prediction may just be outside, and an unmapped detection beside it: there the match has to lead
+    that, too.
+    """
     v, found = h.open.shape[0], False
     partner = np.full(v, -1)
     for a in range(v):
         if h.open[a] and _longest_square(h.S, a) <= model.sharp_var:
             partner[a] = _clear_partner(model, h, a)
+            if partner[a] >= 0 and things[a].visibility != INSIDE:
+                lead = pair_worth - 0.5 * h.cost[a, partner[a]] - log_missed(model, h, a)
+                partner[a] = partner[a] if lead >= model.border_margin else -1
             found |= partner[a] >= 0
     for a in range(v):
         if partner[a] >= 0:
@@ -207,6 +238,7 @@ class Search(NamedTuple):
     detections: np.ndarray  # (M,) DETECTION
     pair_worth: float  # see `worth_of_pair`
     most: float  # upper bound of the worth of any pair
+    without: np.ndarray  # (M,) scores that leave the detection unexplained
     with_answer: np.ndarray  # (n, M + 1) scores in which the prediction is the detection; in the last column, is missed
     answer: np.ndarray  # (n,) the best assignment
     best: np.ndarray  # (1,) and its score
@@ -215,9 +247,17 @@ class Search(NamedTuple):
 
 @compiled
 def match_jointly(
-    model: Record, h: Hypotheses, detections: np.ndarray, pair_worth: float, of_thing: np.ndarray
+    model: Record,
+    h: Hypotheses,
+    things: np.ndarray,
+    detections: np.ndarray,
+    pair_worth: float,
+    of_thing: np.ndarray,
+    novelty: np.ndarray,
 ) -> bool:
     """Match the open predictions of ``h`` together, write ``of_thing`` (v,), and condition the rest on the matches.
+
+    Writes ``novelty`` (M,) too: see `_write_novelty`; 0 where the search did not take all predictions in reach.
 
     Returns whether another search can find no more: this one took all predictions in reach, or matched none. It is
     bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched by itself,
@@ -229,18 +269,35 @@ def match_jointly(
     while search.nodes[0] > model.nodes and chosen.shape[0] > 2:
         chosen = chosen[: chosen.shape[0] // 2]
         search = _search(model, h, chosen, detections, pair_worth)
+    novelty[:] = 0.0
     if search.nodes[0] > model.nodes:
         return True
+    if chosen.shape[0] == in_reach.shape[0]:
+        _write_novelty(model, search, novelty)
     for k in range(chosen.shape[0]):
         a, i, other = chosen[k], search.answer[k], -np.inf
         for j in range(detections.shape[0] + 1):
             other = max(other, search.with_answer[k, j]) if j != i else other
-        if i != detections.shape[0] and search.best[0] - other >= model.margin:
+        lately = things[a].id > 0 and things[a].unseen <= model.lately
+        lead = model.lately_margin if lately else model.margin
+        if i != detections.shape[0] and search.best[0] - other >= lead:
             of_thing[a] = i
             accept(h, a, i, detections)
             matched += 1
     measure_distances(h, detections)
     return matched == 0 or chosen.shape[0] == in_reach.shape[0]
+
+
+@borrowing
+def _write_novelty(model: Record, search: Search, novelty: np.ndarray) -> None:
+    """By how much the best assignment that leaves a detection unexplained leads those that explain it, the margin at
+    most."""
+    least = search.best[0] - model.margin
+    for i in range(novelty.shape[0]):
+        explained = least
+        for k in range(search.with_answer.shape[0]):
+            explained = max(explained, search.with_answer[k, i])
+        novelty[i] = max(search.without[i], least) - explained
 
 
 @compiled
@@ -274,6 +331,7 @@ def _search(model: Record, h: Hypotheses, chosen: np.ndarray, detections: np.nda
         detections,
         pair_worth,
         most,
+        np.full(M, -np.inf),
         np.full((n, M + 1), -np.inf),
         np.full(n, M),
         np.full(1, -np.inf),
@@ -308,6 +366,8 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, s
             h.open[a] = False
             score += log_missed(model, h, a)
     if decided < 0:
+        for i in range(M):
+            search.without[i] = max(search.without[i], score) if h.free[i] else search.without[i]
         for a in range(n):
             search.with_answer[a, answer[a]] = max(search.with_answer[a, answer[a]], score)
         if score > search.best[0]:

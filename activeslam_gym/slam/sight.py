@@ -44,6 +44,7 @@ the initialisation gate, so that no known feature is initialised twice, just out
 INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many standard deviations inside
 TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
 
+NEVER = 2**62
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
 THING = record(
@@ -52,6 +53,7 @@ THING = record(
     column="i8",  # first covariance row of its parameters
     width="i8",  # how many they are: 0 for a fiducial, whose place is known, 2 if its pixel has a bias
     visibility="i8",  # NEAR or INSIDE
+    unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
     H_feature=("f8", (2, 6)),  # by the leading ``width`` parameters of the feature
@@ -233,10 +235,11 @@ def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
     if row < K:
         biased = belief.state.bias_dim > 0
         thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
-        thing.id = fiducial_id(row)
+        thing.id, thing.unseen = fiducial_id(row), 0
     else:
         feature = belief.feature[row - K]
         thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
+        thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
 
 
 @borrowing
@@ -284,7 +287,7 @@ def sight_of_points(
         if visible(view, y, 0.0, thing.z_hat) and point_measurement(
             view, y, thing.z_hat, thing.H_camera, thing.H_feature
         ):
-            thing.row, thing.id, thing.visibility = row, 0, INSIDE
+            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             _write_noise(lens, thing)
             v += 1

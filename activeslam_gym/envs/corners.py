@@ -48,7 +48,7 @@ _SIDES = (16, 32, 64, 128, 256)  # texels, along a side, of the levels of a text
 _MOST = 60  # corners of a level
 
 RULES = record(
-    drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8",
+    drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8", enough="f8",
     births="i8", visible="i8", lost_after="i8", fiducial_blur="f8",
     fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8",
 )  # fmt: skip
@@ -106,7 +106,7 @@ class Glance:
         spare = run.world.landmarks.copy()
         self.corners = Corners(points[order], normals[order], reach[order], drawn, memory, spare, key)
         gate = setting.models.filter.appearance.search_gate
-        self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.camera.focal)), gate=gate)
+        self._rules = filled(RULES, SIGHTED.seen_through(float(setting.models.camera.focal)), gate=gate, enough=ENOUGH)
 
     def begin(self, run: Run) -> None:
         """Write the prior."""
@@ -132,7 +132,7 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
     _draw_target(run, rules, corners, luck[2 * things + most :])
     found = _search(run, rules, corners, luck)
     for entry in memory:
-        if entry.id > 0 and entry.tried >= ENOUGH * rules.trials and 2.0 * entry.matched < entry.tried:
+        if entry.id > 0 and entry.tried >= rules.enough * rules.trials and 2.0 * entry.matched < entry.tried:
             remove_id(run.ekf, entry.id)
             entry.id = 0
             run.episode.events.deletions += 1

@@ -26,7 +26,7 @@ from activeslam_gym.kernels import row, uncompiled
 from activeslam_gym.metrics import camera_error, nees
 from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT, MOTION_COUNT
 from activeslam_gym.registry import REGISTERED, asked
-from activeslam_gym.sensors.sensor import SENSORS
+from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
 from activeslam_gym.threads import Workers, for_one_thread
 from activeslam_gym.world.scenes import Scene
@@ -158,8 +158,11 @@ class Reads:
         """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.play` takes them."""
         if self._compiled:
             self._workers.call(play, self._runs, phases, commands)
-        else:
+        elif self.setting.scenario.sensor in TEXTURED:
             self._workers.call(play_rows, self._runs, self._perceptions, phases, commands)
+        else:  # parts in Python, whose threads would wait for each other
+            with self._workers.alone:
+                play_rows(self._runs, self._perceptions, phases, commands, 0, len(phases))
         if self._registered_reward:
             settle_registered(self.setting.reward, self._runs, phases)
 

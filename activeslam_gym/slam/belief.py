@@ -37,7 +37,7 @@ from activeslam_gym.slam.estimate import EstimateArrays
 from activeslam_gym.slam.estimator import COMPILED
 
 INVARIANT, PLAIN = 0, 1
-"""What tells the compiled estimators apart, in their order: the default, and its plain tangent."""
+"""Variants of the compiled estimators, in their order: the default, and its plain tangent."""
 RAY, INVERSE_DEPTH, POINT = 1, 2, 3  # kinds of features
 KIND_DIM = (0, 5, 6, 3)  # tangent dimensions of each kind
 FEATURE_SIZE = 6

@@ -17,7 +17,7 @@ from agents.tools.files import reading, writable_folder
 from agents.tools.sections import page_with, provenance, put_section
 
 SEEDS = (0, 2**62)  # bounds of a seed: the rooms after it have seeds too
-UNTOLD = ("jobs", "cluster", "out", "store", "report", "resume", "figures")  # arguments that decide no number
+NO_NUMBER = ("jobs", "cluster", "out", "store", "report", "resume", "figures")  # arguments that decide no number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +113,7 @@ def command_line(name: str, args: Any) -> str:
     for one in sorted(fields(args), key=lambda field: (field.name == "seed", field.name != "policies")):
         value = getattr(args, one.name)
         of_rooms = one.name in ("episodes", "rooms", "seed") and value is not None
-        if of_rooms or (one.name not in UNTOLD and value != one.default):
+        if of_rooms or (one.name not in NO_NUMBER and value != one.default):
             several = value if isinstance(value, tuple) else (value,)
             texts = [f"{part:g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
             told.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")

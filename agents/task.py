@@ -15,7 +15,6 @@ import gymnasium as gym
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
-from activeslam_gym.evaluation.cluster import Carrying
 from activeslam_gym.evaluation.code import (
     IMAGE_LIBRARIES,
     foreign_modules,
@@ -73,8 +72,8 @@ def results(
     """Yield every task with its episode; see `Store.gather`. A policy that is not identified is always played."""
     made = {task for task in tasks if anew or not policies.is_identified(task.policy)}
     apart = any(policies.holds_code(task.policy) for task in tasks)
-    play = Carrying(play_tasks, _files(tasks)) if isinstance(store.workers, str) else play_tasks
-    with closing(store.gather(tasks, play, batch, made, apart)) as finished:
+    files = _files(tasks) if isinstance(store.workers, str) else {}
+    with closing(store.gather(tasks, play_tasks, batch, made, apart, files)) as finished:
         for task, arrays in finished:
             yield task, replace(Episode.of(arrays), settings=task.settings)  # another command may have put it otherwise
 

@@ -6,7 +6,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -106,13 +107,23 @@ def nodes() -> Iterator[Any]:
     cluster.shutdown()
 
 
-def records(store: Path) -> dict[str, dict[str, np.ndarray]]:
+def kept(store: Path) -> dict[str, dict[str, np.ndarray]]:
     """The kept episodes by the names of their files."""
     found = {}
     for path in store.glob("*.npz"):
         with np.load(path) as file:
             found[path.name] = {name: file[name] for name in set(file.files) - MEASURED}
     return found
+
+
+def assert_equal(store: Path, other: Path, count: int) -> None:
+    """Two folders of so many episodes are equal to the bit."""
+    one, two = kept(store), kept(other)
+    assert one.keys() == two.keys() and len(one) == count
+    for name, arrays in one.items():
+        assert arrays.keys() == two[name].keys()
+        for key, value in arrays.items():
+            np.testing.assert_array_equal(value, two[name][key], err_msg=f"{name}: {key}")
 
 
 def test_a_comparison_equals_that_of_one_machine_though_a_node_is_lost(nodes: Any, tmp_path: Path) -> None:
@@ -135,12 +146,7 @@ def test_a_comparison_equals_that_of_one_machine_though_a_node_is_lost(nodes: An
     assert not thread.is_alive()
     here = ["--store", str(tmp_path / "here"), "--out", str(tmp_path / "b"), "--jobs", "2"]
     assert main([*line.split(), *here]) == 0
-    one, other = records(store), records(tmp_path / "here")
-    assert one.keys() == other.keys() and len(one) == episodes
-    for name, arrays in one.items():
-        assert arrays.keys() == other[name].keys()
-        for key, value in arrays.items():
-            np.testing.assert_array_equal(value, other[name][key], err_msg=f"{name}: {key}")
+    assert_equal(store, tmp_path / "here", episodes)
 
 
 @pytest.fixture
@@ -203,20 +209,62 @@ def test_a_node_with_another_installation_is_named_and_plays_nothing(
         nodes.remove_node(other)
 
 
+def broken_off(line: str, out: Path, end: Callable[[subprocess.Popen], None]) -> tuple[int, str]:
+    """Exit status and text of a comparison that is ended when ten episodes are kept."""
+    command = [sys.executable, "-m", "agents", *line.split(), "--out", str(out)]
+    run = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    while len(list((out / "episodes").glob("*.npz"))) < 10:
+        assert run.poll() is None, run.communicate()[0]
+        time.sleep(0.1)
+    end(run)
+    told = run.communicate(timeout=60)[0]
+    return run.returncode, told
+
+
 def test_another_number_of_machines_goes_on(nodes: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Of the same comparison, interrupted."""
-    line = f"-m agents compare --policies stay sweep --reference stay --episodes 400 --no-figures --out {tmp_path}"
-    command = [sys.executable, *line.split(), "--cluster", nodes.address]
-    run = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-    while len(list((tmp_path / "episodes").glob("*.npz"))) < 10:
-        assert run.poll() is None
-        time.sleep(0.1)
-    run.send_signal(signal.SIGINT)
-    assert "Interrupted" in run.communicate(timeout=60)[0] and run.returncode == 130
-    kept = len(list((tmp_path / "episodes").glob("*.npz")))
-    few = line.replace("400", "4").split()[2:]
-    assert main([*few, "--resume", "--jobs", "1"]) == 0 and kept >= 10
+    line = "compare --policies stay sweep --reference stay --no-figures --episodes"
+    status, told = broken_off(
+        f"{line} 400 --cluster {nodes.address}", tmp_path, lambda run: run.send_signal(signal.SIGINT)
+    )
+    assert status == 130 and "Interrupted" in told
+    assert main([*line.split(), "4", "--resume", "--jobs", "1", "--out", str(tmp_path)]) == 0
     assert "episodes are kept from an earlier command" in capfd.readouterr().out
+
+
+@contextmanager
+def head() -> Iterator[subprocess.Popen]:
+    """A cluster of one core, by the command of Ray."""
+    command = [str(Path(sys.executable).with_name("ray")), "start", "--head", "--block", "--port=6392", "--num-cpus=1"]
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        assert any("Ray runtime started" in line for line in run.stdout or ())
+        yield run
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+        run.communicate()
+
+
+def test_a_lost_head_is_told_and_the_same_command_goes_on_with_another_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("ray")
+    monkeypatch.setenv("RAY_AUTH_MODE", "disabled")
+    line = "compare --policies stay sweep --reference stay --episodes 40 --duration 20 --no-figures --resume"
+    there = f"{line} --cluster 127.0.0.1:6392"
+    with head() as first:
+        status, told = broken_off(there, tmp_path / "a", lambda _: os.killpg(first.pid, signal.SIGKILL))
+    assert status == 2 and "--cluster: the head is lost, and what is over is kept" in told
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "a" / "episodes").glob("*.npz")}
+    command = [sys.executable, "-m", "agents", *there.split(), "--out", str(tmp_path / "a")]
+    with head():
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 0 and f"{len(before)} of 80 episodes are kept" in done.stdout, done.stderr
+    assert before.items() <= {path: path.stat().st_mtime_ns for path in before}.items()  # none is played twice
+    assert main([*line.split(), "--jobs", "1", "--out", str(tmp_path / "b")]) == 0
+    assert_equal(tmp_path / "a" / "episodes", tmp_path / "b" / "episodes", 80)
 
 
 def test_a_search_on_the_cluster_finds_what_one_here_finds(nodes: Any) -> None:

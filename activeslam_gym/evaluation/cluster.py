@@ -26,21 +26,11 @@ from activeslam_gym.registry import REGISTRIES
 T = TypeVar("T", bound=Sequence)
 R = TypeVar("R")
 CHUNK = 4.0  # a chunk takes about so long [s], several hundred times what Ray needs for one
+NODE_ID = "ray.io/node-id"
 AHEAD = 2  # chunks for each core that are on their way
 FOUND: dict[Hashable, Any] = {}
 """What takes a process long to find, and others are given."""
 _connection: dict[str, Any] = {}  # what the one connection of this process was asked for
-
-
-@dataclass(frozen=True)
-class Carrying:
-    """A function with the files and folders that it needs elsewhere: path in its working folder there → path here."""
-
-    function: Callable[[Any], Any]
-    files: Mapping[str, Path]
-
-    def __call__(self, task: Any) -> Any:
-        return self.function(task)
 
 
 def outcome(function: Callable[[T], R], task: T, elsewhere: bool = False) -> R | Exception:
@@ -69,15 +59,15 @@ class Schedule:
 
     def __init__(self, tasks: Sequence[Any]) -> None:
         self._groups: dict[Hashable, Group] = {}
-        self._alone: deque[tuple[Group, list[Any]]] = deque()
+        self.alone: deque[tuple[Group, list[Any]]] = deque()  # chunks to be sent as they are
         self._repeated: set[int] = set()
         for task in tasks:
             self._groups.setdefault(getattr(task[0], "group", None), Group()).waiting.append(task)
 
     def next(self, cores: int) -> tuple[Group, list[Any]] | None:
         """A group and tasks of it that take about `CHUNK` seconds, at the end fewer; None where none wait."""
-        if self._alone:
-            return self._alone.popleft()
+        if self.alone:
+            return self.alone.popleft()
         waiting = [group for group in self._groups.values() if group.waiting]
         if not waiting:
             return None
@@ -92,37 +82,42 @@ class Schedule:
         """Each of the ``tasks`` is played again, alone; those that were already are returned."""
         twice = [task for task in tasks if id(task) in self._repeated]
         again = [task for task in tasks if id(task) not in self._repeated]
-        self._alone.extend((group, [task]) for task in again)
+        self.alone.extend((group, [task]) for task in again)
         self._repeated.update(map(id, again))
         return twice
 
-    def put_back(self, group: Group, tasks: list[Any]) -> None:
-        """The ``tasks`` were not begun."""
-        self._alone.append((group, tasks))
-
 
 def on_cluster(
-    function: Callable[[T], R], tasks: Sequence[T], address: str
+    function: Callable[[T], R], tasks: Sequence[T], address: str, files: Mapping[str, Path]
 ) -> Generator[tuple[T, R | Exception], None, None]:
     """Yield the tasks with their results or errors, as they finish, on the cluster of Ray at an ``address``.
 
-    Where a process or a machine is lost, its tasks are repeated once, each alone. A machine whose `installation` is
-    another one is named, and plays nothing.
+    ``files`` and folders are sent with them: path in the working folder there → path here. Where a process or a machine
+    is lost, its tasks are repeated once, each alone. A machine whose `installation` is another one is named, and plays
+    nothing.
 
     Raises:
         ImportError: Ray is not installed.
-        ConnectionError: there is no cluster at this address, or it is lost.
+        ConnectionError: there is no cluster at this address, or its head is lost.
         ValueError: every machine has another installation.
     """
-    ray = _connected(address, getattr(function, "files", {}))
+    ray = _connected(address, files)
+    head = address if "://" in address else ray.get_runtime_context().gcs_address
     registered = {one.kind: {name: one[name] for name in one if name not in one.own} for one in REGISTRIES}
-    work = ray.put(ray.cloudpickle.dumps((function, registered, FOUND)))
-    expected, schedule = ray.put(installation()), Schedule(tasks)
+    given = ray.put(ray.cloudpickle.dumps((function, registered, FOUND))), ray.put(installation())
+    on_node = ray.remote(num_cpus=1, max_retries=0)(_on_node())
+    schedule, refused, kinds = Schedule(tasks), dict[str, str](), {processor()}
     pending: dict[Any, tuple[Group, list[T]]] = {}
-    refused: dict[str, str] = {}
-    kinds = {processor()}
     try:
-        while _submit(ray, schedule, pending, (work, expected), refused):
+        while True:
+            if why := _silent(head):  # after a minute, calls of Ray would end this process
+                raise ConnectionError(why)
+            cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
+            there = on_node.options(label_selector={NODE_ID: f"!in({','.join(refused)})"} if refused else {})
+            while len(pending) < AHEAD * cores and (chosen := schedule.next(cores)):
+                pending[there.remote(*given, ray.cloudpickle.dumps(chosen[1]))] = chosen
+            if not pending:
+                return
             ray.wait(list(pending), num_returns=1, timeout=5.0)
             for ref in ray.wait(list(pending), num_returns=len(pending), timeout=0)[0]:
                 group, chunk = pending.pop(ref)
@@ -137,7 +132,7 @@ def on_cluster(
                     continue
                 if differs:
                     _refuse(ray, refused, node, f"{name} plays nothing, its installation differs: {differs}")
-                    schedule.put_back(group, chunk)
+                    schedule.alone.append((group, chunk))
                     continue
                 if kind not in kinds:
                     _say(f"{name} has another processor, {kind}: its scores may differ in their last digits.")
@@ -146,28 +141,20 @@ def on_cluster(
                 group.cost = min(group.cost, seconds / len(chunk))
                 yield from zip(chunk, outcomes, strict=True)
     except ConnectionError as error:
-        raise ConnectionError(f"--cluster: {address} is lost ({error}); --resume goes on") from error
+        raise ConnectionError(f"--cluster: the head is lost, and what is over is kept ({error})") from error
     finally:
         if pending:
             _connection.clear()
             ray.shutdown()  # unfinished episodes are not waited for
 
 
-def _submit(ray: Any, schedule: Schedule, pending: dict, given: tuple, refused: Mapping[str, str]) -> bool:
-    """Send chunks until each core has `AHEAD` of them; whether any is on its way."""
-    cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
-    selector = {"ray.io/node-id": f"!in({','.join(refused)})"} if refused else {}
-    play = ray.remote(num_cpus=1, max_retries=0, label_selector=selector)(_on_node(ray))
-    while len(pending) < AHEAD * cores and (chosen := schedule.next(cores)):
-        pending[play.remote(*given, ray.cloudpickle.dumps(chosen[1]))] = chosen
-    return bool(pending)
-
-
-def _on_node(ray: Any) -> Callable[..., Any]:
+def _on_node() -> Callable[..., Any]:
     """What a process there runs; it is sent by value, for a machine may have another version of this module."""
 
     def play(work: bytes, expected: dict[str, str], chunk: bytes) -> tuple:
         import platform
+
+        import ray
 
         node, name, kind = ray.get_runtime_context().get_node_id(), platform.node(), ""
         try:
@@ -225,14 +212,23 @@ def _connected(address: str, files: Mapping[str, Path]) -> Any:
                 target = Path(folder, name)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copytree(path, target) if path.is_dir() else shutil.copyfile(path, target)
-            if ":" in address:  # where nothing listens, Ray tries again for minutes
-                host, _, port = address.rpartition("/")[2].rpartition(":")
-                try:
-                    create_connection((host, int(port)), 10.0).close()
-                except (OSError, ValueError, OverflowError) as error:
-                    raise ConnectionError(f"{address!r}: {error}; allowed: the address of a cluster of Ray") from None
+            if ":" in address and (why := _silent(address)):  # Ray would try again for minutes
+                raise ConnectionError(f"{why}; allowed: the address of a cluster of Ray")
             environment = {"working_dir": folder} if files else {}
-            ray.init(address, runtime_env=environment, log_to_driver=False, logging_level="ERROR")
+            try:
+                ray.init(address, runtime_env=environment, log_to_driver=False, logging_level="ERROR")
+            except ConnectionError as error:
+                raise ConnectionError(f"{error}; where the cluster asks for a token: RAY_AUTH_MODE=token") from None
         _connection.clear()
         _connection.update(wanted)
     return ray
+
+
+def _silent(address: str) -> str:
+    """Why nothing answers there; empty where something does."""
+    host, _, port = address.rpartition("/")[2].rpartition(":")
+    try:
+        create_connection((host.strip("[]"), int(port)), 10.0).close()
+    except (OSError, ValueError, OverflowError) as error:
+        return f"{address!r}: {error}"
+    return ""

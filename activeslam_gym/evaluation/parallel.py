@@ -2,31 +2,37 @@
 
 import os
 import signal
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from multiprocessing import get_context, parent_process
+from pathlib import Path
 from threading import Thread
 
 from activeslam_gym.evaluation.cluster import R, T, on_cluster, outcome
 
 
 def run_all(
-    function: Callable[[T], R], tasks: Sequence[T], workers: int | str, finished: int | None, apart: bool = False
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    workers: int | str,
+    finished: int | None,
+    apart: bool = False,
+    files: Mapping[str, Path] | None = None,
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar.
 
-    ``workers``: at most so many processes, for one and not ``apart`` this one; or the address of a cluster of Ray. The
-    bar counts the episodes of each task, and ``finished`` were there before; None is no bar. Close the generator (or
-    exhaust it) to end the processes; Ctrl-C reaches the parent alone. What fails is raised when all others are over:
-    ValueError or, where a process ends, ChildProcessError, with the names of its episodes.
+    ``workers``: at most so many processes, for one and not ``apart`` this one; or the address of a cluster (see
+    `on_cluster`). The bar counts the episodes of each task, and ``finished`` were there before; None is no bar. Close
+    the generator (or exhaust it) to end the processes; Ctrl-C reaches the parent alone. What fails is raised when all
+    others are over: ValueError or, where a process ends, ChildProcessError, with the names of its episodes.
     """
     from tqdm import tqdm
 
     outcomes = ((task, outcome(function, task)) for task in tasks)
     if isinstance(workers, str):
-        outcomes = on_cluster(function, tasks, workers)
+        outcomes = on_cluster(function, tasks, workers, files or {})
     elif tasks and (apart or min(workers, len(tasks)) > 1):
         outcomes = _in_processes(function, tasks, min(workers, len(tasks)))
     before, failed = finished or 0, []

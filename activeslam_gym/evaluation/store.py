@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Collection, Generator, Sequence
+from collections.abc import Callable, Collection, Generator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from io import BytesIO
@@ -14,7 +14,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from activeslam_gym.evaluation.cluster import Carrying
 from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.files import remove_unfinished, written_whole
@@ -93,12 +92,13 @@ class Store:
         batch: int = 1,
         anew: Collection[J] = (),
         apart: bool = False,
+        files: Mapping[str, Path] | None = None,
     ) -> Generator[tuple[J, Arrays], None, None]:
         """Yield every job with its result: the kept ones first, whose number is printed, then others as they finish.
 
         ``play`` makes the results of up to ``batch`` jobs of one group, by the `workers`; a single one is this process,
-        unless ``apart``. Kept results of the jobs ``anew`` are replaced. Close the generator (or exhaust it) to end
-        them. Raises as `parallel.run_all`, after all others, where some jobs fail.
+        unless ``apart``; a cluster is sent the ``files``. Kept results of the jobs ``anew`` are replaced. Close the
+        generator (or exhaust it) to end them. Raises as `parallel.run_all`, after all others, where some jobs fail.
         """
         missing, damaged = [], 0
         if self.folder:
@@ -119,8 +119,7 @@ class Store:
             return
         groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
         parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
-        made = Carrying(partial(_made, play), getattr(play, "files", {}))
-        with closing(run_all(made, parts, self.workers, kept, apart)) as finished:
+        with closing(run_all(partial(_made, play), parts, self.workers, kept, apart, files)) as finished:
             for part, results in finished:
                 for job, (arrays, packed) in zip(part, results, strict=True):
                     self._write(job.label, job.key, packed)

@@ -61,7 +61,6 @@ def _add_live(commands: Any) -> None:
     one.add_argument("--seconds", type=float, help="end after so long (default: at Ctrl-C)")
     one.add_argument("--record", metavar="DIR", help="keep images, log, trajectory.tum and map in this folder")
     one.add_argument("--film", action="store_true", help="write film.mp4 there too: images with searches, and the map")
-    one.add_argument("--replay", metavar="DIR", help="show a recording again")
 
 
 def _add_track(commands: Any) -> None:

@@ -30,7 +30,7 @@ def a_state(frame: int = 1, n: int = 12) -> State:
         mapped=np.arange(n) % 2 == 0, fiducials=np.zeros((4, 3)), searched=np.arange(1, n + 1),
         pixels=rng.uniform(20, 220, (n, 2)), ellipses=np.tile(9.0 * np.eye(2), (n, 1, 1)), outcomes=np.arange(n) % 3,
         command=Motion.UP, scores=np.arange(7.0), advised=np.arange(7), log2_dets=np.array((-100.0, -200.0, -310.0)),
-        landmarks=n, births=0, milliseconds=8.0, follows=True,
+        landmarks=n, initialised=0, milliseconds=8.0, follows=True,
     )  # fmt: skip
 
 

@@ -19,10 +19,14 @@ from tests.support import numerical_sight, python
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = [*sorted((ROOT / "examples").glob("extend_*.py")), ROOT / "examples" / "fisher_trace.py"]
+EXAMPLES += [ROOT / "examples" / "record_rerun.py"]
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_example_runs_and_says_something(path: Path) -> None:
+def test_example_runs_and_says_something(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if path.stem == "record_rerun":
+        pytest.importorskip("rerun", reason="the extra `rerun` is not installed")
     if path.stem == "extend_smoother":
         pytest.importorskip("gtsam", reason="the extra `gtsam` is not installed")
     if path.stem == "extend_mesh":

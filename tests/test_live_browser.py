@@ -133,11 +133,7 @@ def test_every_control_does_what_it_says(visit: Any, served: Served) -> None:
     until(lambda: len(served.states()) > 40, PATIENCE)
     press(page, "Pause")
     until(lambda: page.locator("#standing").inner_text() == "Paused.", PATIENCE)
-    count = until(lambda: _settled(served), PATIENCE)
-    press(page, "Single step")
-    until(lambda: len(served.states()) == count + 1, PATIENCE)
-    press(page, "Mark what is in the middle")  # it is paused
-    until(lambda: "m away" in page.locator("#marked").inner_text(), PATIENCE)
+    until(lambda: _settled(served), PATIENCE)
     with page.expect_download() as download:
         press(page, "Save")
     rows = Path(download.value.path()).read_text().splitlines()

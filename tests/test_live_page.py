@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,6 @@ from msgspec.msgpack import encode  # noqa: E402
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.live import drawing  # noqa: E402
 from activeslam_gym.live.link import Link, check_address  # noqa: E402
-from activeslam_gym.live.model import model_of  # noqa: E402
-from activeslam_gym.live.source import RenderedRoom  # noqa: E402
 from activeslam_gym.live.state import Standing  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
 from activeslam_gym.vision import film  # noqa: E402
@@ -117,8 +114,6 @@ MISTAKES = {
     "--source browser --target t.json": "--source browser needs --calibration or --calibrate",
     "--source shots --calibrate lens.json": "--calibrate is for --source browser without --calibration",
     "--calibrate lens.json": "--calibrate is for --source browser without --calibration",
-    "--replay nowhere": "nowhere holds no live recording",
-    "--replay a --record b": "give one of them",
     "--record /dev/null/x": "'/dev/null/x' is no folder to write to",
     f"--record {'a' * 300}": "is no folder to write to (File name too long)",
     "--record run --host 192.0.2.1 --port 0": "is no address of this machine",
@@ -227,8 +222,8 @@ def test_states_of_all_kinds_are_shown(page: Served) -> None:
     nothing, stay = {"scores": np.full(7, np.nan), "log2_dets": np.full(3, np.nan)}, Motion.STAY
     kinds = [
         {}, {"points": np.full((12, 3), np.nan)}, {"camera": np.full(13, np.nan)}, {**nothing, "command": stay},
-        {"marked": 3}, {"ellipses": np.tile(np.diag((1e12, -1.0)), (12, 1, 1))}, {"command": Motion.FORWARD},
-        {"ellipses": np.full((12, 2, 2), np.nan), "marked": 3}, {"camera_covariance": np.full((3, 3), np.nan)},
+        {"ellipses": np.tile(np.diag((1e12, -1.0)), (12, 1, 1))}, {"command": Motion.FORWARD},
+        {"ellipses": np.full((12, 2, 2), np.nan)}, {"camera_covariance": np.full((3, 3), np.nan)},
         {"standing": Standing.WAITING, "follows": False},
     ]  # fmt: skip
     states = [replace(a_state(), frame=frame, **kind) for frame, kind in enumerate(kinds, 1)]
@@ -293,39 +288,6 @@ def test_the_page_tells_that_kernels_are_compiled_between_two_states(page: Serve
     assert "Paused." in served._standing.content
 
 
-def test_the_model_of_a_room_shows_its_walls_from_inside_with_their_textures(page: Served) -> None:
-    trimesh = pytest.importorskip("trimesh")
-    scene = RenderedRoom(3).camera.scene
-    model = trimesh.load_scene(trimesh.util.wrap_as_stream(data := model_of(scene)), file_type="glb")
-    walls = [model.geometry[name] for name in sorted(model.geometry, key=lambda name: int(name.split("_")[1]))]
-    assert len(walls) == len(scene.surfaces)
-    for wall, surface in zip(walls, scene.surfaces):
-        np.testing.assert_allclose(wall.face_normals, [surface["normal"]] * 2, atol=1e-6)
-        assert np.abs((wall.vertices - surface["corner"]) @ surface["normal"]).max() < 0.02
-    target = np.asarray(walls[0].visual.material.baseColorTexture.convert("L")).astype(int)
-    h, w = target.shape
-    assert target[h // 2, w // 2] < 160 < target[1, 1], "the black rectangle on its white sheet"
-    page[0].show_room(data)
-    assert not page[0]._floor.visible
-
-
-def test_buttons_make_requests_and_a_click_marks_the_nearest(page: Served) -> None:
-    served, requests = page
-    state = a_state(1, 3)
-    state.points = np.array([(0.0, 0.0, 2.0), (1.0, 0.0, 2.0), (0.0, 1.0, 2.0)])
-    click: Any = SimpleNamespace(ray_origin=(0.0, 0.0, 0.0), ray_direction=(0.44, 0.0, 0.9))
-    served.show(state)
-    served._set_paused(True)
-    served._set_paused(False)
-    served._mark_clicked(click)
-    served._step()
-    served.show(replace(state, frame=2, marked=2))  # shown at once, since it is paused
-    assert "m away" in served._marked.content
-    served._mark_clicked(click)
-    expected = [("pause", True), ("pause", False), ("mark", 2), ("pause", True), ("step", True), ("mark", 0)]
-    assert requests == expected
-
-
 # The command ----------------------------------------------------------------------------------------------------------
 
 
@@ -351,4 +313,3 @@ def test_ctrl_c_or_a_closed_terminal_ends_it_and_loses_nothing(tmp_path: Path, n
     assert len(np.loadtxt(tmp_path / "run" / "trajectory.tum")) == count
     assert (tmp_path / "run" / "map.csv").stat().st_size > 100
     assert cv2.VideoCapture(str(tmp_path / "run" / "film.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count
-    assert main(["live", "--replay", str(tmp_path / "run"), "--port", "0", "--seconds", "1"]) == 0

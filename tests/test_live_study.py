@@ -58,7 +58,7 @@ def test_the_evaluator_sees_the_ground_truth() -> None:
     assert told[-1].position_error < 0.2 and not told[-1].lost
     assert told[-1].mapped >= 5 and told[-1].landmark_rmse < 0.5
     assert told[-1].log2_dets[2] < told[0].log2_dets[2]
-    assert told[0].births > 0 and told[-1].matched > 0.5
+    assert told[0].initialised > 0 and told[-1].matched > 0.5
     still = trial(5, STILL, 1.0)
     assert still[0].log2_dets[2] == pytest.approx(told[0].log2_dets[2], abs=1e-6)  # nobody was told anything yet
 
@@ -93,7 +93,7 @@ def test_lost_is_in_the_live_study_what_it_is_in_the_environment() -> None:
     for share, lost in ((0.98, False), (1.02, True), (0.0, True)):
         camera = state.truth.copy()
         camera[0] += share * told[0]
-        evaluator.look(session, replace(state, camera=camera, births=0))
+        evaluator.look(session, replace(state, camera=camera, initialised=0))
         assert evaluator.second().lost == lost
     assert set(told) == {0.5}
 

@@ -28,15 +28,6 @@ _SHAPES = dict(zip(Motion, (
 """Outlines and transforms of the arrows, in a square of 100: ahead along a road, back along it, sideways."""
 
 
-def middle_feature(state: State) -> int:
-    """Id of the searched feature that is nearest to the middle of the image, or 0."""
-    known = np.flatnonzero(state.searched > 0)
-    if not len(known):
-        return 0
-    away = np.linalg.norm(state.pixels[known] - 0.5 * np.array(state.image.shape[::-1]), axis=1)
-    return int(state.searched[known[away.argmin()]])
-
-
 # Pieces of the page -------------------------------------------------------------------------------------------------
 
 
@@ -136,18 +127,3 @@ def legend() -> str:
         for sign, entries in (("◯", OUTCOMES.values()), ("●", balls.items()))
     )
     return part("font-size:12px;line-height:1.5", f"In the view: {rings}<br>In the map: {dots}")
-
-
-def mark(state: State) -> str:
-    """The distance of the marked feature, in words."""
-    at = np.flatnonzero(state.ids == state.marked)
-    if state.marked == 0:
-        text = "Nothing is marked. Click a feature in the map, or mark the one in the middle of the view."
-    elif not len(at):
-        text = "The marked feature has been deleted from the map."
-    else:
-        way = state.points[at[0]] - state.camera[:3]
-        distance = float(np.linalg.norm(way))
-        std = math.sqrt(max(float(way @ state.covariances[at[0]] @ way), 0.0)) / max(distance, 1e-9)
-        text = f"Marked: {distance:.2f} m away, known to {100.0 * std:.0f} cm."
-    return part("font-size:13px;padding:2px", text, id="marked")

@@ -62,7 +62,7 @@ class Link:
         self._connection, theirs = spawn.Pipe()
         self._process = spawn.Process(target=serve, args=(theirs, about, host, port, filming), daemon=True)
         self._latest: deque[State] = deque(maxlen=1)
-        self._messages: deque[str | bytes | int | About] = deque()
+        self._messages: deque[str | int | About] = deque()
         self._new, self._closed = threading.Event(), False
         self._sender = threading.Thread(target=self._send_all, daemon=True)
         self._process.start()
@@ -88,9 +88,8 @@ class Link:
         self._latest.append(state)
         self._new.set()
 
-    def notify(self, message: str | bytes | About) -> None:
-        """Show a message to every visitor, show the model of a room, or take facts that have changed; returns at once.
-        None is dropped."""
+    def notify(self, message: str | About) -> None:
+        """Show a message to every visitor, or take facts that have changed; returns at once. None is dropped."""
         self._messages.append(message)
         self._new.set()
 

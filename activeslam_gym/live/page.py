@@ -125,13 +125,9 @@ class Page:
         about, request = self._about, self._request
         self._pause = gui.add_button("Pause", icon="player-pause")
         self._pause.on_click(lambda _: self._set_paused(not self._paused))
-        gui.add_button("Single step", icon="player-skip-forward").on_click(lambda _: self._step())
         gui.add_button("Restart", icon="refresh").on_click(lambda _: request("restart", True))
         self._follow = gui.add_checkbox("Follow the advice", True, visible=about.person)
         self._follow.on_update(lambda event: event.client and request("follow", bool(self._follow.value)))
-        mark = gui.add_button("Mark what is in the middle", icon="crosshair", visible=not about.replay)
-        mark.on_click(lambda _: self._state and request("mark", drawing.middle_feature(self._state)))
-        self._marked = gui.add_html("")
         save = gui.add_button("Save", icon="device-floppy", hint="The map, to this browser and to the recording")
         save.on_click(self._save)
 
@@ -140,7 +136,7 @@ class Page:
 
         scene.set_up_direction("+y")
         x, y, z = self._about.room_size
-        self._floor = scene.add_grid(
+        scene.add_grid(
             "/floor", width=x, height=z, plane="xz", position=(0, -y / 2, 0), cell_size=0.5, section_size=1.0
         )
         thin, red = {"thickness_units": "screen", "thickness": 1.0}, rgb(VERMILLION)
@@ -152,8 +148,6 @@ class Page:
         self._ellipsoids = scene.add_batched_meshes_simple(
             "/features", ball.vertices, ball.faces, **_ellipsoids(None), opacity=0.55, lod="off", **flat
         )
-        if not self._about.replay:
-            self._ellipsoids.on_click(self._mark_clicked)
         width, height = self._about.image_size
         fov = 2.0 * np.arctan(0.5 * height / self._about.focal)
         self._frustum = scene.add_camera_frustum(
@@ -174,7 +168,7 @@ class Page:
         first, self._state, self._kernels = self._state is None, state, 0
         self._history.add(state)
         with self._server.atomic():
-            self._view.image = picture = view(state.moment, state.marked)
+            self._view.image = picture = view(state.moment)
             self._frustum.image = picture[:: (step := max(1, picture.shape[1] // _FRUSTUM)), ::step]
             self._standing.content = drawing.standing(state, self._paused)
             if np.isfinite(state.camera).all() and np.isfinite(state.camera_covariance).all():
@@ -196,11 +190,6 @@ class Page:
         """So many kernels were compiled so far."""
         self._kernels = kernels
         self.wait()
-
-    def show_room(self, model: bytes) -> None:
-        """Show the model of a rendered room in the place of its edges."""
-        self._floor.visible = False
-        self._server.scene.add_glb("/walls", model, cast_shadow=False, receive_shadow=False)
 
     def look_through(self, about: About) -> None:
         """Draw the camera with another lens."""
@@ -248,7 +237,7 @@ class Page:
         self._label.text = name
         self._server.gui.set_panel_label(f"{SIGNS[state.command]}  {name}")
         self._command.content, self._why.content = drawing.command(state), drawing.reasons(state)
-        self._counts.content, self._marked.content = drawing.counts(state), drawing.mark(state)
+        self._counts.content = drawing.counts(state)
         self._commands.content = drawing.bars("Advice so far", state.advised, state.command, 0, "times")
         self._curves.data = t, *curves, _ = self._history.curves
         if t.size:  # NaN, where there is no dot, would leave uPlot without a range
@@ -262,27 +251,12 @@ class Page:
 
     # Buttons ----------------------------------------------------------------------------------------------------------
 
-    def _step(self) -> None:
-        self._set_paused(True)
-        self._request("step", True)
-
     def _set_paused(self, paused: bool) -> None:
         self._paused = paused
         self._pause.label, self._pause.icon = ("Go on", "player-play") if paused else ("Pause", "player-pause")
         self._request("pause", paused)
         if self._state is not None:
             self._standing.content = drawing.standing(self._state, paused)
-
-    def _mark_clicked(self, event: Any) -> None:
-        """Mark the feature nearest to the ray of the click; if it is marked, unmark it."""
-        state = self._state
-        if state is None or not len(state.ids):
-            return
-        sights, direction = state.points - np.array(event.ray_origin), np.array(event.ray_direction)
-        along = sights @ direction
-        away = np.linalg.norm(sights - along[:, None] * direction, axis=1) / np.maximum(along, 0.05)
-        id = int(state.ids[away.argmin()])
-        self._request("mark", 0 if id == state.marked else id)
 
     def _save(self, event: Any) -> None:
         """Send the map to the browser, and ask the tracker to save the recording."""
@@ -329,7 +303,6 @@ def _ellipsoids(state: State | None) -> dict[str, np.ndarray]:
             places[:n] = state.points[kept]
             scales[:n], turns[:n] = _axes(state.covariances[kept])
             colours[:n][state.mapped[kept]] = rgb(BLUE)
-            colours[:n][state.ids[kept] == state.marked] = rgb(VERMILLION)
     return {"batched_positions": places, "batched_wxyzs": turns, "batched_scales": scales, "batched_colors": colours}
 
 
@@ -377,8 +350,6 @@ def serve(connection: Connection, about: About, host: str, port: int, filming: F
                     state = received
                 elif isinstance(received, About):
                     page.look_through(received)
-                elif isinstance(received, bytes):
-                    page.show_room(received)
                 elif isinstance(received, int):
                     page.compiling(received)
                 else:

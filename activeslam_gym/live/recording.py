@@ -1,30 +1,23 @@
-"""A live run on disk, written image by image, so that no way of ending loses images; and its reader.
+"""A live run on disk, written image by image, so that no way of ending loses images.
 
-A folder holds ``images/`` (PNG, by number), ``live.json`` (its `About`) and ``states.jsonl`` (a state a line). Beside
-them stand ``frames.csv`` and ``trajectory.tum``, which grow as those of `track` do, and ``map.csv``, which is written
-at the end and on demand.
+A folder holds ``images/`` (PNG, by number) and ``states.jsonl`` (a state a line). Beside them stand ``frames.csv`` and
+``trajectory.tum``, which grow as those of `track` do, and ``map.csv``, which is written at the end and on demand.
 """
 
 import json
-from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
-from activeslam_gym.files import Lines, demand_writable, text_of, written_whole
-from activeslam_gym.live.state import About, Standing, State, plain, record_of
+from activeslam_gym.files import Lines, demand_writable
+from activeslam_gym.live.state import About, Standing, State, plain
 from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.outcome import FrameLog
 from activeslam_gym.vision.track import TrackFiles
 
-ABOUT, STATES = "live.json", "states.jsonl"
+STATES = "states.jsonl"
 _FAST = 1
 """PNG's compression, of 0 … 9."""
-_LONGEST = 2**24
-"""Greatest number of characters of a line."""
 
 
 def check_folder(folder: Path) -> None:
@@ -51,8 +44,6 @@ class Recording:
         self._cv2 = opencv()
         check_folder(self.folder)
         (self.folder / "images").mkdir(parents=True, exist_ok=True)
-        with written_whole(self.folder / ABOUT) as unfinished:
-            unfinished.write_text(json.dumps(asdict(about), indent=1) + "\n")
         self._states, self._track = Lines(self.folder / STATES), TrackFiles(self.folder, metric=True)
         self._last: State | None = None
         self._count, self._at_close = 0, ExitStack()
@@ -90,43 +81,3 @@ class Recording:
         self._states.close()
         self._track.close()
         self._at_close.close()
-
-
-def read_about(folder: str | Path) -> About:
-    """The `About` of a recording.
-
-    Raises:
-        OSError: there is none.
-        ValueError: it is damaged.
-    """
-    path = Path(folder) / ABOUT
-    if not path.is_file():
-        raise FileNotFoundError(f"{folder} holds no live recording ({ABOUT} is missing)")
-    try:
-        return record_of(About, text_of(path), replay=True)
-    except ValueError as error:
-        raise ValueError(f"{path} is damaged ({error})") from None
-
-
-def read_states(folder: str | Path) -> Iterator[State]:
-    """The states of a recording, one by one. A last line that was cut off is left out.
-
-    Raises:
-        OSError: there is no recording.
-        ValueError: a line or an image is damaged.
-    """
-    cv2, home = opencv(), Path(folder)
-    with (home / STATES).open(errors="replace") as lines:
-        for k, line in enumerate(iter(lambda: lines.readline(_LONGEST), "")):
-            if not line.endswith("\n") and len(line) < _LONGEST:
-                return
-            path = home / "images" / f"{k:06d}.png"
-            image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-            if image is None:
-                raise ValueError(f"{path} cannot be read as a picture")
-            if image.ndim != 2 or image.dtype != np.uint8:
-                raise ValueError(f"{path} is no 8-bit grey picture")
-            try:
-                yield record_of(State, line, image=image)
-            except ValueError as error:
-                raise ValueError(f"line {k + 1} of {home / STATES} is damaged ({error})") from None

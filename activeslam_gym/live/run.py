@@ -1,11 +1,10 @@
-"""`python -m activeslam_gym live`: a session or a recording in real time, on a page, until Ctrl-C."""
+"""`python -m activeslam_gym live`: a session in real time, on a page, until Ctrl-C."""
 
 import sys
 import time
 from argparse import Namespace
 from collections import deque
 from contextlib import closing
-from dataclasses import replace
 from itertools import repeat, takewhile
 from pathlib import Path
 
@@ -14,9 +13,8 @@ from activeslam_gym.live.device import BROWSER, Device
 from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.guard import is_loopback
 from activeslam_gym.live.link import Link
-from activeslam_gym.live.model import model_of
 from activeslam_gym.live.person import FOLLOW, NEVER
-from activeslam_gym.live.recording import Recording, check_folder, read_about, read_states
+from activeslam_gym.live.recording import Recording, check_folder
 from activeslam_gym.live.session import Session, Source
 from activeslam_gym.live.source import RenderedRoom, Sequence
 from activeslam_gym.live.state import About, Standing, State
@@ -106,44 +104,8 @@ class Live:
             self._recording.close()
 
 
-class Replay:
-    """A recording, shown again."""
-
-    is_camera = False
-
-    def __init__(self, folder: str | Path) -> None:
-        self._folder, self.about = folder, read_about(folder)
-        self.restart()
-
-    def restart(self) -> None:
-        """Start again."""
-        self._states = read_states(self._folder)
-        self._last: State | None = None
-
-    def step(self) -> State:
-        """The next state; the last one again, as OVER, where there is none.
-
-        Raises:
-            ValueError: it holds no state, or is damaged.
-        """
-        state = next(self._states, None)
-        if state is None:
-            if self._last is None:
-                raise ValueError(f"{self._folder} holds no state")
-            return replace(self._last, standing=Standing.OVER, words="The recording is over. Restart to see it again.")
-        self._last = state
-        return state
-
-    def save(self) -> str:
-        """The answer to the user."""
-        return "Your browser has the map of this moment."
-
-    def close(self) -> None:
-        """Nothing to finish."""
-
-
-def show_of(args: Namespace) -> Live | Replay:
-    """The session or recording that the arguments of the command name.
+def show_of(args: Namespace) -> Live:
+    """The session that the arguments of the command name.
 
     Raises:
         ValueError, OSError: a file, folder or number is bad.
@@ -151,10 +113,6 @@ def show_of(args: Namespace) -> Live | Replay:
     """
     if args.film and args.record is None:
         raise ValueError("--film is written into the folder of --record: give both")
-    if args.replay is not None:
-        if args.record is not None:
-            raise ValueError("--replay shows a recording, --record makes one: give one of them")
-        return Replay(args.replay)
     if args.calibrate is not None and (args.source != BROWSER or args.calibration is not None):
         raise ValueError("--calibrate is for --source browser without --calibration")
     adviser = adviser_named(args.adviser)
@@ -173,9 +131,9 @@ def show_of(args: Namespace) -> Live | Replay:
     return Live(sequence, args.seed, args.record, args.film, adviser)
 
 
-def filming_of(show: Live | Replay, record: str | None) -> Filming | None:
+def filming_of(show: Live, record: str | None) -> Filming | None:
     """What the page of the ``show`` needs to film, or None; ``record`` is the folder of a recording."""
-    source = show.session.source if isinstance(show, Live) else None
+    source = show.session.source
     if not isinstance(source, Device):
         return None
     kept = "They are not kept." if record is None else f"They are kept there, with the trajectory, in {record}."
@@ -197,8 +155,6 @@ def live(args: Namespace) -> str | None:
         access = _HERE if is_loopback(args.host) else _ENCRYPTED if link.fingerprint else _AFAR
         access = access.format(fingerprint=link.fingerprint)
         print(f"Open {link.address} in a browser. {access} Ctrl-C ends.", flush=True)
-        if isinstance(show, Live) and isinstance(show.session.source, RenderedRoom):
-            link.notify(model_of(show.session.source.camera.scene))
         try:
             _run(show, link, args.seconds or float("inf"))
         except KeyboardInterrupt:
@@ -208,15 +164,14 @@ def live(args: Namespace) -> str | None:
     return None
 
 
-def _link(show: Live | Replay, args: Namespace) -> Link:
+def _link(show: Live, args: Namespace) -> Link:
     return Link(show.about, args.host, args.port, filming_of(show, args.record))
 
 
-def _run(show: Live | Replay, link: Link, seconds: float) -> None:
+def _run(show: Live, link: Link, seconds: float) -> None:
     """Step after step, for ``seconds``."""
     clock, end = Clock(1.0 / show.about.rate, show.is_camera), time.monotonic() + seconds
-    paused = over = alone = single = False
-    state: State | None = None
+    paused = over = alone = False
     for _ in interruptible(takewhile(lambda _: time.monotonic() < end, repeat(None))):
         if not link.alive and not alone:
             alone = True
@@ -224,26 +179,20 @@ def _run(show: Live | Replay, link: Link, seconds: float) -> None:
         for name, value in link.requests():
             if name == "pause":
                 paused = value
-            elif name == "step":
-                single = True
             elif name == "restart":
                 show.restart()
                 over = False
             elif name == "save":
                 link.notify(show.save())
-            elif name == "follow" and isinstance(show, Live):
+            elif name == "follow":
                 show.follow(value)
-            elif name == "mark" and isinstance(show, Live):
-                show.session.marked = value
-                if state is not None:  # while paused nothing else would show it
-                    link.show(replace(state, marked=value))
-        if (paused or over) and not single:
+        if paused or over:
             time.sleep(_NAP)
             clock = Clock(1.0 / show.about.rate, show.is_camera)
             continue
-        if isinstance(show, Live) and not show.wait(_NAP):
+        if not show.wait(_NAP):
             continue
-        about, state, single = show.about, show.step(), False
+        about, state = show.about, show.step()
         if show.about != about:
             link.notify(show.about)
         over = state.standing == Standing.OVER

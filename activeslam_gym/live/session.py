@@ -59,8 +59,6 @@ class Session:
         self.expected: ExpectedMap | None = None
         self.log: FrameLog | None = None
         """Of the last image but the first."""
-        self.marked = 0
-        """Id of the feature that the user has marked, or 0."""
         self._frame, self._time, self._zero, self._good = 0, 0.0, 0.0, 0.0
         self._image = np.zeros((self.source.scenario.image_height, self.source.scenario.image_width), np.uint8)
         self._mapped: set[int] = set()
@@ -151,9 +149,8 @@ class Session:
             advised=adviser.advised.copy() if adviser else np.zeros(MOTION_COUNT, int),
             log2_dets=self.expected.log2_dets() if self.expected else np.full(3, np.nan),
             landmarks=len(self._mapped),
-            births=log.births if log else 0,
+            initialised=log.births if log else 0,
             follows=None if person is None else person.habit == FOLLOW,
-            marked=self.marked,
             truth=None if person is None else person.state.copy(),
             milliseconds=1e3 * (time.thread_time() - began),
         )

@@ -38,7 +38,7 @@ class Second(NamedTuple):
     """Of mapped features, against the scene points that they follow."""
     features: int
     mapped: int
-    births: int
+    initialised: int
     """Features initialised in the last second."""
     closures: int
     """Loops closed in the last second."""
@@ -88,7 +88,7 @@ class Evaluator:
             self._first_density = self._log2_density()
         matched = state.searched[state.outcomes == MATCHED].tolist()
         closures = self._loops.count(matched, state.time)
-        self._images.append((state.births, closures, len(matched), len(state.searched), state.milliseconds))
+        self._images.append((state.initialised, closures, len(matched), len(state.searched), state.milliseconds))
 
     def second(self) -> Second:
         """Measures of the second that ends here."""
@@ -97,7 +97,7 @@ class Evaluator:
         error = state.camera[:3] - self._truth[:3]
         distance = float(np.linalg.norm(error))
         self._lost = self._lost or is_lost(density is not None, distance, LOST_POSITION_ERROR)
-        births, closures, matched, searched, milliseconds = np.sum(self._images, axis=0).tolist()
+        initialised, closures, matched, searched, milliseconds = np.sum(self._images, axis=0).tolist()
         count, self._images = len(self._images), []
         squares = np.sum((state.points - self._points())[state.mapped] ** 2, axis=1)
         return Second(
@@ -110,7 +110,7 @@ class Evaluator:
             landmark_rmse=math.sqrt(squares.mean()) if len(squares) else math.nan,
             features=len(state.ids),
             mapped=int(state.mapped.sum()),
-            births=int(births),
+            initialised=int(initialised),
             closures=int(closures),
             matched=matched / searched if searched else math.nan,
             lost=self._lost,

@@ -113,9 +113,9 @@ def check_video(path: Path) -> None:
     opencv()
 
 
-def view(moment: Moment, marked: int = 0) -> np.ndarray:
+def view(moment: Moment) -> np.ndarray:
     """(s h, s w, 3) the image, s times as wide where it is small, with the 3-sigma ellipses of the searches, coloured
-    by their outcomes; the feature ``marked`` has a cross.
+    by their outcomes.
 
     Ellipses have a visible size; one that is not finite, or is larger than the picture, is left out.
     """
@@ -123,12 +123,9 @@ def view(moment: Moment, marked: int = 0) -> np.ndarray:
     scale = max(1, round(_WIDTH / w))
     picture = cv2.resize(moment.image, (scale * w, scale * h), interpolation=cv2.INTER_LINEAR)
     picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2RGB)
-    for id, pixel, S, outcome in zip(*moment.searched[:4]):
-        at, is_marked = scale * (pixel + 0.5) - 0.5, marked != 0 and id == marked
-        thick, colour = 4 if is_marked else 2, OUTCOMES[int(outcome)][0]
-        _ellipse(picture, at, (scale * _SIGMAS_SEEN) ** 2 * S, colour, thick, least=10.0)
-        if is_marked and np.isfinite(at).all():
-            cv2.drawMarker(picture, _whole(at), rgb(VERMILLION), cv2.MARKER_TILTED_CROSS, 24, 3)
+    for _, pixel, S, outcome in zip(*moment.searched[:4]):
+        at, colour = scale * (pixel + 0.5) - 0.5, OUTCOMES[int(outcome)][0]
+        _ellipse(picture, at, (scale * _SIGMAS_SEEN) ** 2 * S, colour, 2, least=10.0)
     return picture
 
 

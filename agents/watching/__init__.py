@@ -1,1 +1,1 @@
-"""Episodes and live recordings as animations, trajectories or files for the Rerun viewer."""
+"""Episodes as animations or trajectories."""

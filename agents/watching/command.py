@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,22 +9,19 @@ from typing import Any
 import gymnasium as gym
 
 from activeslam_gym.evaluation import Look, outcome
-from activeslam_gym.live.recording import read_about
 from activeslam_gym.rendering import NoScreenWarning
 from activeslam_gym.vision.film import check_video
-from agents.recording import Recording
 from agents.task import check, file_name, make_environment, run_policy
 from agents.tools.arguments import SEEDS, given, positive, scenario_argument, within
 from agents.tools.files import writable_file, writable_folder
 from agents.watching.film import SUFFIXES, Film, side_by_side, write_animation
-from agents.watching.replay import animate, log_rerun
 
 LONGEST = 60.0  # of a picture of the animation [s]
 
 
 @dataclass(frozen=True)
 class Args:
-    """Watch an episode in a window or, with --save, --rerun or --tum, in files."""
+    """Watch an episode in a window or, with --save or --tum, in files."""
 
     policies: tuple[str, ...] = ("mi-fisher",)
     """Policies: names, a file of weights (.npz), or 'package.module:factory'."""
@@ -45,11 +41,6 @@ class Args:
     """How many times faster than life the animation plays."""
     width: int = 640
     """Pixels of a policy's picture in the animation; it is two thirds as high."""
-    rerun: Path | None = None
-    """A recording for the Rerun viewer (.rrd); of several policies, one each, with its name."""
-    recording: tuple[Path, ...] = ()
-    """Show a recording of `python -m activeslam_gym live` instead of a policy, with --save or --rerun; several with
-    --save, side by side."""
     tum: Path | None = None
     """A folder for the true and the estimated trajectories in TUM's format."""
 
@@ -64,25 +55,16 @@ class Args:
             raise ValueError(f"save must end in {', '.join(SUFFIXES)}, got {str(self.save)!r}")
         if self.save is not None and self.save.suffix == ".mp4":
             check_video(self.save)
-        if self.recording:
-            if self.save is None and self.rerun is None:
-                raise ValueError("recording: give --save or --rerun too; `live --replay` shows it on a page")
-            if self.rerun is not None and len(self.recording) > 1:
-                raise ValueError("recording: --rerun shows one; allowed: several with --save alone")
-            for folder in self.recording:
-                read_about(folder)
-        else:
-            check(self.policies, [self.environment])
-        for name in ("save", "rerun"):
-            if path := getattr(self, name):
-                writable_file(name, path)
+        check(self.policies, [self.environment])
+        if self.save:
+            writable_file("save", self.save)
         if self.tum:
             writable_folder("tum", self.tum)
 
     @property
     def environment(self) -> dict[str, Any]:
         """Arguments of the environment; it draws in a window where nothing is to be written."""
-        in_window = self.save is None and self.rerun is None and self.tum is None
+        in_window = self.save is None and self.tum is None
         return {
             "scenario": scenario_argument(self.scenario),
             "gaze_period": self.gaze_period,
@@ -92,18 +74,10 @@ class Args:
 
 
 def main(args: Args) -> int:
-    """Run the command; the exit status. Raises as `watch`, and ValueError for a bad argument or a damaged recording."""
+    """Run the command; the exit status. Raises as `watch`, and ValueError for a bad argument."""
     args.check()
-    if not args.recording:
-        for path in watch(args):
-            print(f"Written to {path}")
-        return 0
-    if args.save:
-        animate(args.recording, args.save, args.every, args.speed, args.width)
-        print(f"Written to {args.save}")
-    if args.rerun:
-        log_rerun(args.recording[0], args.rerun)
-        print(f"Written to {args.rerun}")
+    for path in watch(args):
+        print(f"Written to {path}")
     return 0
 
 
@@ -112,21 +86,18 @@ def watch(args: Args) -> Iterator[Path]:
 
     Raises:
         ValueError: an unknown policy, or a bad argument of the environment.
-        ImportError, gymnasium.error.Error: a package that shows or records, or a screen, is missing.
+        ImportError, gymnasium.error.Error: a package that draws, or a screen, is missing.
     """
     films, titles = [], labels(args.policies)
     for name, title in titles.items():
         film, env = Film(args.every, args.width), make_environment(args.environment)
         looks: list[Look] = [film.look] if args.save else []
-        with ExitStack() as stack, warnings.catch_warnings():
-            if args.rerun:
-                path = args.rerun.with_stem(f"{args.rerun.stem}-{title}") if len(titles) > 1 else args.rerun
-                looks.append(stack.enter_context(Recording(path, env.unwrapped.scenario, name)).log)
+        with warnings.catch_warnings():
             warnings.simplefilter("error", NoScreenWarning)
             try:
                 (episode,) = run_policy(name, env, [args.seed], looks=[looks])
             except NoScreenWarning as warning:
-                told = "no screen was found to watch on; --save clip.gif, --rerun or --tum write files instead"
+                told = "no screen was found to watch on; --save clip.gif or --tum write files instead"
                 raise gym.error.Error(told) from warning
         row = outcome(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
@@ -134,8 +105,6 @@ def watch(args: Args) -> Iterator[Path]:
             f"{label(name)}, room {args.seed}: {end} (log score gain {row['log_score_gain']:.0f} bits), "
             f"{row['distinct_landmarks']} landmarks mapped, camera {100 * row['position_error']:.1f} cm off"
         )
-        if args.rerun:
-            yield path
         if args.tum:
             yield from episode.write_trajectories(args.tum, f"{title}-{args.seed}")
         films.append(film.pictures)

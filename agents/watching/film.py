@@ -36,11 +36,6 @@ class Film:
             self.pictures.append(written(picture, 0.08 * len(picture), "lost", LOST) if info["lost"] else picture)
 
 
-def strip(words: str, width: int) -> Picture:
-    """A white strip with words."""
-    return written(np.full((STRIP_PX, width, 3), 255, np.uint8), 4, words, TEXT)
-
-
 def written(picture: Picture, top: float, words: str, colour: str) -> Picture:
     """A copy with these words at its left margin."""
     from PIL import Image, ImageDraw, ImageFont
@@ -53,7 +48,8 @@ def written(picture: Picture, top: float, words: str, colour: str) -> Picture:
 
 def side_by_side(films: Sequence[Sequence[Picture]], names: Sequence[str]) -> list[Picture]:
     """The films beside each other under their names; a shorter one stands still at its end."""
-    strips = [strip(name, film[0].shape[1]) for name, film in zip(names, films, strict=True)]
+    blanks = [np.full((STRIP_PX, film[0].shape[1], 3), 255, np.uint8) for film in films]
+    strips = [written(blank, 4, name, TEXT) for blank, name in zip(blanks, names, strict=True)]
     last = [film[-1] for film in films]
     pictures = ([end if one is None else one for one, end in zip(moment, last)] for moment in zip_longest(*films))
     return [np.hstack([np.vstack(pair) for pair in zip(strips, beside)]) for beside in pictures]

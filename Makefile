@@ -15,7 +15,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam cluster
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners leaderboard results check-results figures advice bench clients client-figures clips docs stress test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners leaderboard results figures advice bench clients client-figures clips docs stress test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' Makefile
@@ -49,7 +49,7 @@ learners: $(VENV)/.agents ## train five seeds of each learner again (an hour and
 		cp results/learners/$$name/policy.$$suffix agents/suite/entries/$${name%-*}-default/policy-$${name#*-}.$$suffix || exit 1; \
 	done; done
 
-leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this code already stays; with EPISODES=8 twenty minutes)
+leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the suite, and make its page (hours; what is of this BEHAVIOUR already stays; with EPISODES=8 twenty minutes)
 	for policy in $(ENTRIES); do $(RUN) -m agents enter --name $$policy --policies $$policy $(PLAYED) $(ON) --out $(BOARD) || exit 1; done
 	$(RUN) -m agents enter --name generalist --policies generalist $(wildcard agents/pretrained/seeds/generalist-*.npz) \
 		--note "imitates older policies in 17 scenarios (DAgger); their training is not counted" $(PLAYED) $(ON) --out $(BOARD)
@@ -63,10 +63,6 @@ results: leaderboard ## every generated section of the pages and its pictures, a
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume $(ON)
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md $(ON)
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
-	$(if $(EPISODES),,$(RUN) -m agents check-results)
-
-check-results: $(VENV)/.demo ## are the numbers of the pages of this BEHAVIOUR and this manifest? (before a release)
-	$(RUN) -m agents check-results
 
 figures: $(VENV)/.advice ## the paper's claims and figures, other estimators and the live system (an hour or more): docs
 	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/paper --report docs/paper.md

@@ -6,7 +6,6 @@ from importlib import import_module
 
 PROGRAM = "python -m agents"
 COMMANDS = {
-    "check-results": "agents.suite.check",
     "compare": "agents.compare.command",
     "enter": "agents.suite.enter",
     "export": "agents.export",

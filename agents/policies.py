@@ -17,14 +17,7 @@ from zipfile import ZipFile
 import baselines
 from activeslam_gym.config import did_you_mean
 from activeslam_gym.evaluation import Predictor
-from activeslam_gym.evaluation.code import (
-    LEARNING_LIBRARIES,
-    digest,
-    is_own_module,
-    module_sources,
-    own_files,
-    package_versions,
-)
+from activeslam_gym.evaluation.code import digest, own_files
 from agents import pretrained
 from agents.tools.files import reading
 from baselines.policy import Environment
@@ -32,7 +25,6 @@ from baselines.policy import Environment
 Factory = Callable[[Environment, int | Sequence[int]], Predictor]
 """(environment, seed) -> a policy bound to that environment; a random one draws from the seed, of a batch one for each.
 """
-LEARNED = Path(__file__).with_name("learn")
 RLLIB = "rllib:"  # before the folder of a checkpoint that RLlib wrote
 FILES = (".npz", ".zip")  # our weights, and a model as Stable-Baselines3 saves it
 
@@ -84,7 +76,7 @@ def files(names: Iterable[str]) -> dict[str, Path]:
         elif name.endswith(FILES) and (path := file_of(name)):
             card = path.with_suffix(".json")
             found |= {str(_there(name).with_suffix(one.suffix)): one for one in (path, card) if one.exists()}
-            modules |= set(_own_modules(path)) if path.suffix == ".zip" else set()
+            modules |= _named_in(path) if path.suffix == ".zip" else set()
     return {**own_files(modules), **found}
 
 
@@ -102,7 +94,7 @@ def _there(name: str) -> Path:
 
 def is_identified(name: str) -> bool:
     """Whether `content` tells all that a policy is made of; a user's factory may read any file."""
-    return ":" not in name or name.startswith("agents.")
+    return ":" not in name
 
 
 def holds_code(name: str) -> bool:
@@ -138,19 +130,12 @@ def actions_of(name: str) -> str:
 
 
 def content(name: str) -> str:
-    """Digest of a policy's files, apart from the baselines: weights and the network, or a module and its imports, and
-    all weights shipped, which it may load."""
-    if name.startswith(RLLIB):
-        made_of = digest(*sorted(filter(Path.is_file, _at(name).rglob("*"))))
-    elif ":" in name:
-        made_of = f"{module_sources(name.partition(':')[0])} {digest(*sorted(pretrained.FOLDER.glob('*.npz')))}"
-    elif path := file_of(name):
-        network = [LEARNED / f"{module}.py" for module in ("card", "encoder", "inputs", "weights")]
-        made_of = digest(*filter(Path.exists, (path, path.with_suffix(".json"))), *network)
-        made_of += "".join(map(module_sources, _own_modules(path) if path.suffix == ".zip" else ()))
-    else:
-        return ""
-    return f"{made_of} {json.dumps(package_versions(LEARNING_LIBRARIES))}"
+    """Digest of a policy's own files: weights, a checkpoint, or a module and its imports; "" of a baseline."""
+    if (path := file_of(name)) and path.suffix == ".npz":
+        return digest(path)
+    found = files([name]).values()
+    whole = sorted(file for path in found for file in ([path] if path.is_file() else path.rglob("*")) if file.is_file())
+    return digest(*(file for file in whole if file.suffix != ".pyc")) if whole else ""
 
 
 class Own:
@@ -191,13 +176,13 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
     return policy
 
 
-def _own_modules(path: Path) -> list[str]:
-    """The modules, of those not installed, that the pickles in a saved model name: of a network of its user's."""
+def _named_in(path: Path) -> set[str]:
+    """Words in the pickles of a saved model, the module of a user's own network among them."""
     with reading(path), ZipFile(path) as model:
         parts = [part for part in json.loads(model.read("data")).values() if isinstance(part, dict)]
         pickles = [b64decode(part[":serialized:"]) for part in parts if ":serialized:" in part]
         words = {str(text).partition(" ")[0] for one in pickles for _, text, _ in genops(one)}
-        return sorted(filter(is_own_module, words))
+        return {word for word in words if word.replace(".", "").isidentifier()}
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:

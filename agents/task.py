@@ -7,6 +7,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from inspect import getfile
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,9 @@ from activeslam_gym.config import IMAGE_SCENARIOS
 from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
 from activeslam_gym.evaluation.code import (
     IMAGE_LIBRARIES,
+    LEARNING_LIBRARIES,
+    digest,
     foreign_modules,
-    module_sources,
     own_files,
     package_sources,
     package_versions,
@@ -41,7 +43,6 @@ class Task:
     settings: str = "{}"  # arguments of `make_environment`, as JSON: what episodes must share to be compared
     whole: bool = False  # keep every sample (of the room that is drawn) instead of one a second
     measures: tuple[type[Measure], ...] = ()  # classes of measures beside the record
-    content: str | None = None  # see `policies.content`, when the command began
 
     def __str__(self) -> str:
         return f"{self.policy}, room {self.seed}"
@@ -56,13 +57,14 @@ class Task:
 
     @property
     def key(self) -> dict[str, Any]:
-        content = policies.content(self.policy) if self.content is None else self.content
         return {
-            "policy": [self.policy, content, package_sources("baselines")],
+            "policy": [self.policy, policies.content(self.policy)],
+            "code": [package_sources("baselines"), package_sources("agents.learn")],
             "seed": self.seed,
             "environment": _resolved(self.settings),
             "whole": self.whole,
-            "measures": [[one.__name__, module_sources(one.__module__)] for one in self.measures],
+            "measures": [[one.__name__, digest(Path(getfile(one)))] for one in self.measures],
+            "libraries": package_versions(LEARNING_LIBRARIES),
         }
 
 
@@ -112,8 +114,6 @@ def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     looks = [[one.look for one in of_task] for of_task in measures]
     period = 0.0 if first.whole or any(one.whole for one in first.measures) else SAMPLE_PERIOD
     episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, looks, period)
-    if first.content is not None and policies.content(first.policy) != first.content:
-        raise ValueError(f"policy: {first.policy!r} was changed while it was being compared")
     for episode, of_task in zip(episodes, measures):
         for one in of_task:
             episode.notes.update(one.result(episode))

@@ -3,41 +3,11 @@
 import json
 import math
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, fields
-from pathlib import Path
-from typing import Any
 
-from agents.learn.recipe import CHECKPOINT, WEIGHTS, Recipe
-from agents.tools.arguments import within
+from agents.learn.recipe import CHECKPOINT, WEIGHTS, Args
 from agents.tools.files import alone_in, reading, writable_folder, write_json
 
 ARGUMENTS = "arguments.json"
-
-
-@dataclass(frozen=True)
-class Args(Recipe):
-    """Train a policy. --out gets the weights that did best in held-out rooms, their card, a checkpoint, and logs."""
-
-    out: Path = Path("results/train")
-    """Folder of the results; training goes on from the checkpoint that it holds."""
-    device: str = "cpu"
-    """Where the network learns, as PyTorch names it: cpu, or cuda for a graphics processor."""
-    period: int = 10_000
-    """Decisions between checkpoints, and between visits to the held-out rooms."""
-    held_out_rooms: int = 64
-    """Rooms, of each scenario, that choose the best weights."""
-    unseen_rooms: int = 32
-    """Rooms, of each scenario, for the results on the card, of neither training nor choice; none: 0."""
-
-    def check(self) -> None:
-        """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
-        super().check()
-        within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
-
-    def recipe(self) -> dict[str, Any]:
-        """The arguments that determine a training, as they stand in a file."""
-        arguments = {field.name: getattr(self, field.name) for field in fields(Recipe)}
-        return arguments | {"teachers": list(self.teachers)}
 
 
 def main(args: Args) -> int:

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 
 import activeslam_gym  # noqa: F401  (registers the environments)
-from agents import policies
 from agents.task import Task, play_tasks
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
@@ -69,7 +68,7 @@ def test_a_checkpoint_of_rllib_plays_the_scenarios_that_it_learned_in(tmp_path: 
     name = f"rllib:{tmp_path / 'kept'}"
     for scenario in scenarios:
         settings = json.dumps({"duration": 2.0, "scenario": scenario})
-        (alone,) = play_tasks([Task(name, 1, settings, content=policies.content(name))])
+        (alone,) = play_tasks([Task(name, 1, settings)])
         _, batched = play_tasks([Task(name, seed, settings) for seed in (0, 1)])
         np.testing.assert_array_equal(alone["actions"], batched["actions"])
     with pytest.raises(ValueError, match="size: .*allowed"):

@@ -18,7 +18,7 @@ import pytest
 from activeslam_gym import Scenario, config
 from activeslam_gym.evaluation import Store
 from activeslam_gym.evaluation.cluster import CHUNK, Schedule
-from agents import policies, pretrained
+from agents import pretrained
 from agents import task as tasks
 from agents.__main__ import main
 from agents.task import Task
@@ -171,7 +171,7 @@ def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tm
     try:
         names = (f"{own}:Mine", str(weights))
         settings = [json.dumps({"duration": 1.0, "scenario": one}) for one in (f"{own}:noisier", "of-this-process")]
-        wanted = [Task(name, 1, one, content=policies.content(name)) for name in names for one in settings]
+        wanted = [Task(name, 1, one) for name in names for one in settings]
         found = dict(tasks.results(wanted, Store(workers=nodes.address)))
         weights_here = [task for task in wanted if task.policy == str(weights)]
         for task, episode in tasks.results(weights_here, Store()):

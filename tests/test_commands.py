@@ -26,7 +26,7 @@ def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> 
         with pytest.raises(SystemExit) as exit_:
             main([command, "--help"])
         assert exit_.value.code == 0
-        options = {"watch": "--save", "verify": "--jobs", "check-results": "--pages"}
+        options = {"watch": "--save", "verify": "--jobs"}
         assert options.get(command, "--out") in capsys.readouterr().out
 
 

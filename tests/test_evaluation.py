@@ -2,9 +2,7 @@
 
 import importlib
 import json
-import sys
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +102,6 @@ def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, mon
     for other in ({"scenario": {"pixel_std": 4.0}}, {"motion_period": 0.5}, {"duration": 2.0}):
         assert not is_kept(Task("stay", 1, json.dumps(json.loads(SHORT) | other))), other
     assert not is_kept(Task("stay", 1, SHORT, whole=True)) and not is_kept(Task("stay", 1, SHORT, measures=(Counted,)))
-    assert not is_kept(Task("stay", 1, SHORT, content="other weights"))
     for function in ("package_sources", "package_versions"):
         with monkeypatch.context() as patch:
             patch.setattr(f"activeslam_gym.evaluation.store.{function}", lambda _: "another")
@@ -112,31 +109,18 @@ def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, mon
     assert is_kept(base)
 
 
-def test_a_module_in_a_folder_without_init_has_a_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`ModuleFinder` failed at namespace packages."""
+def test_a_user_s_modules_are_found_without_running_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "loose").mkdir()
-    (tmp_path / "loose" / "mine.py").write_text("from loose.other import make\nfrom . import other\n")
-    found = []
-    for line in ("make = 1\nraise ImportError\n", "make = 2\n"):  # nothing is imported for a digest
-        (tmp_path / "loose" / "other.py").write_text(line)
-        code.module_sources.cache_clear()
-        found.append(policies.content("loose.mine:make"))
-    assert found[0] != found[1] and "loose.other" not in sys.modules
-    (tmp_path / "loose" / "broken.py").write_text("def (:")
-    policies.content("loose.broken:make")
-    assert code.module_sources("no.such") != code.module_sources("no_such")
-
-
-def test_what_python_m_runs_has_the_digest_of_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its measures had another digest in each process, and so none of its episodes was ever found again."""
-    code.module_sources.cache_clear()
-    monkeypatch.setattr(sys.modules["__main__"], "__spec__", find_spec("agents.task"))
-    assert code.module_sources("__main__") == code.module_sources("agents.task")
-    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
-    code.module_sources.cache_clear()
-    assert code.module_sources("__main__") != code.module_sources("agents.task")
-    code.module_sources.cache_clear()
+    (tmp_path / "mine.py").write_text("import numpy, helper\nraise ImportError\n")
+    (tmp_path / "helper.py").write_text("make = 1\n")
+    (tmp_path / "loose").mkdir()  # no __init__.py
+    (tmp_path / "loose" / "own.py").write_text("raise ImportError\n")
+    (tmp_path / "broken.py").write_text("def (:")
+    found = code.own_files(["mine", "loose.own", "broken", "numpy", "no_such"])
+    assert found == {name: tmp_path / name for name in ("mine.py", "helper.py", "loose/own.py")}
+    before = policies.content("mine:make")
+    (tmp_path / "helper.py").write_text("make = 2\n")
+    assert policies.content("mine:make") != before
 
 
 def test_results_of_another_packages_entry_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -146,7 +130,6 @@ def test_results_of_another_packages_entry_are_not_kept(tmp_path: Path, monkeypa
 
     def kept_with(entry: Any) -> list[bool]:
         """Whether results with a registered ``entry`` are kept: a reward, and each kind that a scenario names."""
-        code.module_sources.cache_clear()
         kept = []
         for registry in (REWARDS, CRITERIA, ESTIMATORS, SENSORS, SCENES):
             with monkeypatch.context() as patch:

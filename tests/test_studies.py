@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from agents import task as tasks
-from agents.suite.check import stale
 from studies import clients, consistency, images, rules, worlds
 from tests.test_compare import episode
 
@@ -25,7 +24,7 @@ def test_consistency_fills_its_page_and_plays_no_episode_twice(
         monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("played again"))
     rows = [one.strip("| ").split(" | ") for one in page.read_text().splitlines() if one.startswith("| `")]
     assert [row[1] for row in rows] == variants and all(0.0 < float(row[4]) < np.inf for row in rows)
-    assert stale(page) == [] and "--episodes 2 --scenario" in page.read_text()
+    assert "--episodes 2 --scenario" in page.read_text()
     table = list(csv.DictReader((tmp_path / "consistency.csv").open()))
     assert [row["variant"] for row in table] == variants and float(table[0]["landmark_nees_35s"]) > 0.0
     assert (tmp_path / "images" / "nees.png").stat().st_size > 1000
@@ -113,7 +112,7 @@ def test_the_page_of_clients_has_a_row_for_each_and_says_its_behaviour(
     put_interpreters(tmp_path, {one.environment for one in clients.CLIENTS})
     clients.main(["--report", str(page)])
     assert page.read_text().count("| 8 960 | -2 → 491 | 3 |") == len(clients.CLIENTS)
-    assert stale(page) == []
+    assert "BEHAVIOUR" in page.read_text()
     put_interpreters(tmp_path, {"sb3"}, status=1)
     with pytest.raises(ValueError, match=r"sb3.py ended with 1: x: -2 -> 491 bits"):
         clients.main([])

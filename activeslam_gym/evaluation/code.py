@@ -1,18 +1,15 @@
-"""Digests of what results depend on: source files, weights, registered entries, and versions of libraries."""
+"""What a result depends on beside its arguments: versions, digests of files, and a user's own modules."""
 
-import ast
 import hashlib
 import platform
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from functools import cache
 from importlib import metadata
-from importlib.machinery import PathFinder
-from importlib.util import find_spec, resolve_name
+from importlib.util import find_spec
+from modulefinder import ModuleFinder
 from pathlib import Path
-from typing import Any
-from uuid import uuid4
 
 from activeslam_gym import BEHAVIOUR, __version__
 from activeslam_gym.registry import REGISTRIES
@@ -20,8 +17,8 @@ from activeslam_gym.registry import REGISTRIES
 LIBRARIES = ("gymnasium", "numba", "numpy", "scipy")  # every result depends on these
 IMAGE_LIBRARIES = ("opencv-python", "opencv-python-headless")  # results from images depend on these too
 LEARNING_LIBRARIES = ("stable-baselines3", "torch")  # and those of learned policies on these
-COUNTED = ("activeslam_gym", "baselines")
-"""Packages that `module_sources` leaves out, since their digests are part of every key that needs them."""
+COUNTED = ("activeslam_gym", "baselines")  # packages that are part of every installation
+OURS = (*COUNTED, "agents")
 
 
 @cache
@@ -61,32 +58,38 @@ def processor() -> str:
     return name + (f" (family {fields['cpu family']}, model {fields['model']})" if known else "")
 
 
-@cache
-def module_sources(module: str) -> str:
-    """Digest of a module's source and of the modules that it imports, without installed ones and those of `COUNTED`.
-
-    For an installed module: of its whole package. It is taken once in a process, as the module is imported once. A
-    module without a source equals no other. What ``python -m`` runs is "__main__", and known by its own name too.
-    """
-    if module == "__main__" and (spec := sys.modules[module].__spec__):
-        module = spec.name
-    top = module.partition(".")[0]
-    if (origin := _origin(top)) and _is_installed(origin):
-        return package_sources(top) if origin.name == "__init__.py" else digest(origin)
-    files = _own_modules(module)
-    return digest(*dict.fromkeys(files[name] for name in sorted(files))) if module in files else uuid4().hex
+def digest(*paths: Path) -> str:
+    """Digest of the contents of files."""
+    whole = hashlib.sha256()
+    for path in paths:
+        whole.update(path.read_bytes())
+    return whole.hexdigest()[:16]
 
 
 def own_files(modules: Iterable[str]) -> dict[str, Path]:
-    """Files and packages of these modules and of what they import that are not installed: relative path → path here."""
-    found: dict[str, Path] = {}
-    for name, path in {name: path for one in modules for name, path in _own_modules(one, "agents").items()}.items():
-        top = name.partition(".")[0]
-        home = _origin(top)
-        if home and home.name == "__init__.py":
-            found[top] = home.parent  # whole, with its data
-        else:
-            found["/".join(name.split(".")) + ("/__init__.py" if path.name == "__init__.py" else ".py")] = path
+    """Files and packages of a user's ``modules``, and of what they import that is not installed: relative path → path.
+
+    Nothing is run. Names that are no such modules are left out.
+    """
+    homes = [Path(home).resolve() for name, home in sysconfig.get_paths().items() if "lib" in name]
+    path = [one for one in sys.path if not any(Path(one).resolve().is_relative_to(home) for home in homes)]
+    finder, found = ModuleFinder([one or "." for one in path], excludes=OURS), dict[str, Path]()
+    for name in {name for name in modules if name.partition(".")[0] not in OURS}:
+        try:
+            finder.import_hook(name)
+        except AttributeError:  # its folder has no __init__.py, which the finder does not know
+            file = "/".join(name.split(".")) + ".py"
+            found.update((file, Path(one, file)) for one in path if Path(one, file).is_file())
+        except (ImportError, SyntaxError, ValueError):  # the import itself will tell
+            continue
+    for name, module in finder.modules.items():
+        file = Path(module.__file__ or "")
+        if "." in name and name.partition(".")[0] in found:
+            continue
+        if file.name == "__init__.py" and "." not in name:
+            found[name] = file.parent  # whole, with its data
+        elif file.suffix == ".py":
+            found["/".join(name.split(".")) + ("/__init__.py" if file.name == "__init__.py" else ".py")] = file
     return found
 
 
@@ -94,26 +97,6 @@ def foreign_modules() -> set[str]:
     """The modules of registered entries of other packages."""
     entries = [one[name] for one in REGISTRIES for name in one if name not in one.own]
     return {getattr(entry, "__module__", "") for entry in entries} - {"", "__main__"}
-
-
-def _own_modules(module: str, *others: str) -> dict[str, Path]:
-    """A module and what it imports, but for what is installed, in `COUNTED` or in ``others``, each with its file."""
-    files: dict[str, Path | None] = {"": None}
-    names = [module]
-    while names:
-        name = names.pop()
-        if name in files or name.partition(".")[0] in (*COUNTED, *others):
-            continue
-        path = _origin(name)
-        files[name] = path if path and path.suffix == ".py" and not _is_installed(path) else None
-        names += [name.rpartition(".")[0], *_imports(name, files[name])]
-    return {name: path for name, path in files.items() if path}
-
-
-def is_own_module(name: str) -> bool:
-    """Whether a module of this name has a source that `module_sources` reads, and is not installed."""
-    path = _origin(name) if name.replace(".", "").isidentifier() and name.partition(".")[0] not in COUNTED else None
-    return path is not None and path.suffix == ".py" and not _is_installed(path)
 
 
 def foreign_parts(text: str) -> list[str]:
@@ -126,52 +109,6 @@ def foreign_parts(text: str) -> list[str]:
         f"{registry.kind} {name}"
         for registry in REGISTRIES
         for name, entry in registry.items()
-        if name not in registry.own and callable(entry) and f'"{name}"' in text and not _is_counted(entry)
+        if name not in registry.own and callable(entry) and f'"{name}"' in text
+        if getattr(entry, "__module__", "").partition(".")[0] not in COUNTED
     ]
-
-
-def _is_counted(entry: Any) -> bool:
-    return getattr(entry, "__module__", "").partition(".")[0] in COUNTED
-
-
-def digest(*paths: Path) -> str:
-    """Digest of the contents of files."""
-    whole = hashlib.sha256()
-    for path in paths:
-        whole.update(path.read_bytes())
-    return whole.hexdigest()[:16]
-
-
-def _imports(module: str, path: Path | None) -> Iterator[str]:
-    """Names that may be modules, in the import statements of a ``module`` whose file is ``path``."""
-    package = module if path and path.name == "__init__.py" else module.rpartition(".")[0]
-    try:
-        tree = ast.parse(path.read_bytes() if path else b"")
-    except (SyntaxError, ValueError):  # told by the import itself
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            try:
-                base = resolve_name("." * node.level + (node.module or ""), package)
-            except ImportError:  # beyond the top-level package
-                continue
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
-
-
-def _origin(name: str) -> Path | None:
-    """File of a module, which is not imported; None: it is built in, a folder without ``__init__.py``, or no module."""
-    first, *rest = name.split(".")
-    spec = find_spec(first) if first not in ("", "__main__") else None
-    for part in rest:
-        if spec is None or spec.submodule_search_locations is None:
-            return None
-        spec = PathFinder.find_spec(f"{spec.name}.{part}", spec.submodule_search_locations)
-    return Path(spec.origin) if spec and spec.origin and spec.has_location else None
-
-
-def _is_installed(path: Path) -> bool:
-    homes = [Path(home).resolve() for name, home in sysconfig.get_paths().items() if "lib" in name]
-    return any(path.resolve().is_relative_to(home) for home in homes)

@@ -8,7 +8,6 @@ from typing import Any
 
 from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
-from agents import policies
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, file_name, play_until_interrupted, rehearse
@@ -64,12 +63,7 @@ class Args(Rooms, Pages, Figures):
     def tasks(self) -> list[Task]:
         """Room by room, so that an interrupted comparison has seen the same rooms with every policy."""
         settings = json.dumps(self.environment, sort_keys=True)
-        made_of = {name: policies.content(name) for name in self.names}
-        return [
-            Task(name, seed, settings, whole=seed == self.seed, content=made_of[name])
-            for seed in self.seeds
-            for name in self.names
-        ]
+        return [Task(name, seed, settings, whole=seed == self.seed) for seed in self.seeds for name in self.names]
 
 
 def main(args: Args) -> int:

@@ -1,34 +1,18 @@
 """The card of learned weights: how they were trained, their results, and their limits."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from activeslam_gym import BEHAVIOUR
-from activeslam_gym.config import benchmark_seed
-from activeslam_gym.evaluation import Store
-from agents import task
-from agents.learn.recipe import ALGORITHMS, Recipe, trained_scenario
-from agents.summary import Summary, summarise
+from agents.learn.recipe import ALGORITHMS
 from agents.tools.arguments import demand
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 
-REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
-"""An open-loop policy and two greedy strategies: a learned policy is worth its training if it beats them."""
 FLOOR = -100.0  # least count of a held-out room, as much as the failure penalty: one room does not choose the weights
-COLUMNS = (
-    "log_score_gain_median",
-    "log_score_gain",
-    "bits",
-    "landmarks_mapped",
-    "landmark_rmse",
-    "position_error",
-    "lost",
-)
 KINDS: dict[str, type] = dict.fromkeys(("algorithm", "command", "scenario", "machine"), str)  # of what is read
 KINDS |= dict.fromkeys(("width", "seed", "steps", "steps_trained"), int)
 KINDS |= dict.fromkeys(("decision_period", "seconds", "seconds_trained"), float)
@@ -89,20 +73,3 @@ def read_card(weights: Path) -> dict[str, Any]:
         if not held.items() <= card.items():
             raise ValueError(f"it is not the card in {weights.name}, but of other weights; delete it")
         return card
-
-
-def results(
-    weights: Path, rooms: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
-) -> tuple[dict[str, Any], Summary]:
-    """Figures of the weights and of references in the same rooms for a card, with their intervals; and the summary.
-
-    The rooms are of neither training, nor the choice of weights, nor a benchmark.
-    """
-    first = benchmark_seed(scenario, validation=True) + 250_000
-    settings = json.dumps({"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration})
-    names, seeds = (str(weights), *references), range(first, first + rooms)
-    tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
-    summary = summarise([episode for _, episode in task.results(tasks, Store())])
-    figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
-    own = figures.pop(str(weights))
-    return {"first_seed": first, "rooms": own["bits"]["rooms"], **own, "references": figures}, summary

@@ -1,26 +1,39 @@
 """The course of a training: a progress bar, checkpoints, and the best weights on held-out rooms."""
 
-from __future__ import annotations
-
+import json
 import math
 import time
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecEnv
 
+from activeslam_gym.config import benchmark_seed
+from activeslam_gym.evaluation import Store
+from agents import task
 from agents.learn.algorithms import dimensions, held_out_seed, save_learner
-from agents.learn.card import FLOOR, REFERENCES, card_of, read_card, results
-from agents.learn.recipe import CHECKPOINT, WEIGHTS
+from agents.learn.card import FLOOR, card_of, read_card
+from agents.learn.recipe import CHECKPOINT, WEIGHTS, Args, Recipe, trained_scenario
 from agents.learn.weights import save
-from agents.summary import text
+from agents.summary import Summary, summarise, text
 from agents.tools.files import write_json
 
-if TYPE_CHECKING:
-    from agents.train import Args
+REFERENCES = ("best-constant", "mi-constant", "mi-fisher")
+"""An open-loop policy and two greedy strategies: a learned policy is worth its training if it beats them."""
+COLUMNS = (
+    "log_score_gain_median",
+    "log_score_gain",
+    "bits",
+    "landmarks_mapped",
+    "landmark_rmse",
+    "position_error",
+    "lost",
+)
 
 
 class Keeper(BaseCallback):
@@ -92,21 +105,12 @@ class Keeper(BaseCallback):
         if self.args.teachers and not self.num_timesteps:
             self._visit()  # what imitation has reached may be the best
 
-    def _on_rollout_start(self) -> None:
-        self.bar.set_description_str("flying")
-
     def _on_step(self) -> bool:
         if self.num_timesteps % self.args.period < self.training_env.num_envs:
             save_learner(self.learner, self.args.out / CHECKPOINT)
             self._visit()
         self.bar.update(self.training_env.num_envs)
         return True
-
-    def _on_rollout_end(self) -> None:
-        returns = [episode["r"] for episode in self.model.ep_info_buffer or ()]
-        if returns:
-            self.bar.set_postfix_str(f"median return while exploring {np.median(returns):.0f}", refresh=False)
-        self.bar.set_description_str("learning")
 
     def _on_training_end(self) -> None:
         if self.visited < self.num_timesteps:
@@ -125,7 +129,6 @@ class Keeper(BaseCallback):
         self.visited, means, again = self.num_timesteps, {}, self.args.forfeit_weight - 1.0
         for name, batch in self.rooms.items():
             rooms = batch.num_envs
-            self.bar.set_description_str(f"{rooms} held-out rooms")
             batch.seed(held_out_seed(name))
             returns, _ = evaluate_policy(self.model, batch, rooms, callback=note, return_episode_rewards=True)
             self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
@@ -142,4 +145,20 @@ class Keeper(BaseCallback):
         more = f" ({each})" if several else f", median {np.median(returns):.0f}"
         told = f"mean return {found:.0f}{more}, lost in {100 * np.mean(lost):.0f} %"
         self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
-        self.bar.set_description_str("flying")
+
+
+def results(
+    weights: Path, rooms: int, recipe: Recipe, scenario: str, references: tuple[str, ...] = REFERENCES
+) -> tuple[dict[str, Any], Summary]:
+    """Figures of the weights and of references in the same rooms for a card, with their intervals; and the summary.
+
+    The rooms are of neither training, nor the choice of weights, nor a benchmark.
+    """
+    first = benchmark_seed(scenario, validation=True) + 250_000
+    settings = json.dumps({"scenario": asdict(trained_scenario(scenario)), "duration": recipe.duration})
+    names, seeds = (str(weights), *references), range(first, first + rooms)
+    tasks = [task.Task(name, seed, settings) for name in names for seed in seeds]
+    summary = summarise([episode for _, episode in task.results(tasks, Store())])
+    figures = {name: {column: asdict(one[column]) for column in COLUMNS} for name, one in summary.policies.items()}
+    own = figures.pop(str(weights))
+    return {"first_seed": first, "rooms": own["bits"]["rooms"], **own, "references": figures}, summary

@@ -3,6 +3,7 @@
 import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any, Literal, get_args
 
 from activeslam_gym.config import IMAGE_SCENARIOS, SCENARIOS, Scenario, scenario_from, whole_multiple
@@ -126,3 +127,29 @@ class Recipe:
         """Decisions of a whole episode, of several scenarios in the median."""
         durations = [self.duration or scenario_of(name).duration for name in self.scenarios]
         return round(statistics.median(durations) / self.decision_period)
+
+
+@dataclass(frozen=True)
+class Args(Recipe):
+    """Train a policy. --out gets the weights that did best in held-out rooms, their card, a checkpoint, and logs."""
+
+    out: Path = Path("results/train")
+    """Folder of the results; training goes on from the checkpoint that it holds."""
+    device: str = "cpu"
+    """Where the network learns, as PyTorch names it: cpu, or cuda for a graphics processor."""
+    period: int = 10_000
+    """Decisions between checkpoints, and between visits to the held-out rooms."""
+    held_out_rooms: int = 64
+    """Rooms, of each scenario, that choose the best weights."""
+    unseen_rooms: int = 32
+    """Rooms, of each scenario, for the results on the card, of neither training nor choice; none: 0."""
+
+    def check(self) -> None:
+        """Raises ValueError for a bad argument; the message names it, its value and what is allowed."""
+        super().check()
+        within(self, period=(1, 2**40), held_out_rooms=(1, 2**16), unseen_rooms=(0, 10**6))
+
+    def recipe(self) -> dict[str, Any]:
+        """The arguments that determine a training, as they stand in a file."""
+        arguments = {field.name: getattr(self, field.name) for field in fields(Recipe)}
+        return arguments | {"teachers": list(self.teachers)}

@@ -30,7 +30,7 @@ class Args(Workers):
     """A sentence about it: what it is, and what it was trained on."""
     out: Path = Path("results/entries")
     """Folder of entries; this one is NAME/entry.json. Finished episodes are kept in it, and not played again; nor is a
-    finished entry of the same policies and code. Those of a factory of yours always are."""
+    finished entry of the same policies and BEHAVIOUR. Those of a factory of yours always are."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,7 +54,7 @@ def main(args: Args) -> int:
         path = folder / entries.FILE
         if kept := entries.finished(path, args.name, names, of, count):
             write_json(path, asdict(replace(kept, note=args.note)))
-            print(f"{path} is of this code and these policies already. To play it again, delete it.")
+            print(f"{path} is of this BEHAVIOUR and these policies already. To play it again, delete it.")
             return 0
         wanted = entries.tasks(names, of, count)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
@@ -73,7 +73,7 @@ def main(args: Args) -> int:
 def _check_policies(args: Args, of: Suite) -> None:
     """Raise ValueError unless they are one policy, or several of a learner."""
     kinds = {"file" if policies.file_of(one) else "own" if ":" in one else "baseline" for one in args.policies}
-    contents = [entries.content_of(one) for one in args.policies if policies.file_of(one)]
+    contents = [policies.content(one) for one in args.policies if policies.file_of(one)]
     if len(kinds) > 1 or (kinds == {"baseline"} and len(args.policies) > 1):
         raise ValueError(f"policies: {' '.join(args.policies)}; allowed: one, or those of one learner's training seeds")
     if len(set(args.policies)) < len(args.policies) or len(set(contents)) < len(contents):

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from activeslam_gym.evaluation import Episode, outcome
-from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LEARNING_LIBRARIES, LIBRARIES, digest, package_versions
+from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LEARNING_LIBRARIES, LIBRARIES, package_versions
 from activeslam_gym.files import text_of
 from agents import policies, pretrained
 from agents.learn.card import KINDS, read_card
@@ -22,11 +22,11 @@ from agents.suite.manifest import Suite
 from agents.task import Task
 from agents.tools.arguments import demand
 from agents.tools.files import reading
-from agents.tools.machine import machine, sources
+from agents.tools.machine import machine
 
 FOLDER, FILE = Path(__file__).with_name("entries"), "entry.json"
 EPISODES = "episodes"  # folder of the store, beside those of entries
-VERSIONS = (*LIBRARIES, *IMAGE_LIBRARIES, *LEARNING_LIBRARIES)
+VERSIONS = ("activeslam-gym", *LIBRARIES, *IMAGE_LIBRARIES, *LEARNING_LIBRARIES)
 COST = ("command", "scenario", "seed", "steps", "seconds", "steps_trained", "seconds_trained", "machine")  # of a card
 TUPLES = ("policies", "contents", "training")
 
@@ -42,7 +42,6 @@ class Entry:
     behaviour: int
     policies: tuple[str, ...]  # P names; of weights, the file beside the entry's
     contents: tuple[str, ...]  # P digests of the policies' own files
-    sources: dict[str, str]  # digests of `machine.SOURCES`
     versions: dict[str, str]  # of `VERSIONS`
     machine: str
     training: tuple[dict[str, Any], ...]  # of each learned policy, `COST`
@@ -72,11 +71,10 @@ class Entry:
 
 def tasks(names: Sequence[str], suite: Suite, episodes: int) -> list[Task]:
     """Every episode of an entry, by scenario, policy and index."""
-    contents = [policies.content(name) for name in names]
     return [
-        Task(policy, seed, json.dumps(suite.environment(scenario)), content=content)
+        Task(policy, seed, json.dumps(suite.environment(scenario)))
         for scenario in suite.scenarios
-        for policy, content in zip(names, contents)
+        for policy in names
         for seed in suite.seeds(scenario, episodes)
     ]
 
@@ -97,6 +95,7 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
 
     return Entry(
         **_decisive(name, names, suite),
+        versions=package_versions(VERSIONS),
         machine=machine(),
         training=tuple(map(cost_of, filter(pretrained.path_of, names))),
         note=note,
@@ -106,7 +105,7 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
 
 
 def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes: int) -> Entry | None:
-    """The entry in the file, if it is of these policies, which are identified, suite, ``episodes`` and code."""
+    """The entry in the file, if it is of these policies, which are identified, suite, ``episodes`` and `BEHAVIOUR`."""
     try:
         kept = read(path)
     except ValueError:
@@ -117,7 +116,7 @@ def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes
 
 
 def _decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
-    """The fields of an entry that decide its scores, but for the processor."""
+    """The fields of an entry that decide its scores, but for versions and the processor."""
     return {
         "name": name,
         "suite": suite.name,
@@ -125,16 +124,8 @@ def _decisive(name: str, names: Sequence[str], suite: Suite) -> dict[str, Any]:
         "commit": suite.commit,
         "behaviour": suite.behaviour,
         "policies": tuple(Path(one).name if one.endswith(policies.FILES) else one for one in names),
-        "contents": tuple(map(content_of, names)),
-        "sources": sources(),
-        "versions": package_versions(VERSIONS),
+        "contents": tuple(map(policies.content, names)),
     }
-
-
-def content_of(policy: str) -> str:
-    """Digest of a policy's own files: its weights, or its module and what that imports; "" of a baseline."""
-    path = policies.file_of(policy)
-    return digest(path) if path else policies.content(policy).partition(" ")[0]
 
 
 def cost_of(policy: str) -> dict[str, Any]:

@@ -18,7 +18,6 @@ from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.tools.arguments import Figures, Pages
-from agents.tools.machine import sources
 from agents.tools.sections import Table
 from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
 
@@ -53,10 +52,8 @@ def main(args: Args) -> int:
         raise ValueError(f"entries: {str(args.entries)!r} has no whole entry of the suite {of.name!r}")
     tables = board(of, found)
     print("\n\n".join(table.aligned() for table in tables))
-    others = ", ".join(one.name for one in found if one.sources != sources())
-    legend = f"{LEGEND} Played with another code than that of this page: {others}." if others else LEGEND
-    text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), legend])
-    args.publish("leaderboard", leaderboard=text, board=f"{tables[0].markdown()}\n\n{legend}")
+    text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
+    args.publish("leaderboard", leaderboard=text, board=f"{tables[0].markdown()}\n\n{LEGEND}")
     if args.drawn:
         print(f"Written to {profiles(of, found, args.out / 'profiles.png')}")
     return 0

@@ -48,7 +48,7 @@ class Suite:
 
     @property
     def label(self) -> str:
-        """The line of a page by which `check-results` knows the suite."""
+        """The suite in a page."""
         return f"suite {self.name}, manifest {self.digest}"
 
     def played(self, episodes: int | None) -> int:

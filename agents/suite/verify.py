@@ -20,7 +20,7 @@ from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
 from agents.task import Task, check, play_until_interrupted, rehearse
 from agents.tools.arguments import Workers
-from agents.tools.machine import machine, sources
+from agents.tools.machine import machine
 from agents.tools.sections import in_a_line
 
 TOLERANCE = 1e-5  # relative, and absolute [bit]: that of the recorded runs
@@ -110,18 +110,16 @@ def _of_another_suite(entry: Entry, of: Suite) -> list[str]:
 
 
 def _changed(entry: Entry, names: list[str]) -> list[str]:
-    """The policies and costs that are not those of the files here. Of other code and versions a line is printed."""
-    here = sources()
-    others = [f"the sources of {name}" for name, now in here.items() if entry.sources.get(name) != now]
+    """The policies and costs that are not those of the files here. Of other versions a line is printed."""
     versions = package_versions(entries.VERSIONS)
-    others += [
+    others = [
         f"{one} {entry.versions.get(one)} → {now}" for one, now in versions.items() if entry.versions.get(one) != now
     ]
     if not entry.machine.startswith(f"{processor()}, "):
         others.append(f"{entry.machine} → {machine()}")
     if others:
         _say(f"Not as on the entrant's machine: {', '.join(others)}.")
-    pairs = zip(entry.policies, entry.contents, map(entries.content_of, names))
+    pairs = zip(entry.policies, entry.contents, map(policies.content, names))
     wrong = [f"{name}: its files are not the entry's ({kept} → {now})" for name, kept, now in pairs if kept != now]
     weights = [name for name in names if name.endswith(".npz")]
     if list(entry.training) != [entries.cost_of(name) for name in weights]:

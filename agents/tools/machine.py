@@ -1,16 +1,13 @@
 """The machine, the versions and the code that a number was measured with."""
 
-import hashlib
-import json
 import os
 import platform
-from collections.abc import Mapping
+import subprocess
+from functools import cache
+from pathlib import Path
 
 from activeslam_gym import BEHAVIOUR
-from activeslam_gym.evaluation.code import package_sources, package_versions, processor
-
-SOURCES = ("activeslam_gym", "baselines", "agents.learn")
-"""Packages that decide a score, beside the policy's own files."""
+from activeslam_gym.evaluation.code import package_versions, processor
 
 
 def machine() -> str:
@@ -23,16 +20,12 @@ def versions(packages: tuple[str, ...]) -> dict[str, str]:
     return {"python": platform.python_version()} | package_versions(packages)
 
 
-def sources() -> dict[str, str]:
-    """Digests of `SOURCES`."""
-    return {package: package_sources(package) for package in SOURCES}
-
-
-def code_of(sources: Mapping[str, str]) -> str:
-    """One digest of the digests of `SOURCES`."""
-    return hashlib.sha256(json.dumps(sources, sort_keys=True).encode()).hexdigest()[:12]
-
-
+@cache
 def code() -> str:
-    """`BEHAVIOUR` and the digest of the present `SOURCES`, as `check-results` finds them in a page."""
-    return f"BEHAVIOUR {BEHAVIOUR}, code {code_of(sources())}"
+    """`BEHAVIOUR` and the commit of the clone, as they stand in a page."""
+    line = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude", "*"]
+    try:
+        commit = subprocess.run(line, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):  # installed, not cloned
+        commit = "unknown"
+    return f"BEHAVIOUR {BEHAVIOUR}, commit {commit}"

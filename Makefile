@@ -15,7 +15,7 @@ CLIENTS := sb3 torchrl rllib cleanrl rerun live gtsam cluster
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo consistency learners leaderboard results figures advice bench clients client-figures clips docs stress test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
+.PHONY: help demo consistency learners leaderboard results figures advice bench clients client-figures clips docs test pytest test-oldest test-newest lint clean $(CLIENTS:%=client-%)
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-14s %s\n", $$1, $$2}' Makefile
@@ -84,9 +84,6 @@ clips: $(VENV)/.agents ## a clip of each policy for the leaderboard: docs/images
 	@mkdir -p docs/images/clips
 	for policy in $(POLICIES); do $(RUN) -m agents watch --policies $$policy --seed 1000111 --gaze-period 0.25 --width 480 --every 1 \
 		--save docs/images/clips/$$policy.gif || exit 1; done
-
-stress: $(VENV)/.bench ## a million frames over all scenarios and 200 random ones (minutes): does it break?
-	$(RUN) -m benchmarks.stress
 
 # mypy has one process: it runs beside the tests.
 test: $(VENV)/.dev ## lint, every test but the slow ones, and the notebooks

@@ -16,13 +16,13 @@ from agents.tools.sections import page_with, put_section
 
 from .report import Section, bar_table, provenance, report
 
-Part = Literal["single", "batch", "images", "stages", "scores", "growth", "peers", "memory", "start"]
+Part = Literal["single", "batch", "images", "scores", "peers", "start"]
 """Each is a module of this package with `run(quick) -> Section`."""
 
 
 @dataclass(frozen=True)
 class Args:
-    """Measure speed and memory beside peers, and hold the figures against the bars."""
+    """Measure speed beside peers, and hold the figures against the bars."""
 
     parts: tuple[Part, ...] = get_args(Part)
     """What to measure."""

@@ -58,7 +58,6 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     (f"{PLAY} train", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),
     ("watch", "--tum", "TMP/file TMP/file/below /dev/null", "is no folder to write to"),
     ("watch", "--save", "TMP/file/a.gif /dev/null/a.png", "is no folder to write to"),
-    ("watch", "--save", "TMP/folder.gif", "is a folder; allowed: a file"),
     ("watch", "--save", "clip clip.avi clip.GIF TMP", "must end in .gif, .webp, .png, .mp4, got"),
     (PLAY, "--report", "TMP/absent.md TMP", "there is no page"),
     (PLAY, "--report", "TMP/page.md", "has no section <!-- generated:"),

@@ -95,7 +95,7 @@ def arrays(tree: tuple[Any, ...]) -> int:
 
 
 PARTS = "single", "scores"
-MORE = "batch", "memory", "stages", "growth", "peers", "images"
+MORE = "batch", "peers", "images"
 
 
 @pytest.mark.parametrize("parts", [PARTS, pytest.param(MORE, marks=pytest.mark.slow)])

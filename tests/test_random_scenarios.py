@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from activeslam_gym import SCENARIOS, ActiveSLAMEnv, Scenario
+from activeslam_gym import SCENARIOS, ActiveSLAMEnv, ActiveSLAMVectorEnv, Scenario
 from activeslam_gym.config import ANYWHERE, CENTRE, CORNER, SURFACES, WALL
 from activeslam_gym.world.furniture import PASSAGE, draw_boxes, inside_any, reachable
 from activeslam_gym.world.room import NoRoomError, draw_room, varied
@@ -242,3 +242,16 @@ def test_a_random_legal_scenario_has_a_room_at_each_of_40_resets(seed: int) -> N
         assert room.fiducials.shape == (scenario.fiducial_count, 3)
         assert room.landmarks.shape == (scenario.landmark_count, 3)
         assert len(room.boxes) <= scenario.box_capacity
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_a_random_legal_scenario_flies_and_every_number_is_finite(seed: int) -> None:
+    env = ActiveSLAMVectorEnv(4, random_scenario(np.random.default_rng(seed)), duration=20.0, num_threads=1)
+    env.reset(seed=seed)
+    env.action_space.seed(seed)
+    for _ in range(200):
+        observation, reward, *_, info = env.step(env.action_space.sample())
+        numbers = [observation, reward, *info["reward_terms"].values(), *info["log2_det"].values()]
+        numbers += [info[name] for name in ("entropy", "log_score", "position_error", "position_nees")]
+        assert all(np.isfinite(value).all() for value in numbers)

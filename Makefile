@@ -64,9 +64,8 @@ results: leaderboard ## every generated section of the pages and its pictures, a
 	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md $(ON)
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 
-figures: $(VENV)/.advice ## the paper's claims and figures, other estimators and the live system (an hour or more): docs
+figures: $(VENV)/.advice ## the paper's claims and figures, and the live system (an hour or more): docs
 	$(RUN) -m studies.paper --episodes $(or $(EPISODES),100) --jobs $(WORKERS) $(ON) --out results/paper --report docs/paper.md
-	$(RUN) -m studies.estimators --episodes $(or $(EPISODES),200) --seed 3000000 --jobs $(WORKERS) $(ON) --out results/estimators --report docs/estimators.md
 	$(MAKE) advice
 
 advice: $(VENV)/.advice ## is the live page's advice worth following? 50 episodes (a quarter of an hour on two cores): docs/live.md

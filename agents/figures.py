@@ -37,7 +37,7 @@ Curves = tuple[np.ndarray, np.ndarray]  # times (G,), and values (curves, G)
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
     """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
     by_policy = grouped(episodes)
-    figures = (scores, entropies, errors, maps, actions, decision_times)
+    figures = (scores, entropies, errors, maps, actions)
     return [save_figure(draw(by_policy), folder / f"{draw.__name__}.png") for draw in figures]
 
 
@@ -142,16 +142,6 @@ def live(drawn: Episode, runs: Sequence[Episode], until: float) -> Figure:
     right.set(xlabel="time, s", title="commands")
     left.legend(fontsize=7)
     _title(left, f"room {drawn.seed}; {sum(run.lost for run in runs)} of {len(runs)} lost", drawn)
-    return figure
-
-
-def decision_times(by_policy: Runs) -> Figure:
-    """Time of a decision: its distribution over all steps; the whiskers span 1 to 99 %."""
-    figure, (axes,) = _panels(1, (2.0 + 0.8 * len(by_policy), 3.6))
-    durations = [np.concatenate([run.decision_us for run in runs]) for runs in by_policy.values()]
-    axes.boxplot(durations, whis=(1.0, 99.0), showfliers=False, showmeans=True)
-    axes.set_xticks(np.arange(1, len(by_policy) + 1), list(by_policy), rotation=30, ha="right")
-    axes.set(yscale="log", ylabel="µs per decision (triangle: mean)")
     return figure
 
 

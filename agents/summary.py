@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 import baselines
-from activeslam_gym.evaluation import TARGET, Episode, honesty, outcome
-from agents.tools.arguments import times_within
+from activeslam_gym.evaluation import Episode, outcome
 from agents.tools.machine import code
 from agents.tools.sections import Table, escaped
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
@@ -34,12 +33,6 @@ ERRORS = (
     Column("orientation_error", "orientation error, °", scale=DEGREES, digits=2),
 )
 HEADLINE = (*LEARNED[:2], LEARNED[-1], ERRORS[0])  # what the README shows of each policy
-SPEED = (
-    Column("target_reached", f"reach {TARGET}, %", "share", 100.0),
-    Column("target_time", "at, s"),
-    Column("target_log2_det", "log₂|P| then"),
-    Column("decision_us", "µs per decision"),
-)
 PAIRED = (
     LEARNED[0],
     Column("ahead", "ahead, % of episodes", "share", 100.0),
@@ -48,17 +41,6 @@ PAIRED = (
     *ERRORS[1:],
 )
 """Of the differences in the same room."""
-NEES = (
-    Column("position_nees", "position", "mean", digits=2),
-    Column("position_nees_median", "median", digits=2),
-    Column("orientation_nees", "orientation", "mean", digits=2),
-    Column("orientation_nees_median", "median", digits=2),
-    Column("landmark_nees", "landmarks", "mean", digits=2),
-    Column("landmark_nees_median", "median", digits=2),
-)
-"""Per degree of freedom, over the runs alive."""
-NEES_TIMES = (5.0, 15.0, 35.0)  # at which it is read, within the duration [s]
-
 Figures = dict[str, Estimate]  # column → figure over rooms
 
 
@@ -68,7 +50,6 @@ class Summary:
 
     settings: dict[str, Any]  # the arguments and the versions
     policies: dict[str, Figures]  # policy → figures over its rooms
-    honesty: dict[str, dict[str, Figures]]  # policy → time [s] → `NEES`
     paired: dict[str, dict[str, Figures]]
     """Reference → policy → figures of the differences policy − reference over the rooms of both."""
     best_baseline: str | None  # the baseline with the most bits, if one was run
@@ -88,19 +69,13 @@ def summarise(
     """Figures of `episodes`, and pairs against `reference`, the best baseline (most bits) and the highest log score."""
     runs = grouped(episodes)
     rows = {name: {run.seed: _row(run) for run in of_policy} for name, of_policy in runs.items()}
-    told_at = times_within(NEES_TIMES, max(float(run.times[-1]) for run in episodes))
-    columns = (*LEARNED, *ERRORS, *SPEED)
-    policies = {name: _figures(list(seen.values()), columns) for name, seen in rows.items()}
+    policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
     known = [name for name in policies if name in baselines.names()]
     best = max(known, key=lambda name: policies[name]["bits"].value, default=None)
     references = dict.fromkeys((reference, best, by_log_score(policies)[0]))
     return Summary(
         settings=settings or {},
         policies=policies,
-        honesty={
-            name: {f"{t:g}": _figures([honesty(run, t) for run in of_policy], NEES) for t in told_at}
-            for name, of_policy in runs.items()
-        },
         paired={
             against: {name: _paired(seen, rows[against]) for name, seen in rows.items() if name != against}
             for against in references
@@ -134,12 +109,7 @@ def tables(summary: Summary) -> list[Table]:
     result = [
         _table(f"Results{star}", figures, LEARNED),
         _table(f"Errors at the end{star}", figures, ERRORS),
-        _table(f"{TARGET} landmarks mapped, and the price of a decision{star}", figures, SPEED),
     ]
-    for time in next(iter(summary.honesty.values())):
-        title = f"ANEES per degree of freedom over the runs alive at {time} s (1 is consistent){star}"
-        at_time = {name: times[time] for name, times in summary.honesty.items()}
-        result.append(_table(title, at_time, NEES, [column.title for column in NEES]))
     for against, differences in summary.paired.items():
         best = ", the baseline with the most bits," if against == summary.best_baseline else ""
         result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))
@@ -163,11 +133,9 @@ def headline(summary: Summary) -> str:
     return f"{_table('', figures, HEADLINE).markdown()}\n\n{LEGEND} {code()}."
 
 
-def _table(
-    title: str, figures: Mapping[str, Figures], columns: Sequence[Column], headings: Sequence[str] = ()
-) -> Table:
+def _table(title: str, figures: Mapping[str, Figures], columns: Sequence[Column]) -> Table:
     """A row per policy, a column per figure, and the number of rooms."""
-    header = ["policy", *(headings or [column.heading for column in columns]), "episodes"]
+    header = ["policy", *(column.heading for column in columns), "episodes"]
     rows = [
         [name, *(one.text(row[one.key]) for one in columns), str(row[columns[0].key].rooms)]
         for name, row in figures.items()

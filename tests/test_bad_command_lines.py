@@ -16,7 +16,7 @@ import pytest
 from agents import __main__ as commands
 from agents.__main__ import COMMANDS, main
 from benchmarks.__main__ import entry
-from studies import consistency, estimators, paper, run, worlds
+from studies import consistency, paper, run, worlds
 
 pytest.importorskip("torch")
 
@@ -204,7 +204,6 @@ FIELDS = {
 
 @pytest.mark.parametrize(("study", "lines"), [
     (consistency, STUDIES | POLICIES | FIELDS),
-    (estimators, STUDIES | POLICIES),
     (paper, STUDIES | {"--seconds 0": "allowed: 1 to", "--seconds nan": "allowed: 1 to", "--nonsense": "arguments"}),
     (worlds, {"--scenarios nowhere": "invalid choice", **POLICIES}),
 ])  # fmt: skip

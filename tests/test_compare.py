@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 import baselines
 from activeslam_gym import Motion
-from activeslam_gym.evaluation import Episode, Store, honesty, outcome, run_episode
+from activeslam_gym.evaluation import Episode, Store, outcome, run_episode
 from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
@@ -37,7 +37,7 @@ from tests.support import assert_same_record, python
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
-FIGURES = {"scores.png", "entropies.png", "errors.png", "maps.png", "actions.png", "decision_times.png"}
+FIGURES = {"scores.png", "entropies.png", "errors.png", "maps.png", "actions.png"}
 
 
 def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: Any) -> Episode:
@@ -75,7 +75,7 @@ def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     assert outcome(whole.thinned()) == outcome(whole)
 
 
-def test_outcome_and_honesty_of_a_known_episode() -> None:
+def test_outcome_of_a_known_episode() -> None:
     fourteen = {"landmark_times": 0.5 + np.arange(14.0), "landmark_log2_det": -np.arange(14.0)}
     row = outcome(episode(bits=10.0, **fourteen))
     assert (row["bits"], row["log_score_gain"], row["reward"]) == (10.0, 20.0, 10.0)
@@ -87,8 +87,6 @@ def test_outcome_and_honesty_of_a_known_episode() -> None:
     assert (row["motion_right"], row["motion_stay"], row["gaze_left"]) == (2, 0, 4)
     assert np.isnan(outcome(episode())["target_time"])
     assert outcome(episode(lost=True))["bits"] == 0.0
-    nees = [honesty(episode(lost=lost), time)["position_nees"] for lost in (0, 1) for time in (1.0, 2.0, 3.0)]
-    np.testing.assert_array_equal(nees, [1.0, 1.0, np.nan] * 2)
 
 
 def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:

@@ -1,6 +1,6 @@
 """One way to play an episode, one record of it, and one store of records."""
 
-from activeslam_gym.evaluation.episode import TARGET, Episode, gaze_counts, honesty, motion_counts, outcome
+from activeslam_gym.evaluation.episode import TARGET, Episode, gaze_counts, motion_counts, outcome
 from activeslam_gym.evaluation.play import Look, Measure, Predictor, matched_ids, play, run_episode
 from activeslam_gym.evaluation.store import Store
 
@@ -12,7 +12,6 @@ __all__ = [
     "Predictor",
     "Store",
     "gaze_counts",
-    "honesty",
     "matched_ids",
     "motion_counts",
     "outcome",

@@ -157,15 +157,3 @@ def motion_counts(episode: Episode) -> list[int]:
 def gaze_counts(episode: Episode) -> list[int]:
     """How often each gaze was commanded, in the enum's order."""
     return np.bincount(episode.actions[:, 1], minlength=len(Gaze)).tolist()
-
-
-def honesty(episode: Episode, time: float) -> dict[str, float]:
-    """NEES per degree of freedom of position, orientation and landmarks at `time` [s]; NaN where the run is over.
-
-    Of lost runs too, which go on.
-    """
-    names = ("position_nees", "orientation_nees", "landmark_nees")
-    half_sample = 0.5 * float(np.median(np.diff(episode.times)))
-    alive = time <= episode.times[-1] + half_sample
-    index = int(np.abs(episode.times - time).argmin())
-    return {name: float(getattr(episode, name)[index]) if alive else np.nan for name in names}

@@ -79,7 +79,7 @@ def main(args: Args) -> int:
         return 130
     written = sorted(path.name for path in args.out.iterdir() if path.is_file())
     print(f"\n{text(summary)}\n\nWritten to {args.out}/: {', '.join(written)}")
-    print(f"All tables (errors, NEES, paired differences): {args.out}/summary.md")
+    print(f"All tables (errors, paired differences): {args.out}/summary.md")
     return 0 if summary.settings["complete"] else 130
 
 

@@ -4,7 +4,6 @@ import json
 import math
 import os
 import shlex
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
 from importlib.util import find_spec
@@ -154,11 +153,6 @@ def given(args: Any, *names: str) -> None:
     for name in names:
         if not getattr(args, name):
             raise ValueError(f"{name}: none given; allowed: one name or more")
-
-
-def times_within(times: Sequence[float], duration: float) -> list[float]:
-    """The times before the duration, and the duration."""
-    return sorted({*(time for time in times if time < duration), duration})
 
 
 def first_room(scenario: str, seed: int) -> int:

@@ -15,10 +15,9 @@ from agents.__main__ import COMMANDS, main
 from agents.compare import generalise
 from agents.task import make_environment
 from agents.tools.arguments import scenario_argument
-from agents.tools.files import json_text
-from agents.tools.sections import Table, escaped, put_section, table
+from agents.tools.sections import Table, escaped, put_section
 from agents.watching import command as watch
-from agents.watching.film import LOST, Film, side_by_side
+from agents.watching.film import LOST, Film
 
 
 def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> None:
@@ -145,14 +144,6 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
     np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0, atol=1e-6)
 
 
-def test_policies_of_the_same_stem_have_files_of_their_own() -> None:
-    names = ("a/policy.npz", "b/policy.npz", "sweep", "sweep")
-    titles = watch.labels(names)
-    assert list(titles) == ["a/policy.npz", "b/policy.npz", "sweep"] and titles["sweep"] == "sweep"
-    assert len(set(titles.values())) == 3 and not any("/" in title for title in titles.values())
-    assert watch.labels(names[:1]) == {"a/policy.npz": "policy"}
-
-
 def test_a_film_of_a_lost_run_tells_that_it_is_lost() -> None:
     pytest.importorskip("matplotlib")
     env, film, lost = gym.make("ActiveSLAM-v0", lost_position_error=0.01), Film(1e6, 300), False
@@ -163,25 +154,3 @@ def test_a_film_of_a_lost_run_tells_that_it_is_lost() -> None:
         lost = info["lost"]
     red = [bool((picture == list(bytes.fromhex(LOST[1:]))).all(axis=-1).any()) for picture in film.pictures]
     assert red == [False, True]
-
-
-def test_a_shorter_film_stands_still_at_its_end() -> None:
-    pytest.importorskip("matplotlib")
-    pictures = [np.full((4, 40, 3), value, np.uint8) for value in (10, 20, 30)]
-    together = side_by_side([pictures, pictures[:1]], ["a", "b"])
-    assert len(together) == 3 and together[2][-1, 0, 0] == 30 and together[2][-1, -1, 0] == 10
-
-
-def test_json_has_a_line_for_a_list_of_numbers_and_keeps_texts() -> None:
-    value = {"scores": [[1e-7, -2.5, None], [True, 4]], "text": "[1,\n  2]", "texts": ["[1,  2]", "a"], "none": []}
-    text = json_text(value)
-    assert json.loads(text) == value
-    assert "    [1e-07, -2.5, null],\n    [true, 4]\n" in text
-
-
-def test_a_bar_in_a_cell_of_a_table_is_escaped_once() -> None:
-    assert table(["a", "log₂|P|"], [["1", r"|x\|"]]).splitlines() == [
-        r"| a | log₂\|P\| |",
-        "|---|---|",
-        r"| 1 | \|x\| |",
-    ]

@@ -290,14 +290,6 @@ def test_a_scene_that_ends_the_process_is_a_failure(own: str, capsys: pytest.Cap
     assert "SystemExit" in capsys.readouterr().err
 
 
-def test_weights_with_a_long_path_are_kept(tmp_path: Path) -> None:
-    """The file in the store would have a name of over 255 characters, which was told when the episode was over."""
-    path = tmp_path / ("a" * 120) / ("b" * 120) / "policy.npz"
-    path.parent.mkdir(parents=True)
-    path.write_bytes((pretrained.FOLDER / "generalist.npz").read_bytes())
-    Store(tmp_path / "out").save(Task(str(path), 0).label, {}, {})
-
-
 def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

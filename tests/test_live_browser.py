@@ -6,11 +6,8 @@ It is the system's own chromium, headless, with GL in software: what is judged i
 import os
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +18,7 @@ viser = pytest.importorskip("viser", reason="the extra `live` is not installed")
 cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: see make client-live")
 
-from .live_scene import BROWSER, PATIENCE, SWITCHES, pressing, serving, until  # noqa: E402
+from .live_scene import BROWSER, PATIENCE, SWITCHES, until  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]
 
@@ -161,78 +158,3 @@ def test_on_a_phone_the_command_is_seen_and_nothing_is_cut_off(visit: Any) -> No
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     image = until(page.locator(VIEW).bounding_box)
     assert image["x"] >= 0 and image["x"] + image["width"] <= 390
-
-
-# From another site ----------------------------------------------------------------------------------------------------
-
-ATTACK = """async ([address, protocol, messages]) => {
-    const told = {};
-    for (const mode of ["cors", "no-cors"])
-        try {
-            told[mode] = (await (await fetch(address, {mode})).text()).length;
-        } catch (error) {
-            told[mode] = error.name;
-        }
-    told.socket = await new Promise(tell => {
-        const socket = new WebSocket(address.replace("http", "ws"), protocol);
-        socket.onerror = () => tell("refused");
-        socket.onopen = () => messages.forEach(bytes => socket.send(new Uint8Array(bytes)));
-        socket.onmessage = event => tell(event.data.size);
-    });
-    return told;
-}"""
-"""Reads the page and its messages, and presses a button."""
-
-
-@pytest.fixture(scope="module")
-def site() -> Iterator[str]:
-    """Another site: a server of its own port, with an empty page."""
-
-    class Empty(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><title>another</title>")
-
-        def log_message(self, *_: Any) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Empty)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield f"http://localhost:{server.server_address[1]}/"
-    server.shutdown()
-    server.server_close()
-
-
-def test_a_page_of_another_site_neither_reads_nor_presses(browser: Any, site: str) -> None:
-    with serving() as (live, requests), closing(browser.new_page()) as page:
-        attack = [live.address, f"viser-v{viser.__version__}", [list(message) for message in pressing(live._pause)]]
-        page.goto(site)
-        assert page.evaluate(ATTACK, attack) == {"cors": "TypeError", "no-cors": 0, "socket": "refused"}
-        page.evaluate("address => document.body.innerHTML = `<iframe src='${address}'></iframe>`", live.address)
-        page.wait_for_timeout(2000)
-        assert [frame.url for frame in page.frames] == [site, "chrome-error://chromewebdata/"]
-        assert requests == []
-        page.goto(live.address)  # its own page may do all that
-        told = page.evaluate(ATTACK, attack)
-        assert told["cors"] > 1000 and told["socket"] > 100
-        until(lambda: ("pause", True) in requests, PATIENCE)
-
-
-def test_another_site_cannot_make_the_page_connect_elsewhere(browser: Any, site: str) -> None:
-    with serving() as (live, _), closing(browser.new_page()) as page:
-        page.goto(site)
-        with page.expect_websocket() as opened:
-            page.evaluate("address => {location = address}", f"{live.address}/?websocket={site.replace('http', 'ws')}")
-        assert opened.value.url.rstrip("/") == live.address.replace("http", "ws")
-        assert page.url == f"{live.address}/"
-
-
-def test_from_afar_the_address_with_its_token_opens_the_page(browser: Any) -> None:
-    with serving("0.0.0.0") as (live, _), closing(browser.new_page()) as page:
-        bare, token = f"http://localhost:{live._server.get_port()}", live.address.split("/")[3]
-        assert page.goto(f"{bare}/").status == 403
-        page.goto(f"{bare}/{token}/")
-        for _ in range(2):
-            page.get_by_role("button", name="Pause", exact=True).first.wait_for()
-            page.reload()

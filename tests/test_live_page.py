@@ -27,7 +27,7 @@ from activeslam_gym.live.state import Standing  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
 from activeslam_gym.vision import film  # noqa: E402
 
-from .live_scene import ABOUT, Served, a_state, camera_message, serving, until, visitor  # noqa: E402
+from .live_scene import ABOUT, Served, a_state, serving, until, visitor  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -64,13 +64,6 @@ def hanging(link: Link) -> Iterator[None]:
         yield
     finally:
         os.kill(pid, signal.SIGCONT)
-
-
-def unpacked(message: bytes) -> bytes:
-    """A message of viser without its binary arrays: two lengths, then the rest, compressed."""
-    from zstandard import ZstdDecompressor
-
-    return ZstdDecompressor().decompressobj().decompress(message[16:])
 
 
 def hears(client: Any) -> bool:
@@ -142,36 +135,6 @@ def test_without_viser_the_extra_is_named(tmp_path: Path) -> None:
 # What it survives -----------------------------------------------------------------------------------------------------
 
 
-def test_a_hundred_visitors_come_and_go(link: Link) -> None:
-    for k in range(100):
-        with visitor(link.address) as client:
-            if k % 10 == 0:
-                link.show(a_state(k))
-                assert hears(client)
-    assert link.alive
-    with visitor(link.address) as one, visitor(link.address) as other:
-        assert hears(one) and hears(other)
-
-
-def test_nonsense_on_its_port_is_shrugged_off(link: Link) -> None:
-    host, port = link.address.removeprefix("http://").replace("localhost", "127.0.0.1").split(":")
-    no_http = (b"\x00" * 4096, b"GET / HTTP/1.1\r\n\r\n", b"\xff\xfe\r\n\r\n", b"POST /../../etc/passwd HTTP/9\r\n\r\n")
-    for rubbish in no_http:
-        with socket.create_connection((host, int(port)), timeout=5.0) as caller:
-            caller.sendall(rubbish)
-            try:
-                caller.recv(1024)
-            except OSError:
-                pass
-    for message in (b"", b"\xc1\xc1", b"\x81\xa4type\xa5Nobod", "words"):
-        with visitor(link.address) as client:
-            client.send(message)
-    link.show(a_state())
-    with visitor(link.address) as client:
-        assert hears(client)
-    assert link.alive and link.requests() == []
-
-
 def test_tracking_does_not_wait_for_a_page_that_hangs(link: Link) -> None:
     with hanging(link):
         began = time.process_time()
@@ -183,28 +146,6 @@ def test_tracking_does_not_wait_for_a_page_that_hangs(link: Link) -> None:
     until(lambda: not link._latest)
     with visitor(link.address) as client:
         assert hears(client)
-
-
-def test_a_late_message_does_not_vanish_behind_newer_states(link: Link) -> None:
-    with visitor(link.address) as client:
-        client.send(camera_message())
-        link.show(a_state())
-        assert hears(client)
-        with hanging(link):
-            for k in range(40):  # more than the pipe holds
-                link.show(a_state(k, 40))
-                if k == 20:
-                    link.notify("Saved in here.")
-        until(lambda: b"Saved in here." in unpacked(client.recv(timeout=10.0)))
-
-
-def test_a_slow_visitor_holds_up_nobody(link: Link) -> None:
-    with visitor(link.address) as slow, visitor(link.address) as quick:
-        slow.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        for k in range(25):  # some megabytes, of which the slow one reads none
-            link.show(a_state(k, 40))
-            assert hears(quick)
-    assert link.alive
 
 
 def test_a_page_that_is_killed_does_not_end_tracking(link: Link) -> None:
@@ -251,25 +192,6 @@ def test_the_command_is_told_in_words_with_its_gain() -> None:
     of_a_policy = drawing.command(replace(a_state(), scores=np.full(7, np.nan)))
     assert "Move up" in of_a_policy and "gives no reasons" in of_a_policy
     assert "&lt;" in drawing.standing(replace(a_state(), words="<b>"), False)
-
-
-def test_reasons_are_relative_to_holding_still_and_colours_tell_things_apart() -> None:
-    scores = np.array((3.0, 1.0, 2.0, 2.5, 2.0, 2.0, 2.0))
-    told = drawing.reasons(replace(a_state(), command=Motion.FORWARD, scores=scores))
-    assert ">1.0</div>" in told and ">-1.0</div>" in told and ">0.0</div>" in told and "width:50.0%" in told
-    rings = [colour for colour, _ in film.OUTCOMES.values()]
-    assert len({*rings, film.ORANGE, film.VERMILLION, film.BLUE, film.SKY}) == 7
-
-
-def test_the_page_tells_how_long_it_waits_for_the_first_state(page: Served) -> None:
-    served, _ = page
-    assert "compiles" in served._standing.content
-    served._opened -= 7.0
-    served.wait()
-    assert "for 7 s" in served._standing.content
-    served.show(a_state())
-    served.wait()
-    assert "Tracking." in served._standing.content
 
 
 def test_the_page_tells_that_kernels_are_compiled_between_two_states(page: Served) -> None:

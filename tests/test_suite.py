@@ -149,12 +149,6 @@ def test_a_bad_manifest_is_told(changes: dict[str, Any], message: str, tmp_path:
         suite("v0")
 
 
-def test_an_unknown_argument_in_a_manifest_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    given = ["--suite", str(written(tmp_path, protocol={"nonsense": 1})), "--out", str(tmp_path)]
-    assert main(["enter", "--name", "a", "--policies", "stay", *given]) == 2
-    assert "nonsense" in capsys.readouterr().err
-
-
 def test_an_entry_is_verified(entered: Path, capsys: pytest.CaptureFixture[str]) -> None:
     entry = entries.read(entered)
     assert (entry.policies, entry.episodes, entry.training) == (("stay",), 2, ())
@@ -241,30 +235,20 @@ def test_edited_scores_and_hashes_are_found(
 
 HUGE = int("9" * 400)
 BAD_VALUES: dict[str, tuple[Any, ...]] = {
-    "name": ("a|b", "..", ".", ".a", "", "episodes", "a/b", None, 5, "a" * 300),
-    "suite": (None, ["small"]),
-    "behaviour": ("16", 16.0, True, HUGE, None),
-    "policies": ("stay", [], [None], ["stay", "orbit"], {"stay": 1}),
-    "contents": ([], [5], "", ["", ""]),
-    "versions": ({"numpy": None}, "2.0"),
-    "machine": (None, 5),
-    "training": (None, [{}], [5], {}, [{"seconds": "long"}]),
-    "note": (None, 5, ["a"]),
+    "name": ("a|b", "..", None),
+    "behaviour": ("16", HUGE),
+    "policies": ("stay", [], ["stay", "orbit"]),
+    "contents": ([], [5]),
+    "training": (None, [{}], [{"seconds": "long"}]),
     "scores": (
-        None,
         {},
-        [],
-        {"paper": None},
-        {"paper": []},
         {"paper": [[]]},
-        {"paper": [[1.0]]},
         {"paper": [[1.0, "2"]]},
-    )
-    + ({"paper": [[1.0, float("nan")]]}, {"paper": [[1.0, HUGE]]}, {"paper": [[1e300, 1.0]]}, {"office": [[1.0, 1.0]]})
-    + ({"paper": [1.0, 2.0]}, {"paper": [[[1.0], [2.0]]]}, {"paper": [[1.0, 2.0], [3.0]]}, {"paper": [[1.0, None]]}),
-    "lost": ({"paper": [[0, 2]]}, {"paper": [[0, True]]}, {"paper": [[0]]}, {"paper": [[0, float("nan")]]}, {}, 5),
+        {"paper": [[1.0, float("nan")]]},
+        {"office": [[1.0, 1.0]]},
+    ),
+    "lost": ({"paper": [[0, 2]]}, {"paper": [[0]]}, 5),
 }
-BAD_TEXTS = ("", "{", "[]", "5", "null", '"a"', "\0", "[" * 100_000, '{"a": ' * 5000, '{"name": ' + "9" * 5000 + "}")
 
 
 def said_of(entry: Path, capsys: pytest.CaptureFixture[str]) -> str:
@@ -288,19 +272,6 @@ def test_a_damaged_field_of_an_entry_is_named_with_its_file(
         assert f"missing or unknown: {field}" in said_of(edited(change), capsys).replace(
             "unknown: other, ", "unknown: "
         )
-
-
-def test_a_damaged_file_of_an_entry_is_named(
-    edited: Callable[[Callable[[dict[str, Any]], None]], Path], capsys: pytest.CaptureFixture[str]
-) -> None:
-    entry = edited(lambda given: None)
-    whole = entry.read_bytes()
-    for data in (*map(str.encode, BAD_TEXTS), whole[:-20], b"\xff" + whole, whole.decode().encode("utf-16")):
-        entry.write_bytes(data)
-        said_of(entry, capsys)
-    entry.unlink()
-    entry.mkdir()
-    said_of(entry, capsys)
 
 
 def test_damaged_weights_and_cards_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -333,32 +304,6 @@ def test_damaged_weights_and_cards_are_refused(tmp_path: Path, capsys: pytest.Ca
         arrays[first] = bad
         assert "policy.npz" in said() or bad.dtype == good.dtype
     assert not list(tmp_path.glob("*.md"))
-
-
-def test_new_weights_do_not_keep_an_older_card(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """An older `policy-0.json` in the entry's folder won over the card in the weights."""
-    pytest.importorskip("torch")
-    new, old = tmp_path / "new.npz", tmp_path / "mine" / "policy-0.json"
-    shutil.copy(pretrained.FOLDER / "generalist.npz", new)  # it holds its card, and none is beside it
-    old.parent.mkdir()
-    shutil.copy(pretrained.FOLDER / "ppo.json", old)
-    entry = enter(tmp_path, "mine", str(new))
-    assert entries.read(entry).training[0]["scenario"] == json.loads(old.read_text())["scenario"] != "paper"
-    assert verify(entry) == 0
-    shutil.copy(pretrained.FOLDER / "ppo.json", old)
-    assert verify(entry) == 2
-    assert "other weights" in capsys.readouterr().err
-
-
-def test_weights_in_the_entrys_folder_may_change_places(tmp_path: Path) -> None:
-    """The copy of the first overwrote the second."""
-    pytest.importorskip("torch")
-    names = [str(pretrained.FOLDER / "generalist.npz"), str(pretrained.FOLDER / "ppo.npz")]
-    entry = enter(tmp_path, "mine", *names)
-    contents = entries.read(entry).contents
-    assert contents == entries.read(enter(tmp_path, "mine", *names)).contents
-    swapped = enter(tmp_path, "mine", *(str(entry.with_name(f"policy-{i}.npz")) for i in (1, 0)))
-    assert entries.read(swapped).contents == contents[::-1]
 
 
 def test_no_text_of_an_entry_makes_a_line_of_the_verdict(

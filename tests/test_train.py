@@ -1,17 +1,10 @@
 """Training and the learned policies: small, but all the way."""
 
 import base64
-import contextlib
 import io
-import itertools
 import json
-import os
 import pickle
-import re
 import shutil
-import signal
-import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
@@ -52,28 +45,6 @@ def acts(env: gym.Env, policy: Any) -> np.ndarray:
     action, _ = policy.predict(env.reset(seed=0)[0])
     assert env.action_space.contains(action)
     return action
-
-
-def test_minibatches_are_equal_and_about_five(recwarn: pytest.WarningsRecorder) -> None:
-    for decisions in (2, 3, 7, 32, 256, 280, 1120, 9 * 32 * 12):
-        size = algorithms.minibatch(decisions)
-        assert size > 1 and decisions % size == 0
-    assert algorithms.minibatch(1120) == 224 and algorithms.minibatch(256) == 64
-    recipe = Recipe(**{**RECIPE, "num_envs": 4, "duration": 8.0, "decision_period": 1.0})
-    with contextlib.closing(algorithms.make_training(recipe)) as env:
-        algorithms.make_learner(recipe, env, None)
-    assert not [one for one in recwarn if "mini-batch" in str(one.message)]
-
-
-def test_training_tells_what_it_does_and_what_became_of_it(tmp_path: Path, capsys: Any) -> None:
-    small = SMALL | {"unseen_rooms": 1, "duration": 1.0, "decision_period": 0.5}
-    assert main(["train", *(f"--{k.replace('_', '-')}={v}" for k, v in small.items()), f"--out={tmp_path}"]
-                + ["--total-steps=4"]) == 0  # fmt: skip
-    out, bar = capsys.readouterr()
-    assert re.search(r"4 decisions: held-out rooms mean return -?\d+, median -?\d+, lost in \d+ %; kept", out)
-    assert "Now 1 other rooms for the kept weights, and for best-constant, mi-constant, mi-fisher:" in out
-    assert all(name in out for name in ("Results", "policy.npz", "lost, %", "median log score gain"))
-    assert all(doing in bar for doing in ("flying", "learning", "2 held-out rooms"))
 
 
 def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) -> None:
@@ -312,59 +283,6 @@ def test_a_foreign_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="holds more than tensors and numbers, which could run code"):
         train(Args(out=folder, total_steps=steps + 80, **SMALL))
     assert not hit.exists()
-
-
-def killed_at(event: int, action: Callable[[], Any]) -> bool:
-    """Do the ``action`` in a child process that is killed before this change of a file, if it comes so far."""
-    changes = iter(range(event, -1, -1))
-
-    def audit(name: str, arguments: tuple[Any, ...]) -> None:
-        writes = name == "open" and arguments[2] & (os.O_WRONLY | os.O_RDWR)
-        if (writes or name in ("os.rename", "os.remove")) and next(changes) == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-
-    if (child := os.fork()) == 0:
-        sys.addaudithook(audit)
-        with contextlib.suppress(BaseException):
-            action()
-            os._exit(0)
-        os._exit(1)
-    status = os.waitpid(child, 0)[1]
-    assert status in (0, signal.SIGKILL)
-    return status != 0
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="a child process is killed the POSIX way")
-def test_a_kill_between_weights_and_card_left_new_weights_with_the_old_card_or_none(
-    trained: Path, tmp_path: Path
-) -> None:
-    policy, card = torch.nn.Linear(1, 1), read_card(trained / "policy.npz")
-
-    def numbered(number: float) -> None:
-        torch.nn.init.constant_(policy.weight, number)
-        save(tmp_path / "policy.npz", policy, card | {"held_out_return": number})
-
-    for event in itertools.count():
-        numbered(1.0)
-        killed = killed_at(event, lambda: numbered(2.0))
-        weights, found = read("policy", tmp_path)
-        assert weights["weight"] == found["held_out_return"], f"killed before change {event}"
-        assert pretrained.names(tmp_path) == ["policy"]
-        if not killed:
-            break
-    assert event > 3 and weights["weight"] == 2.0
-
-
-def test_a_training_that_was_killed_between_weights_and_card_could_not_go_on(trained: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "killed"
-    shutil.copytree(trained, folder)
-    weights, _ = read("policy", trained)
-    (folder / "policy.json").unlink()
-    policies.resolve(str(folder / "policy.npz"), gym.make("ActiveSLAM-v0"))
-    train(Args(out=folder, total_steps=40, **SMALL))  # which is already done
-    assert read_card(folder / "policy.npz") == json.loads((folder / "policy.json").read_text("utf-8"))
-    for name, values in read("policy", folder)[0].items():
-        np.testing.assert_array_equal(values, weights[name])
 
 
 def test_a_damaged_folder_of_a_training_is_told(trained: Path, tmp_path: Path) -> None:

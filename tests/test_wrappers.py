@@ -6,10 +6,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import TimeAwareObservation
 
 from activeslam_gym import Gaze, Motion, observation_layout
-from activeslam_gym.wrappers import StepLimit, TokenObservation, TokenVectorObservation
+from activeslam_gym.wrappers import TokenObservation, TokenVectorObservation
 
 NAMES = ("ActiveSLAM-v0", "ActiveSLAMDiscrete-v0")
 
@@ -80,23 +79,6 @@ def test_a_batch_in_parts_has_a_leading_axis() -> None:
     for name, part in single.items():
         np.testing.assert_array_equal(observations[name][1], part)
     assert envs.observation_space.contains(envs.step(envs.action_space.sample())[0])
-
-
-def test_the_spec_has_no_number_of_steps_and_a_wrapper_gives_it_one() -> None:
-    for wrapper in (TokenObservation, StepLimit):
-        with pytest.raises(ValueError, match="env must be an ActiveSLAM environment"):
-            wrapper(gym.make("CartPole-v1"))
-    env = gym.make("ActiveSLAM-v0", duration=2.0)
-    assert env.spec.max_episode_steps is None
-    with pytest.raises(ValueError, match="max_episode_steps"):
-        TimeAwareObservation(env)
-    limited = StepLimit(env)
-    assert limited.spec.max_episode_steps == 8
-    aware = TimeAwareObservation(limited)
-    observation, _ = aware.reset(seed=0)
-    assert aware.observation_space.contains(observation)
-    ends = [aware.step((Motion.STAY, Gaze.STAY))[2:4] for _ in range(8)]
-    assert ends == [(False, False)] * 7 + [(False, True)]
 
 
 @pytest.mark.usefixtures("no_screen")

@@ -136,16 +136,6 @@ def solve_transposed_vector(U: np.ndarray, b: np.ndarray) -> None:
             rest[j] -= factor * row[j]
 
 
-@borrowing
-def solve_vector(U: np.ndarray, b: np.ndarray) -> None:
-    """Overwrite the vector ``b`` (n,) with U^{-1} b, U upper triangular."""
-    for k in range(b.shape[0] - 1, -1, -1):
-        value = b[k]
-        for j in range(k + 1, b.shape[0]):
-            value -= U[k, j] * b[j]
-        b[k] = value / U[k, k]
-
-
 @compiled
 def log2_det(A: np.ndarray) -> float:
     """log2 |A| of a symmetric matrix (n, n), or NaN where it is not positive definite."""

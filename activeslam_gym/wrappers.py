@@ -1,4 +1,4 @@
-"""Wrappers for clients that want the observation in parts, or the number of steps of an episode in the spec."""
+"""Wrappers for clients that want the observation in parts."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv, VectorObservationWrapper
 from gymnasium.vector.utils import batch_space
 
-from activeslam_gym import core_of, observation_layout
+from activeslam_gym import observation_layout
 from activeslam_gym.envs.observation import ObservationLayout
 
 _KINDS = ("fiducial", "expected", "initialising", "mapped")
@@ -55,20 +55,6 @@ class TokenVectorObservation(VectorObservationWrapper):
     def observations(self, observations: np.ndarray) -> Parts:
         """(B, D) in their parts."""
         return _in_parts(observations, self._layout)
-
-
-class StepLimit(gymnasium.wrappers.TimeLimit):
-    """Tells in `spec.max_episode_steps` how many steps an episode has, and changes nothing else.
-
-    The id is registered without that number, since it follows from ``duration`` and ``gaze_period``. Wrappers that ask
-    for it, such as `gymnasium.wrappers.TimeAwareObservation`, take the environment so.
-
-    Raises:
-        ValueError: ``env`` is no ActiveSLAM environment.
-    """
-
-    def __init__(self, env: gymnasium.Env) -> None:
-        super().__init__(env, int(core_of(env).setting.task.steps))
 
 
 def _token_space(layout: ObservationLayout) -> spaces.Space[Any]:

@@ -24,16 +24,16 @@ from activeslam_gym.evaluation import Episode, Store, outcome, run_episode
 from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
-from agents import figures, policies, pretrained
+from agents import policies, pretrained
 from agents import task as tasks
 from agents.__main__ import main
 from agents.compare.command import Args, compare
-from agents.figures import over_rooms, quaternion_error
+from agents.figures import quaternion_error
 from agents.pretrained import FOLDER
-from agents.summary import markdown, summarise, tables, text
+from agents.summary import summarise
 from agents.task import Task, play_tasks
 from agents.tools.files import alone_in, write_csv, write_json
-from tests.support import assert_same_record, python
+from tests.support import assert_same_record
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
@@ -125,28 +125,6 @@ def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
     assert "): sweep, 20.0" in headline
     assert "own:lost is lost in 75 % of the rooms; stay has a median log score gain of 0 or less" in headline
     assert summarise([*lost, *wrong]).notes[0].startswith("No policy has won anything. Not in the running: own:lost")
-
-
-def test_pictures_tell_the_lost_runs_and_tables_the_few_rooms() -> None:
-    few, many = (summarise([episode(seed=seed) for seed in range(rooms)]) for rooms in (3, 20))
-    assert "Results*" in text(few) and "* From 3 room(s)" in text(few) and "*" not in text(many)
-    summary = summarise([episode("stay"), episode("mi-fisher", bits=20.0)])
-    for table in tables(summary):
-        assert {len(row) for row in table.rows} == {len(table.header)}
-        assert len({len(line) for line in table.aligned().splitlines()[1:]}) == 1
-    assert "| stay | 20.0 | 0.0 [0.0, 97.5] | 0.0 [0.0, 97.5] | 20.0 | 10.0 |" in markdown(summary)
-    pytest.importorskip("matplotlib")
-    runs = {"mine": [episode("mine", 0, lost=True), episode("mine", 1)], "stay": [episode("stay", 0)]}
-    titles = [axes.get_title() for axes in figures.entropies(runs).axes]
-    assert titles == ["mine (2 rooms, 1 lost)\nthis run was lost", "stay (1 rooms, 0 lost)"]
-
-
-def test_mean_over_rooms_leaves_out_the_runs_that_ended() -> None:
-    whole = episode()
-    cut = replace(whole, **{name: getattr(whole, name)[:3] for name in SAMPLED})
-    times, values = over_rooms([cut, whole], "entropy")
-    assert times.tolist() == [0.0, 1.0, 2.0]
-    np.testing.assert_array_equal(np.isnan(values), [[False, False, True], [False, False, False]])
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:
@@ -263,15 +241,6 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "own_policies"
 
 
-def test_a_factory_whose_file_was_replaced_is_played_again(own: str, tmp_path: Path) -> None:
-    """`compare --resume` gave the scores of the old file."""
-    scores = []
-    for gaze in ((2, 1), (4, 0)):
-        np.save(tmp_path / "gaze.npy", np.array(gaze))
-        scores.append(resumed((f"{own}:of_file",), tmp_path / "out"))
-    assert scores[0] != scores[1]
-
-
 @pytest.mark.parametrize("how", ["leaves", "leaves_unasked", "interrupts", "interrupts_itself", "ends"])
 def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
     how: str, own: str, capsys: pytest.CaptureFixture[str]
@@ -282,12 +251,6 @@ def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
     task = Task(f"{own}:{how}", 5, json.dumps({"duration": 1.0}))
     with pytest.raises((ValueError, ChildProcessError), match=f"{own}:{how}"):
         list(tasks.results([task], Store()))
-
-
-def test_a_scene_that_ends_the_process_is_a_failure(own: str, capsys: pytest.CaptureFixture[str]) -> None:
-    line = f"compare --policies stay --scenario {own}:ends_scenario --episodes 1 --jobs 1 --no-figures --out out"
-    assert main(line.split()) == 2
-    assert "SystemExit" in capsys.readouterr().err
 
 
 def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
@@ -410,11 +373,3 @@ def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
         "No figures: matplotlib is not installed (pip install -e '.[plot]').",
     ]
     assert len((tmp_path / "episodes.csv").read_text().splitlines()) == 3 and not list(tmp_path.glob("*.png"))
-
-
-def test_command_line_in_processes_without_torch(tmp_path: Path) -> None:
-    (tmp_path / "torch.py").write_text("raise ImportError('torch was imported')\n")
-    paths = [str(tmp_path), str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
-    line = "-m agents compare --policies stay random --episodes 2 --jobs 2 --duration 1 --no-figures --out".split()
-    assert "Results" in python(*line, tmp_path / "out", PYTHONPATH=os.pathsep.join(paths))
-    assert len(list((tmp_path / "out" / "episodes").glob("*.npz"))) == 4

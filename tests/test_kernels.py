@@ -19,7 +19,6 @@ from numba.core.dispatcher import Dispatcher
 from activeslam_gym import kernels
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.files import read_sealed, write_sealed
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.kernels import compiled, constants, filled, inlined, one_of, record, row
 
@@ -210,19 +209,6 @@ def test_an_edit_of_a_module_with_kernels_has_a_cache_of_its_own(read_only: Path
 
 
 @compiles
-def test_contents_that_were_not_used_for_long_are_forgotten(copy: Path) -> None:
-    source, cache = copy / PACKAGE.name / "linalg.py", copy / PACKAGE.name / "__pycache__"
-    for age in range(8):
-        (cache / f"kernels-{age}").mkdir(parents=True)
-        os.utime(cache / f"kernels-{age}", (1e9 - age, 1e9 - age))
-    source.write_text(source.read_text("utf-8") + "\n", encoding="utf-8")
-    assert "compiling" in said(copy)
-    (present,) = {path.parent for path in kept_in(copy)}
-    kept = {path.name for path in present.parent.glob("kernels-*")}
-    assert kept == {present.name, "kernels-0", "kernels-1", "kernels-2", "kernels-3"}
-
-
-@compiles
 @pytest.mark.slow
 def test_a_damaged_file_in_the_cache_is_made_anew_and_alone(copy: Path) -> None:
     """Flipped bits once crashed Python at every start, and one damaged file cost the files of other processes."""
@@ -240,36 +226,6 @@ def test_a_damaged_file_in_the_cache_is_made_anew_and_alone(copy: Path) -> None:
             (line,) = said(copy).splitlines()
             assert "compiling" in line and other.read_bytes() == b"not yet whole"
     assert said(copy) == ""  # the recompiled kernel took its place
-
-
-def test_of_a_sealed_file_every_flipped_bit_and_every_lost_byte_is_noticed(tmp_path: Path) -> None:
-    path, data = tmp_path / "sealed", b"machine code"
-    assert read_sealed(path) is None
-    write_sealed(path, data)
-    assert read_sealed(path) == data
-    content = path.read_bytes()
-    flipped = [bytes(b ^ (place == k) << bit for k, b in enumerate(content))
-               for place in range(len(content)) for bit in range(8)]  # fmt: skip
-    for damaged in flipped + [content[:size] for size in range(len(content))]:
-        path.write_bytes(damaged)
-        assert read_sealed(path) is None
-
-
-@compiles
-def test_a_cache_that_cannot_be_written_is_told_once(copy: Path, tmp_path: Path) -> None:
-    code = f"""
-from activeslam_gym import geometry, linalg
-import shutil, pathlib
-folder = pathlib.Path({str(tmp_path / "cache")!r})
-shutil.rmtree(folder, ignore_errors=True); folder.touch()
-{SMALL_KERNEL}
-print(linalg.product(np.eye(2), np.eye(2)).sum())
-"""
-    done = run(code, copy, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
-    assert (done.returncode, done.stdout.split("\n")[:2]) == (0, [PRINTED, "2.0"]), done.stderr
-    compiling, complaint = done.stderr.splitlines()
-    assert "compiling" in compiling
-    assert "could not be kept" in complaint and "compiled again at the next start" in complaint
 
 
 @compiles

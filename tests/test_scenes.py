@@ -186,44 +186,6 @@ def test_the_truth_has_the_scene_of_boxes_too() -> None:
 # Errors -------------------------------------------------------------------------------------------------------------
 
 
-def told(method: str, answer: Any) -> type[SphereScene]:
-    """A scene of a sphere, one of whose methods gives that ``answer``."""
-    return type("Wrong", (SphereScene,), {method: lambda *_: answer})
-
-
-class WideBounds(SphereScene):
-    factor = 2.0
-
-    def __init__(self, scenario: Scenario, rng: np.random.Generator) -> None:
-        super().__init__(scenario, rng)
-        self.bounds = self.factor * self.bounds
-
-
-class NoBounds(WideBounds):
-    factor = 0.0
-
-
-N, UP = Scenario().landmark_count, np.tile((0.0, 1.0, 0.0), (Scenario().landmark_count, 1))
-WRONG = {
-    "a clearance of NaN": told("clearance", np.full(26, np.nan)),
-    "one clearance of all": told("clearance", 1.0),
-    "blocks in words": told("blocks", "no"),
-    "flat points": told("sample", (np.zeros((N, 2)), UP)),
-    "points of NaN": told("sample", (np.full((N, 3), np.nan), UP)),
-    "long normals": told("sample", (np.zeros((N, 3)), 2.0 * UP)),
-    "points outside": told("sample", (np.full((N, 3), 9.0), UP)),
-    "wide bounds": WideBounds,
-    "no bounds": NoBounds,
-}
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-def test_a_wrong_answer_of_a_scene_is_an_error_with_its_name(wrong: str) -> None:
-    SCENES.register("Wrong")(WRONG[wrong])
-    with pytest.raises(ValueError, match="scene 'Wrong'"):
-        draw_room(Scenario(scene="Wrong"), np.random.default_rng(0))
-
-
 def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -> None:
     class Full(SphereScene):
         def clearance(self, p: np.ndarray, directions: np.ndarray, farthest: float) -> np.ndarray:

@@ -9,9 +9,6 @@ import pytest
 import baselines
 from activeslam_gym.evaluation import Episode, run_episode
 from activeslam_gym.sensors.sensor import SENSORS, Detections
-from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.estimator import ESTIMATORS
-from examples.extend_estimator import NumpyEkf
 from examples.extend_range_sensor import RangeSensor
 
 NUMPY = {"estimator": "numpy-ekf", "association": "known"}
@@ -66,45 +63,6 @@ class entered:  # noqa: N801
 
     def __exit__(self, *_: object) -> None:
         del self.registry[self.name]
-
-
-def step_with(**scenario: Any) -> None:
-    env = gym.make("ActiveSLAM-v0", scenario={"association": "known", **scenario}, gaze_period=0.25)
-    env.reset(seed=0)
-    env.step((0, 0))
-
-
-def test_what_an_estimator_returns_wrongly_is_told_by_name() -> None:
-    class Short(NumpyEkf):
-        def update(self, measurements: Any) -> Any:
-            return super().update(measurements)[:-1]
-
-    class Flat(NumpyEkf):
-        def estimate(self) -> Estimate:
-            return Estimate(self.x, np.array([2, 1]), np.zeros((2, 3)), np.eye(18), np.ones(2, bool), np.ones(2, bool))
-
-    class Unbounded(NumpyEkf):
-        def estimate(self) -> Estimate:
-            self.P[0, 0] = np.nan
-            return super().estimate()
-
-    of = "of the estimator 'mine'"
-    for kind, message in (
-        (Short, rf"update\(\) {of} returns must be whole numbers of shape"),
-        (Flat, rf"estimate\(\) {of} failed: .*ids of an Estimate must be positive and increasing"),
-        (Unbounded, rf"estimate\(\) {of} must have a finite covariance"),
-    ):
-        with entered(ESTIMATORS, "mine", kind), pytest.raises(ValueError, match=message):
-            step_with(estimator="mine")
-
-
-def test_what_a_sensor_returns_wrongly_is_told_by_name() -> None:
-    class Blank(RangeSensor):
-        def measure(self, truth: Any, time: float) -> Detections:
-            return Detections(np.full((1, 3), np.nan), np.zeros(1, int))
-
-    with entered(SENSORS, "blank", Blank), pytest.raises(ValueError, match="measure\\(\\) of the sensor 'blank'"):
-        step_with(sensor="blank", estimator="numpy-ekf")
 
 
 def test_a_part_that_is_not_registered_is_told_with_those_that_are() -> None:

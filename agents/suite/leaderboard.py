@@ -1,8 +1,8 @@
-"""`python -m agents leaderboard`: the tables of all entries of a suite, and their performance profiles.
+"""`python -m agents leaderboard`: the tables of all entries of a suite.
 
 The statistics are those of Agarwal et al. (2021, Deep Reinforcement Learning at the Edge of the Statistical
 Precipice): scores normalised in each scenario, their interquartile mean over scenarios, training seeds and episodes
-with a stratified bootstrap, the probability of improvement, and profiles. Failures come first, since an interquartile
+with a stratified bootstrap, and the probability of improvement. Failures come first, since an interquartile
 mean does not see them.
 """
 
@@ -13,11 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.figures import save_figure
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
-from agents.tools.arguments import Figures, Pages
+from agents.tools.arguments import Pages
 from agents.tools.sections import Table
 from agents.tools.statistics import FEWEST, RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
 
@@ -26,8 +25,8 @@ SECTION, SHORT = "leaderboard", "board"  # sections of pages: all tables, and th
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(Pages, Figures):
-    """Make the leaderboard of the entries in a folder: tables, and performance profiles."""
+class Args(Pages):
+    """Make the leaderboard of the entries in a folder."""
 
     entries: Path = entries.FOLDER
     """Folder of the entries, NAME/entry.json each."""
@@ -35,8 +34,6 @@ class Args(Pages, Figures):
     """Name of the suite, or a manifest of your own; entries of others are left out."""
     episodes: int | None = None
     """The first so many episodes of each scenario; all if not given. Entries with fewer are left out."""
-    out: Path = Path("results/leaderboard")
-    """Folder of the picture."""
 
 
 def main(args: Args) -> int:
@@ -54,8 +51,6 @@ def main(args: Args) -> int:
     print("\n\n".join(table.aligned() for table in tables))
     text = "\n\n".join([*(f"### {table.title}\n\n{table.markdown()}" for table in tables), LEGEND])
     args.publish("leaderboard", leaderboard=text, board=f"{tables[0].markdown()}\n\n{LEGEND}")
-    if args.drawn:
-        print(f"Written to {profiles(of, found, args.out / 'profiles.png')}")
     return 0
 
 
@@ -146,23 +141,6 @@ def failures(entry: Entry) -> Estimate:
     drawn = _bootstrapped(failed, _mean)
     low, high = np.fmin(exact.low, drawn.low), np.fmax(exact.high, drawn.high)
     return Estimate(float(failed.mean()), float(low), float(high), failed.size, "share")
-
-
-def profiles(of: Suite, found: Sequence[Entry], path: Path) -> Path:
-    """Draw of each entry the share of episodes whose normalised score is at least x: mean over scenarios."""
-    from matplotlib.figure import Figure
-
-    best = {one: best_open_loop(of, found, one) for one in of.scenarios}
-    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
-    axes, at = figure.subplots(), np.linspace(-0.5, 2.0, 251)
-    for index, entry in enumerate(found):
-        scores = _normalised(entry, best).reshape(len(best), -1, 1)
-        shares = (scores >= at).mean(axis=(0, 1))
-        axes.plot(at, 100.0 * shares, f"C{index}", ls="-" if index < 10 else "--", label=entry.name)  # of ten colours
-    axes.set(xlabel="normalised log score x", ylabel="episodes with at least x, %", xlim=at[[0, -1]], ylim=(0.0, 100.0))
-    axes.axvline(1.0, color="0.7", linewidth=0.8, zorder=0)
-    axes.legend(fontsize=8)
-    return save_figure(figure, path)
 
 
 def _bootstrapped(scores: Array, figure: Callable[[Array], Array]) -> Estimate:

@@ -1,7 +1,6 @@
 """`python -m studies.…`, small; their whole tables are in docs/."""
 
 import csv
-import re
 from pathlib import Path
 
 import gymnasium as gym
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents import task as tasks
-from studies import clients, consistency, images, rules, worlds
+from studies import clients, consistency, rules, worlds
 from tests.test_compare import episode
 
 
@@ -48,25 +47,6 @@ def test_worlds_tells_a_policy_beside_the_best_open_loop(capsys: pytest.CaptureF
     assert [row[0][2:] for row in rows] == ["`best-constant`", "`sweep`", "`best-sequence`", "`stay`"]
     best = max(rows[:3], key=lambda row: float(row[1]))
     assert float(best[2]) == 0.0 and float(rows[3][2]) < 0.0
-
-
-def test_images_tells_nees_and_noise(capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("cv2")
-    images.main("--policies stay --rooms 1 --seconds 5".split())
-    *_, row, _, noise = capsys.readouterr().out.splitlines()
-    name, score, _, pose, landmarks, depths, *_ = (cell.strip() for cell in row.strip("|").split(" | "))
-    assert name == "stay, 1 rooms" and float(score) > 0.0 and 0.0 < float(pose.split()[0]) < 30.0
-    assert 0.0 < float(landmarks.split()[0]) < 30.0 and 0.5 < float(depths) < 2.0
-    assert noise.startswith("noise of a matched pixel: rms 0.")
-
-
-def test_nees_are_means_the_interval_of_the_last_and_the_greatest() -> None:
-    rows = np.array([[1.0, np.nan, value] for value in np.arange(1.0, 41.0)])
-    found = re.fullmatch(r"1.00 / 20.50 \[(.*), (.*)\] \(40.0\)", images._nees(rows))
-    assert found
-    low, high = map(float, found.groups())
-    assert 15.5 < low < 18.0 and 23.0 < high < 25.5
-    assert images._nees(np.full((2, 3), np.nan)) == ""
 
 
 @pytest.mark.parametrize("name", ["GoBack", "Face", "SpinThenOrbit", "RIGHT_LEFT"])

@@ -54,14 +54,6 @@ class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
         """(H, W) uint8 the last image; a copy."""
         return self._perceptions[0].image.copy()
 
-    def depth_ratios(self) -> np.ndarray:
-        """(n,) estimated over true distance from the camera of each mapped landmark. For the evaluator, never for
-        policies."""
-        belief, position = self.belief, self.truth.position
-        points = self._perceptions[0].scene_points(belief.ids[belief.mapped])
-        estimated = np.linalg.norm(belief.landmarks[belief.mapped] - belief.position, axis=1)
-        return estimated / np.linalg.norm(points - position, axis=1)
-
     def match_errors(self) -> np.ndarray:
         """(m, 6) of the last frame's matches: id, error u, v [px], and the noise R that was assumed, uu, uv, vv [px^2].
 

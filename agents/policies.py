@@ -3,7 +3,6 @@
 import hashlib
 import importlib
 import json
-import signal
 from base64 import b64decode
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -194,12 +193,10 @@ def _imported(name: str) -> Callable[[Environment], Any]:
 
 @contextmanager
 def _failures(before: str, after: str = "") -> Iterator[None]:
-    """Turn whatever a user's code raises into a ValueError, but for Ctrl-C, which workers ignore."""
+    """Turn whatever a user's code raises into a ValueError, but for Ctrl-C."""
     try:
         yield
-    except BaseException as error:
-        if isinstance(error, KeyboardInterrupt) and callable(signal.getsignal(signal.SIGINT)):
-            raise
+    except (Exception, SystemExit) as error:
         raise ValueError(f"{before}{_told(error)}{after}") from error
 
 

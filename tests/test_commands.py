@@ -25,7 +25,7 @@ def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> 
         with pytest.raises(SystemExit) as exit_:
             main([command, "--help"])
         assert exit_.value.code == 0
-        options = {"watch": "--save", "verify": "--jobs"}
+        options = {"watch": "--save", "verify": "--jobs", "leaderboard": "--entries"}
         assert options.get(command, "--out") in capsys.readouterr().out
 
 

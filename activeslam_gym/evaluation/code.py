@@ -78,12 +78,12 @@ def own_files(modules: Iterable[str]) -> dict[str, Path]:
         try:
             finder.import_hook(name)
         except AttributeError:  # its folder has no __init__.py, which the finder does not know
-            file = "/".join(name.split(".")) + ".py"
-            found.update((file, Path(one, file)) for one in path if Path(one, file).is_file())
+            inside = "/".join(name.split(".")) + ".py"
+            found.update((inside, Path(one, inside)) for one in path if Path(one, inside).is_file())
         except (ImportError, SyntaxError, ValueError):  # the import itself will tell
             continue
     for name, module in finder.modules.items():
-        file = Path(module.__file__ or "")
+        file = Path(getattr(module, "__file__", None) or "")
         if "." in name and name.partition(".")[0] in found:
             continue
         if file.name == "__init__.py" and "." not in name:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from activeslam_gym import Gaze, Motion, Scenario, core_of
 from activeslam_gym.config import TRAINING_SEED
-from activeslam_gym.evaluation.cluster import FOUND
+from activeslam_gym.evaluation.cluster import FOUND, on_cluster
 from activeslam_gym.evaluation.code import digest
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.evaluation.store import NOT_KEPT, Store
@@ -137,11 +137,11 @@ def log_scores(
 
     def scores() -> dict[str, NDArray[Any]]:
         each, rooms = np.repeat(plans, len(seeds), axis=0), np.tile(seeds, len(plans))
-        on_cluster = isinstance(store.workers, str)
-        batch = CLUSTER_BATCH if on_cluster else BATCH
+        address = store.workers if isinstance(store.workers, str) else ""
+        batch = CLUSTER_BATCH if address else BATCH
         parts = [tuple(range(len(rooms)))[i : i + batch] for i in range(0, len(rooms), batch)]
         play = partial(_final_scores, plans=each, scenario=scenario, seeds=rooms.tolist(), times=times)
-        ends = dict(run_all(play, parts, store.workers, None) if on_cluster else zip(parts, map(play, parts)))
+        ends = dict(run_all(play, parts, partial(on_cluster, address=address) if address else 1, None))
         return {"log_scores": np.concatenate([ends[part] for part in parts]).reshape(len(plans), len(seeds))}
 
     return store.of(f"{scenario.name}-{len(plans)}-plans", key, scores)["log_scores"]

@@ -9,12 +9,15 @@ calling process takes one answer after the other: a time for each chunk, and one
 
 import argparse
 import heapq
+import itertools
 import json
 import pickle
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from textwrap import fill
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -43,97 +46,77 @@ class Job(NamedTuple):
 
 
 class Run(NamedTuple):
-    """A simulated run."""
+    """A simulated run: its wall time [s], and the time of play over cores x wall time."""
 
-    wall: float  # [s]
-    efficiency: float  # time of play over cores x wall
-    caller: float  # share of the wall time in which the calling process is busy
+    wall: float
+    efficiency: float
 
 
 def simulated(times: Mapping[str, list[float]], costs: Mapping[str, float], episodes: int, cores: int) -> Run:
     """Play so many episodes, the same number of each group of ``times`` [s], drawn from its measured ones."""
     rng, each = np.random.default_rng(0), episodes // len(times)
-    drawn = {name: rng.choice(own, each).tolist() for name, own in times.items()}
-    jobs = [(Job(name, seconds),) for name, own in drawn.items() for seconds in own]
-    schedule, now, caller, busy = engine.Schedule(jobs), 0.0, costs["connect"], 0.0
-    queues: list[deque] = [deque() for _ in range(cores)]  # chunks on their way to each core: from when, of what group
+    jobs = [(Job(name, one),) for name, own in times.items() for one in rng.choice(own, each).tolist()]
+    schedule, queue = engine.Schedule(jobs), deque[tuple[float, Any]]()  # chunks that wait for a core, and since when
+    now = caller = costs["connect"]  # until then the calling process is busy
+    free, begun = list(range(cores)), set[int]()
     over: list[tuple[float, int, float, Any]] = []  # when a chunk is over, on which core, its time, the chunk
-    idle, first = set(range(cores)), set(range(cores))
-
-    def send(core: int, after: float) -> None:
-        chosen: Any = schedule.next(cores)
-        if chosen:
-            queues[core].append((after + costs["transfer"], chosen))
-
-    def begin(core: int, now: float) -> None:
-        idle.discard(core)
-        ready, (group, chunk) = queues[core].popleft()
-        seconds = sum(task[0].seconds for task in chunk) + (costs["load"] if core in first else 0.0)
-        first.discard(core)
-        heapq.heappush(over, (max(now, ready) + seconds, core, seconds, (group, chunk)))
-
-    for core in list(range(cores)) * engine.AHEAD:
-        send(core, caller)
-    for core in range(cores):
-        if queues[core]:
-            begin(core, caller)
-    while over:
+    while True:
+        while len(queue) + len(over) < engine.AHEAD * cores and (chosen := schedule.next(cores)):
+            queue.append((caller + costs["transfer"], chosen))
+        while free and queue:
+            core, (ready, chosen) = free.pop(), queue.popleft()
+            seconds = sum(task[0].seconds for task in chosen[1]) + (0.0 if core in begun else costs["load"])
+            begun.add(core)
+            heapq.heappush(over, (max(now, ready) + seconds, core, seconds, chosen))
+        if not over:
+            break
         now, core, seconds, (group, chunk) = heapq.heappop(over)
-        spent = costs["chunk"] + costs["episode"] * len(chunk)
-        caller, busy = max(caller, now) + spent, busy + spent
+        free.append(core)
+        caller = max(caller, now) + costs["chunk"] + costs["episode"] * len(chunk)
         group.cost = min(group.cost, seconds / len(chunk))
-        send(core, caller)
-        if queues[core]:
-            begin(core, now)
     wall = max(now, caller)
-    return Run(wall, sum(map(sum, drawn.values())) / (cores * wall), busy / wall)
+    return Run(wall, sum(one.seconds for (one,) in jobs) / (cores * wall))
 
 
 def measured(rooms: int = 6) -> dict[str, Any]:
     """Times [s] of episodes by policy and scenario, and costs of an episode and a chunk, on `--cluster local`."""
-    import ray
-
     times: dict[str, list[float]] = {}
-    for scenario in SCENARIOS:
-        for policy in POLICIES:
-            jobs = [Task(policy, seed, json.dumps({"scenario": scenario})) for seed in range(rooms + 1)]
-            spent = []
-            for job in jobs:
-                begun = perf_counter()
-                (made,) = _made(play_tasks, [job])
-                spent.append(perf_counter() - begun)
-            times[f"{policy}, {scenario}"] = spent[1:]  # the first one loads kernels
-            print(f"{policy}, {scenario}: {np.mean(spent[1:]):.2f} s", flush=True)
-    costs = {"bytes": len(pickle.dumps([made])), "episode": _cost_of_an_answer(job, made)}
+    for scenario, policy in itertools.product(SCENARIOS, POLICIES):
+        jobs = [Task(policy, seed, json.dumps({"scenario": scenario})) for seed in range(rooms + 1)]
+        spent = [_seconds(partial(_made, play_tasks, [job])) for job in jobs]
+        times[f"{policy}, {scenario}"] = np.round(spent[1:], 3).tolist()  # the first one loads kernels
+        print(f"{policy}, {scenario}: {np.mean(spent[1:]):.2f} s", flush=True)
+    (made,) = _made(play_tasks, jobs[:1])
+    answer, first = pickle.dumps([made]), [(Task("mi-mi", 0),)]
+    costs = {"bytes": len(answer), "transfer": len(answer) / TRANSFER, "episode": _cost_of_an_answer(jobs[0], answer)}
+    costs["connect"] = _seconds(partial(_on_cluster, _nothing, [(0,)]))
+    costs["chunk"] = _seconds(partial(_on_cluster, _nothing, [(i,) for i in range(200)])) / 200
+    costs["load"] = _seconds(partial(_on_cluster, play_tasks, first)) - float(np.mean(times["mi-mi, paper"]))
+    return {"times": times, "costs": costs}
+
+
+def _seconds(call: Callable[[], Any]) -> float:
+    """The time of a call [s]."""
     begun = perf_counter()
-    list(engine.on_cluster(_nothing, [(0,)], "local"))
-    costs["connect"] = perf_counter() - begun
-    for count in (1, 200):
-        begun = perf_counter()
-        list(engine.on_cluster(_nothing, [(i,) for i in range(count)], "local"))
-        costs["chunk"] = (perf_counter() - begun) / count
-    load = [Task("mi-mi", seed, json.dumps({"scenario": "paper"})) for seed in range(1)]
-    begun = perf_counter()
-    list(engine.on_cluster(play_tasks, [(one,) for one in load], "local"))
-    costs["load"] = perf_counter() - begun - float(np.mean(times["mi-mi, paper"]))
-    costs["transfer"] = costs["bytes"] / TRANSFER
-    ray.shutdown()
-    return {"times": {name: np.round(own, 3).tolist() for name, own in times.items()}, "costs": costs}
+    call()
+    return perf_counter() - begun
+
+
+def _on_cluster(function: Callable[[Any], Any], tasks: Sequence[Any]) -> None:
+    list(engine.on_cluster(function, tasks, "local"))
 
 
 def _nothing(task: Any) -> None:
     """A task that takes no time."""
 
 
-def _cost_of_an_answer(job: Task, made: Any, count: int = 100) -> float:
+def _cost_of_an_answer(job: Task, answer: bytes, count: int = 100) -> float:
     """Time of the calling process for an episode: it is taken out of the answer, written, and looked at [s]."""
-    arrays, packed = made
+
     with TemporaryDirectory() as folder:
-        store = Store(Path(folder))
-        answer = pickle.dumps([made])
-        begun = perf_counter()
+        store, begun = Store(Path(folder)), perf_counter()
         for i in range(count):
-            pickle.loads(answer)
+            ((arrays, packed),) = pickle.loads(answer)
             store._write(f"{i}", job.key, packed)
             Episode.of(arrays)
         return (perf_counter() - begun) / count
@@ -142,29 +125,23 @@ def _cost_of_an_answer(job: Task, made: Any, count: int = 100) -> float:
 def table_of(data: Mapping[str, Any]) -> str:
     """A row for each number of cores, and the costs."""
     times, costs = data["times"], data["costs"]
-    head = (
-        "Cores",
-        *(f"{part}, {told_count(count)} episodes" for count in EPISODES for part in ("Wall time", "efficiency, %")),
-    )
-    rows = []
-    for cores in CORES:
-        runs = [simulated(times, costs, count, cores) for count in EPISODES]
-        rows.append([str(cores), *(cell for run in runs for cell in (told(run.wall), f"{100 * run.efficiency:.0f}"))])
+    head, rows = ["Cores"], [[str(cores)] for cores in CORES]
+    for count in EPISODES:
+        of = f"{count:,} episodes".replace(",", " ")
+        head += [f"Wall time, {of}", f"efficiency, %, {of}"]
+        for cores, row in zip(CORES, rows):
+            run = simulated(times, costs, count, cores)
+            row += [told(run.wall), f"{100 * run.efficiency:.0f}"]
     mean = float(np.mean([np.mean(own) for own in times.values()]))
     most = 1.0 / (costs["episode"] + costs["chunk"] * mean / engine.CHUNK)
-    pairs, answer = len(times), f"{costs['bytes'] / 1000:.0f} kB"
     spent = f"{1000 * costs['chunk']:.1f} ms on a chunk and {1000 * costs['episode']:.2f} ms on each episode in it"
     text = (
-        f"Over {pairs} pairs of policy and scenario, an episode takes {mean:.2f} s of a core and sends {answer}. "
-        f"A core loads kernels for {costs['load']:.1f} s. The calling process spends {spent}, so it takes at most "
-        f"{most:.0f} episodes a second, of {most * mean:.0f} cores: there it stops scaling."
+        f"Over {len(times)} pairs of policy and scenario, an episode takes {mean:.2f} s of a core and sends "
+        f"{costs['bytes'] / 1000:.0f} kB. A core loads kernels for {costs['load']:.1f} s. The calling process spends "
+        f"{spent}, so it takes at most {most:.0f} episodes a second, of {most * mean:.0f} cores: "
+        "there it stops scaling."
     )
-    return f"{table(head, rows)}\n\n{text}"
-
-
-def told_count(count: int) -> str:
-    """A number with spaces between thousands."""
-    return f"{count:,}".replace(",", " ")
+    return f"{table(head, rows)}\n\n{fill(text, 100)}"
 
 
 def told(seconds: float) -> str:
@@ -187,9 +164,8 @@ def draw(data: Mapping[str, Any], path: Path) -> None:
         left.semilogx(cores, [100 * run.efficiency for run in runs], "o-", base=2, label=f"{count:,} episodes")
     left.set(xlabel="cores", ylabel="efficiency, %", ylim=(0, 105))
     left.legend()
-    seconds = np.sort(np.concatenate(list(data["times"].values())))
-    right.step(seconds, np.arange(1, len(seconds) + 1) / len(seconds), where="post")
-    right.set(xscale="log", xlabel="time of an episode, s", ylabel="share of episodes", ylim=(0, 1))
+    right.ecdf(np.concatenate(list(data["times"].values())))
+    right.set(xscale="log", xlabel="time of an episode, s", ylabel="share of episodes")
     for axes in (left, right):
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=110)

@@ -17,6 +17,7 @@ from pathlib import Path
 from socket import create_connection
 from tempfile import TemporaryDirectory
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from activeslam_gym.evaluation.code import installation, processor
@@ -26,8 +27,9 @@ from activeslam_gym.registry import REGISTRIES
 T = TypeVar("T", bound=Sequence)
 R = TypeVar("R")
 CHUNK = 4.0  # a chunk takes about so long [s], several hundred times what Ray needs for one
-NODE_ID = "ray.io/node-id"
 AHEAD = 2  # chunks for each core that are on their way
+PATIENCE = 5.0  # for what is there already, and between questions to the head [s]
+NODE_ID = "ray.io/node-id"
 FOUND: dict[Hashable, Any] = {}
 """What takes a process long to find, and others are given."""
 _connection: dict[str, Any] = {}  # what the one connection of this process was asked for
@@ -88,7 +90,7 @@ class Schedule:
 
 
 def on_cluster(
-    function: Callable[[T], R], tasks: Sequence[T], address: str, files: Mapping[str, Path]
+    function: Callable[[T], R], tasks: Sequence[T], address: str, files: Mapping[str, Path] = MappingProxyType({})
 ) -> Generator[tuple[T, R | Exception], None, None]:
     """Yield the tasks with their results or errors, as they finish, on the cluster of Ray at an ``address``.
 
@@ -108,21 +110,23 @@ def on_cluster(
     on_node = ray.remote(num_cpus=1, max_retries=0)(_on_node())
     schedule, refused, kinds = Schedule(tasks), dict[str, str](), {processor()}
     pending: dict[Any, tuple[Group, list[T]]] = {}
+    cores, asked = 1, -inf
     try:
         while True:
-            if why := _silent(head):  # after a minute, calls of Ray would end this process
-                raise ConnectionError(why)
-            cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
+            if perf_counter() > asked + PATIENCE:
+                if why := _silent(head):  # a question that waits a minute for its answer ends this process
+                    raise ConnectionError(why)
+                cores, asked = max(1, int(ray.cluster_resources().get("CPU", 1))), perf_counter()
             there = on_node.options(label_selector={NODE_ID: f"!in({','.join(refused)})"} if refused else {})
             while len(pending) < AHEAD * cores and (chosen := schedule.next(cores)):
                 pending[there.remote(*given, ray.cloudpickle.dumps(chosen[1]))] = chosen
             if not pending:
                 return
-            ray.wait(list(pending), num_returns=1, timeout=5.0)
+            ray.wait(list(pending), num_returns=1, timeout=PATIENCE)
             for ref in ray.wait(list(pending), num_returns=len(pending), timeout=0)[0]:
                 group, chunk = pending.pop(ref)
                 try:
-                    node, name, kind, differs, played = ray.get(ref)
+                    node, name, kind, differs, played = ray.get(ref, timeout=6.0 * PATIENCE)
                 except ray.exceptions.RayTaskError as error:
                     yield from ((task, ChildProcessError(f"{task[0]}: {error.cause}")) for task in chunk)
                     continue
@@ -135,7 +139,8 @@ def on_cluster(
                     schedule.alone.append((group, chunk))
                     continue
                 if kind not in kinds:
-                    _say(f"{name} has another processor, {kind}: its scores may differ in their last digits.")
+                    told = f"{name} has another processor, {kind}: its scores may differ in their last digits."
+                    print(told, file=sys.stderr, flush=True)
                     kinds.add(kind)
                 outcomes, seconds = pickle.loads(played)
                 group.cost = min(group.cost, seconds / len(chunk))
@@ -187,15 +192,11 @@ def play(work: bytes, chunk: bytes) -> bytes:
 def _refuse(ray: Any, refused: dict[str, str], node: str, why: str) -> None:
     """Name a machine; ValueError where every one is refused."""
     if node not in refused:
-        _say(why)
+        print(why, file=sys.stderr, flush=True)
     refused[node] = why
     there = {one["NodeID"] for one in ray.nodes() if one["Alive"] and one["Resources"].get("CPU")}
     if there <= refused.keys():
         raise ValueError(f"--cluster: no machine can play: {'; '.join(refused.values())}")
-
-
-def _say(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
 
 
 def _connected(address: str, files: Mapping[str, Path]) -> Any:

@@ -2,37 +2,31 @@
 
 import os
 import signal
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from multiprocessing import get_context, parent_process
-from pathlib import Path
 from threading import Thread
 
-from activeslam_gym.evaluation.cluster import R, T, on_cluster, outcome
+from activeslam_gym.evaluation.cluster import R, T, outcome
 
 
 def run_all(
-    function: Callable[[T], R],
-    tasks: Sequence[T],
-    workers: int | str,
-    finished: int | None,
-    apart: bool = False,
-    files: Mapping[str, Path] | None = None,
+    function: Callable[[T], R], tasks: Sequence[T], workers: int | Callable, finished: int | None, apart: bool = False
 ) -> Generator[tuple[T, R], None, None]:
     """Yield the tasks with their results as they finish, under a progress bar.
 
-    ``workers``: at most so many processes, for one and not ``apart`` this one; or the address of a cluster (see
-    `on_cluster`). The bar counts the episodes of each task, and ``finished`` were there before; None is no bar. Close
-    the generator (or exhaust it) to end the processes; Ctrl-C reaches the parent alone. What fails is raised when all
-    others are over: ValueError or, where a process ends, ChildProcessError, with the names of its episodes.
+    ``workers``: at most so many processes, for one and not ``apart`` this one; or `on_cluster` with an address. The bar
+    counts the episodes of each task, and ``finished`` were there before; None is no bar. Close the generator (or
+    exhaust it) to end the processes; Ctrl-C reaches the parent alone. What fails is raised when all others are over:
+    ValueError or, where a process ends, ChildProcessError, with the names of its episodes.
     """
     from tqdm import tqdm
 
     outcomes = ((task, outcome(function, task)) for task in tasks)
-    if isinstance(workers, str):
-        outcomes = on_cluster(function, tasks, workers, files or {})
+    if callable(workers):
+        outcomes = workers(function, tasks)
     elif tasks and (apart or min(workers, len(tasks)) > 1):
         outcomes = _in_processes(function, tasks, min(workers, len(tasks)))
     before, failed = finished or 0, []
@@ -44,10 +38,9 @@ def run_all(
                 failed.append(result)
             else:
                 yield task, result
-    if failed[1:]:
-        raise ValueError(f"{len(failed)} of {len(tasks)} failed, such as {'; '.join(map(str, failed[:3]))}")
-    for error in failed:
-        raise error
+    if failed:
+        told = f"{len(failed)} of {len(tasks)} failed, such as {'; '.join(map(str, failed[:3]))}"
+        raise ValueError(told) if failed[1:] else failed[0]
 
 
 def _in_processes(
@@ -64,8 +57,7 @@ def _in_processes(
         for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
             process.kill()  # code in it may ignore a request
         pool.shutdown(cancel_futures=True)
-    rest = list(left.values())
-    for task in rest[:processes]:  # they begin in their order
+    for task in (rest := list(left.values()))[:processes]:  # they begin in their order
         why = f"{task[0]}: its process ended before it was over, twice (by itself, killed, or out of memory)"
         yield from [(task, ChildProcessError(why))] if again else _in_processes(function, [task], 1, again=True)
     if rest[processes:]:

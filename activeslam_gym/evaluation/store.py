@@ -9,11 +9,13 @@ from functools import partial
 from io import BytesIO
 from itertools import groupby
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from activeslam_gym.evaluation.cluster import on_cluster
 from activeslam_gym.evaluation.code import LIBRARIES, foreign_parts, package_sources, package_versions
 from activeslam_gym.evaluation.parallel import run_all
 from activeslam_gym.files import remove_unfinished, written_whole
@@ -92,7 +94,7 @@ class Store:
         batch: int = 1,
         anew: Collection[J] = (),
         apart: bool = False,
-        files: Mapping[str, Path] | None = None,
+        files: Mapping[str, Path] = MappingProxyType({}),
     ) -> Generator[tuple[J, Arrays], None, None]:
         """Yield every job with its result: the kept ones first, whose number is printed, then others as they finish.
 
@@ -119,7 +121,9 @@ class Store:
             return
         groups = [list(group) for _, group in groupby(missing, lambda job: job.group)]
         parts = [tuple(group[i : i + batch]) for group in groups for i in range(0, len(group), batch)]
-        with closing(run_all(partial(_made, play), parts, self.workers, kept, apart, files)) as finished:
+        workers = self.workers
+        on = workers if isinstance(workers, int) else partial(on_cluster, address=workers, files=files)
+        with closing(run_all(partial(_made, play), parts, on, kept, apart)) as finished:
             for part, results in finished:
                 for job, (arrays, packed) in zip(part, results, strict=True):
                     self._write(job.label, job.key, packed)

@@ -66,21 +66,23 @@ def test_a_feature_is_born_seen_again_and_forgotten() -> None:
     assert filter.birth([100.0, 80.0]) == 3
 
 
-def test_a_supposed_depth_is_that_of_a_birth_which_expected_it() -> None:
-    supposed, expected = sure_filter(), sure_filter()
-    expected.expected_inverse_depth = 0.9, PAPER.inverse_depth_std
-    for filter in (supposed, expected):
-        assert filter.birth([100.0, 80.0]) == 1
-    supposed.suppose(1, 0.9)
-    for array in ("feature", "covariance"):
-        np.testing.assert_array_equal(getattr(supposed.belief, array), getattr(expected.belief, array))
-    with pytest.raises(ValueError, match="inverse_depth must be a positive number, got 0.0"):
-        supposed.suppose(1, 0.0)
-    with pytest.raises(KeyError, match="no feature with id 2"):
-        supposed.suppose(2, 1.0)
-    convert_to_point(supposed.belief, 0)
-    with pytest.raises(ValueError, match="id must be that of a feature by inverse depth, got 1"):
-        supposed.suppose(1, 1.0)
+def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
+    rng, points = np.random.default_rng(4), np.array(((0.1, 0.05, 0.8), (-0.2, 0.1, 0.4)))
+    filter, camera, P = sure_filter(), random_camera(rng), random_spd(rng, np.full(18, 0.01))
+    filter.birth([100.0, 80.0])
+    assert filter.resume(camera, points, P).tolist() == filter.ids.tolist() == [1, 2]
+    np.testing.assert_array_equal(filter.mean, camera)
+    np.testing.assert_array_equal(filter.camera_covariance, P[:12, :12])
+    seen, joint = filter.points()
+    m = np.array([(np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)) for a, e, _ in points])
+    np.testing.assert_allclose(seen, m / points[:, 2:], atol=1e-12)
+    assert np.linalg.eigvalsh(joint).min() > -1e-12
+    assert np.abs(joint[12:, :12]).max() > 1e-7, "the camera and the points are correlated"
+    assert filter.birth([100.0, 80.0]) == 3
+    with pytest.raises(ValueError, match="covariance must be finite numbers of shape"):
+        filter.resume(camera, points, np.eye(15))
+    with pytest.raises(ValueError, match=f"points must be {filter.capacity} at most"):
+        filter.resume(camera, np.ones((filter.capacity + 1, 3)), P)
 
 
 def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:

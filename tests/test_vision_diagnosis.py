@@ -62,6 +62,6 @@ def test_images_are_lost_until_the_map_is_seen_again(view: Any, remains_lost: bo
     """After darkness, the camera sees the mapped part of the plane, or another."""
     rng, poses = np.random.default_rng(1), path(12)
     images = [mapped_part(pose) for pose in poses]
-    images += [rng.integers(0, 12, IMAGE.shape, np.uint8) for _ in range(5)] + [view(poses[11])] * 10
+    images += [rng.integers(0, 12, IMAGE.shape, np.uint8) for _ in range(5)] + [view(poses[11])] * 6
     done = follow([(k / 30.0, image) for k, image in enumerate(images)], LENS, None, 30.0)
     assert not done.lost[:12].any() and done.lost[12:17].all() and done.lost[-1] == remains_lost

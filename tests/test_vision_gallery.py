@@ -12,7 +12,7 @@ from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.target import target_from  # noqa: E402
 from activeslam_gym.vision.track import follow  # noqa: E402
 
-from .vision_scene import CAMERA, LENS, image_from, pose_at, target_fields  # noqa: E402
+from .vision_scene import CAMERA, LENS, image_from, path, pose_at, target_fields  # noqa: E402
 
 SETTINGS = FrontEndSettings(trials=10, most_residual=0.3)
 PIXEL, HERE = np.array((160.0, 120.0)), pose_at((0.0, 0.0, 0.7))
@@ -84,17 +84,18 @@ def test_what_comes_back_into_sight_has_to_prove_itself_again(gallery) -> None:
 
 @pytest.mark.parametrize("target", [True, False])
 def test_new_features_pull_little_until_they_are_proven_where_a_target_is_known(target: bool) -> None:
-    poses = [pose_at((0.005 * k, 0.0, 0.7)) for k in range(20)]
+    poses = path(20)
     frames = [(k / 30.0, image_from(pose, target=target, samples=1)) for k, pose in enumerate(poses)]
     known = target_from(target_fields(poses[0])) if target else None
 
     def noise(probation: float) -> np.ndarray:
-        """The median tr R of features in the second image, and of the same in the last."""
+        """The median tr R of features in the first image with searches, and of the same in the last."""
         found: list[np.ndarray] = []
         settings = FrontEndSettings(probation=probation, lens_std=0.0, residual_weight=0.0)
         follow(frames, LENS, known, 30.0, settings, watch=lambda end, *_: found.append(end.candidates.copy()))
-        first = found[1]["id"][found[1]["id"] > 0]
-        own = [one[np.isin(one["id"], first)] for one in (found[1], found[-1])]
+        begun = next(one for one in found if (one["id"] > 0).any())
+        first = begun["id"][begun["id"] > 0]
+        own = [one[np.isin(one["id"], first)] for one in (begun, found[-1])]
         return np.array([np.median(np.trace(one["R"], 0, 1, 2)) for one in own])
 
     young, old = noise(5.0) / noise(1.0)

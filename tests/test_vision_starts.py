@@ -13,18 +13,17 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.__main__ import main  # noqa: E402
 from activeslam_gym.camera import camera_of  # noqa: E402
-from activeslam_gym.geometry import quaternion_exp, rotation_error  # noqa: E402
+from activeslam_gym.geometry import quaternion_exp, rotation_error, rotation_matrix  # noqa: E402
 from activeslam_gym.live.source import ROOM  # noqa: E402
 from activeslam_gym.vision.diagnosis import TURNED  # noqa: E402
 from activeslam_gym.vision.drawing import drawn, printed, printed_value  # noqa: E402
 from activeslam_gym.vision.first_sight import fiducials_among, seen_corners, start_pose  # noqa: E402
-from activeslam_gym.vision.frontend import FrontEnd  # noqa: E402
-from activeslam_gym.vision.rehearsal import rehearsed  # noqa: E402
 from activeslam_gym.vision.room.camera import RoomCamera  # noqa: E402
 from activeslam_gym.vision.sources import Frame  # noqa: E402
-from activeslam_gym.vision.target import CORNERS, Board, target_from  # noqa: E402
+from activeslam_gym.vision.start import Start  # noqa: E402
+from activeslam_gym.vision.target import CORNERS, FACING, Board, target_from  # noqa: E402
 from activeslam_gym.vision.templates import TEMPLATE_SIDE  # noqa: E402
-from activeslam_gym.vision.track import UNSCALED, follow, start, summary  # noqa: E402
+from activeslam_gym.vision.track import AT_REST, follow, start, summary  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .test_vision_sizes import enlarged  # noqa: E402
@@ -142,7 +141,7 @@ def test_a_track_from_a_board_has_scale(fields) -> None:
 
 FREE = [np.concatenate((2.0 * pose[:3], pose[3:])) for pose in path(40, 0.4, -0.002)]
 """At twice the distance that the prior expects."""
-SLANTED = [pose_at(pose[:3], (0.1, 0.45, 0.0)) for pose in path(24, 0.8, 0.0)]
+SLANTED = [pose_at((0.01 * k, 0.0, 0.8), (0.1, 0.45, 0.0)) for k in range(30)]
 """One edge of the image is much farther away than the other."""
 
 
@@ -155,7 +154,6 @@ def free() -> list[Frame]:
 def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     done = follow(free, LENS, None, 30.0)
     assert not done.metric and not done.logs[-1].metric and done.trouble is None
-    assert done.filter.expected_inverse_depth == tuple(UNSCALED.values())  # or the scale would drift
     np.testing.assert_array_equal(done.cameras[0, :3], 0.0)
     found, truth = done.cameras[5:, :3], np.array(FREE)[5:, :3]
     spread = [np.linalg.norm(one - one.mean(axis=0)) for one in (found, truth)]
@@ -164,19 +162,23 @@ def test_a_track_without_a_target_has_the_path_and_no_scale(free) -> None:
     assert error < 0.015 and TURNED not in summary(done)
 
 
-def test_depths_are_known_before_the_track_begins() -> None:
-    tilted = [(k / 15.0, image_from(pose, samples=2)) for k, pose in enumerate(SLANTED)]
-
-    def begin() -> FrontEnd:
-        return start(tilted[0][1], LENS, None, 15.0)
-
-    front_end, again = rehearsed(tilted[0], iter(tilted[1:]), begin)
-    x, y = front_end.candidates["pixel"].T
-    on_plane = np.column_stack((plane_points(SLANTED[0], x, y), np.zeros(len(x))))
+def test_depths_are_known_at_the_start() -> None:
+    search = Start(LENS)
+    for k, pose in enumerate(SLANTED):
+        search.add(k / 15.0, image_from(pose, samples=2))
+        if search.best is not None and search.best.certain:
+            break
+    camera, points, covariance, pixels = search.belief(search.best, (2.0, 3.0), 32)
+    now = SLANTED[k]
+    on_plane = np.column_stack((plane_points(now, *pixels.T), np.zeros(len(pixels))))
     truth = np.linalg.norm(on_plane - SLANTED[0][:3], axis=1)
-    depths = np.linalg.norm(front_end.filter.positions, axis=1)
-    assert np.std(np.log(truth)) > 0.2 and np.std(np.log(depths / truth)) < 0.06
-    assert [time for time, _ in again] == [time for time, _ in tilted[1:]]
+    errors = np.log(points[:, 2] * truth)
+    assert len(points) > 12 and np.std(np.log(truth)) > 0.1
+    assert np.std(errors) < 0.05 and np.std(errors) < 2.0 * np.median(
+        np.sqrt(np.diag(covariance)[14::3]) / points[:, 2]
+    )
+    way = rotation_matrix(FACING) @ rotation_matrix(SLANTED[0][3:]).T @ (now[:3] - SLANTED[0][:3])
+    assert camera[:3] @ way > 0.999 * np.linalg.norm(camera[:3]) * np.linalg.norm(way)
 
 
 @pytest.mark.parametrize("end", [ValueError("unreadable"), KeyboardInterrupt()])
@@ -214,7 +216,7 @@ def test_a_camera_that_only_turns_in_a_room_stays_where_it_is_and_the_user_is_to
     turned = [rotation_error(q, done.cameras[0, 3:7]) for q in done.cameras[:, 3:7]]
     truth = [rotation_error(state[3:7], states[0, 3:7]) for state in states]
     assert np.abs(np.linalg.norm(turned, axis=1) - np.linalg.norm(truth, axis=1)).max() < np.radians(0.3)
-    assert TURNED in summary(done)
+    assert TURNED in summary(done) and AT_REST in summary(done)
 
 
 def test_a_track_without_scale_says_so(free, tmp_path, capsys) -> None:
@@ -230,6 +232,7 @@ def test_a_track_without_scale_says_so(free, tmp_path, capsys) -> None:
     assert np.loadtxt(tmp_path / "trajectory.tum").shape == (4, 8)
     header, *rows = (line.split(",") for line in (tmp_path / "frames.csv").read_text().splitlines())
     assert {row[header.index("metric")] for row in rows} == {"0"}
+    assert {row[header.index("start_certain")] for row in rows} == {"1"}
 
 
 def test_a_rolled_board_needs_no_guess() -> None:

@@ -25,7 +25,8 @@ from activeslam_gym.vision.drawing import drawn  # noqa: E402
 from activeslam_gym.vision.first_sight import refine_corners, start_pose  # noqa: E402
 from activeslam_gym.vision.sources import SourceError, open_images  # noqa: E402
 from activeslam_gym.vision.target import read_target, target_from  # noqa: E402
-from activeslam_gym.vision.track import TrackFiles, track  # noqa: E402
+from activeslam_gym.vision.track import track  # noqa: E402
+from activeslam_gym.vision.track_files import TrackFiles  # noqa: E402
 from activeslam_gym.vision.views import projected  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, TARGET, image_from, path, pose_at, target_fields  # noqa: E402

@@ -28,7 +28,7 @@ from activeslam_gym.live.history import History
 from activeslam_gym.live.state import About, Request, State
 from activeslam_gym.motion import MOTION_AXIS, MOTION_SIGN, Motion
 from activeslam_gym.vision.film import BLUE, ORANGE, SKY, VERMILLION, rgb, view
-from activeslam_gym.vision.track import map_table
+from activeslam_gym.vision.track_files import map_table
 
 _SIGMAS = 2.0
 """Of the ellipsoids in the map."""

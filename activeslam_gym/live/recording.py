@@ -13,7 +13,7 @@ from activeslam_gym.live.state import About, Standing, State, plain
 from activeslam_gym.vision.film import film_to
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.outcome import FrameLog
-from activeslam_gym.vision.track import TrackFiles
+from activeslam_gym.vision.track_files import TrackFiles
 
 STATES = "states.jsonl"
 _FAST = 1

@@ -9,13 +9,14 @@ import numpy as np
 from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.kernels import filled, record, row
-from activeslam_gym.motion import CAMERA_DIM, MOTION, motion_of
+from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
 from activeslam_gym.slam.association import ANYTHING, DETECTION
 from activeslam_gym.slam.belief import (
+    AZIMUTH,
     INVERSE_DEPTH,
+    KIND_DIM,
     MOST_BIASED,
     POINT,
-    RHO,
     Belief,
     empty_beliefs,
     mapped_of,
@@ -190,21 +191,32 @@ class Filter:
         model = self.models.filter.initialisation
         model.rho_mean, model.rho_std = prior
 
-    def suppose(self, id: int, inverse_depth: float) -> None:
-        """Move the prior mean of the inverse depth [1/m] of feature ``id``, of which nothing was measured since its
-        initialisation; the deviation stays.
+    def resume(self, camera: Any, points: Any, covariance: Any) -> np.ndarray:
+        """Begin with a ``camera`` (13,) and features by inverse depth from the world's origin; (n,) their ids.
+
+        ``points`` (n, 3): azimuth, elevation [rad] and inverse depth [1/m]. ``covariance`` (12 + 3 n)^2: joint, of the
+        camera's tangent and the points.
 
         Raises:
-            KeyError: no feature has that id.
-            ValueError: its depth is not a number of its own, or ``inverse_depth`` is not a positive number.
+            ValueError: an array is not of its shape, or not finite, or there is no room for so many.
         """
-        feature = self.belief.feature[self._place(id)]
-        if feature["kind"] != INVERSE_DEPTH:
-            raise ValueError(f"id must be that of a feature by inverse depth, got {id}")
-        if not 0.0 < inverse_depth < np.inf:
-            raise ValueError(f"inverse_depth must be a positive number, got {inverse_depth!r}")
-        feature["mean"][RHO] = inverse_depth
+        points = _array("points", points, None, (-1, 3))
+        n, belief = len(points), self.belief
+        if n > self.capacity:
+            raise ValueError(f"points must be {self.capacity} at most, got {n}")
+        P = _array("covariance", covariance, None, (CAMERA_DIM + 3 * n,) * 2)
+        reset_belief(belief, _array("camera", camera, None, (CAMERA_SIZE,)), P[:CAMERA_DIM, :CAMERA_DIM])
+        width = KIND_DIM[INVERSE_DEPTH]
+        rows = CAMERA_DIM + (width * np.arange(n)[:, None] + np.arange(AZIMUTH, width)).ravel()
+        rows = np.concatenate((np.arange(CAMERA_DIM), rows))
+        belief.covariance[np.ix_(rows, rows)] = P
+        belief.state.count, belief.state.serial, belief.state.dim = n, n, CAMERA_DIM + width * n
+        for k, feature in enumerate(belief.feature[:n]):
+            feature["mean"] = 0.0, 0.0, 0.0, *points[k]
+            feature["kind"], feature["start"], feature["slot"] = INVERSE_DEPTH, CAMERA_DIM + width * k, k
+            feature["serial"], feature["born"], feature["seen"], feature["misses"] = k + 1, 0, 0, 0
         self._sight = None
+        return self.ids
 
     def delete(self, id: int) -> None:
         """Delete a feature.

@@ -67,6 +67,15 @@ class FrontEnd:
             self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
         self._give_births(image, image.astype(np.float32), corners, 4 * self.settings.births)
 
+    def resume(self, image: np.ndarray, time_s: float, ids: np.ndarray, pixels: np.ndarray) -> None:
+        """Go on from the ``image`` (h, w) uint8 of ``time_s`` [s], which shows the features ``ids`` (n,) of the filter
+        at the ``pixels`` (n, 2) of the image; and first initialisations beside them."""
+        image, self._time, self._last_view = self._reduced(image), time_s, self.filter.mean[:7]
+        pixels, grey = (pixels + 0.5) / self._scale - 0.5, image.astype(np.float32)
+        for id, pixel in zip(ids.tolist(), pixels):
+            self._gallery.hang(id, grey, pixel, self.filter.mean, np.zeros(3), 0)
+        self._give_births(image, grey, pixels, 4 * self.settings.births)
+
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
         they are drawn again whenever their view has changed, and now, unless all were ``shown_from`` a pose (7,)."""
@@ -284,7 +293,7 @@ class FrontEnd:
         wanted = min(most, s.visible - in_view)
         if wanted < s.births:
             return 0
-        if math.isfinite(s.depth_prior) and len(self.filter.fiducials) > 0:
+        if math.isfinite(s.depth_prior):
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
         for pixel in new_corners(image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):

@@ -24,6 +24,11 @@ class FrameLog(NamedTuple):
     relocalised: bool  # the map was lost, and found again in this image
     metric: bool  # the scale is known: there are fiducials
     milliseconds: float  # of computation
+    start_certain: bool = True  # the motion of the first images was told without doubt: so it is with a target
+
+
+FIRST = FrameLog(0.0, 0, 0, 0, 0, 0, 0, 0, True, False, False, False, 0.0)
+"""Of an image in which nothing was searched."""
 
 
 class Searched(NamedTuple):

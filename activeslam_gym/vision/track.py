@@ -8,24 +8,19 @@ Without a target the first camera is the world's origin, X to its right, Y up, Z
 free: lengths are in a unit that only the prior of depth has chosen, and that may drift.
 """
 
-import csv
 import signal
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, closing
 from functools import partial
-from importlib import metadata
-from io import StringIO
 from pathlib import Path
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from activeslam_gym.camera import camera_of
 from activeslam_gym.config import Scenario
-from activeslam_gym.files import Lines, argument, demand_writable, written_whole
-from activeslam_gym.geometry import quaternion_product
+from activeslam_gym.files import Lines, argument, demand_writable
 from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import SPARE_FEATURES
 from activeslam_gym.slam.filter import Filter
@@ -37,11 +32,12 @@ from activeslam_gym.vision.first_sight import demand_agreement, fiducials_among,
 from activeslam_gym.vision.frontend import FrontEnd, FrontEndSettings
 from activeslam_gym.vision.opencv import opencv
 from activeslam_gym.vision.other_lenses import lens_from
-from activeslam_gym.vision.outcome import FrameLog
-from activeslam_gym.vision.rehearsal import rehearsed
+from activeslam_gym.vision.outcome import FIRST, FrameLog
 from activeslam_gym.vision.settings import FEATURES, FEWEST, MOST
 from activeslam_gym.vision.sources import Frame, SourceError, images_of
+from activeslam_gym.vision.start import Step, steps_from_anywhere
 from activeslam_gym.vision.target import FACING, Target, read_target
+from activeslam_gym.vision.track_files import FREE, TrackFiles
 from activeslam_gym.vision.views import reduced
 
 HAND_HELD: dict[str, Any] = {
@@ -57,34 +53,16 @@ HAND_HELD: dict[str, Any] = {
 """Fields of the scenario of a camera in the hand."""
 UNSCALED = {"inverse_depth_mean": 1.5, "inverse_depth_std": 0.75}
 """The same without a target: the mean only sets the unit. With a wider spread the scale drifts, and the map is lost."""
-FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
-"""The words for a track without a target."""
-COVARIANCE = (
-    "# t [s], then row by row the 6 x 6 covariance of position x y z [m] and of rotation about the world's axes X Y Z "
-    "[rad]: R = Exp(rotation) R_file\n"
-)
-"""The first line of a file of covariances."""
-BELIEF = """\
-#%FORMAT SQUARE/0.3
-#%REPRESENTATION gaussian_se3
-#%POSE_FRAME world
-#%BODY_FRAME camera
-#%GAUGE {}
-#%TIMESTAMP_UNIT seconds
-#%ALGORITHM activeslam_gym
-#%ALGORITHM_VERSION {}
-#%TANGENT_CONVENTION right_perturbation
-#%TANGENT_ORDER translation_rotation
-#%ROTATION_PARAM axis_angle
-"""
-"""The first lines of a belief as `smfeval` 0.4 reads it: T = T_file Exp(xi), and a row has xi's covariance."""
-Step = TypeVar("Step")
+UNCERTAIN = "the start is uncertain, and with it all poses"
+AT_REST = "the camera was at rest or only turned, or something moved before it"
+SEVERAL = "several motions explain the images"
+"""The words for a track whose motion the images do not tell."""
+Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
 _SPEED_STD, _TURN_STD = 0.05, 0.05  # of the first velocity [m/s] and angular velocity [rad/s]: a hand at rest
 _ORIGIN_STD = 1e-4  # of the first pose where it is the world's origin [m, rad]
 _SURELY = 3.0  # deviations of its position by which a camera has moved for sure
 _BEHIND = np.array((0.0, 0.0, -1.0))  # the target's normal, away from the camera
-_HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))  # quaternion of diag(-1, -1, 1)
 
 
 class Track(NamedTuple):
@@ -97,6 +75,11 @@ class Track(NamedTuple):
     lost: np.ndarray  # (n,) bool: images in which too little was matched to tell the pose
     filter: Filter  # as it was after the last image
     trouble: str | None  # why it ended early, or None
+
+    @property
+    def start_certain(self) -> bool:
+        """Whether there was a target, or one motion of the camera explained the images of the start."""
+        return self.metric or any(log.start_certain for log in self.logs)
 
     @property
     def metric(self) -> bool:
@@ -122,11 +105,8 @@ def start(
             is out of range.
     """
     calibration.check_image(image)
-    if not (isinstance(features, int) and FEWEST <= features <= MOST):
-        raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
-    size = {"landmark_count": features - SPARE_FEATURES}
-    fields = {**HAND_HELD, **size, **(UNSCALED if target is None else {}), **(scenario_fields or {})}
-    scenario = calibration.scenario(frame_time=1.0 / rate, **fields)
+    _check(features)
+    scenario = _scenario(calibration, target is not None, rate, features, scenario_fields)
     whole, fiducials = camera_of(Scenario(**calibration._asdict())), np.zeros((0, 3))
     pose, covariance = np.concatenate((np.zeros(3), FACING)), _ORIGIN_STD**2 * np.eye(6)
     if target is not None:
@@ -150,6 +130,20 @@ def start(
     return front_end
 
 
+def _check(features: int) -> None:
+    if not (isinstance(features, int) and FEWEST <= features <= MOST):
+        raise ValueError(f"features must be a whole number from {FEWEST} to {MOST}, got {features!r}")
+
+
+def _scenario(
+    calibration: Calibration, metric: bool, rate: float, features: int, fields: dict[str, Any] | None = None
+) -> Scenario:
+    """That of a camera in the hand, with room for so many ``features``; ``fields`` are others of it."""
+    size = {"landmark_count": features - SPARE_FEATURES}
+    fields = {**HAND_HELD, **size, **({} if metric else UNSCALED), **(fields or {})}
+    return calibration.scenario(frame_time=1.0 / rate, **fields)
+
+
 def follow(
     images: Iterable[Frame],
     calibration: Calibration,
@@ -161,8 +155,8 @@ def follow(
 ) -> Track:
     """Track ``images``; trouble with an image, or Ctrl-C, ends the track, and the part before it is kept.
 
-    Without a ``target`` the scale is free; see the module, and the first images, 3 s at most, are filtered three times
-    (`rehearsal`). ``watch`` is called after each image; the first has no log. The map has room for so many
+    Without a ``target`` the scale is free, see the module, and the images until the start is certain are told late
+    (`vision.start`). ``watch`` is called after each image; the first has no log. The map has room for so many
     ``features``.
 
     Raises:
@@ -170,29 +164,52 @@ def follow(
             ``features`` is out of range.
     """
     source = _of_size(images, calibration)
-    frame = next(source)
-    begin = partial(start, frame[1], calibration, target, rate, settings, features=features)
-    front_end, source = rehearsed(frame, source, begin) if target is None else (begin(), source)
-    filter, trouble, log = front_end.filter, None, None
-    times, cameras, covariances, logs = [], [], [], []
-    blank = len(filter.ids) + len(filter.fiducials) < 3
+    if target is None:
+        _check(features)
+        scenario = _scenario(calibration, False, rate, features)
+        stds = HAND_HELD["filter_acceleration_std"], HAND_HELD["filter_angular_acceleration_std"]
+        home = np.concatenate((np.zeros(3), FACING, np.zeros(6)))
+        steps = steps_from_anywhere(
+            source, calibration, lambda: FrontEnd(Filter(scenario, camera=home), settings), stds
+        )
+    else:
+        steps = _steps(
+            source,
+            partial(start, calibration=calibration, target=target, rate=rate, settings=settings, features=features),
+        )
+    (front_end, frame, log), trouble = next(steps), None
+    times, cameras, covariances, lost = [], [], [], []
+    logs: list[FrameLog] = []
     try:
         while True:
+            filter = front_end.filter
             times.append(frame[0])
             cameras.append(filter.mean)
             covariances.append(filter.camera_covariance[:6, :6])
-            watch(front_end, frame, log)
-            frame = next(source)
-            log = front_end.step(frame[1], frame[0])
+            lost.append(log.lost)
+            watch(front_end, frame, log if logs else None)
             logs.append(log)
+            front_end, frame, log = next(steps)
     except StopIteration:
         pass
     except ValueError as error:
         trouble = str(error)
     except KeyboardInterrupt:
         trouble = "interrupted"
-    lost = np.array([blank, *(log.lost for log in logs)])[: len(times)]
-    return Track(np.array(times), np.array(cameras), np.array(covariances), logs, lost, filter, trouble)
+    return Track(np.array(times), np.array(cameras), np.array(covariances), logs[1:], np.array(lost), filter, trouble)
+
+
+def _steps(source: Iterator[Frame], begin: Callable[[np.ndarray], FrontEnd]) -> Iterator[Step]:
+    """Track the images of ``source`` from a target."""
+    frame = next(source)
+    front_end = begin(frame[1])
+    yield (
+        front_end,
+        frame,
+        FIRST._replace(time=frame[0], lost=len(front_end.filter.ids) + len(front_end.filter.fiducials) < 3),
+    )
+    for frame in source:
+        yield front_end, frame, front_end.step(frame[1], frame[0])
 
 
 def track(
@@ -263,7 +280,7 @@ def track(
     return done, diagnosis.advice(done.metric)
 
 
-def interruptible(steps: Iterable[Step]) -> Generator[Step, None, None]:
+def interruptible(steps: Iterable[Item]) -> Generator[Item, None, None]:
     """The same; SIGINT, SIGTERM and SIGHUP of the main thread are raised as KeyboardInterrupt before the next step.
 
     Within a kernel, or in OpenCV, such an exception can end the process. A second signal does not wait. `nohup` holds.
@@ -316,74 +333,6 @@ def summary(done: Track) -> str:
     if done.metric:
         return line
     way, variance = np.ptp(done.cameras[:, :3], axis=0), np.trace(done.covariances[-1, :3, :3])
-    return "; ".join([line, FREE, *([TURNED] if way @ way < _SURELY**2 * variance else [])])
-
-
-class TrackFiles:
-    """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
-
-    The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
-    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances``, and with ``belief``
-    belief.square, get a line for each pose.
-
-    Raises:
-        OSError: they cannot be written.
-    """
-
-    def __init__(
-        self,
-        folder: Path,
-        metric: bool,
-        covariances: Lines | None = None,
-        keep_lost: bool = False,
-        belief: bool = False,
-    ) -> None:
-        self._map, self._keep_lost = folder / "map.csv", keep_lost
-        self._map.unlink(missing_ok=True)  # of a track before
-        self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
-        self._covariances = covariances
-        self._rows = csv.writer(self._frames)
-        self._rows.writerow(FrameLog._fields)
-        if not metric:
-            self._poses.write(f"# {FREE}\n")
-        if self._covariances is not None:
-            self._covariances.write(COVARIANCE)
-        self._belief = Lines(folder / "belief.square") if belief else None
-        if self._belief is not None:
-            version = next((found.version for found in metadata.distributions(name="activeslam-gym")), "unknown")
-            self._belief.write(BELIEF.format("se3" if metric else "sim3", version))
-
-    def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
-        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
-        of the first."""
-        w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
-        if log is None or not log.lost or self._keep_lost:
-            self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
-            if self._covariances is not None and covariance is not None:
-                self._covariances.write(f"{time:.6f} {' '.join(f'{number:.6e}' for number in covariance.ravel())}\n")
-            if self._belief is not None and covariance is not None:
-                turn = np.kron(np.eye(2), Rotation.from_quat((x, y, z, w)).as_matrix())  # errors in the camera's axes
-                entries = (turn.T @ covariance @ turn)[np.tril_indices(6)]
-                row = " ".join(f"{number:.12g}" for number in (*camera[:3], x, y, z, w, *entries))
-                self._belief.write(f"{time:.9f} {row}\n")
-        if log is not None:
-            self._rows.writerow((f"{log.time:.6f}", *map(int, log[1:-1]), f"{log.milliseconds:.3f}"))
-
-    def save(self, ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> None:
-        """Write the map, see `map_table`."""
-        with written_whole(self._map) as unfinished, unfinished.open("w", newline="") as file:
-            file.write(map_table(ids, points, stds))
-
-    def close(self) -> None:
-        """Nothing more is written."""
-        for file in filter(None, (self._poses, self._frames, self._covariances, self._belief)):
-            file.close()
-
-
-def map_table(ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> str:
-    """A map as CSV: ids (n,), positions (n, 3) and their standard deviations (n, 3) [m]."""
-    table = StringIO()
-    writer = csv.writer(table)
-    writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
-    writer.writerows((id, *(f"{value:.6f}" for value in row)) for id, row in zip(ids, np.hstack((points, stds))))
-    return table.getvalue()
+    turned = [TURNED] if way @ way < _SURELY**2 * variance else []
+    doubt = [] if done.start_certain else [f"{UNCERTAIN}: {AT_REST if turned else SEVERAL}"]
+    return "; ".join([line, FREE, *turned, *doubt])

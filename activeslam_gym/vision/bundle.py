@@ -1,0 +1,156 @@
+"""Bundle adjustment of a few cameras and of points by their direction and inverse depth from the world's origin.
+
+A point d / rho, with |d| = 1, is seen from the camera at p along R^T (d - rho p), so that points at infinity are like
+all others. Residuals are angles between bearings, whatever the lens. The first camera is fixed; the unit of length is
+the one in which the mean of rho is `UNIT`: bearings tell of no other.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+UNIT = 1.5
+"""Mean inverse depth of the points."""
+_CAUCHY = 2.0  # deviations from which a residual counts as an outlier
+_GAUGE = 1e6  # weight of the mean inverse depth
+_POSE_ROUNDS = 6  # iterations of a camera alone
+_BEHIND = 2.0  # residual of a point behind a camera [rad]
+
+
+class Geometry(NamedTuple):
+    """K cameras and N points; its tangent has, of all cameras but the first, position and rotation (world frame), then
+    of each point two angles in the plane of `tangents` and the inverse depth."""
+
+    R_WC: np.ndarray  # (K, 3, 3)
+    p: np.ndarray  # (K, 3)
+    d: np.ndarray  # (N, 3)
+    rho: np.ndarray  # (N,)
+
+    def moved(self, step: np.ndarray) -> "Geometry":
+        """The same, shifted by a ``step`` (6 (K - 1) + 3 N,) of the tangent, in the unit of the module."""
+        K, N = len(self.p), len(self.d)
+        cameras = np.concatenate((np.zeros(6), step[: 6 * (K - 1)])).reshape(K, 6)
+        points = step[6 * (K - 1) :].reshape(N, 3)
+        R = Rotation.from_rotvec(cameras[:, 3:]).as_matrix() @ self.R_WC
+        d = self.d + (tangents(self.d) @ points[:, :2, None])[..., 0]
+        return Geometry(
+            R, self.p + cameras[:, :3], d / np.linalg.norm(d, axis=1)[:, None], self.rho + points[:, 2]
+        ).in_unit()
+
+    def in_unit(self) -> "Geometry":
+        """The same with the mean inverse depth `UNIT`; a mirror image, all behind the cameras, is turned over."""
+        mean = float(self.rho.mean())
+        return self if abs(mean) < 1e-9 else self._replace(p=self.p * mean / UNIT, rho=self.rho * UNIT / mean)
+
+
+def tangents(d: np.ndarray) -> np.ndarray:
+    """(..., 3, 2) two unit vectors across each of the unit vectors ``d`` (..., 3), and each other."""
+    axis = np.where(np.abs(d[..., :1]) < 0.6, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    u = _cross(d, axis)
+    u /= np.linalg.norm(u, axis=-1, keepdims=True)
+    return np.stack((u, _cross(d, u)), axis=-1)
+
+
+class Bundle:
+    """The problem: ``bearings`` (K, N, 3), NaN where a camera does not see a point, with deviations (K, N) [rad]."""
+
+    def __init__(self, bearings: np.ndarray, stds: np.ndarray) -> None:
+        self.seen = np.isfinite(bearings[..., 0])
+        self.bearings = np.where(self.seen[..., None], bearings, (0.0, 0.0, 1.0))
+        self._std = np.where(self.seen, stds, 1.0)
+        self._across = tangents(self.bearings)
+
+    def fit(self, x: Geometry, rounds: int, enough: float = 1e-3) -> tuple[Geometry, float]:
+        """The geometry of a minimum near ``x``, and its `cost`, by Levenberg and Marquardt's method."""
+        x = x.in_unit()
+        cost, damping = self.cost(x), 1e-3
+        for _ in range(rounds):
+            H, g = self.normal_equations(x)
+            while damping < 1e6:
+                try:
+                    factor = cho_factor(H + np.diag(damping * np.diag(H) + 1e-9), check_finite=False)
+                    nearer = x.moved(-cho_solve(factor, g, check_finite=False))
+                    below = self.cost(nearer)
+                except np.linalg.LinAlgError:
+                    below = np.inf
+                if below < cost:
+                    break
+                damping *= 5.0
+            else:
+                break
+            gain, x, cost, damping = cost - below, nearer, below, max(damping / 5.0, 1e-9)
+            if gain < enough:
+                break
+        return x, cost
+
+    def second_camera(self, x: Geometry, R_WC: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The pose of the second camera of two near the pose ``R_WC`` (3, 3), ``p`` (3,); points are those of ``x``."""
+        for _ in range(_POSE_ROUNDS):
+            here = Geometry(np.stack((x.R_WC[0], R_WC)), np.stack((x.p[0], p)), x.d, x.rho)
+            H, g = self.normal_equations(here)
+            step = -np.linalg.solve(H[:6, :6] + 1e-9 * np.eye(6), g[:6])
+            R_WC, p = Rotation.from_rotvec(step[3:]).as_matrix() @ R_WC, p + step[:3]
+        return R_WC, p
+
+    def cost(self, x: Geometry) -> float:
+        """-2 log likelihood, but for a constant, of residuals distributed like Cauchy's."""
+        return float((_CAUCHY**2 * np.log1p(self.squares(x) / _CAUCHY**2)).sum())
+
+    def squares(self, x: Geometry) -> np.ndarray:
+        """(K, N) squared residuals over their variances; 0 where a point is not seen."""
+        return (self._residuals(x)[0] ** 2).sum(axis=-1)
+
+    def _residuals(self, x: Geometry) -> tuple[np.ndarray, ...]:
+        """Residuals (K, N, 2), the ways d - rho p (K, N, 3) in the world, their lengths, predicted bearings, which are
+        in front."""
+        way = x.d - x.rho[:, None] * x.p[:, None]
+        q = way @ x.R_WC
+        length = np.maximum(np.linalg.norm(q, axis=-1), 1e-9)
+        z_hat = q / length[..., None]
+        front = (z_hat * self.bearings).sum(axis=-1) > 0.0
+        e = (z_hat[..., None, :] @ self._across)[..., 0, :]
+        e = np.where(front[..., None], e, _BEHIND) / self._std[..., None]
+        return np.where(self.seen[..., None], e, 0.0), way, length, z_hat, front
+
+    def normal_equations(self, x: Geometry) -> tuple[np.ndarray, np.ndarray]:
+        """J^T W J and J^T W e in the tangent of ``x``, with the row that fixes the unit."""
+        (K, N), cameras = self.seen.shape, 6 * (len(x.p) - 1)
+        e, way, length, z_hat, front = self._residuals(x)
+        weight = np.where(self.seen & front, 1.0 / (1.0 + (e**2).sum(axis=-1) / _CAUCHY**2), 0.0)
+        # e = B^T q / |q| and q = R^T (d - rho p): de = G^T R^T d(way), G = (I - z z^T) B / |q|
+        G = self._across - z_hat[..., :, None] * (z_hat[..., None, :] @ self._across)
+        G = np.swapaxes(x.R_WC[:, None] @ (G / (length * self._std)[..., None, None]), -1, -2)
+        turn = np.stack([_cross(way, G[..., a, :]) for a in range(2)], axis=-2)
+        A = np.concatenate((-x.rho[:, None, None] * G, -turn), axis=-1)
+        C = np.concatenate((G @ tangents(x.d), -G @ x.p[:, None, :, None]), axis=-1)
+        A_w, C_w = (np.swapaxes(weight[..., None, None] * J, -1, -2) for J in (A, C))
+        H, g = np.zeros((cameras + 3 * N,) * 2), np.zeros(cameras + 3 * N)
+        by_camera, both, by_point = (A_w @ A).sum(axis=1), (A_w @ C), (C_w @ C).sum(axis=0)
+        for k in range(1, K):
+            H[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k] = by_camera[k]
+        H[:cameras, cameras:] = both[1:].transpose(0, 2, 1, 3).reshape(cameras, 3 * N)
+        H[cameras:, :cameras] = H[:cameras, cameras:].T
+        for i in range(3):
+            for j in range(3):
+                np.fill_diagonal(H[cameras + i :: 3, cameras + j :: 3], by_point[:, i, j])
+        g[:cameras] = (A_w @ e[..., None])[..., 0].sum(axis=1)[1:].ravel()
+        g[cameras:] = (C_w @ e[..., None])[..., 0].sum(axis=0).ravel()
+        unit = np.zeros(len(g))
+        unit[cameras + 2 :: 3] = 1.0 / N
+        return H + _GAUGE * np.outer(unit, unit), g + _GAUGE * unit * (x.rho.mean() - UNIT)
+
+
+def inverse_depths(first: np.ndarray, last: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """(n,) those at which the points that are seen along ``first`` (n, 3) from the origin are nearest to ``last``
+    (n, 3), world directions from ``p`` (3,)."""
+    a, b = _cross(last, first), _cross(last, np.broadcast_to(p, last.shape))
+    return (a * b).sum(axis=1) / np.maximum((b * b).sum(axis=1), 1e-12)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b (..., 3); NumPy's takes four times as long."""
+    x, y, z = (a[..., i] for i in range(3))
+    u, v, w = (b[..., i] for i in range(3))
+    return np.stack((y * w - z * v, z * u - x * w, x * v - y * u), axis=-1)

@@ -1,0 +1,305 @@
+"""The start without a target: which motion of the camera explains the first images, or that there are several.
+
+Corners are tracked through the images (Lucas and Kanade, forwards and backwards) until most of them have moved as no
+turn of the camera moves them. Then hypotheses of the motion are refined by bundle adjustment of some of the images: by
+the essential matrix, by the homography, by a flat scene that is nearly at rest, and the best one turned inside out
+(near becomes far, and a slide becomes a turn the other way: with a narrow lens both look nearly alike). One that is
+far more likely than all others, and whose covariance is small, is the start; else more images are waited for.
+
+Where few corners move against many, something moves before a camera that does not: that is no start.
+"""
+
+from collections.abc import Callable, Iterator
+from time import thread_time
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from activeslam_gym.motion import ANGULAR_VELOCITY, CAMERA_DIM, CAMERA_SIZE, POSITION, QUATERNION, VELOCITY
+from activeslam_gym.slam.belief import angles_of
+from activeslam_gym.vision.bundle import UNIT, Bundle, Geometry, inverse_depths, tangents
+from activeslam_gym.vision.calibration import Calibration
+from activeslam_gym.vision.frontend import FrontEnd
+from activeslam_gym.vision.opencv import opencv
+from activeslam_gym.vision.outcome import FrameLog
+from activeslam_gym.vision.sources import Frame
+from activeslam_gym.vision.tracked import FEWEST, MOST_TURNED, SHARED, VELOCITY_IMAGES, Corners
+
+_LATER = 1.12  # growth of the number of images between two attempts
+_FIRST, _ROUNDS = 10, 40  # iterations of each hypothesis, and of those that are near the best
+_NEAR = 3.0  # times the least cost
+_LEAST = 0.2  # deviation of the residuals that counts at least, as a share of PIXEL_STD
+_CLEAR = 5.0  # logarithm of the likelihood ratio of the best and the next hypothesis
+_ALIKE = 0.02, 0.2  # two hypotheses are one where their turns [rad] and their ways, as a share, differ by less
+_POSE = 5  # points that tell a pose
+_KEPT = 0.75  # share of the corners that must fit the start
+_LEVEL = 0.2  # cosine of the angle from the axis of a corner for the two-view models
+_RANSAC = 2e-3  # their tolerance [rad]
+_TURNED = np.diag(np.repeat((0.02, 0.02), 3) ** 2)  # covariance of a pose that is told by turns alone
+_LEAST_VARIANCE = 1e-8  # added to all covariances
+_SHARP = 0.15, 0.25  # deviation of the way, and of the median inverse depth, as shares of them
+_ASTRAY = 3.0  # deviations of its mean residual, from which a corner is left out
+_CORRELATED = 9.0  # growth of the covariance: residuals of a corner are alike in neighbouring images
+_HELD = 1e9  # images are told without a start, if they have more [bytes]
+Step = tuple[FrontEnd, Frame, FrameLog]
+"""A front end after an image, and what was seen in the image."""
+
+
+class Opening(NamedTuple):
+    """What the images up to the last one tell of the cameras and of N points, in the filter's world."""
+
+    images: np.ndarray  # (K,) the numbers of the adjusted images, from 0; the last is the present one
+    geometry: Geometry
+    covariance: np.ndarray  # of its tangent
+    corners: np.ndarray  # (N,) the numbers of the points' corners
+    certain: bool  # no other motion explains the images nearly as well, and the covariance is small
+
+
+def steps_from_anywhere(
+    source: Iterator[Frame], calibration: Calibration, begin: Callable[[], FrontEnd], accelerations: tuple[float, float]
+) -> Iterator[Step]:
+    """Track the images of ``source`` without a target: those until the start is certain are held, and told then.
+
+    ``begin`` makes a front end that has seen nothing. ``accelerations``: their deviations [m/s^2, rad/s^2]. If the
+    start is never certain, or the images are too many to be held, the steps say so. An exception of the source is
+    raised when it is its turn.
+    """
+    search, held, told, front_end = Start(calibration), list[tuple[Frame, FrameLog]](), 0, begin()
+    certain, best, ending = False, None, None
+    while not certain and ending is None:
+        try:
+            frame = next(source)
+            held.append((frame, search.add(*frame)))
+        except (StopIteration, ValueError, KeyboardInterrupt) as error:
+            if not told + len(held):
+                raise
+            ending = error
+        else:
+            best = search.best
+            certain = best is not None and best.certain
+        if certain and best is not None:
+            image, room = frame[1], min(front_end.filter.capacity, front_end.settings.visible)
+            camera, points, covariance, pixels = search.belief(best, accelerations, room)
+            ids = front_end.filter.resume(camera, points, covariance)
+            front_end.resume(image, frame[0], ids, pixels)
+        if certain or ending is not None or len(held) * held[0][0][1].nbytes > _HELD:
+            belief = front_end.filter.snapshot()
+            for (frame, log), camera, P, sure in zip(held, *search.cameras(told)):
+                front_end.filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
+                yield front_end, frame, log._replace(start_certain=bool(sure))
+                told += 1
+            front_end.filter.attach(belief)
+            held = []
+    if ending is None:
+        for frame in source:
+            yield front_end, frame, front_end.step(frame[1], frame[0])
+    elif not isinstance(ending, StopIteration):
+        raise ending
+
+
+class Start:
+    """Looks for the start, image by image."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        self.corners = Corners(calibration)
+        self._times: list[float] = []
+        self._next = 0
+        self.best: Opening | None = None
+        """The likeliest so far; the one that is certain is the start."""
+
+    def add(self, time: float, image: np.ndarray) -> FrameLog:
+        """Go on to the ``image`` (h, w) uint8 of ``time`` [s]: what was seen in it."""
+        began = thread_time()
+        corners, k, before = self.corners, len(self._times), int(self.corners.live.sum())
+        if k and time <= self._times[-1]:
+            raise ValueError(f"times of images must grow, got {time:g} s after {self._times[-1]:g} s")
+        lost = not corners.add(image)
+        self._times.append(time)
+        if k == corners.since:
+            self.best, self._next = None, 0
+        elif k >= self._next and corners.show_parallax():
+            self._next = corners.since + int(_LATER * (k - corners.since)) + 1
+            self.best = _adjusted(corners) or self.best
+        seen, births = int(corners.live.sum()), corners.births
+        counts = (seen, before, seen - births, seen - births, 0, births, before + births - seen)
+        return FrameLog(time, *counts, not lost, lost, False, False, 1e3 * (thread_time() - began), False)
+
+    def cameras(self, since: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the images from number ``since`` on the cameras (n, 13), at rest, the covariances (n, 6, 6) of position
+        and rotation, and whether the best opening tells them (n,); those that it does not tell only turn."""
+        n, best = len(self._times) - since, self.best
+        cameras, covariances, certain = np.zeros((n, CAMERA_SIZE)), np.tile(_TURNED, (n, 1, 1)), np.zeros(n, bool)
+        R_WC, place = np.array(self.corners.turns), np.zeros((len(self._times), 3))
+        if best is not None:
+            first = int(best.images[0])
+            R_WC[first:], place[first:] = _poses(self.corners, best)
+            own = np.zeros((len(best.images), 6, 6))
+            for k in range(1, len(own)):
+                own[k] = best.covariance[6 * k - 6 : 6 * k, 6 * k - 6 : 6 * k]
+            later = np.arange(max(first - since, 0), n)
+            for i, j in np.ndindex(6, 6):
+                covariances[later, i, j] = np.interp(later + since, best.images, own[:, i, j])
+            covariances[later] += _LEAST_VARIANCE * np.eye(6)
+            certain[later] = best.certain
+        cameras[:, POSITION] = place[since:]
+        cameras[:, QUATERNION] = np.roll(Rotation.from_matrix(R_WC[since:]).as_quat(), 1, axis=1)
+        return cameras, covariances, certain
+
+    def belief(self, best: Opening, acceleration_stds: tuple[float, float], most: int) -> tuple[np.ndarray, ...]:
+        """Of the last image and the ``best`` opening, which ends there, the camera (13,), ``most`` points or fewer by
+        azimuth, elevation and inverse depth (n, 3), the joint covariance (12 + 3 n)^2 and the points' pixels (n, 2).
+
+        ``acceleration_stds``: of the accelerations during the images that tell the velocity [m/s^2, rad/s^2].
+        """
+        x, images, P = best.geometry, best.images, best.covariance
+        before, cameras = int(np.searchsorted(images, images[-1] - VELOCITY_IMAGES)), 6 * (len(images) - 1)
+        span = self._times[images[-1]] - self._times[images[before]]
+        chosen = self.corners.apart(best.corners, most)
+        camera, points = np.zeros(CAMERA_SIZE), np.zeros((len(chosen), 3))
+        camera[POSITION] = x.p[-1]
+        camera[QUATERNION] = np.roll(Rotation.from_matrix(x.R_WC[-1]).as_quat(), 1)
+        camera[VELOCITY] = (x.p[-1] - x.p[before]) / span
+        camera[ANGULAR_VELOCITY] = Rotation.from_matrix(x.R_WC[-1] @ x.R_WC[before].T).as_rotvec() / span
+        J = np.zeros((CAMERA_DIM + 3 * len(chosen), len(P)))
+        J[:6, cameras - 6 : cameras] = np.eye(6)
+        J[6:12, cameras - 6 : cameras] = np.eye(6) / span
+        if before > 0:
+            J[6:12, 6 * before - 6 : 6 * before] = -np.eye(6) / span
+        for row, k in enumerate(chosen):
+            by_direction, at, of = np.empty((2, 3)), CAMERA_DIM + 3 * row, cameras + 3 * k
+            points[row] = *angles_of(x.d[k], by_direction), x.rho[k]
+            J[at : at + 2, of : of + 2] = by_direction @ tangents(x.d[k])
+            J[at + 2, of + 2] = 1.0
+        covariance = J @ P @ J.T + _LEAST_VARIANCE * np.eye(len(J))
+        slowing = span**2 / 3.0 * np.repeat(np.square(acceleration_stds), 3)
+        covariance[6:12, 6:12] += np.diag(slowing)
+        pixels = self.corners.level * (self.corners.pixels[best.corners[chosen]] + 0.5) - 0.5
+        return camera, points, covariance, pixels
+
+
+def _poses(corners: Corners, opening: Opening) -> tuple[np.ndarray, np.ndarray]:
+    """R_WC (n, 3, 3) and positions (n, 3) of the images from the opening's first on, each by its points."""
+    x, numbers = opening.geometry, range(int(opening.images[0]), len(corners.turns))
+    R_WC, place = np.tile(x.R_WC[0], (len(numbers), 1, 1)), np.zeros((len(numbers), 3))
+    for row, k in enumerate(numbers[1:], 1):
+        R_WC[row], place[row] = R_WC[row - 1], place[row - 1]
+        adjusted = np.flatnonzero(opening.images == k)
+        if len(adjusted):
+            R_WC[row], place[row] = x.R_WC[adjusted[0]], x.p[adjusted[0]]
+            continue
+        seen, (_, point, place_in) = (
+            corners.seen[k],
+            np.intersect1d(opening.corners, corners.seen[k].number, return_indices=True),
+        )
+        z, std = np.full((2, len(x.d), 3), np.nan), np.ones((2, len(x.d)))
+        z[1, point], std[1, point] = seen.bearing[place_in], seen.std[place_in]
+        if len(point) >= _POSE:
+            R_WC[row], place[row] = Bundle(z, std).second_camera(x, R_WC[row], place[row])
+    return R_WC, place
+
+
+def _adjusted(corners: Corners) -> Opening | None:
+    """The likeliest motion through some of the images; None, where there is too little to tell one."""
+    images = corners.chosen()
+    used, z, std = corners.observed(images)
+    if len(images) < 3 or len(used) < FEWEST:
+        return None
+    bundle = Bundle(z, std)
+    tried = _distinct([bundle.fit(x, _FIRST) for x in _hypotheses(corners, images, z)], _NEAR)
+    std = std * _scale(bundle, tried[0][0])
+    bundle = Bundle(z, std)
+    tried = _distinct([bundle.fit(x, _ROUNDS) for x, _ in tried])
+    tried = _distinct([*tried, bundle.fit(_inside_out(tried[0][0], z), _ROUNDS)])
+    (x, cost), others = tried[0], [cost for _, cost in tried[1:]]
+    clear = (min(others, default=np.inf) - cost) / (2.0 * _CORRELATED)
+    residual = np.sqrt(bundle.squares(x).sum(axis=0) / np.maximum(bundle.seen.sum(axis=0), 1))
+    kept = (residual < _ASTRAY) & (x.rho > 0.0)
+    if kept.sum() < FEWEST:
+        return None
+    share, used, bundle = kept.mean(), used[kept], Bundle(z[:, kept], std[:, kept])
+    x, cost = bundle.fit(x._replace(d=x.d[kept], rho=x.rho[kept]), _ROUNDS)
+    try:
+        P = _CORRELATED * np.linalg.inv(bundle.normal_equations(x)[0])
+    except np.linalg.LinAlgError:
+        return None
+    cameras = 6 * (len(images) - 1)
+    spread = max(float(np.trace(P[cameras - 6 : cameras - 3, cameras - 6 : cameras - 3])), 0.0)
+    way = np.sqrt(spread) / max(float(np.linalg.norm(x.p[-1])), 1e-9)
+    depth = np.median(np.sqrt(np.abs(np.diag(P)[cameras + 2 :: 3])) / x.rho)
+    certain = bool(clear > _CLEAR and share > _KEPT and way < _SHARP[0] and depth < _SHARP[1])
+    return Opening(images, x, P, used, certain)
+
+
+def _scale(bundle: Bundle, x: Geometry) -> float:
+    """Deviation of the residuals over their supposed one, by the median."""
+    return max(_LEAST, float(np.sqrt(np.median(bundle.squares(x)[bundle.seen]) / (2.0 * np.log(2.0)))))
+
+
+def _distinct(tried: list[tuple[Geometry, float]], most: float = np.inf) -> list[tuple[Geometry, float]]:
+    """The best first, of those that are alike only the best, and none that costs ``most`` times as much as the best."""
+    out: list[tuple[Geometry, float]] = []
+    for x, cost in sorted(tried, key=lambda one: one[1]):
+        if out and cost > most * out[0][1]:
+            break
+        if not any(_alike(x, other) for other, _ in out):
+            out.append((x, cost))
+    return out
+
+
+def _alike(x: Geometry, y: Geometry) -> bool:
+    """Whether two geometries end at nearly the same pose."""
+    turn = np.trace(x.R_WC[-1].T @ y.R_WC[-1]) > 1.0 + 2.0 * np.cos(_ALIKE[0])
+    return bool(turn and np.linalg.norm(x.p[-1] - y.p[-1]) < _ALIKE[1] * np.linalg.norm(x.p[-1]))
+
+
+def _hypotheses(corners: Corners, images: np.ndarray, z: np.ndarray) -> list[Geometry]:
+    """Geometries to begin with: a flat scene at rest, and what two views tell."""
+    turns, seen = np.array([corners.turns[k] for k in images]), np.isfinite(z[..., 0])
+    shared = (seen & seen[-1]).sum(axis=1)
+    pair = int(np.flatnonzero(shared >= min(SHARED * seen[-1].sum(), shared[:-1].max()))[0])
+    both = seen[pair] & seen[-1]
+    way = np.array([corners.ways[k] for k in images])
+    share = np.clip((way - way[pair]) / max(way[-1] - way[pair], 1e-9), 0.0, 1.0)[:, None]
+    first, last, columns = seen.argmax(axis=0), len(z) - 1 - seen[::-1].argmax(axis=0), np.arange(z.shape[1])
+    out = []
+    for R, p in [(turns[pair].T @ turns[-1], np.zeros(3)), *_two_view_motions(z[pair, both], z[-1, both])]:
+        more = Rotation.from_matrix(turns[pair] @ R @ turns[-1].T)
+        if more.magnitude() > MOST_TURNED:
+            continue
+        R_WC, place = (Rotation.from_rotvec(share * more.as_rotvec()).as_matrix() @ turns), share * (turns[pair] @ p)
+        a, b = (np.einsum("nij,nj->ni", R_WC[k], z[k, columns]) for k in (first, last))
+        rho = np.full(len(a), UNIT)
+        if p.any():
+            rho = inverse_depths(a, b, place[last] - place[first])
+            middle = float(np.median(rho))
+            place, rho = np.sign(middle) * place, np.clip(rho / (middle or 1.0), 0.05, 5.0)
+        out.append(Geometry(R_WC, place, a, rho))
+    return out
+
+
+def _two_view_motions(a: np.ndarray, b: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Poses (R, p) of a camera that sees bearings ``b`` (n, 3) from one that sees ``a`` (n, 3), p or -p."""
+    cv2, front = opencv(), (a[:, 2] > _LEVEL) & (b[:, 2] > _LEVEL)
+    if front.sum() < FEWEST:
+        return []
+    x, y = (z[front, :2] / z[front, 2:] for z in (a, b))
+    out = []
+    E, _ = cv2.findEssentialMat(x, y, np.eye(3), method=cv2.USAC_MAGSAC, prob=0.999, threshold=_RANSAC)
+    for k in range(0, 0 if E is None else len(E) - 2, 3):
+        one, other, t = cv2.decomposeEssentialMat(E[k : k + 3])
+        out += [(R, t.ravel()) for R in (one, other)]
+    H, _ = cv2.findHomography(x, y, cv2.USAC_MAGSAC, _RANSAC)
+    if H is not None:
+        _, turns, ways, _ = cv2.decomposeHomographyMat(H, np.eye(3))
+        out += [(R, t.ravel()) for R, t in zip(turns, ways)]
+    return [(R.T, -R.T @ t) for R, t in out]
+
+
+def _inside_out(x: Geometry, z: np.ndarray) -> Geometry:
+    """The geometry that looks the same to first order: rho' = 2 mean(rho) - rho, p' = -p."""
+    rho, p, R_WC = 2.0 * UNIT - x.rho, -x.p, x.R_WC.copy()
+    for k in range(1, len(p)):
+        seen = np.isfinite(z[k, :, 0])
+        R_WC[k] = Rotation.align_vectors(x.d[seen] - rho[seen, None] * p[k], z[k, seen])[0].as_matrix()
+    return Geometry(R_WC, p, x.d, rho)

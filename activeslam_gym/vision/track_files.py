@@ -1,0 +1,108 @@
+"""The files of a track: poses, images, map, covariances and belief."""
+
+import csv
+from importlib import metadata
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from activeslam_gym.files import Lines, written_whole
+from activeslam_gym.geometry import quaternion_product
+from activeslam_gym.vision.outcome import FrameLog
+
+FREE = "no target: the scale is free, lengths are in a unit of their own and may drift"
+"""The words for a track without a target."""
+COVARIANCE = (
+    "# t [s], then row by row the 6 x 6 covariance of position x y z [m] and of rotation about the world's axes X Y Z "
+    "[rad]: R = Exp(rotation) R_file\n"
+)
+"""The first line of a file of covariances."""
+BELIEF = """\
+#%FORMAT SQUARE/0.3
+#%REPRESENTATION gaussian_se3
+#%POSE_FRAME world
+#%BODY_FRAME camera
+#%GAUGE {}
+#%TIMESTAMP_UNIT seconds
+#%ALGORITHM activeslam_gym
+#%ALGORITHM_VERSION {}
+#%TANGENT_CONVENTION right_perturbation
+#%TANGENT_ORDER translation_rotation
+#%ROTATION_PARAM axis_angle
+"""
+"""The first lines of a belief as `smfeval` 0.4 reads it: T = T_file Exp(xi), and a row has xi's covariance."""
+_HALF_TURN = np.array((0.0, 0.0, 0.0, 1.0))  # quaternion of diag(-1, -1, 1)
+
+
+class TrackFiles:
+    """trajectory.tum and frames.csv in ``folder``, to which each image adds a line, and map.csv, written when asked.
+
+    The poses are in TUM's format; see the module. Where the scale is not ``metric``, the first line says so. Lost
+    images have a line in frames.csv only, unless ``keep_lost``. The file of ``covariances``, and with ``belief``
+    belief.square, get a line for each pose.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        metric: bool,
+        covariances: Lines | None = None,
+        keep_lost: bool = False,
+        belief: bool = False,
+    ) -> None:
+        self._map, self._keep_lost = folder / "map.csv", keep_lost
+        self._map.unlink(missing_ok=True)  # of a track before
+        self._poses, self._frames = Lines(folder / "trajectory.tum"), Lines(folder / "frames.csv")
+        self._covariances = covariances
+        self._rows = csv.writer(self._frames)
+        self._rows.writerow(FrameLog._fields)
+        if not metric:
+            self._poses.write(f"# {FREE}\n")
+        if self._covariances is not None:
+            self._covariances.write(COVARIANCE)
+        self._belief = Lines(folder / "belief.square") if belief else None
+        if self._belief is not None:
+            version = next((found.version for found in metadata.distributions(name="activeslam-gym")), "unknown")
+            self._belief.write(BELIEF.format("se3" if metric else "sim3", version))
+
+    def add(self, time: float, camera: np.ndarray, log: FrameLog | None, covariance: np.ndarray | None = None) -> None:
+        """The pose of ``camera`` (>= 7,) at ``time`` [s], its ``covariance`` (6, 6), and the ``log`` of the image, None
+        of the first."""
+        w, x, y, z = quaternion_product(camera[3:7], _HALF_TURN)
+        if log is None or not log.lost or self._keep_lost:
+            self._poses.write(f"{time:.6f} {' '.join(f'{number:.7f}' for number in (*camera[:3], x, y, z, w))}\n")
+            if self._covariances is not None and covariance is not None:
+                self._covariances.write(f"{time:.6f} {' '.join(f'{number:.6e}' for number in covariance.ravel())}\n")
+            if self._belief is not None and covariance is not None:
+                turn = np.kron(np.eye(2), Rotation.from_quat((x, y, z, w)).as_matrix())  # errors in the camera's axes
+                entries = (turn.T @ covariance @ turn)[np.tril_indices(6)]
+                row = " ".join(f"{number:.12g}" for number in (*camera[:3], x, y, z, w, *entries))
+                self._belief.write(f"{time:.9f} {row}\n")
+        if log is not None:
+            self._rows.writerow(
+                (f"{log.time:.6f}", *map(int, log[1:-2]), f"{log.milliseconds:.3f}", int(log.start_certain))
+            )
+
+    def save(self, ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> None:
+        """Write the map, see `map_table`."""
+        with written_whole(self._map) as unfinished, unfinished.open("w", newline="") as file:
+            file.write(map_table(ids, points, stds))
+
+    def close(self) -> None:
+        """Nothing more is written."""
+        for file in filter(None, (self._poses, self._frames, self._covariances, self._belief)):
+            file.close()
+
+
+def map_table(ids: np.ndarray, points: np.ndarray, stds: np.ndarray) -> str:
+    """A map as CSV: ids (n,), positions (n, 3) and their standard deviations (n, 3) [m]."""
+    table = StringIO()
+    writer = csv.writer(table)
+    writer.writerow(("id", "x", "y", "z", "std_x", "std_y", "std_z"))
+    writer.writerows((id, *(f"{value:.6f}" for value in row)) for id, row in zip(ids, np.hstack((points, stds))))
+    return table.getvalue()

@@ -6,13 +6,11 @@ from typing import Any
 
 import numpy as np
 
-import baselines
 from activeslam_gym.evaluation import Episode, outcome
 from agents.tools.machine import code
 from agents.tools.sections import Table, escaped
 from agents.tools.statistics import FEW_ROOMS, LEGEND, Column, Estimate, paired_rmse
 
-MOST_LOST = 0.25  # a policy that is lost in a greater share of the rooms has no headline
 DEGREES = 180.0 / np.pi
 
 LEARNED = (
@@ -52,8 +50,7 @@ class Summary:
     policies: dict[str, Figures]  # policy → figures over its rooms
     paired: dict[str, dict[str, Figures]]
     """Reference → policy → figures of the differences policy − reference over the rooms of both."""
-    best_baseline: str | None  # the baseline with the most bits, if one was run
-    notes: list[str]  # the headline and its limits
+    notes: list[str]  # limits of the figures
 
     @property
     def medians(self) -> dict[str, float]:
@@ -66,23 +63,24 @@ def summarise(
     reference: str = "mi-fisher",
     settings: dict[str, Any] | None = None,
 ) -> Summary:
-    """Figures of `episodes`, and pairs against `reference`, the best baseline (most bits) and the highest log score."""
+    """Figures of `episodes`, and pairs against `reference` and the policy with the highest log score."""
     runs = grouped(episodes)
     rows = {name: {run.seed: _row(run) for run in of_policy} for name, of_policy in runs.items()}
     policies = {name: _figures(list(seen.values()), (*LEARNED, *ERRORS)) for name, seen in rows.items()}
-    known = [name for name in policies if name in baselines.names()]
-    best = max(known, key=lambda name: policies[name]["bits"].value, default=None)
-    references = dict.fromkeys((reference, best, by_log_score(policies)[0]))
+    rooms, notes = min(len(seen) for seen in rows.values()), []
+    if rooms < FEW_ROOMS:
+        notes.append(f"* From {rooms} room(s): fewer than {FEW_ROOMS} give a hint, no finding.")
+    if reference not in policies:
+        notes.append(f"The reference {reference} was not run: no paired differences against it.")
     return Summary(
         settings=settings or {},
         policies=policies,
         paired={
             against: {name: _paired(seen, rows[against]) for name, seen in rows.items() if name != against}
-            for against in references
+            for against in dict.fromkeys((reference, by_log_score(policies)[0]))
             if against in policies and len(policies) > 1
         },
-        best_baseline=best,
-        notes=_notes(rows, policies, reference),
+        notes=notes,
     )
 
 
@@ -111,8 +109,7 @@ def tables(summary: Summary) -> list[Table]:
         _table(f"Errors at the end{star}", figures, ERRORS),
     ]
     for against, differences in summary.paired.items():
-        best = ", the baseline with the most bits," if against == summary.best_baseline else ""
-        result.append(_table(f"Difference to {against}{best} in the same rooms{star}", differences, PAIRED))
+        result.append(_table(f"Difference to {against} in the same rooms{star}", differences, PAIRED))
     return result
 
 
@@ -143,7 +140,7 @@ def _table(title: str, figures: Mapping[str, Figures], columns: Sequence[Column]
     return Table(title, header, rows)
 
 
-# Differences and headline -------------------------------------------------------------------------------------------
+# Differences ---------------------------------------------------------------------------------------------------------
 
 Row = dict[str, Any]
 
@@ -166,36 +163,3 @@ def _difference(row: Row, other: Row) -> dict[str, float]:
     rmse, other_rmse = paired_rmse(row["landmark_errors"], other["landmark_errors"])
     apart = {one.source: row[one.source] - other[one.source] for one in PAIRED if one.source in row}
     return apart | {"landmark_rmse": rmse - other_rmse, "ahead": float(apart["log_score_gain"] > 0.0)}
-
-
-def _notes(rows: Mapping[str, Mapping[int, Row]], policies: Mapping[str, Figures], reference: str) -> list[str]:
-    """The headline and its limits."""
-    notes, rooms = [_headline(rows, policies)], min(len(seen) for seen in rows.values())
-    if rooms < FEW_ROOMS:
-        notes.append(f"* From {rooms} room(s): fewer than {FEW_ROOMS} give a hint, no finding.")
-    if reference not in policies:
-        notes.append(f"The reference {reference} was not run: no paired differences against it.")
-    return notes
-
-
-def _headline(rows: Mapping[str, Mapping[int, Row]], policies: Mapping[str, Figures]) -> str:
-    """The highest median log score and its lead in the same rooms; policies lost too often, or under 0, are barred."""
-    running, barred = [], []
-    for name in policies:
-        lost, gain = (policies[name][key].value for key in ("lost", "log_score_gain_median"))
-        if lost > MOST_LOST:
-            barred.append(f"{name} is lost in {100 * lost:.0f} % of the rooms")
-        elif gain <= 0:
-            barred.append(f"{name} has a median log score gain of 0 or less")
-        else:
-            running.append(name)
-    left_out = f" Not in the running: {'; '.join(barred)}." if barred else ""
-    if not running:
-        return f"No policy has won anything.{left_out}"
-    first, *others = by_log_score({name: policies[name] for name in running})
-    best = policies[first]["log_score_gain_median"].text()
-    told = f"Highest median log score gain (it hides rare failures: see under 0, and lost): {first}, {best} bits"
-    if others:
-        lead = _paired(rows[first], rows[others[0]])["log_score_gain_median"].text()
-        told += f"; its lead over {others[0]} in the same rooms: {lead} bits"
-    return f"{told}.{left_out}"

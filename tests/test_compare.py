@@ -98,7 +98,7 @@ def test_rotation_offset_takes_the_estimate_to_the_truth() -> None:
     np.testing.assert_allclose(quaternion_error(offset), Rotation.from_rotvec(offset).as_quat()[:, :3], atol=1e-12)
 
 
-def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
+def test_differences_are_within_rooms_against_the_reference_and_the_highest_log_score() -> None:
     runs = [episode("stay", seed, 10.0 * seed) for seed in range(8)]
     runs += [episode("mi-fisher", seed, 10.0 * seed + 1.0) for seed in range(8)]
     runs += [episode("ahead", seed, 10.0 * seed + 1.0 + (seed < 6)) for seed in range(8)]
@@ -108,23 +108,10 @@ def test_differences_are_within_rooms_and_against_the_best_baseline() -> None:
     assert summary.paired["mi-fisher"]["stay"]["ahead"].value == 0.0
     assert summary.paired["mi-fisher"]["ahead"]["ahead"].value == 0.75  # the last two rooms are draws
     assert summary.policies["stay"]["bits"].value == 35.0
-    assert summary.best_baseline == "mi-fisher"
     assert list(summary.paired) == ["mi-fisher", "ahead"]
     summary = summarise([episode("own:mine", bits=90.0), episode("stay"), episode("sweep", bits=20.0)])
-    assert summary.best_baseline == "sweep" and set(summary.paired["sweep"]) == {"own:mine", "stay"}
-    assert "own:mine" in summary.notes[0] and any("mi-fisher was not run" in note for note in summary.notes)
-
-
-def test_a_policy_that_is_lost_or_has_lost_bits_has_no_headline() -> None:
-    """A useless agent, lost in nearly all rooms, was once crowned over the greedy one."""
-    lost = [episode("own:lost", seed, 90.0, lost=seed > 0) for seed in range(4)]
-    wrong, sound = (
-        [episode(name, seed, bits) for seed in range(4)] for name, bits in (("stay", -5.0), ("sweep", 10.0))
-    )
-    headline = summarise([*lost, *wrong, *sound]).notes[0]
-    assert "): sweep, 20.0" in headline
-    assert "own:lost is lost in 75 % of the rooms; stay has a median log score gain of 0 or less" in headline
-    assert summarise([*lost, *wrong]).notes[0].startswith("No policy has won anything. Not in the running: own:lost")
+    assert set(summary.paired["own:mine"]) == {"sweep", "stay"}
+    assert any("mi-fisher was not run" in note for note in summary.notes)
 
 
 def test_an_interrupted_write_leaves_the_old_file_and_json_has_nulls(tmp_path: Path) -> None:

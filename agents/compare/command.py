@@ -33,7 +33,7 @@ class Args(Rooms, Pages, Figures):
     duration: float | None = None
     """Seconds of an episode; the scenario's if not given."""
     reference: str = "mi-fisher"
-    """Paired differences are taken against this policy, and against the best baseline."""
+    """Paired differences are taken against this policy, and against the one with the highest log score."""
     resume: bool = False
     """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones; a factory
     of yours, which may read any file, is always played."""

@@ -6,13 +6,11 @@ to the whole process, and of the layers at hand one dies in a forked child and t
 at once. Here each environment has its own threads, started at the first use and again in a forked child.
 """
 
-import functools
-import inspect
 import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
-from typing import Any, TypeVar
+from typing import Any
 
 from activeslam_gym.config import whole_number
 
@@ -53,30 +51,6 @@ class OneThread:
     def __reduce__(self) -> Any:
         """Copies and pickles are free."""
         return OneThread, ()
-
-
-Class = TypeVar("Class", bound=type)
-
-
-def for_one_thread(cls: Class) -> Class:
-    """Decorator: the public methods and properties of a class with a `Workers` ``_workers`` enter its ``alone``."""
-
-    def guarded(function: Callable[..., Any]) -> Callable[..., Any]:
-        @functools.wraps(function)
-        def call(self: Any, *arguments: Any, **named: Any) -> Any:
-            with self._workers.alone:
-                return function(self, *arguments, **named)
-
-        return call
-
-    for name, member in list(vars(cls).items()):
-        if name.startswith("_"):
-            continue
-        if inspect.isfunction(member):
-            setattr(cls, name, guarded(member))
-        elif isinstance(member, property) and member.fget:
-            setattr(cls, name, property(guarded(member.fget), member.fset, doc=member.__doc__))
-    return cls
 
 
 class Workers:

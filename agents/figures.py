@@ -37,7 +37,7 @@ Curves = tuple[np.ndarray, np.ndarray]  # times (G,), and values (curves, G)
 def draw_all(episodes: Sequence[Episode], folder: Path) -> list[Path]:
     """Draw every figure into `folder` and return the paths. Raises ImportError where matplotlib is missing."""
     by_policy = grouped(episodes)
-    figures = (scores, entropies, errors, maps, actions)
+    figures = (scores, entropies, errors, maps)
     return [save_figure(draw(by_policy), folder / f"{draw.__name__}.png") for draw in figures]
 
 

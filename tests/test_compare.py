@@ -37,7 +37,7 @@ from tests.support import assert_same_record
 
 ROOT = Path(__file__).parents[1]
 DURATION = 3.0
-FIGURES = {"scores.png", "entropies.png", "errors.png", "maps.png", "actions.png"}
+FIGURES = {"scores.png", "entropies.png", "errors.png", "maps.png"}
 
 
 def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: Any) -> Episode:

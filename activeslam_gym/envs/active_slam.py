@@ -16,10 +16,9 @@ from activeslam_gym.envs.simulation import empty_runs
 from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS, Gaze, Motion, nearest_gaze
-from activeslam_gym.threads import Workers, for_one_thread
+from activeslam_gym.threads import Workers
 
 
-@for_one_thread
 class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     """A camera with six degrees of freedom maps a room by bearing-only EKF SLAM; the agent chooses motion and gaze.
 

@@ -13,10 +13,8 @@ from activeslam_gym.envs.active_slam_vector import ActiveSLAMVectorEnv
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.motion import QUATERNION
 from activeslam_gym.sensors.sensor import IMAGES
-from activeslam_gym.threads import for_one_thread
 
 
-@for_one_thread
 class ActiveSLAMPixelsEnv(ActiveSLAMEnv):
     """`ActiveSLAMEnv` on images: the same actions, observation, rewards, scores and ends, and another sensor.
 

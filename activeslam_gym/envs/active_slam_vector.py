@@ -20,10 +20,9 @@ from activeslam_gym.envs.snapshot import History, Snapshot, snapshot_of
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import nearest_gaze
-from activeslam_gym.threads import Workers, for_one_thread
+from activeslam_gym.threads import Workers
 
 
-@for_one_thread
 class ActiveSLAMVectorEnv(BatchReads, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """`ActiveSLAMEnv` for ``num_envs`` cameras, each in its own room; see there for what one of them is.
 

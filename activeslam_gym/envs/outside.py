@@ -16,10 +16,9 @@ from activeslam_gym.kernels import row
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS
 from activeslam_gym.slam.estimate import EstimateArrays
-from activeslam_gym.threads import Workers, for_one_thread
+from activeslam_gym.threads import Workers
 
 
-@for_one_thread
 class OutsideRun(SingleReads):
     """Stands in for an environment of the ``scenario`` before a policy: it has no truth and no step.
 

@@ -28,7 +28,7 @@ from activeslam_gym.motion import CAMERA_DIM, D_POSITION, D_ROTATION, GAZE_COUNT
 from activeslam_gym.registry import REGISTERED, asked
 from activeslam_gym.sensors.sensor import SENSORS, TEXTURED
 from activeslam_gym.slam.estimate import Estimate, read_only, taken_estimate
-from activeslam_gym.threads import Workers, for_one_thread
+from activeslam_gym.threads import Workers
 from activeslam_gym.world.scenes import Scene
 from activeslam_gym.world.truth import Truth, truth_of
 
@@ -106,7 +106,6 @@ def _nees_per_dof(run: Run) -> dict[str, float]:
     }
 
 
-@for_one_thread
 class Reads:
     """B runs and what may be read of them: a batch has a leading axis B, a single environment (B = 1) none."""
 
@@ -150,9 +149,10 @@ class Reads:
 
     def _reset_run(self, i: int, key: int) -> None:
         """Restart run ``i`` from ``key``."""
-        start = reset_run(self.setting, self._runs, i, key)
-        if not self._compiled:
-            self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
+        with self._workers.alone:
+            start = reset_run(self.setting, self._runs, i, key)
+            if not self._compiled:
+                self._perceptions[i] = perception_of(self.setting, row(self._runs, i), start, key)
 
     def _play(self, phases: np.ndarray, commands: np.ndarray) -> None:
         """One step of every run: ``phases`` (B,) and ``commands`` (B, 4) as `episode.play` takes them."""
@@ -297,7 +297,6 @@ class Reads:
         return [self._at(i) for i in range(len(self._runs.episode))]
 
 
-@for_one_thread
 class SingleReads(Reads):
     """Of one run: a batch of one, or one row of a larger batch, of which it shows the present state."""
 
@@ -350,7 +349,6 @@ class SingleReads(Reads):
         return _nees_per_dof(self._run)
 
 
-@for_one_thread
 class BatchReads(Reads):
     """Of a batch."""
 

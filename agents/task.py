@@ -15,7 +15,7 @@ import gymnasium as gym
 
 import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.config import IMAGE_SCENARIOS
-from activeslam_gym.evaluation import Episode, Look, Measure, Store, play
+from activeslam_gym.evaluation import Episode, Measure, Observer, Store, play
 from activeslam_gym.evaluation.code import (
     IMAGE_LIBRARIES,
     LEARNING_LIBRARIES,
@@ -111,9 +111,9 @@ def play_tasks(tasks: Sequence[Task]) -> list[Arrays]:
     """Play tasks of one group, several as a batch."""
     first, measures = tasks[0], [[make() for make in task.measures] for task in tasks]
     env = make_environment(json.loads(first.settings), len(tasks), policies.actions_of(first.policy))
-    looks = [[one.look for one in of_task] for of_task in measures]
+    observers = [[one.observe for one in of_task] for of_task in measures]
     period = 0.0 if first.whole or any(one.whole for one in first.measures) else SAMPLE_PERIOD
-    episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, looks, period)
+    episodes = run_policy(first.policy, env, [task.seed for task in tasks], first.settings, observers, period)
     for episode, of_task in zip(episodes, measures):
         for one in of_task:
             episode.notes.update(one.result(episode))
@@ -148,7 +148,7 @@ def run_policy(
     env: Any,
     seeds: Sequence[int],
     settings: str = "{}",
-    looks: Sequence[Sequence[Look]] = (),
+    observers: Sequence[Sequence[Observer]] = (),
     period: float = 0.0,
 ) -> list[Episode]:
     """Episodes of the policy `source` (see `policies.factory`), as `play` plays them; `env` is then closed.
@@ -157,7 +157,7 @@ def run_policy(
     """
     try:
         policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
-        return play(env, policy, seeds, source, settings, looks, period)
+        return play(env, policy, seeds, source, settings, observers, period)
     except ValueError as error:
         told = f"{error}" if source in str(error) else f"policy: {source!r}: {error}"
         raise ValueError(f"{told} (room {seeds[0]})") from error

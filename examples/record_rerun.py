@@ -63,5 +63,5 @@ if __name__ == "__main__":
     name, path = sys.argv[1:] or ("sweep", "sweep.rrd")
     env = gym.make("ActiveSLAM-v0", duration=3.0)
     begin(env.unwrapped.scenario, path)
-    episode = run_episode(env, baselines.make(name, env), seed=0, looks=[log])
+    episode = run_episode(env, baselines.make(name, env), seed=0, observers=[log])
     print(f"{path}: {episode.times[-1]:g} s of {name}")

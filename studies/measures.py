@@ -19,7 +19,7 @@ class Matches:
 
     whole, matches = False, 0
 
-    def look(self, core: Any, info: dict[str, Any]) -> None:
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Count the matches of a step."""
         if core.time > 0.0:
             self.matches += round(core.gaze_period / core.scenario.frame_time) * len(matched_ids(core))
@@ -40,7 +40,7 @@ class Loops:
     def __init__(self) -> None:
         self._loops, self._closed, self._fiducials = LoopClosures(), [0], [0]
 
-    def look(self, core: Any, info: dict[str, Any]) -> None:
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Count the closures and the fiducials of a step."""
         if core.time > 0.0:
             ids = matched_ids(core)
@@ -66,7 +66,7 @@ class WithoutExpected:
 
     whole = False
 
-    def look(self, core: Any, info: dict[str, Any]) -> None:
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Move them after the reset."""
         if core.time == 0.0:
             core.expect(np.tile((0.0, -1000.0, 0.0), (core.scenario.landmark_count, 1)))

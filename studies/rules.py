@@ -28,9 +28,9 @@ class Rule(Sweep):
         return self.env.belief if self.batched else (self.env.belief,)
 
     def choose_gaze(self) -> Actions:
-        return np.array([self.look(i, belief) for i, belief in enumerate(self.beliefs())])
+        return np.array([self.turn_of(i, belief) for i, belief in enumerate(self.beliefs())])
 
-    def look(self, i: int, belief: Any) -> int:
+    def turn_of(self, i: int, belief: Any) -> int:
         """The gaze of environment ``i``."""
         return Gaze.LEFT
 
@@ -42,7 +42,7 @@ class GoBack(Rule):
         super().__init__(env)
         self._returns = np.zeros(self.num_envs, bool)
 
-    def look(self, i: int, belief: Any) -> int:
+    def turn_of(self, i: int, belief: Any) -> int:
         std, known = math.sqrt(np.trace(belief.covariance[:3, :3])), belief.landmarks[belief.mapped]
         self._returns[i] = len(known) and std > (0.6 if self._returns[i] else 1.0) * UNCERTAIN
         return gaze_to(belief, known.mean(axis=0)) if self._returns[i] else Gaze.LEFT
@@ -51,7 +51,7 @@ class GoBack(Rule):
 class Face(Rule):
     """Turns LEFT until enough is mapped, and then faces the middle of the map."""
 
-    def look(self, i: int, belief: Any) -> int:
+    def turn_of(self, i: int, belief: Any) -> int:
         known = belief.landmarks[belief.mapped]
         return gaze_to(belief, known.mean(axis=0)) if len(known) >= ENOUGH else Gaze.LEFT
 

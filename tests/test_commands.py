@@ -147,10 +147,10 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
 def test_a_film_of_a_lost_run_tells_that_it_is_lost() -> None:
     pytest.importorskip("matplotlib")
     env, film, lost = gym.make("ActiveSLAM-v0", lost_position_error=0.01), Film(1e6, 300), False
-    film.look(env.unwrapped, env.reset(seed=0)[1])
+    film.observe(env.unwrapped, env.reset(seed=0)[1])
     while not lost:
         info = env.step((Motion.RIGHT, Gaze.LEFT))[4]
-        film.look(env.unwrapped, info)
+        film.observe(env.unwrapped, info)
         lost = info["lost"]
     red = [bool((picture == list(bytes.fromhex(LOST[1:]))).all(axis=-1).any()) for picture in film.pictures]
     assert red == [False, True]

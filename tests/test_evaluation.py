@@ -34,7 +34,7 @@ class Counted:
     def __init__(self) -> None:
         self.looks = 0
 
-    def look(self, core: Any, info: dict[str, Any]) -> None:
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
         self.looks += 1
 
     def result(self, episode: Episode) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.run import Live  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
-from activeslam_gym.live.source import ROOM, RenderedRoom, Sequence, posed  # noqa: E402
+from activeslam_gym.live.source import ROOM, RecordedImages, RenderedRoom, posed  # noqa: E402
 from activeslam_gym.live.state import Standing, State  # noqa: E402
 from activeslam_gym.motion import Motion, motion_of  # noqa: E402
 from activeslam_gym.vision.outcome import MATCHED  # noqa: E402
@@ -252,7 +252,7 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     (tmp_path / "target.json").write_text(json.dumps(target))
     for k, place in enumerate(places):
         assert cv2.imwrite(str(tmp_path / f"{k:02d}.png"), image_from(place, target=True))
-    session = Session(Sequence(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 5.0))
+    session = Session(RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 5.0))
     states = [session.step() for _ in range(11)]
     assert [state.standing for state in states] == [Standing.TRACKING] * 10 + [Standing.OVER]
     assert np.linalg.norm(states[9].camera[:3] - places[9][:3]) < 0.02
@@ -261,7 +261,7 @@ def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path)
     session.restart()
     assert session.step().frame == 1
     with pytest.raises(ValueError, match="rate must be a positive number of images a second, got 0.0"):
-        Sequence(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 0.0)
+        RecordedImages(str(tmp_path), tmp_path / "lens.json", tmp_path / "target.json", 0.0)
 
 
 # Recordings -----------------------------------------------------------------------------------------------------------

@@ -68,7 +68,7 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
     room = RenderedRoom(5)
     session, evaluator, seconds = Session(room, 5), Evaluator(room, 5), []
     for k in range(31):
-        evaluator.look(session, session.step())
+        evaluator.add(session, session.step())
         if k % 15 == 0:
             seconds.append(evaluator.second())
     assert seconds[0].log_score == 0.0 and seconds[2].log_score > seconds[1].log_score > 50.0
@@ -93,7 +93,7 @@ def test_lost_is_in_the_live_study_what_it_is_in_the_environment() -> None:
     for share, lost in ((0.98, False), (1.02, True), (0.0, True)):
         camera = state.truth.copy()
         camera[0] += share * told[0]
-        evaluator.look(session, replace(state, camera=camera, initialised=0))
+        evaluator.add(session, replace(state, camera=camera, initialised=0))
         assert evaluator.second().lost == lost
     assert set(told) == {0.5}
 

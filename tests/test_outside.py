@@ -23,7 +23,9 @@ def test_the_observation_is_that_of_an_environment(name: str) -> None:
         outside.decided(action)
         run, tokens = env.unwrapped._run, layout.tokens
         n = int(run.estimate.state.count)
-        seen = outside.look(run.estimate, np.zeros((n, 3)), run.expected, run.world.fiducials, float(run.episode.gain))
+        seen = outside.observed(
+            run.estimate, np.zeros((n, 3)), run.expected, run.world.fiducials, float(run.episode.gain)
+        )
         np.testing.assert_array_equal(seen[: tokens.start], observation[: tokens.start])
         sets = (np.unique(part[tokens].reshape(layout.token_shape), axis=0) for part in (seen, observation))
         np.testing.assert_array_equal(*sets)  # a feature may have another slot
@@ -39,7 +41,7 @@ def test_half_of_an_episode_is_always_left() -> None:
     env.reset(seed=5)
     run, outside = env.unwrapped._run, OutsideRun(SCENARIOS["hand-held"], 1.0, UNLIMITED)
     for _ in range(40):
-        outside.look(run.estimate, run.first_seen[:0], run.expected, run.world.fiducials, 0.0)
+        outside.observed(run.estimate, run.first_seen[:0], run.expected, run.world.fiducials, 0.0)
         outside.decided((6, 1))
     assert outside.time == 0.5 * (outside.duration - outside.duration % 2)
     assert np.isfinite(outside.context).all()

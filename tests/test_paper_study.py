@@ -63,7 +63,7 @@ def test_numbers_of_made_up_episodes() -> None:
 
 def test_the_drop_at_a_closure_is_against_the_second_before() -> None:
     env, loops = environment(4.0), measures.Loops()
-    run = run_episode(env, baselines.make("stay", env), seed=5, looks=[loops.look])
+    run = run_episode(env, baselines.make("stay", env), seed=5, observers=[loops.observe])
     assert 0.0 < loops.result(run)["fiducials"] <= env.unwrapped.scenario.fiducial_count
     steps, closed = len(run.actions), 40
     slopes = np.where(np.arange(steps) < closed, -1.0, -3.0)  # bits a step, before and from the closure on
@@ -82,7 +82,7 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
     env.reset(seed=5)
     core = env.unwrapped
     before = core.motion_scores("mutual_information")
-    measures.WithoutExpected().look(core, {})
+    measures.WithoutExpected().observe(core, {})
     models, whole = core.setting.models, core.prospect
     size = len(whole.covariance) - 3 * whole.waiting
     P = whole.covariance[:size, :size].copy()

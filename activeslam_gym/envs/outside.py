@@ -48,7 +48,7 @@ class OutsideRun(SingleReads):
         """Itself."""
         return self
 
-    def look(
+    def observed(
         self,
         estimate: EstimateArrays,
         first_seen: np.ndarray,

@@ -1,13 +1,13 @@
 """One way to play an episode, one record of it, and one store of records."""
 
 from activeslam_gym.evaluation.episode import TARGET, Episode, gaze_counts, motion_counts, outcome
-from activeslam_gym.evaluation.play import Look, Measure, Predictor, matched_ids, play, run_episode
+from activeslam_gym.evaluation.play import Measure, Observer, Predictor, matched_ids, play, run_episode
 from activeslam_gym.evaluation.store import Store
 
 __all__ = [
     "TARGET",
     "Episode",
-    "Look",
+    "Observer",
     "Measure",
     "Predictor",
     "Store",

@@ -14,7 +14,7 @@ from activeslam_gym.evaluation.episode import Episode, nearest
 from activeslam_gym.motion import Gaze
 
 Array = NDArray[Any]
-Look = Callable[[Any, dict[str, Any]], None]
+Observer = Callable[[Any, dict[str, Any]], None]
 """Looks at the bare environment and its info, after the reset (the time is 0 then) and after every step."""
 
 
@@ -24,8 +24,8 @@ class Measure(Protocol):
     whole: bool
     """Whether `result` needs every sample of the episode."""
 
-    def look(self, core: Any, info: dict[str, Any]) -> None:
-        """See `Look`."""
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
+        """See `Observer`."""
 
     def result(self, episode: Episode) -> dict[str, Any]:
         """Numbers and arrays by name, for the whole ``episode``."""
@@ -41,10 +41,10 @@ class Predictor(Protocol):
 
 
 def run_episode(
-    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", looks: Sequence[Look] = ()
+    env: gym.Env, policy: Predictor, seed: int, name: str = "policy", observers: Sequence[Observer] = ()
 ) -> Episode:
     """Run one episode of `policy`, bound to `env` (a single environment), from `reset(seed=seed)` to its end."""
-    return play(env, policy, [seed], name, looks=[looks])[0]
+    return play(env, policy, [seed], name, observers=[observers])[0]
 
 
 def play(
@@ -53,13 +53,13 @@ def play(
     seeds: Sequence[int],
     name: str = "policy",
     settings: str = "{}",
-    looks: Sequence[Sequence[Look]] = (),
+    observers: Sequence[Sequence[Observer]] = (),
     period: float = 0.0,
 ) -> list[Episode]:
     """Play the episodes of ``seeds`` with ``policy``, which is bound to ``env``: one, or a batch, to the bit the same.
 
-    ``looks``: for each episode what looks at it. ``period``: time between samples [s], every step if 0; the start and
-    the end are always sampled.
+    ``observers``: of each episode. ``period``: time between samples [s], every step if 0; start and end are always
+    sampled.
 
     Raises:
         ValueError: the seeds are not as many as the environments, or those do not end together.
@@ -71,7 +71,7 @@ def play(
         raise ValueError(f"seeds: {len(seeds)} of them; allowed: {len(rows)}, as many as environments")
     if batched and core.autoreset_mode is not AutoresetMode.DISABLED:
         raise ValueError(f"env: autoreset_mode {core.autoreset_mode.name}; allowed: DISABLED")
-    recorder = _Recorder(rows, batched, looks, period)
+    recorder = _Recorder(rows, batched, observers, period)
     observation, infos = env.reset(seed=list(seeds) if batched else seeds[0])  # type: ignore[arg-type]
     recorder.see(infos, False)
     state, first, over = None, True, np.zeros(len(rows), bool)
@@ -102,8 +102,8 @@ def matched_ids(core: Any) -> list[int]:
 class _Recorder:
     """Records episodes; ``rows`` are single environments, or the single environments' view of a batch."""
 
-    def __init__(self, rows: list[Any], batched: bool, looks: Sequence[Sequence[Look]], period: float) -> None:
-        self._rows, self._batched, self._looks = rows, batched, looks or [()] * len(rows)
+    def __init__(self, rows: list[Any], batched: bool, observers: Sequence[Sequence[Observer]], period: float) -> None:
+        self._rows, self._batched, self._observers = rows, batched, observers or [()] * len(rows)
         times = np.arange(round(rows[0].duration / rows[0].gaze_period) + 1) * rows[0].gaze_period
         self._sampled = set(nearest(times, period).tolist()) if period else None
         self._samples: list[list[dict[str, Any]]] = [[] for _ in rows]
@@ -114,11 +114,11 @@ class _Recorder:
     def see(self, infos: dict[str, Any], over: bool) -> None:
         """After the reset, and after every step, which is then in `steps`."""
         due = self._sampled is None or over or len(self.steps) in self._sampled
-        for i, (core, looks) in enumerate(zip(self._rows, self._looks)):
-            if due or looks:
+        for i, (core, observers) in enumerate(zip(self._rows, self._observers)):
+            if due or observers:
                 info = info_at(infos, i) if self._batched else infos
-                for look in looks:
-                    look(core, info)
+                for observer in observers:
+                    observer(core, info)
                 if due:
                     self._samples[i].append(_sample(core, info))
         told = infos["lost"], infos["landmarks_mapped"], infos["log2_det"]["total"]

@@ -57,7 +57,7 @@ class ExpectedMap:
     def observed_by(self, run: OutsideRun, gain: float) -> np.ndarray:
         """(D,) the observation of the present state; ``gain``: entropy removed so far [bit]."""
         first_seen, fiducials = self._front_end.first_seen(self._filter.ids), self._filter.fiducials
-        return run.look(self._front_end.estimate(), first_seen, self._expected, fiducials, gain)
+        return run.observed(self._front_end.estimate(), first_seen, self._expected, fiducials, gain)
 
     def factored(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Position k (N,) of each landmark's feature, or -1; and a factor U of the covariance of those and the camera.

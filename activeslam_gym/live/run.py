@@ -16,7 +16,7 @@ from activeslam_gym.live.link import Link
 from activeslam_gym.live.person import FOLLOW, NEVER
 from activeslam_gym.live.recording import Recording, check_folder
 from activeslam_gym.live.session import Session, Source
-from activeslam_gym.live.source import RenderedRoom, Sequence
+from activeslam_gym.live.source import RecordedImages, RenderedRoom
 from activeslam_gym.live.state import About, Standing, State
 from activeslam_gym.vision.track import interruptible
 
@@ -127,7 +127,7 @@ def show_of(args: Namespace) -> Live:
     if missing:
         needed = "--calibration or --calibrate" if args.source == BROWSER else " and ".join(missing)
         raise ValueError(f"--source {args.source} needs {needed}")
-    sequence = Sequence(args.source, args.calibration, args.target, args.rate, args.camera)
+    sequence = RecordedImages(args.source, args.calibration, args.target, args.rate, args.camera)
     return Live(sequence, args.seed, args.record, args.film, adviser)
 
 

@@ -8,7 +8,7 @@ from activeslam_gym.live.advice import Adviser, CandidateScores, MakeAdviser
 from activeslam_gym.live.device import Device
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.person import FOLLOW
-from activeslam_gym.live.source import GuidanceError, RenderedRoom, Sequence
+from activeslam_gym.live.source import GuidanceError, RecordedImages, RenderedRoom
 from activeslam_gym.live.state import Standing, State
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION_COUNT, Motion
 from activeslam_gym.slam.estimate import Estimate, taken_estimate
@@ -16,7 +16,7 @@ from activeslam_gym.vision.film import point_covariances
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.outcome import FrameLog, Searched
 
-Source = RenderedRoom | Sequence | Device
+Source = RenderedRoom | RecordedImages | Device
 _FEW = 4
 """Fewer matches hardly constrain the pose."""
 _VAGUE = 0.5

@@ -94,7 +94,7 @@ class RenderedRoom:
         return front_end
 
 
-class Sequence:
+class RecordedImages:
     """A recorded sequence at its own ``rate``, or a live camera, as `images_of` reads it, before a known target."""
 
     person = None

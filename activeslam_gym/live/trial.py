@@ -56,7 +56,7 @@ def trial(seed: int, habit: str, seconds: float) -> list[Second]:
     session, evaluator = Session(room, seed), Evaluator(room, seed)
     out, period = [], max(2, round(1.0 / ROOM.frame_time))
     for k in range(round(seconds / ROOM.frame_time) + 1):
-        evaluator.look(session, session.step())
+        evaluator.add(session, session.step())
         if k and k % period == 0:
             out.append(evaluator.second())
     return out
@@ -78,7 +78,7 @@ class Evaluator:
         self._images: list[tuple[float, ...]] = []
         """Of this second: initialisations, closures, matches, searches and milliseconds."""
 
-    def look(self, session: Session, state: State) -> None:
+    def add(self, session: Session, state: State) -> None:
         """Take in an image."""
         assert session.front_end and session.expected and state.truth is not None
         self._expected, self._state, self._truth = session.expected, state, state.truth

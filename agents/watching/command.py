@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from activeslam_gym.evaluation import Look, outcome
+from activeslam_gym.evaluation import Observer, outcome
 from activeslam_gym.rendering import NoScreenWarning
 from activeslam_gym.vision.film import check_video
 from agents.task import check, file_name, make_environment, run_policy
@@ -91,11 +91,11 @@ def watch(args: Args) -> Iterator[Path]:
     films, titles = [], labels(args.policies)
     for name, title in titles.items():
         film, env = Film(args.every, args.width), make_environment(args.environment)
-        looks: list[Look] = [film.look] if args.save else []
+        observers: list[Observer] = [film.observe] if args.save else []
         with warnings.catch_warnings():
             warnings.simplefilter("error", NoScreenWarning)
             try:
-                (episode,) = run_policy(name, env, [args.seed], looks=[looks])
+                (episode,) = run_policy(name, env, [args.seed], observers=[observers])
             except NoScreenWarning as warning:
                 told = "no screen was found to watch on; --save clip.gif or --tum write files instead"
                 raise gym.error.Error(told) from warning

@@ -22,14 +22,14 @@ Picture = np.ndarray  # (H, W, 3) uint8
 
 
 class Film:
-    """A picture of an environment every `every` seconds of its time, `width` pixels wide; see `look`."""
+    """A picture of an environment every `every` seconds of its time, `width` pixels wide; see `observe`."""
 
     def __init__(self, every: float, width: int) -> None:
         self.every = every
         self.size = (width, round(width * rendering.REFERENCE_SIZE[1] / rendering.REFERENCE_SIZE[0]))
         self.pictures: list[Picture] = []
 
-    def look(self, core: Any, info: dict[str, Any]) -> None:
+    def observe(self, core: Any, info: dict[str, Any]) -> None:
         """Take a picture if it is time for one, or the run is lost, which stands under the time."""
         if core.time >= self.every * len(self.pictures) - 1e-9 or info["lost"]:
             picture = rendering.draw(core.snapshot(), self.size)

@@ -61,7 +61,6 @@ leaderboard: $(VENV)/.agents $(VENV)/.advice ## play the test episodes of the su
 
 results: leaderboard ## every generated section of the pages and its pictures, at one commit (hours; the same command goes on)
 	$(RUN) -m agents compare --policies $(POLICIES) --reference best-constant --episodes $(or $(EPISODES),200) --out results/compare --report RESULTS.md --resume $(ON)
-	$(RUN) -m agents generalise --episodes $(or $(EPISODES),20) --report RESULTS.md $(ON)
 	$(MAKE) consistency figures $(if $(EPISODES),,bench client-figures)
 
 figures: $(VENV)/.advice ## the paper's claims and figures, and the live system (an hour or more): docs
@@ -154,7 +153,7 @@ $(VENV)/.docs: pyproject.toml | $(VENV)/.made
 
 $(VENV)/.dev: pyproject.toml | $(VENV)/.made
 	@echo "Installing what the tests need, PyTorch among it, into $(VENV) (once; takes a few minutes)"
-	@$(PIP) --editable '.[agents,compare,dev,docs,mesh,notebooks,onnx,plot,vision]'
+	@$(PIP) --editable '.[agents,compare,dev,docs,mesh,notebooks,plot,vision]'
 	@touch $@
 
 # Each client has its own environment, since their pins disagree: RLlib's gymnasium, CleanRL's gym and NumPy.

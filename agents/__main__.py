@@ -6,10 +6,9 @@ from importlib import import_module
 
 PROGRAM = "python -m agents"
 COMMANDS = {
-    "compare": "agents.compare.command",
+    "compare": "agents.compare",
     "enter": "agents.suite.enter",
     "export": "agents.export",
-    "generalise": "agents.compare.generalise",
     "leaderboard": "agents.suite.leaderboard",
     "train": "agents.train",
     "verify": "agents.suite.verify",

@@ -52,11 +52,6 @@ class Summary:
     """Reference → policy → figures of the differences policy − reference over the rooms of both."""
     notes: list[str]  # limits of the figures
 
-    @property
-    def medians(self) -> dict[str, float]:
-        """Policy → median log score gain [bit]."""
-        return {name: figures["log_score_gain_median"].value for name, figures in self.policies.items()}
-
 
 def summarise(
     episodes: Sequence[Episode],

@@ -14,9 +14,8 @@ import numpy as np
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode
-from agents.compare.generalise import shares_of_best
-from agents.tools.sections import table
-from agents.tools.statistics import estimate
+from agents.tools.sections import Table, table
+from agents.tools.statistics import MISSING, estimate
 from studies import parser, played, run, settings_of, tasks
 
 SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
@@ -46,6 +45,16 @@ def text_of(scenario: str, runs: Mapping[str, Sequence[Episode]], references: Se
     ]
     head = f"{scenario}: {len(scores[reference])} episodes from {runs[reference][0].seed}, against {reference}"
     return f"\n### {head}\n\n{table(HEADER, rows)}"
+
+
+def shares_of_best(medians: Mapping[str, Mapping[str, float]]) -> Table:
+    """Policies × scenarios, from scenario → policy → median log score: its share of the best one; a dash under 0."""
+    rows: dict[str, list[str]] = {}
+    for of_policy in medians.values():
+        best = max(of_policy.values())
+        for policy, median in of_policy.items():
+            rows.setdefault(policy, [policy]).append(f"{median / best:.2f}" if best > 0 else MISSING)
+    return Table("Share of the best policy's median log score gain", ["policy", *medians], list(rows.values()))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

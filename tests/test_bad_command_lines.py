@@ -51,28 +51,31 @@ FILES = {
 }
 FILES |= {"broken.py": "def (:", "broken.npz": "PK\3\4 not all", "broken.json": "{}", "half.npz": "", "half.json": "{"}
 
-PLAY = "compare generalise"
 UNKNOWN = "; allowed: random, stay, sweep"
 TABLE: tuple[tuple[str, str, str, str], ...] = (
     # files and folders
-    (f"{PLAY} train", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),
+    ("compare train", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),
     ("watch", "--tum", "TMP/file TMP/file/below /dev/null", "is no folder to write to"),
     ("watch", "--save", "TMP/file/a.gif /dev/null/a.png", "is no folder to write to"),
     ("watch", "--save", "clip clip.avi clip.GIF TMP", "must end in .gif, .webp, .png, .mp4, got"),
-    (PLAY, "--report", "TMP/absent.md TMP", "there is no page"),
-    (PLAY, "--report", "TMP/page.md", "has no section <!-- generated:"),
-    (PLAY, "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
-    (PLAY, "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
+    ("compare", "--report", "TMP/absent.md TMP", "there is no page"),
+    ("compare", "--report", "TMP/page.md", "has no section <!-- generated:"),
+    ("compare", "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
+    ("compare", "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
     ("export", "--out", "TMP/file/a.zip /dev/null/a.zip", "is no folder to write to"),
-    ("export", "--out", "TMP a.npz a", "out must end in .zip or .onnx"),
+    ("export", "--out", "TMP a.npz a", "out must end in .zip"),
     ("export", "--policy", "nobody absent.npz mi-fisher", "has no weights; allowed: generalist"),
     ("export", "--policy", "TMP/broken.npz TMP/half.npz", "cannot be read"),
     # policies
-    (PLAY, "--policies", "nobody MI-FISHER ppo2", UNKNOWN),
+    ("compare", "--policies", "nobody MI-FISHER ppo2", UNKNOWN),
     ("watch", "--policies", "nobody", UNKNOWN),
-    (PLAY, "--policies", "", "policies: none given; allowed: one name or more"),
-    ("generalise", "--scenarios", "nowhere", "scenarios: nowhere; allowed: paper"),
-    (PLAY, "--policies", "raising:make", "cannot be imported (ZeroDivisionError: division by zero (raising.py:1))"),
+    ("compare", "--policies", "", "policies: none given; allowed: one name or more"),
+    (
+        "compare",
+        "--policies",
+        "raising:make",
+        "cannot be imported (ZeroDivisionError: division by zero (raising.py:1))",
+    ),
     ("compare", "--policies", "exits:make broken:make own:absent own: : :make a:b:c", "cannot be imported"),
     ("compare", "--policies", "own:raises", "called as factory(env): ZeroDivisionError: division by zero (own.py:10)"),
     ("compare", "--policies", "own:no_arguments own:two_arguments own:constant", "called as factory(env): TypeError"),
@@ -84,8 +87,8 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--reference", "nobody ppo MI-FISHER", "is not compared; allowed: mi-constant"),
     ("train", "--reward", "bogus 5", "reward must be one of entropy, log_score"),
     # numbers, beside those of `test_every_number_of_every_command_is_bounded_and_named`
-    (f"{PLAY} watch", "--seed", "-1", "allowed: 0 to 4611686018427387904"),
-    (PLAY, "--episodes", "0", "allowed: 1 to 1000000"),
+    ("compare watch", "--seed", "-1", "allowed: 0 to 4611686018427387904"),
+    ("compare", "--episodes", "0", "allowed: 1 to 1000000"),
     ("compare", "--duration", "0.01", "duration must be a whole multiple of "),
     ("compare watch", "--gaze-period", "0.07", "must be a whole multiple of the frame (0.05 s)"),
     ("watch", "--speed", "1e-300", "shows a picture for more than 60 s"),
@@ -98,7 +101,7 @@ TABLE: tuple[tuple[str, str, str, str], ...] = (
     ("compare", "--scenario", '{"nonsense":1}', "scenario has no field nonsense"),
     ("compare", "--scenario", '{"pixel_std":-1} {"pixel_std":"wide"}', "must be a positive number, got"),
     # the line itself
-    (f"{PLAY} train watch export", "--nonsense", "", "Unrecognized options: --nonsense"),
+    ("compare train watch export", "--nonsense", "", "Unrecognized options: --nonsense"),
 )
 """(commands, options, values, what is said): each command with each option and each value is a mistake."""
 

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 from activeslam_gym import SCENARIOS, Gaze, Motion
-from activeslam_gym.config import benchmark_seed
 from agents.__main__ import COMMANDS, main
-from agents.compare import generalise
 from agents.task import make_environment
 from agents.tools.arguments import scenario_argument
 from agents.tools.sections import Table, escaped, put_section
@@ -99,30 +97,6 @@ def test_a_foreign_text_neither_closes_a_section_nor_is_markup(tmp_path: Path) -
     assert len(whole.markdown().splitlines()) == 3 and "my_policy" in row and len(re.split(r"(?<!\\)\|", row)) == 4
     assert not set("<>`*{}$\x1b") & set(row) and "](" not in row and "\x1b" not in whole.aligned()
     assert escaped("1.46 [1.45, 1.48]") == "1.46 [1.45, 1.48]"
-
-
-def test_the_same_policies_are_run_in_every_condition(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generalise, "CONDITIONS", {"default": "paper", "9 landmarks": '{"landmark_count": 9}'})
-    page = tmp_path / "R.md"
-    page.write_text("<!-- generated: generalise -->\n<!-- end: generalise -->\n")
-    args = generalise.Args(policies=("stay", "sweep"), episodes=1, out=tmp_path, report=(page,), jobs=1)
-    assert generalise.main(args) == 0
-    rows = [line for line in (tmp_path / "generalise.md").read_text().splitlines() if line.startswith("| ")]
-    wanted = [[f"| {one}", policy] for one in ("default", "9 landmarks") for policy in ("stay", "sweep")]
-    assert [line.split(" | ")[:2] for line in rows[2:6]] == wanted
-    assert "python -m agents generalise --policies stay sweep" in page.read_text()
-
-
-def test_named_scenarios_are_run_in_their_own_rooms_and_compared_by_the_share_of_the_best(tmp_path: Path) -> None:
-    args = generalise.Args(policies=("stay", "sweep"), scenarios=("paper", "sprint"), episodes=1, out=tmp_path, jobs=1)
-    assert generalise.main(args) == 0
-    told = json.loads((tmp_path / "generalise.json").read_text())
-    assert [told[name]["settings"]["seed"] for name in args.scenarios] == [1_000_000, benchmark_seed("sprint")]
-    assert all((tmp_path / name / "summary.md").exists() for name in args.scenarios)
-    lines = (tmp_path / "generalise.md").read_text().splitlines()
-    rows = [line.strip("| ").split(" | ") for line in lines[lines.index("| policy | paper | sprint |") + 2 :]]
-    assert [row[0] for row in rows] == ["stay", "sweep"]
-    assert all(max(float(row[k]) for row in rows) == 1.0 for k in (1, 2)), "the best has all of itself"
 
 
 def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,7 +27,7 @@ from activeslam_gym.files import written_whole
 from agents import policies, pretrained
 from agents import task as tasks
 from agents.__main__ import main
-from agents.compare.command import Args, compare
+from agents.compare import Args, compare
 from agents.figures import quaternion_error
 from agents.pretrained import FOLDER
 from agents.summary import summarise

@@ -60,23 +60,6 @@ def test_weights_are_exported_for_stable_baselines(tmp_path: Path, capsys: Any) 
     assert learner.gamma == read_card(FOLDER / "ppo.npz")["gamma"]
 
 
-def test_an_exported_onnx_network_answers_alike(tmp_path: Path, capsys: Any) -> None:
-    runtime = pytest.importorskip("onnxruntime")
-    pytest.importorskip("onnxscript")
-    assert main(["export", "--policy", "ppo-clusters", "--out", str(tmp_path / "clusters.onnx")]) == 0
-    assert "`input` (B, 681) every 1.0 s" in capsys.readouterr().out
-    session = runtime.InferenceSession(tmp_path / "clusters.onnx")
-    assert json.loads(session.get_modelmeta().custom_metadata_map["card"])["scenario"] == "clusters"
-    env = gym.make_vec("ActiveSLAM-v0", num_envs=3, scenario="clusters", gaze_period=1.0)
-    policy, observations = agents.load("ppo-clusters", env), env.reset(seed=5)[0]
-    for _ in range(8):
-        actions, _ = policy.predict(observations)
-        for rows in (slice(0, 3), slice(1, 2)):
-            answers = session.run(["motion", "gaze"], {"input": observations[rows]})
-            np.testing.assert_array_equal(np.stack([part.argmax(axis=1) for part in answers], 1), actions[rows])
-        observations = env.step(actions)[0]
-
-
 OLDER = {"learning_rate": 1e-3, "reward_scale": 0.05, "reward_clip": 600.0}
 """Defaults of the command until `BEHAVIOUR` 4; the cards' commands give them."""
 

@@ -6,13 +6,11 @@ import os
 import shlex
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from activeslam_gym.config import ASKED, SCENARIOS, benchmark_seed, scenario_from
-from activeslam_gym.evaluation import Store
-from agents.tools.files import reading, writable_folder
+from activeslam_gym.config import ASKED, SCENARIOS, scenario_from
+from agents.tools.files import reading
 from agents.tools.sections import page_with, provenance, put_section
 
 SEEDS = (0, 2**62)  # bounds of a seed: the rooms after it have seeds too
@@ -40,41 +38,6 @@ class Workers:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rooms(Workers):
-    """Arguments of every command that plays many rooms."""
-
-    episodes: int
-    """Rooms for each policy, in each scenario or condition."""
-    seed: int = 1_000_000
-    """Episode j is reset(seed=seed + j)."""
-    out: Path
-    """Folder of the results; finished episodes that it holds are not run again."""
-    store: Path | None = None
-    """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a number outside its bounds."""
-        super().__post_init__()
-        within(self, episodes=(1, 10**6), seed=SEEDS)
-
-    def prepare(self) -> None:
-        """Raises ValueError where a folder cannot be written to."""
-        writable_folder("out", self.out)
-        if self.store:
-            writable_folder("store", self.store)
-
-    @property
-    def seeds(self) -> range:
-        """Of the rooms."""
-        return range(self.seed, self.seed + self.episodes)
-
-    @property
-    def episode_store(self) -> Store:
-        """The store of the episodes."""
-        return Store(self.store or self.out / "episodes", self.workers)
-
-
-@dataclass(frozen=True, kw_only=True)
 class Pages:
     """Generated sections of pages that people write."""
 
@@ -91,19 +54,6 @@ class Pages:
         for page in self.report:
             for section, text in sections.items():
                 put_section(page, section.replace("_", "-"), f"{provenance(command_line(name, self))}\n\n{text}")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Figures:
-    """Figures, which need matplotlib."""
-
-    figures: bool = True
-    """Draw the figures (needs matplotlib)."""
-
-    @property
-    def drawn(self) -> bool:
-        """Whether figures are wanted and matplotlib is there to draw them."""
-        return self.figures and find_spec("matplotlib") is not None
 
 
 def command_line(name: str, args: Any) -> str:
@@ -153,11 +103,6 @@ def given(args: Any, *names: str) -> None:
     for name in names:
         if not getattr(args, name):
             raise ValueError(f"{name}: none given; allowed: one name or more")
-
-
-def first_room(scenario: str, seed: int) -> int:
-    """The seed as far from the first of a scenario's own rooms as ``seed`` is from that of ``paper``."""
-    return seed + benchmark_seed(scenario) - benchmark_seed("paper")
 
 
 def scenario_argument(text: str) -> str | dict[str, Any]:

@@ -1,30 +1,36 @@
 """Compare policies in the same held-out rooms: episodes, table, CSV, JSON and figures."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from activeslam_gym.evaluation import Episode, outcome
+from activeslam_gym.evaluation import Episode, Store, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
 from agents.task import Task, check, file_name, play_until_interrupted, rehearse
-from agents.tools.arguments import Figures, Pages, Rooms, given, scenario_argument
-from agents.tools.files import alone_in, write_csv, write_json, write_text
+from agents.tools.arguments import SEEDS, Pages, Workers, given, scenario_argument, within
+from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
 from agents.tools.sections import put_section
 
 
 @dataclass(frozen=True, kw_only=True)
-class Args(Rooms, Pages, Figures):
+class Args(Workers, Pages):
     """Run policies in the same held-out rooms; write a table, CSV, JSON and figures."""
 
     policies: tuple[str, ...] = ("mi-constant", "mi-mi", "mi-fisher", "sweep")
     """Names of policies, or 'package.module:factory' of your own, called as factory(env)."""
     episodes: int = 8
+    """Rooms for each policy, in each scenario."""
+    seed: int = 1_000_000
+    """Episode j is reset(seed=seed + j)."""
     out: Path = Path("results/compare")
     """Folder of the results."""
+    store: Path | None = None
+    """Folder of the episodes, which commands may share; `episodes` in `out` if not given."""
     scenario: tuple[str, ...] = ("paper",)
     """Scenario: a name, its fields as JSON ('{"pixel_std": 4.0}') or in a file (room.json), or 'package.module:name'
     of your own. Of several, each is compared in a folder of its name."""
@@ -37,9 +43,12 @@ class Args(Rooms, Pages, Figures):
     resume: bool = False
     """Take the finished episodes of the same settings, code and policies from `store`, instead of new ones; a factory
     of yours, which may read any file, is always played."""
+    figures: bool = True
+    """Draw the figures (needs matplotlib)."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        within(self, episodes=(1, 10**6), seed=SEEDS)
         given(self, "policies", "scenario")
         if len(self.scenario) > 1 and self.report:
             raise ValueError(f"report: given with {len(self.scenario)} scenarios; allowed: with one")
@@ -63,7 +72,8 @@ class Args(Rooms, Pages, Figures):
     def tasks(self) -> list[Task]:
         """Room by room, so that an interrupted comparison has seen the same rooms with every policy."""
         settings = json.dumps(self.environment, sort_keys=True)
-        return [Task(name, seed, settings, whole=seed == self.seed) for seed in self.seeds for name in self.names]
+        seeds = range(self.seed, self.seed + self.episodes)
+        return [Task(name, seed, settings, whole=seed == self.seed) for seed in seeds for name in self.names]
 
 
 def main(args: Args) -> int:
@@ -91,36 +101,19 @@ def compare(args: Args) -> Summary | None:
     """
     check(args.names, [args.environment])
     args.check_pages("compare", "headline")
-    args.prepare()
+    for name, folder in {"out": args.out, "store": args.store}.items():
+        if folder:
+            writable_folder(name, folder)
     rehearse(args.names, [args.environment], args.seed)
     with alone_in(args.out):
         episodes: list[Episode] = []
         try:
-            play_until_interrupted(args.tasks(), args.episode_store, not args.resume, episodes)
+            store = Store(args.store or args.out / "episodes", args.workers)
+            play_until_interrupted(args.tasks(), store, not args.resume, episodes)
         finally:  # where some failed, the others are written
             episodes.sort(key=lambda one: (args.names.index(one.policy), one.seed))
             summary = _written(episodes, args) if episodes else None
         return summary
-
-
-def part_of(args: Any, name: str, seed: int, **more: Any) -> Args:
-    """One of several comparisons of a command: in a folder of its own, with the common store of episodes."""
-    out, store = args.out / name.replace(" ", "-"), args.store or args.out / "episodes"
-    same = {"episodes": args.episodes, "jobs": args.jobs, "cluster": args.cluster, "resume": True, "figures": False}
-    return Args(**same, seed=seed, out=out, store=store, **more)
-
-
-def compare_each(comparisons: Mapping[str, Args]) -> dict[str, Summary] | None:
-    """The figures of several comparisons by their names; None where one was interrupted, which is said."""
-    summaries = {}
-    for name, args in comparisons.items():
-        print(f"{name}: {len(args.names)} policies, {args.episodes} rooms each")
-        summary = compare(args)
-        if summary is None or not summary.settings["complete"]:
-            print("Interrupted; the same command goes on.")
-            return None
-        summaries[name] = summary
-    return summaries
 
 
 def _written(episodes: Sequence[Episode], args: Args) -> Summary:
@@ -136,7 +129,8 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     summary = summarise(episodes, args.reference, settings)
     if not settings["complete"]:
         summary.notes.append(f"Incomplete: {len(episodes)} of {total} episodes.")
-    if args.figures and not args.drawn:
+    drawn = args.figures and find_spec("matplotlib")
+    if args.figures and not drawn:
         summary.notes.append("No figures: matplotlib is not installed (pip install -e '.[plot]').")
     write_csv(args.out / "episodes.csv", [outcome(one) for one in episodes])
     write_json(args.out / "summary.json", asdict(summary))
@@ -144,6 +138,6 @@ def _written(episodes: Sequence[Episode], args: Args) -> Summary:
     args.publish("compare", compare=markdown(summary))
     for page in args.report:
         put_section(page, "headline", headline(summary))
-    if args.drawn:
+    if drawn:
         draw_all(episodes, args.out)
     return summary

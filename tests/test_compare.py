@@ -335,7 +335,7 @@ def test_an_interrupted_comparison_keeps_its_episodes_and_needs_no_matplotlib(
             raise KeyboardInterrupt
         return [episode(group[0].policy, 0).arrays()]
 
-    monkeypatch.setattr("agents.tools.arguments.find_spec", lambda name: None)
+    monkeypatch.setattr("agents.compare.find_spec", lambda name: None)
     monkeypatch.setattr(tasks, "play_tasks", interrupted)
     summary = compare(Args(policies=("stay", "sweep"), episodes=5, seed=0, out=tmp_path, jobs=1))
     assert summary is not None

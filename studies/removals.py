@@ -20,17 +20,11 @@ REMOVALS: dict[str, dict[str, str]] = {
         "slam/association": _answers("_match_clear(model, h, things, detections, pair_worth, of_thing)", "False")
     },
     "side-by-side": {"slam/association": _answers("_has_twin(model, things, a)", "False")},
-    "border": {
-        "slam/association": "\n".join(
-            ("_filled = association_of", "", "", "def association_of(scenario):", "    out = _filled(scenario)")
-            + ("    out.border_margin = -1e9", "    return out")
-        )
-    },
+    "crowded": {"slam/association": _answers("_is_crowded(model, h, a, detections, id)", "False")},
     # update
     "iteration": {"slam/correction": "ITERATIONS = 0"},
     "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
-    "curvature-of-points": {"slam/curvature": _answers("curvature_of_point(view, P, y, thing, work)", "None")},
-    "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, thing, work)", "None")},
+    "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, thing, D)", "None")},
     # images: scenarios whose names end in "pixels"
     "1-point-ransac": {"slam/frame": "from studies.textbook import one_point_ransac as associate_identified"},
     "appearance": {"vision/settings": "SIGHTED = replace(SIGHTED, score_weight=0.0)"},

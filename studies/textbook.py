@@ -49,7 +49,6 @@ def jcbb(model: Record, sight: Sight, detections: np.ndarray, features: int, wai
     choice, cost = np.full((n + 1, M + 1), -1), np.empty(M + 1)
     choices, tried = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
     answer, best, best_count, best_D2 = np.full(n, -1), np.full(n, -1), -1, np.inf
-    others = np.ones(v, np.bool_)
     z[0], S[0] = z0, S0
     depth, arrived, nodes = 0, True, 0
     while depth >= 0:
@@ -90,10 +89,7 @@ def jcbb(model: Record, sight: Sight, detections: np.ndarray, features: int, wai
         z[depth + 1], S[depth + 1], free[depth + 1] = z[depth], S[depth], free[depth]
         if i >= 0:
             d2, det = distance_and_det(z[depth], S[depth], a, detections[i])
-            others[:] = False
-            for k in range(depth + 1, n):
-                others[order[k]] = True
-            condition(z[depth + 1], S[depth + 1], others, a, detections[i])
+            condition(z[depth + 1], S[depth + 1], a, detections[i])
             free[depth + 1, i] = False
         if pairs[depth] + gained + rest - 1 == best_count and D2[depth] + d2 >= best_D2:
             continue
@@ -163,13 +159,12 @@ def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least:
         for a in range(v):
             if sight.thing[a].id == detections[i].id:
                 of_detection[i] = a
-    everything = np.ones(v, np.bool_)
     for seed in range(M):
         a = of_detection[seed]
         if a < 0 or distance_and_det(z0, S0, a, detections[seed])[0] >= model.search_gate:
             continue
         z, S, nearest = z0.copy(), S0.copy(), np.full(v, LOW_INNOVATION)
-        condition(z, S, everything, a, detections[seed])
+        condition(z, S, a, detections[seed])
         of_thing[:] = -1
         for i in range(M):
             b = of_detection[i]
@@ -184,7 +179,7 @@ def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least:
     others = best < 0
     for a in range(v):
         if best[a] >= 0:
-            condition(z0, S0, others, a, detections[best[a]])
+            condition(z0, S0, a, detections[best[a]])
     nearest = np.full(v, model.gate)
     for i in range(M):
         a = of_detection[i]

@@ -22,7 +22,6 @@ from .support import (
     pixel_of,
     random_belief,
     random_camera,
-    random_spd,
     sight_of,
     update,
     world_points,
@@ -56,7 +55,6 @@ def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
     z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
     things, once = sight_of(belief, fiducials).thing, copied(belief)
-    things["curvature"] = 0.0  # what is left out of each alone would let the pixels be explained less well
     sight = sight_with(things, belief.covariance, belief.state.dim)
     assert len(things) == 8
     update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
@@ -96,46 +94,6 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
         left.append(thing["z_hat"][0, 0] - said - H * x)
     assert np.var(left) == pytest.approx(thing["curvature"][0, 0, 0], rel=0.1)
     assert thing["curvature"][0, 0, 0] > 2.0
-
-
-@pytest.mark.parametrize("known", [False, True])
-def test_what_the_line_leaves_out_of_a_near_point_is_in_the_noise(known: bool) -> None:
-    """A point at 60 cm, of a camera that hardly knows its pose: the residual's covariance over 20 000 draws.
-
-    They are drawn as they are known once the pixel is.
-    """
-    rng = np.random.default_rng(0)
-    y = np.array([0.1, -0.08, 0.6])
-    belief = random_belief(PAPER, [] if known else [POINT], rng)
-    belief.state.camera[:7] = (0, 0, 0, 1, 0, 0, 0)
-    n = 6 if known else 9
-    rows = np.array([0, 1, 2, 3, 4, 5, 12, 13, 14])[:n]
-    stds = np.array([0.05] * 3 + [0.15] * 3 + [0.03] * 3)[:n]
-    belief.covariance[:] = 1e-12 * np.eye(len(belief.covariance))
-    belief.covariance[np.ix_(rows, rows)] = random_spd(rng, stds)
-    if not known:
-        belief.feature["mean"][0, :3] = y
-    thing = sight_of(belief, y[None] if known else NO_FIDUCIALS).thing[0]
-    H = np.hstack((thing["H_camera"], thing["H_feature"][:, : n - 6]))
-    P = belief.covariance[np.ix_(rows, rows)]
-    P = P - P @ H.T @ np.linalg.solve(H @ P @ H.T + VAR * np.eye(2), H @ P)
-    left = []
-    for x in rng.multivariate_normal(np.zeros(n), P, 20_000):
-        camera = moved(belief.state.camera, np.concatenate((x[:6], np.zeros(6))))
-        left.append(pixel_of(CAMERA, camera, y + np.append(x, np.zeros(3))[6:9]) - thing["z_hat"] - H @ x)
-    variances = np.diag(thing["curvature"])
-    np.testing.assert_allclose(np.cov(np.transpose(left)), thing["curvature"], atol=0.2 * variances.max())
-    assert variances.min() > 1.0
-
-
-def test_of_what_is_far_or_well_known_nothing_is_left_out() -> None:
-    for y, scale, curved in (
-        ((0.1, 0.0, 0.6), 1.0, True),
-        ((0.1, 0.0, 60.0), 0.1, False),
-        ((0.1, 0.0, 0.6), 0.05, False),
-    ):
-        filter = Filter(fiducials=np.array([y]), covariance=scale**2 * np.diag([0.05**2] * 3 + [0.1**2] * 9))
-        assert (filter.sight().thing["curvature"][0] > 0.0).any() == curved
 
 
 @pytest.mark.parametrize(("command_known", "low", "high"), [(True, 0.0, 2.0), (False, 3.0, np.inf)])

@@ -50,7 +50,7 @@ def associate_identified(model: Record, sight: Sight, detections: np.ndarray, le
     """
     v, M = sight.thing.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
-    of_detection, of_thing, others, count = np.full(M, -1), np.full(v, -1), np.ones(v, np.bool_), 0
+    of_detection, of_thing, count = np.full(M, -1), np.full(v, -1), 0
     for a in range(v):
         for i in range(M):
             if detections[i].id == sight.thing[a].id:
@@ -58,8 +58,8 @@ def associate_identified(model: Record, sight: Sight, detections: np.ndarray, le
     best = _best(model, z, S, detections, of_detection, of_thing, True)
     while best >= 0:
         a = of_detection[best]
-        of_thing[a], others[a], count = best, False, count + 1
-        condition(z, S, others, a, detections[best])
+        of_thing[a], count = best, count + 1
+        condition(z, S, a, detections[best])
         best = _best(model, z, S, detections, of_detection, of_thing, False)
     if count < least:
         of_thing[:] = -1

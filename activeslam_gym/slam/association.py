@@ -8,8 +8,7 @@ one wrong match makes the next ones. So a match must be more than near:
 2. A sharply predicted row is matched if it and the detection are each other's best and no rival inside the
    initialisation gate comes within a margin. The joint Gaussian of the other predicted pixels is then conditioned on
    it, which sharpens them too (sequential compatibility nearest neighbour, with the compatibility test that Neira and
-   Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, ask for). Near the border
-   of the image it must also be clear that the prediction is not just outside.
+   Tardos, "Data association in stochastic mapping using the joint compatibility test", 2001, ask for).
 3. What is left is matched jointly, by branch and bound over the joint Gaussian. An assignment gives each prediction a
    detection or none; its log likelihood, against "all are of nothing known", is
 
@@ -20,10 +19,13 @@ one wrong match makes the next ones. So a match must be more than near:
    is accepted when the best assignment leads every one that makes something else of the prediction by a margin, a
    smaller one where it was seen lately: what comes back after a long time does so beside landmarks of which nothing is
    known, by a pose that has drifted. That closes loops, and finds the way back where wide ellipses are ambiguous one by
-   one. A detection that is better explained by nothing known is new.
-4. Everything else that is near a prediction waits for a clearer frame: it gives no initialisation, and it is no miss.
+   one.
+4. Everything else that is near a prediction, given all matches, waits for a clearer frame: it gives no initialisation,
+   and it is no miss.
 5. Two predictions side by side wait too, however clear their matches seem. Between them the noise decides, and
    to match whenever it pulls them apart would make them drift apart in the map, until one is taken for the other.
+6. So does a feature by inverse depth while two detections that no other prediction explains are in its gate, given the
+   other matches, and a moment longer: its ellipse is long, and takes the one for the other when that is missed.
 """
 
 import math
@@ -34,7 +36,8 @@ import numpy as np
 from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants, record
 from activeslam_gym.linalg import copy_into, squared_distance, submatrix
-from activeslam_gym.slam.sight import INSIDE, Sight, pixel_rows
+from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM
+from activeslam_gym.slam.sight import Sight, pixel_rows
 
 DETECTION = record(
     pixel=("f8", 2),  # [px]
@@ -65,10 +68,9 @@ ASSOCIATION, association_of = constants(
     clear_margin=20.0,  # lead over its rivals that a match of a sharp row needs, in -2 ln of the likelihood
     margin=8.0,  # lead that a joint match needs over any other answer for its prediction, in ln
     lately_margin=5.0,  # and of a feature that was matched within so many frames:
-    border_margin=6.0,  # lead of a clear match near the border over the prediction's being outside, in ln
     lately=lambda s: round(10.0 / s.frame_time),
     twin_px=lambda s: 4.0 * s.pixel_std,  # predictions nearer to each other are ambiguous [px]
-    novelty=2.0,  # lead of "it is of nothing known" that makes a detection NEW, in ln
+    crowded=lambda s: round(0.25 / s.frame_time),  # frames for which two detections in a feature's gate are remembered
     nodes=400,  # of a joint search
     detection_probability="f8",  # of what is in the image
     # -2 ln of the density of one unmapped detection in an image, less that of 2 pi:
@@ -100,27 +102,35 @@ def associate(model: Record, sight: Sight, detections: np.ndarray, features: int
     the predictions that a detection may be of without being clear enough to match.
     """
     h, v, M = _open_questions(sight, detections), sight.thing.shape[0], detections.shape[0]
-    of_thing, novelty = np.full(v, -1), np.zeros(M)
+    of_thing = np.full(v, -1)
     pair_worth = worth_of_pair(model, expected_unmapped(model, features))
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
-        if _match_clear(model, h, sight.thing, detections, pair_worth, of_thing):
+        if _match_clear(model, h, detections, of_thing):
             continue
         if settled:
             break
-        settled = match_jointly(model, h, sight.thing, detections, pair_worth, of_thing, novelty)
+        settled = match_jointly(model, h, sight.thing, detections, pair_worth, of_thing)
+    h.open[:] = True
+    measure_distances(h, detections)  # given all matches
     for i in range(M):
         detections[i].match = NEW
         for a in range(v):
-            if h.free[i] and h.d2[a, i] < model.birth_gate and novelty[i] < model.novelty:
+            if h.free[i] and h.d2[a, i] < model.birth_gate:
                 detections[i].match = REJECTED
-                waits[a] |= h.open[a]
+                waits[a] |= of_thing[a] < 0
     for a in range(v):
         i = of_thing[a]
         if i >= 0 and detections[i].id == ANYTHING and _has_twin(model, sight.thing, a):
             detections[i].match, of_thing[a], waits[a] = REJECTED, -1, True
         elif i >= 0:
             detections[i].match = sight.thing[a].id
+    for a in range(v):
+        i, thing = of_thing[a], sight.thing[a]
+        if thing.width == KIND_DIM[INVERSE_DEPTH] and _is_crowded(model, h, a, detections, thing.id):
+            thing.crowded = 0
+        if i >= 0 and detections[i].id == ANYTHING and thing.crowded < model.crowded:
+            detections[i].match, of_thing[a], waits[a] = REJECTED, -1, True
     return of_thing
 
 
@@ -163,6 +173,16 @@ def _has_twin(model: Record, things: np.ndarray, a: int) -> bool:
     return False
 
 
+@borrowing
+def _is_crowded(model: Record, h: Hypotheses, a: int, detections: np.ndarray, id: int) -> bool:
+    """Whether two detections that no other prediction explains are in the gate of prediction ``a``, of that ``id``."""
+    near = 0
+    for i in range(detections.shape[0]):
+        match = detections[i].match
+        near += h.d2[a, i] < model.gate and (match == NEW or match == REJECTED or match == id)
+    return near > 1
+
+
 @compiled
 def expected_unmapped(model: Record, features: int) -> float:
     """Detections of nothing known that are expected in an image, of landmarks that are still owed and of clutter.
@@ -176,22 +196,13 @@ def expected_unmapped(model: Record, features: int) -> float:
 
 
 @compiled
-def _match_clear(
-    model: Record, h: Hypotheses, things: np.ndarray, detections: np.ndarray, pair_worth: float, of_thing: np.ndarray
-) -> bool:
-    """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any.
-
-    Near the border a prediction may just be outside, and an unmapped detection beside it: there the match has to lead
-    that, too.
-    """
+def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, of_thing: np.ndarray) -> bool:
+    """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any."""
     v, found = h.open.shape[0], False
     partner = np.full(v, -1)
     for a in range(v):
         if h.open[a] and _longest_square(h.S, a) <= model.sharp_var:
             partner[a] = _clear_partner(model, h, a)
-            if partner[a] >= 0 and things[a].visibility != INSIDE:
-                lead = pair_worth - 0.5 * h.cost[a, partner[a]] - log_missed(model, h, a)
-                partner[a] = partner[a] if lead >= model.border_margin else -1
             found |= partner[a] >= 0
     for a in range(v):
         if partner[a] >= 0:
@@ -238,7 +249,6 @@ class Search(NamedTuple):
     detections: np.ndarray  # (M,) DETECTION
     pair_worth: float  # see `worth_of_pair`
     most: float  # upper bound of the worth of any pair
-    without: np.ndarray  # (M,) scores that leave the detection unexplained
     with_answer: np.ndarray  # (n, M + 1) scores in which the prediction is the detection; in the last column, is missed
     answer: np.ndarray  # (n,) the best assignment
     best: np.ndarray  # (1,) and its score
@@ -253,11 +263,8 @@ def match_jointly(
     detections: np.ndarray,
     pair_worth: float,
     of_thing: np.ndarray,
-    novelty: np.ndarray,
 ) -> bool:
     """Match the open predictions of ``h`` together, write ``of_thing`` (v,), and condition the rest on the matches.
-
-    Writes ``novelty`` (M,) too: see `_write_novelty`; 0 where the search did not take all predictions in reach.
 
     Returns whether another search can find no more: this one took all predictions in reach, or matched none. It is
     bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched by itself,
@@ -269,11 +276,8 @@ def match_jointly(
     while search.nodes[0] > model.nodes and chosen.shape[0] > 2:
         chosen = chosen[: chosen.shape[0] // 2]
         search = _search(model, h, chosen, detections, pair_worth)
-    novelty[:] = 0.0
     if search.nodes[0] > model.nodes:
         return True
-    if chosen.shape[0] == in_reach.shape[0]:
-        _write_novelty(model, search, novelty)
     for k in range(chosen.shape[0]):
         a, i, other = chosen[k], search.answer[k], -np.inf
         for j in range(detections.shape[0] + 1):
@@ -286,18 +290,6 @@ def match_jointly(
             matched += 1
     measure_distances(h, detections)
     return matched == 0 or chosen.shape[0] == in_reach.shape[0]
-
-
-@borrowing
-def _write_novelty(model: Record, search: Search, novelty: np.ndarray) -> None:
-    """By how much the best assignment that leaves a detection unexplained leads those that explain it, the margin at
-    most."""
-    least = search.best[0] - model.margin
-    for i in range(novelty.shape[0]):
-        explained = least
-        for k in range(search.with_answer.shape[0]):
-            explained = max(explained, search.with_answer[k, i])
-        novelty[i] = max(search.without[i], least) - explained
 
 
 @compiled
@@ -331,7 +323,6 @@ def _search(model: Record, h: Hypotheses, chosen: np.ndarray, detections: np.nda
         detections,
         pair_worth,
         most,
-        np.full(M, -np.inf),
         np.full((n, M + 1), -np.inf),
         np.full(n, M),
         np.full(1, -np.inf),
@@ -366,8 +357,6 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, s
             h.open[a] = False
             score += log_missed(model, h, a)
     if decided < 0:
-        for i in range(M):
-            search.without[i] = max(search.without[i], score) if h.free[i] else search.without[i]
         for a in range(n):
             search.with_answer[a, answer[a]] = max(search.with_answer[a, answer[a]], score)
         if score > search.best[0]:
@@ -477,27 +466,25 @@ def measure_distances(h: Hypotheses, detections: np.ndarray) -> None:
                 h.cost[a, i] = h.d2[a, i] + log_det - 2.0 * detections[i].log_ratio
 
 
-@borrowing
+@compiled
 def accept(h: Hypotheses, a: int, i: int, detections: np.ndarray) -> None:
-    """Match prediction ``a`` to detection ``i``, and condition the predictions that stay open on it."""
+    """Match prediction ``a`` to detection ``i``, and condition all predictions on it."""
     h.open[a] = False
     h.free[i] = False
-    condition(h.z, h.S, h.open, a, detections[i])
+    condition(h.z, h.S, a, detections[i])
 
 
-@borrowing
-def condition(z: np.ndarray, S: np.ndarray, others: np.ndarray, a: int, detection: Record) -> None:
-    """Condition the joint Gaussian of ``others`` (v,) bool, without ``a``, on prediction ``a`` being ``detection``.
+@compiled
+def condition(z: np.ndarray, S: np.ndarray, a: int, detection: Record) -> None:
+    """Condition the joint Gaussian on prediction ``a`` being ``detection``.
 
-    z_o += S_oa (S_aa + R)^-1 nu, S_o -= S_oa (S_aa + R)^-1 S_a. Rows of all other predictions stay as they are.
+    z += S_:a (S_aa + R)^-1 nu, S -= S_:a (S_aa + R)^-1 S_a:.
     """
     s00, s01, s11 = innovation_of(S, a, detection)
     det = max(s00 * s11 - s01 * s01, 1e-300)
     x, y = detection.pixel[0] - z[2 * a], detection.pixel[1] - z[2 * a + 1]
-    c0, c1 = S[2 * a], S[2 * a + 1]
+    c0, c1 = S[2 * a].copy(), S[2 * a + 1].copy()
     for i in range(z.shape[0]):
-        if not others[i // 2]:
-            continue
         g0, g1, row = (s11 * c0[i] - s01 * c1[i]) / det, (s00 * c1[i] - s01 * c0[i]) / det, S[i]
         z[i] += g0 * x + g1 * y
         for j in range(c0.shape[0]):

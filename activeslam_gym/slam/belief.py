@@ -60,6 +60,8 @@ STATE = record(
 )
 """What a belief holds beside its features and its covariance."""
 
+NEVER = 2**62  # frames ago
+
 FEATURE = record(
     mean=("f8", FEATURE_SIZE),
     kind="i8",  # RAY, INVERSE_DEPTH or POINT
@@ -68,6 +70,7 @@ FEATURE = record(
     slot="i8",
     born="i8",  # frame of initialisation
     seen="i8",  # frame of the last match, or of the initialisation
+    crowded="i8",  # the last frame in which two unexplained detections were in its gate
     misses="i8",  # consecutive frames in which it should have been matched and was not
     missed_at=("f8", 3),  # where the camera was at the last of them that counted [m]
     depth="f8",  # of a RAY: mean of its particles [m]

@@ -151,6 +151,7 @@ def match_by_id(sight: Sight, detections: np.ndarray) -> np.ndarray:
 @borrowing
 def _count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_thing: np.ndarray, waits: np.ndarray) -> None:
     """A match clears a feature's misses; being predicted well inside the image without a detection near adds one.
+    Remembers which were crowded.
 
     Misses from places less than ``miss_spacing`` [m] apart count once: what hides a feature hides it from all of them.
     """
@@ -160,6 +161,8 @@ def _count_misses(model: Record, belief: Belief, K: int, sight: Sight, of_thing:
         if thing.row < K:
             continue
         feature = belief.feature[thing.row - K]
+        if thing.crowded == 0:
+            feature.crowded = belief.state.frame
         if of_thing[a] >= 0:
             feature.misses, feature.seen = 0, belief.state.frame
         elif thing.visibility == INSIDE and not waits[a]:

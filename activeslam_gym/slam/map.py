@@ -8,6 +8,7 @@ from activeslam_gym.motion import CAMERA_DIM
 from activeslam_gym.slam.belief import (
     FEATURE_SIZE,
     KIND_DIM,
+    NEVER,
     POINT,
     Belief,
     point_marginal,
@@ -42,7 +43,7 @@ def append_feature(belief: Belief, kind: int, mean: np.ndarray, J: np.ndarray, Q
     feature.slot = free_slot(belief.feature, k)
     copy_into(feature.mean, mean)
     feature.kind, feature.start, feature.misses = kind, at, 0
-    feature.born, feature.seen = state.frame, state.frame
+    feature.born, feature.seen, feature.crowded = state.frame, state.frame, -NEVER
     state.dim, state.count, state.serial = at + width, k + 1, state.serial + 1
     feature.serial = state.serial
     return k

@@ -27,6 +27,7 @@ from activeslam_gym.slam.belief import (
     AZIMUTH,
     ELEVATION,
     KIND_DIM,
+    NEVER,
     POINT,
     RAY,
     RHO,
@@ -35,7 +36,7 @@ from activeslam_gym.slam.belief import (
     bearing,
     fiducial_id,
 )
-from activeslam_gym.slam.curvature import curvature_of_inverse_depth, curvature_of_point
+from activeslam_gym.slam.curvature import curvature_of_inverse_depth
 
 POSE_DIM = 6  # a pixel depends on the leading 6 dimensions of the camera's tangent: position and rotation
 SEARCH_STDS = 4.3
@@ -44,7 +45,6 @@ the initialisation gate, so that no known feature is initialised twice, just out
 INSIDE_STDS = 3.0  # its absence is telling when its predicted pixel is so many standard deviations inside
 TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at which anything is seen
 
-NEVER = 2**62
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
 THING = record(
@@ -53,6 +53,7 @@ THING = record(
     column="i8",  # first covariance row of its parameters
     width="i8",  # how many they are: 0 for a fiducial, whose place is known, 2 if its pixel has a bias
     visibility="i8",  # NEAR or INSIDE
+    crowded="i8",  # frames since two unexplained detections were in a feature's gate
     unseen="i8",  # frames since a feature's last match, or NEVER; 0 of others
     z_hat=("f8", 2),  # predicted pixel [px]
     H_camera=("f8", (2, POSE_DIM)),  # by the camera's position and rotation
@@ -203,7 +204,7 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
     """
     K, P, v = fiducials.shape[0], belief.covariance, 0
     view, things = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, THING)
-    S, work = np.empty((2, 2)), np.empty((4, 6, 6))
+    S, D = np.empty((2, 2)), np.empty((3, 3))
     for row in range(K + belief.state.count):
         if row >= K and belief.feature[row - K].kind == RAY:
             continue
@@ -214,12 +215,10 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
             own_innovation(lens, P, thing.column, thing.width, thing.H_camera, thing.H_feature, S)
             _write_noise(lens, thing)
             if vague:
-                curvature_of_inverse_depth(P, belief.feature[row - K].mean[RHO], thing, work)
-            else:
-                curvature_of_point(view, P, y, thing, work)
-            for i in range(2):
-                for j in range(2):
-                    S[i, j] += thing.curvature[i, j]
+                curvature_of_inverse_depth(P, belief.feature[row - K].mean[RHO], thing, D)
+                for i in range(2):
+                    for j in range(2):
+                        S[i, j] += thing.curvature[i, j]
             thing.visibility = visibility_of(lens, thing.z_hat, S)
             far = lens.maximum_distance  # beyond it, absence means nothing
             if far < math.inf and (vague or distance_between(view.pose, y) > TELLING_SHARE * far):
@@ -235,11 +234,12 @@ def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
     if row < K:
         biased = belief.state.bias_dim > 0
         thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
-        thing.id, thing.unseen = fiducial_id(row), 0
+        thing.id, thing.unseen, thing.crowded = fiducial_id(row), 0, NEVER
     else:
         feature = belief.feature[row - K]
         thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
         thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
+        thing.crowded = belief.state.frame - feature.crowded
 
 
 @borrowing
@@ -287,7 +287,7 @@ def sight_of_points(
         if visible(view, y, 0.0, thing.z_hat) and point_measurement(
             view, y, thing.z_hat, thing.H_camera, thing.H_feature
         ):
-            thing.row, thing.id, thing.visibility, thing.unseen = row, 0, INSIDE, 0
+            thing.row, thing.id, thing.visibility, thing.unseen, thing.crowded = row, 0, INSIDE, 0, NEVER
             thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
             _write_noise(lens, thing)
             v += 1

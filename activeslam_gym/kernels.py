@@ -27,7 +27,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.serialize import dumps
 from numba.core.typing.templates import infer_global
-from numba.extending import intrinsic
+from numba.extending import intrinsic, lower_cast
 
 from .files import read_sealed, write_sealed
 
@@ -212,12 +212,29 @@ class _PartCompiler(Compiler):
         return super().define_pipelines()
 
 
+def _plain(kind: Any) -> Any:
+    """The type of an argument, without a literal's value or the shape of an array in a record.
+
+    Each would be compiled on its own: 360 functions instead of 320 before the first step, 52 s instead of 44.
+    """
+    return types.Array(kind.dtype, kind.ndim, "C") if isinstance(kind, types.NestedArray) else types.unliteral(kind)
+
+
+@lower_cast(types.NestedArray, types.Array)
+def _as_array(context: Any, builder: Any, source: Any, target: Any, value: Any) -> Any:
+    return value
+
+
 def _as_part(function: Any, call: Any = None, **options: Any) -> Any:
     """``call``, or the function itself; in kernels it is the function, compiled as a part of them."""
     call = call or function
     if not _CONFIG.DISABLE_JIT:
         alone: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
         call.part = njit(**{"error_model": "numpy", "_nrt": True, **options, **alone})(function)
+        found = call.part.get_call_template
+        call.part.get_call_template = lambda arguments, named: found(
+            tuple(map(_plain, arguments)), {name: _plain(kind) for name, kind in named.items()}
+        )
         infer_global(call, types.Dispatcher(call.part))
     return call
 

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 from agents.tools.files import writable_folder, write_json, write_text
 from agents.tools.sections import page_with, put_section
 
+from .against import PAIRS, compare
 from .report import Section, bar_table, provenance, report
 
 Part = Literal["single", "batch", "images", "scores", "peers", "start"]
@@ -32,10 +33,15 @@ class Args:
     """Folder of `bench.md` and `bench.json`."""
     report: tuple[Path, ...] = ()
     """Pages whose generated sections "bench" (all of it) and "speed" (the bars) are regenerated."""
+    against: str | None = None
+    """A commit to measure in turn with this checkout; then nothing else is measured (ten minutes)."""
 
 
 def main(args: Args, command: str = "python -m benchmarks") -> int:
     """Measure the parts; exit status 0, whether the bars are met or not."""
+    if args.against is not None:
+        print(compare(args.against, 1 if args.quick else PAIRS))
+        return 0
     writable_folder("out", args.out)
     for page in args.report:
         page_with(page, "bench", "speed")

@@ -110,3 +110,14 @@ def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path, capsys: pytest.C
     assert {"what", "measured", "limit", "unit", "at_least", "met"} == set(report["bars"][0])
     assert "## Bars" in (tmp_path / "bench.md").read_text(encoding="utf-8")
     assert "## Bars" in capsys.readouterr().out
+
+
+def test_another_commit_is_compared_run_by_run() -> None:
+    from benchmarks.against import FIRST, compare, table
+
+    runs = [({FIRST[0]: 8.0, "a step": 2.0}, {FIRST[0]: 4.0, "a step": k}) for k in (1.0, 3.0, 2.0)]
+    first, step = table("abc", runs).splitlines()[2:]
+    assert first.split("|")[2:5] == [" 8 ", " 4 ", " 0.50 "]  # the later runs compile nothing
+    assert step.split("|")[2:6] == [" 2 ", " 2 ", " 1.00 ", " 0.50, 1.50 "]
+    with pytest.raises(ValueError, match="--against must name a commit, got 'no-such-commit'"):
+        compare("no-such-commit")

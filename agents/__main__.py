@@ -46,8 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _mistake(name, str(error) or type(error).__name__)
 
 
-def _mistake(name: str, told: str) -> int:
-    print(f"{name}: {told}", file=sys.stderr)
+def _mistake(name: str, message: str) -> int:
+    print(f"{name}: {message}", file=sys.stderr)
     return 2
 
 

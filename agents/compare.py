@@ -11,7 +11,7 @@ from activeslam_gym.evaluation import Episode, Store, outcome
 from activeslam_gym.evaluation.code import LIBRARIES, package_versions
 from agents.figures import draw_all
 from agents.summary import Summary, headline, markdown, summarise, text
-from agents.task import Task, check, file_name, play_until_interrupted, rehearse
+from agents.task import Task, check, file_name, play_until_interrupted, step_once
 from agents.tools.arguments import SEEDS, Pages, Workers, given, scenario_argument, within
 from agents.tools.files import alone_in, writable_folder, write_csv, write_json, write_text
 from agents.tools.sections import put_section
@@ -104,7 +104,7 @@ def compare(args: Args) -> Summary | None:
     for name, folder in {"out": args.out, "store": args.store}.items():
         if folder:
             writable_folder(name, folder)
-    rehearse(args.names, [args.environment], args.seed)
+    step_once(args.names, [args.environment], args.seed)
     with alone_in(args.out):
         episodes: list[Episode] = []
         try:

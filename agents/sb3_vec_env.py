@@ -69,14 +69,14 @@ class ActiveSLAMVecEnv(VecEnv):
         """One gaze period; see `ActiveSLAMVectorEnv.step`. Environments whose episode ended have been reset."""
         observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
         dones = terminated | truncated
-        told: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        ended: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if dones.any():
             last_observations, last_infos = infos.pop("final_obs"), infos.pop("final_info")
             for i in np.flatnonzero(dones).tolist():
-                ended = {"terminal_observation": last_observations[i], "TimeLimit.truncated": False}
-                told[i] = info_at(last_infos, i) | ended
+                last = {"terminal_observation": last_observations[i], "TimeLimit.truncated": False}
+                ended[i] = info_at(last_infos, i) | last
                 self.reset_infos[i] = info_at(infos, i)
-        return observations, rewards.astype(np.float32), dones, told
+        return observations, rewards.astype(np.float32), dones, ended
 
     def close(self) -> None:
         """End the threads."""
@@ -121,9 +121,9 @@ class ActiveSLAMVecEnv(VecEnv):
 class ScaledReward(VecEnvWrapper):
     """Rewards within ± ``clip``, times a constant ``scale``: no running normalisation, whose scale would drift.
 
-    What a lost run forfeits (`info["reward_terms"]["forfeit"]`) is not clipped; it counts ``forfeit_weight`` times. A
-    loss is rare, and few episodes have one to learn from. The belief gives its probability in every step: after each,
-    the chance that the run is lost now (`loss_chance`) costs ``risk_weight``.
+    The failure penalty (`info["reward_terms"]["lost_penalty"]`) is not clipped; it counts ``penalty_weight``
+    times. A loss is rare, and few episodes have one to learn from. The belief gives its probability in every step: the
+    chance that the run is lost now (`loss_chance`) costs ``risk_weight``.
     """
 
     def __init__(
@@ -131,13 +131,13 @@ class ScaledReward(VecEnvWrapper):
         venv: VecEnv,
         scale: float,
         clip: float = np.inf,
-        forfeit_weight: float = 1.0,
+        penalty_weight: float = 1.0,
         risk_weight: float = 0.0,
     ) -> None:
         super().__init__(venv)
         self.scale = scale
         self.clip = clip
-        self.forfeit_weight = forfeit_weight
+        self.penalty_weight = penalty_weight
         self.risk_weight = risk_weight
 
     def reset(self) -> np.ndarray:
@@ -147,10 +147,10 @@ class ScaledReward(VecEnvWrapper):
     def step_wait(self) -> VecEnvStepReturn:
         """As the wrapped environment, the rewards scaled."""
         observations, rewards, dones, infos = self.venv.step_wait()
-        forfeits = np.zeros_like(rewards)
+        lost_penalties = np.zeros_like(rewards)
         for i in np.flatnonzero(dones).tolist():
-            forfeits[i] = infos[i]["reward_terms"]["forfeit"]
-        gains = np.clip(rewards - forfeits, -self.clip, self.clip) + self.forfeit_weight * forfeits
+            lost_penalties[i] = infos[i]["reward_terms"]["lost_penalty"]
+        gains = np.clip(rewards - lost_penalties, -self.clip, self.clip) + self.penalty_weight * lost_penalties
         if self.risk_weight:
             gains -= self.risk_weight * np.where(dones, 0.0, self._loss_chances())  # at an end the next run has begun
         return observations, self.scale * gains, dones, infos

@@ -159,14 +159,14 @@ def run_policy(
         policy = policies.resolve(source, env, seeds[0] if len(seeds) == 1 else seeds)
         return play(env, policy, seeds, source, settings, observers, period)
     except ValueError as error:
-        told = f"{error}" if source in str(error) else f"policy: {source!r}: {error}"
-        raise ValueError(f"{told} (room {seeds[0]})") from error
+        message = f"{error}" if source in str(error) else f"policy: {source!r}: {error}"
+        raise ValueError(f"{message} (room {seeds[0]})") from error
     finally:
         env.close()
 
 
 def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
-    """Raise ValueError for an unknown policy or a bad argument of an environment; `rehearse` imports users' code."""
+    """Raise ValueError for an unknown policy or a bad argument of an environment; `step_once` imports users' code."""
     for name in filter(policies.is_identified, names):
         policies.factory(name)
     for arguments in environments:
@@ -176,14 +176,14 @@ def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
             raise ValueError(str(error)) from error
 
 
-def rehearse(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int) -> None:
+def step_once(names: Sequence[str], environments: Sequence[dict[str, Any]], seed: int) -> None:
     """One step of every policy in every environment, so that kernels are compiled once, before processes start; a
     user's code runs in a process of its own."""
     tasks = [(Task(name, seed, json.dumps(arguments)),) for arguments in environments for name in names]
-    list(run_all(_rehearse, tasks, 1, None, any(map(policies.holds_code, names))))
+    list(run_all(_step_once, tasks, 1, None, any(map(policies.holds_code, names))))
 
 
-def _rehearse(tasks: tuple[Task]) -> None:
+def _step_once(tasks: tuple[Task]) -> None:
     env = make_environment(json.loads(tasks[0].settings), actions=policies.actions_of(tasks[0].policy))
     run_policy(tasks[0].policy, gym.wrappers.TimeLimit(env, 1), [tasks[0].seed])
 

@@ -29,8 +29,8 @@ def train(args: Args) -> bool:
             that goes on, or weights that are no longer finite.
     """
     from agents.learn import algorithms
+    from agents.learn.best_weights import BestWeights
     from agents.learn.imitation import imitate
-    from agents.learn.keeper import Keeper
 
     args.check()
     algorithms.require_device(args.device)
@@ -43,22 +43,22 @@ def train(args: Args) -> bool:
         _require_same(args)
         learner = algorithms.learner_in(args, env, args.out / CHECKPOINT, args.out / "logs", args.device)
         write_json(args.out / ARGUMENTS, args.recipe())
-        keeper = Keeper(args, learner, rooms)
+        best_weights = BestWeights(args, learner, rooms)
         try:
-            begun = learner.num_timesteps > 0 or math.isfinite(keeper.best)
+            begun = learner.num_timesteps > 0 or math.isfinite(best_weights.best)
             if args.teachers and not begun:
                 for line in imitate(learner, args, env):
                     print(line, flush=True)
             left = max(0, args.total_steps - learner.num_timesteps)
             if left or not begun:
-                learner.learn(left, callback=keeper, reset_num_timesteps=False, tb_log_name="run")
+                learner.learn(left, callback=best_weights, reset_num_timesteps=False, tb_log_name="run")
             finished = True
         except KeyboardInterrupt:
             finished = False
         finally:
-            keeper.close()
+            best_weights.close()
         if finished and args.unseen_rooms:
-            keeper.add_results()
+            best_weights.add_results()
         return finished
 
 

@@ -89,14 +89,14 @@ def _asked(env: Any) -> tuple[Scenario, float, float, float]:
 
 def _chosen(choose: Choose, what: str, scenario: Scenario, *times: float, **limit: Any) -> dict[str, Any]:
     """``choose``, and said. Its episodes are kept in the user's cache, where that can be written."""
-    told = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
+    message = f"baselines: choosing the best {what} for {scenario.name!r}, {times[-1]:g} s"
     folder = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "activeslam_gym")
     try:
         demand_writable(folder)
         store, where = Store(folder), f", kept in {folder}"
     except OSError:
         store, where = NOT_KEPT, ""
-    print(f"{told}, in training episodes{where} ...", file=sys.stderr, flush=True)
+    print(f"{message}, in training episodes{where} ...", file=sys.stderr, flush=True)
     return choose(scenario, *times, store, **limit)
 
 

@@ -51,7 +51,7 @@ class Sequence(NamedTuple):
         """Motion and gaze of the action that is held longest."""
         return self.actions[int(np.argmax(np.diff((0.0, *self.ends))))]
 
-    def told(self) -> str:
+    def words(self) -> str:
         """In words: ``BACKWARDS STAY to 54 %, then RIGHT LEFT``."""
         names = [f"{Motion(motion).name} {Gaze(gaze).name}" for motion, gaze in self.actions]
         parts = [f"{name} to {end:.0%}".replace("%", " %") for name, end in zip(names[:-1], self.ends[:-1])]
@@ -128,7 +128,7 @@ def choose_sequence(
         if quick != scenario:
             pool, scores = _best(pool, log_scores(pool, scenario, new, times, store), len(pool))
     best = list(zip(pool, scores))[: HALVINGS[-1][1]]
-    medians = {one.told(): round(float(np.median(row)), 1) for one, row in best}
+    medians = {one.words(): round(float(np.median(row)), 1) for one, row in best}
     named = [[Motion(m).name, Gaze(g).name, round(end, 3)] for (m, g), end in zip(pool[0].actions, pool[0].ends)]
     return {"scenario": scenario.name, "sequence": named, "rooms": scores.shape[1], "medians": medians}
 

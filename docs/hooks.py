@@ -108,8 +108,8 @@ def page_of(source: Path) -> str:
     if source.suffix == ".md":
         return text
     if source.suffix == ".ipynb":
-        told = f"*This is `{name}`; to run it, see [how to open the notebooks](../start.md#the-notebooks).*"
-        return "\n\n".join([*_cells(json.loads(text)), told])
+        note = f"*This is `{name}`; to run it, see [how to open the notebooks](../start.md#the-notebooks).*"
+        return "\n\n".join([*_cells(json.loads(text)), note])
     code = "".join(line for line in text.splitlines(keepends=True) if "--8<-- [" not in line)
     return f"# {name}\n\n```{KINDS[source.suffix]}\n{code}```\n"
 

@@ -18,20 +18,20 @@ def scenarios() -> str:
     for scenario in others:
         fields = [field.name for field in dataclasses.fields(scenario) if field.name != "name"]
         changed = [name for name in fields if getattr(scenario, name) != getattr(first, name)]
-        told = [f"`{name}` {_shown(getattr(scenario, name))}" for name in changed]
-        rows.append((f"`{scenario.name}`", config.ASKED[scenario.name], "; ".join(told)))
+        shown = [f"`{name}` {_shown(getattr(scenario, name))}" for name in changed]
+        rows.append((f"`{scenario.name}`", config.ASKED[scenario.name], "; ".join(shown)))
     return _table(("Scenario", "Task of a policy", f"Where it differs from `{first.name}`"), rows)
 
 
 def fields() -> str:
     """Every field of a scenario with its default, its bounds, and the docstring under it; a table for each subject."""
-    told = _field_docstrings(config.Scenario)
+    docs = _field_docstrings(config.Scenario)
     allowed = {name: ", ".join(bound.allowed for bound in bounds) for name, bounds in config.BOUNDS.items()}
     subjects = [base for base in config.Scenario.__mro__[1:] if vars(base).get("__annotations__")]
     parts = []
     for subject in reversed(subjects):
         own = [field for field in dataclasses.fields(config.Scenario) if field.name in vars(subject)["__annotations__"]]
-        rows = [(f"`{f.name}`", _shown(f.default), allowed[f.name], told[f.name]) for f in own]
+        rows = [(f"`{f.name}`", _shown(f.default), allowed[f.name], docs[f.name]) for f in own]
         title = (inspect.getdoc(subject) or "").partition("\n")[0].rstrip(".")
         parts += [f"### {title}", _table(("Field", "Default", "Allowed", "What it is"), rows)]
     return "\n\n".join(parts)
@@ -39,8 +39,8 @@ def fields() -> str:
 
 def rewards() -> str:
     """The potentials and their docstrings."""
-    told = [inspect.getdoc(potential) or "" for potential in REWARDS.values()]
-    rows = [(f"`{name}`", doc.replace("|", "\\|")) for name, doc in zip(REWARDS, told, strict=True)]
+    docs = [inspect.getdoc(potential) or "" for potential in REWARDS.values()]
+    rows = [(f"`{name}`", doc.replace("|", "\\|")) for name, doc in zip(REWARDS, docs, strict=True)]
     return _table(("Reward", "Its potential"), rows)
 
 

@@ -56,10 +56,10 @@ def main(steps: int = 44_800) -> tuple[float, float]:
     command += [text for name, value in options.items() for text in (f"--{name}", str(value))]
     began = time.monotonic()
     path = os.pathsep.join([str(Path(__file__).parent), *filter(None, [os.environ.get("PYTHONPATH")])])
-    told = subprocess.run(
+    done = subprocess.run(
         command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, text=True, check=True
     )
-    returns = [float(found) for found in re.findall(r"episodic_return=([-\d.e+]+)", told.stdout)]
+    returns = [float(found) for found in re.findall(r"episodic_return=([-\d.e+]+)", done.stdout)]
     quarter = max(len(returns) // 4, 1)
     first, last = float(np.mean(returns[:quarter])), float(np.mean(returns[-quarter:]))
     print(f"CleanRL ppo.py: {first:.0f} -> {last:.0f} bits, {steps} steps in {time.monotonic() - began:.0f} s")

@@ -58,7 +58,7 @@ class RangeModel:
     def in_view(self, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         return self._points.in_view(camera, points)
 
-    def foresee(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         return self.in_view(camera, points)
 
 

@@ -22,12 +22,12 @@ def follow(slam: Filter, sensor: Sensor, frames: int) -> None:
     """Hand what ``sensor`` returns, pixels (M, 2), to the filter: of each frame, and around the predicted pixels."""
     for frame in range(frames):
         slam.predict()  # a frame ahead; u: known accelerations, dt: another time
-        sight = slam.sight()  # sight.thing: id, z_hat; sight.S: how far from there to look
+        sight = slam.sight()  # sight.point: id, z_hat; sight.S: how far from there to look
         pixels = sensor(frame, sight)
         detections = detections_of(pixels, R=4.0 * np.eye(2))  # each may have an R of its own, an id, a likelihood
         matched = slam.update(detections)  # ids, or NEW, or REJECTED: too near to something to be new
         for pixel in pixels[matched == NEW]:
-            slam.birth(pixel)
+            slam.add_landmark(pixel)
 
 
 # --8<-- [end:loop]

@@ -16,7 +16,7 @@ import numpy as np
 from activeslam_gym.config import scenario_from
 from activeslam_gym.evaluation import Episode, Measure, Store
 from agents.policies import holds_code
-from agents.task import Task, check, rehearse, results
+from agents.task import Task, check, results, step_once
 from agents.tools.arguments import SEEDS, made_scenario, scenario_argument
 from agents.tools.files import writable_folder
 from agents.tools.sections import page_with, provenance, put_section
@@ -43,12 +43,12 @@ def parser(name: str, description: str | None, section: str = "", **defaults: An
     )
     made.add_argument("--seed", type=number(*SEEDS), default=defaults["seed"], help="of the first episode")
     made.add_argument("--jobs", type=number(1, 4096), default=1, help="processes")
-    told = "address of a cluster of Ray that plays in their place, such as 'auto'"
-    made.add_argument("--cluster", dest="jobs", metavar="ADDRESS", default=argparse.SUPPRESS, help=told)
+    message = "address of a cluster of Ray that plays in their place, such as 'auto'"
+    made.add_argument("--cluster", dest="jobs", metavar="ADDRESS", default=argparse.SUPPRESS, help=message)
     made.add_argument("--out", type=folder, help="folder of the episodes, which are then not played again")
     if section:
-        told = f"a page whose generated section {section!r} is made"
-        made.add_argument("--report", type=partial(page_with_section, section), help=told)
+        message = f"a page whose generated section {section!r} is made"
+        made.add_argument("--report", type=partial(page_with_section, section), help=message)
     return made
 
 
@@ -106,7 +106,7 @@ def played(
     every = list(dict.fromkeys(task for group in groups.values() for task in group))
     names, environments = ({getattr(task, part) for task in every} for part in ("policy", "settings"))
     check(sorted(names), list(map(json.loads, environments)))
-    rehearse([name for name in names if holds_code(name)], [json.loads(every[0].settings)], every[0].seed)
+    step_once([name for name in names if holds_code(name)], [json.loads(every[0].settings)], every[0].seed)
     batch = min(batch, CLUSTER_BATCH) if isinstance(jobs, str) else batch
     found = dict(results(every, Store(out, jobs), batch))
     return {name: [found[task] for task in group] for name, group in groups.items()}

@@ -131,7 +131,7 @@ def table_of(data: Mapping[str, Any]) -> str:
         head += [f"Wall time, {of}", f"efficiency, %, {of}"]
         for cores, row in zip(CORES, rows):
             run = simulated(times, costs, count, cores)
-            row += [told(run.wall), f"{100 * run.efficiency:.0f}"]
+            row += [time_text(run.wall), f"{100 * run.efficiency:.0f}"]
     mean = float(np.mean([np.mean(own) for own in times.values()]))
     most = 1.0 / (costs["episode"] + costs["chunk"] * mean / engine.CHUNK)
     spent = f"{1000 * costs['chunk']:.1f} ms on a chunk and {1000 * costs['episode']:.2f} ms on each episode in it"
@@ -144,7 +144,7 @@ def table_of(data: Mapping[str, Any]) -> str:
     return f"{table(head, rows)}\n\n{fill(text, 100)}"
 
 
-def told(seconds: float) -> str:
+def time_text(seconds: float) -> str:
     """A time in seconds, minutes or hours."""
     unit, name = next((one for one in ((3600, "h"), (60, "min")) if seconds >= 2 * one[0]), (1, "s"))
     return f"{seconds / unit:.1f} {name}"

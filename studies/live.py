@@ -59,8 +59,8 @@ class Trial(NamedTuple):
 
 def play_trials(trials: Sequence[Trial]) -> list[Arrays]:
     """Play one after the other."""
-    told = [trial(*one) for one in trials]
-    return [{name: np.array([getattr(now, name) for now in one]) for name in Second._fields} for one in told]
+    runs = [trial(*one) for one in trials]
+    return [{name: np.array([getattr(now, name) for now in one]) for name in Second._fields} for one in runs]
 
 
 def at(episodes: Mapping[int, Arrays], time: float) -> dict[int, dict[str, Any]]:
@@ -105,8 +105,8 @@ def draw(runs: Runs, path: Path) -> None:
     left.plot(one["time"][closed], one["log2_det_total"][closed], "v", color="#E69F00", ms=4, label="a loop closes")
     left.set(xlabel="time, s", ylabel="log₂|P|", title="(a) entropies, one episode")
     left.legend(fontsize=8)
-    told = np.concatenate([own["command"][own["time"] <= MINUTE] for own in runs[FOLLOW].values()])
-    right.bar(range(len(Motion)), np.bincount(told, minlength=len(Motion)), color="#0072B2")
+    commands = np.concatenate([own["command"][own["time"] <= MINUTE] for own in runs[FOLLOW].values()])
+    right.bar(range(len(Motion)), np.bincount(commands, minlength=len(Motion)), color="#0072B2")
     right.set_xticks(range(len(Motion)), [motion.name.lower() for motion in Motion], rotation=40, fontsize=8)
     right.set(ylabel="commands", title="(b) commands of the first minute, all episodes")
     save_figure(figure, path)

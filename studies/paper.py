@@ -75,7 +75,7 @@ def claims(runs: Runs) -> Iterator[list[str]]:
     yield row("expected landmarks keep the camera moving", "less `stay`, (iii) [%]", still - moving, True)
     closer = measures.nearest(runs["fisher"]) - measures.nearest(runs["(iii)"])
     yield row("Fisher information drives the camera onto landmarks", "distance to the nearest [m]", closer, False)
-    after, live = share(runs["(ii)"], LATERAL, after="births"), share(runs["live"], LATERAL, until=MINUTE)
+    after, live = share(runs["(ii)"], LATERAL, after="initialised"), share(runs["live"], LATERAL, until=MINUTE)
     yield row("after new features come lateral motions", "(ii) [%], by chance 57", after, True, CHANCE)
     yield row("live commands are mostly lateral", "first minute [%], by chance 57", live, True, CHANCE)
     yield number("live, log₂|P| falls to {} in 2500 frames", "log₂|P|", end["live"], -900.0)

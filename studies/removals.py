@@ -17,14 +17,14 @@ REMOVALS: dict[str, dict[str, str]] = {
     "nearest-neighbour": {"slam/frame": "from studies.textbook import nearest_neighbour as associate"},
     # association
     "clear-matches": {
-        "slam/association": _answers("_match_clear(model, h, things, detections, pair_worth, of_thing)", "False")
+        "slam/association": _answers("_match_clear(model, h, points, detections, pair_worth, of_point)", "False")
     },
-    "side-by-side": {"slam/association": _answers("_has_twin(model, things, a)", "False")},
+    "side-by-side": {"slam/association": _answers("_has_twin(model, points, a)", "False")},
     "crowded": {"slam/association": _answers("_is_crowded(model, h, a, detections, id)", "False")},
     # update
     "iteration": {"slam/correction": "ITERATIONS = 0"},
     "products-once": {"slam/curvature": "PRODUCT_FRAMES, IMAGE_PRODUCT_FRAMES = 1.0, 1.0"},
-    "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, thing, D)", "None")},
+    "curvature-of-depths": {"slam/curvature": _answers("curvature_of_inverse_depth(P, rho, point, D)", "None")},
     # images: scenarios whose names end in "pixels"
     "1-point-ransac": {"slam/frame": "from studies.textbook import one_point_ransac as associate_identified"},
     "appearance": {"vision/settings": "SIGHTED = replace(SIGHTED, score_weight=0.0)"},

@@ -9,7 +9,7 @@ place of `slam.appearance.associate_identified`: Civera, Grasa, Davison and Mont
 import numpy as np
 
 from activeslam_gym.kernels import Record, compiled
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, condition, distance_and_det, predicted_pixels
+from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED, condition, distance_and_det, predicted_pixels
 from activeslam_gym.slam.sight import Sight
 
 NODES = 2000  # after which the best hypothesis so far is taken
@@ -27,17 +27,17 @@ def chi_square(dof: float) -> float:
 @compiled
 def jcbb(model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray) -> np.ndarray:
     """The hypothesis of most pairings that are jointly compatible, of these the one of least joint distance."""
-    v, M = sight.thing.shape[0], detections.shape[0]
+    v, M = sight.point.shape[0], detections.shape[0]
     z0, S0 = predicted_pixels(sight)
-    allowed, of_thing = np.zeros((v, M), np.bool_), np.full(v, -1)
+    allowed, of_point = np.zeros((v, M), np.bool_), np.full(v, -1)
     near, size = np.zeros((v, M), np.bool_), np.empty(v)
     for a in range(v):
         reached = 0
         for i in range(M):
             id = detections[i].id
-            if id == ANYTHING or id == sight.thing[a].id:
+            if id == UNASSOCIATED or id == sight.point[a].id:
                 d2, det = distance_and_det(z0, S0, a, detections[i])
-                allowed[a, i], near[a, i] = d2 < model.gate, d2 < model.birth_gate
+                allowed[a, i], near[a, i] = d2 < model.gate, d2 < model.new_feature_gate
                 reached += allowed[a, i]
         size[a] = S0[2 * a, 2 * a] + S0[2 * a + 1, 2 * a + 1] if reached else np.inf
     order = np.argsort(size)
@@ -97,9 +97,9 @@ def jcbb(model: Record, sight: Sight, detections: np.ndarray, features: int, wai
         depth += 1
         arrived = True
     for d in range(n):
-        of_thing[order[d]] = best[d]
-    _write_matches(sight, detections, of_thing, near, waits)
-    return of_thing
+        of_point[order[d]] = best[d]
+    _write_matches(sight, detections, of_point, near, waits)
+    return of_point
 
 
 @compiled
@@ -107,16 +107,16 @@ def nearest_neighbour(
     model: Record, sight: Sight, detections: np.ndarray, features: int, waits: np.ndarray
 ) -> np.ndarray:
     """Mutual nearest neighbours within the gates, by likelihood."""
-    v, M = sight.thing.shape[0], detections.shape[0]
+    v, M = sight.point.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
-    of_thing, near = np.full(v, -1), np.zeros((v, M), np.bool_)
+    of_point, near = np.full(v, -1), np.zeros((v, M), np.bool_)
     cost, best, rival = np.full((v, M), np.inf), np.full(v, -1), np.full(M, -1)
     for a in range(v):
         for i in range(M):
             id = detections[i].id
-            if id == ANYTHING or id == sight.thing[a].id:
+            if id == UNASSOCIATED or id == sight.point[a].id:
                 d2, det = distance_and_det(z, S, a, detections[i])
-                near[a, i] = d2 < model.birth_gate
+                near[a, i] = d2 < model.new_feature_gate
                 if d2 < model.gate:
                     cost[a, i] = d2 + np.log(det)
                     if best[a] < 0 or cost[a, i] < cost[a, best[a]]:
@@ -125,39 +125,39 @@ def nearest_neighbour(
                         rival[i] = a
     for a in range(v):
         if best[a] >= 0 and rival[best[a]] == a:
-            of_thing[a] = best[a]
-    _write_matches(sight, detections, of_thing, near, waits)
-    return of_thing
+            of_point[a] = best[a]
+    _write_matches(sight, detections, of_point, near, waits)
+    return of_point
 
 
 @compiled
 def _write_matches(
-    sight: Sight, detections: np.ndarray, of_thing: np.ndarray, near: np.ndarray, waits: np.ndarray
+    sight: Sight, detections: np.ndarray, of_point: np.ndarray, near: np.ndarray, waits: np.ndarray
 ) -> None:
     """Set ``detections.match``: matched, REJECTED near a prediction (which ``waits`` if it has no match), or NEW."""
     for i in range(detections.shape[0]):
         detections[i].match = NEW
-        for a in range(of_thing.shape[0]):
+        for a in range(of_point.shape[0]):
             if near[a, i]:
                 detections[i].match = REJECTED
-    for a in range(of_thing.shape[0]):
-        if of_thing[a] >= 0:
-            detections[of_thing[a]].match = sight.thing[a].id
+    for a in range(of_point.shape[0]):
+        if of_point[a] >= 0:
+            detections[of_point[a]].match = sight.point[a].id
     for i in range(detections.shape[0]):
-        for a in range(of_thing.shape[0]):
-            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_thing[a] < 0
+        for a in range(of_point.shape[0]):
+            waits[a] |= detections[i].match == REJECTED and near[a, i] and of_point[a] < 0
 
 
 @compiled
 def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least: int) -> np.ndarray:
     """The most detections within `LOW_INNOVATION` of the predictions that one of them determines; given these, each
     further one inside its gate. Every hypothesis is tried, so that nothing is left to chance."""
-    v, M = sight.thing.shape[0], detections.shape[0]
+    v, M = sight.point.shape[0], detections.shape[0]
     z0, S0 = predicted_pixels(sight)
-    of_detection, of_thing, best, best_count = np.full(M, -1), np.full(v, -1), np.full(v, -1), 0
+    of_detection, of_point, best, best_count = np.full(M, -1), np.full(v, -1), np.full(v, -1), 0
     for i in range(M):
         for a in range(v):
-            if sight.thing[a].id == detections[i].id:
+            if sight.point[a].id == detections[i].id:
                 of_detection[i] = a
     for seed in range(M):
         a = of_detection[seed]
@@ -165,17 +165,17 @@ def one_point_ransac(model: Record, sight: Sight, detections: np.ndarray, least:
             continue
         z, S, nearest = z0.copy(), S0.copy(), np.full(v, LOW_INNOVATION)
         condition(z, S, a, detections[seed])
-        of_thing[:] = -1
+        of_point[:] = -1
         for i in range(M):
             b = of_detection[i]
             if b >= 0:
                 apart = np.hypot(detections[i].pixel[0] - z[2 * b], detections[i].pixel[1] - z[2 * b + 1])
                 if apart < nearest[b]:
-                    nearest[b], of_thing[b] = apart, i
-        count = int(np.count_nonzero(of_thing >= 0))
+                    nearest[b], of_point[b] = apart, i
+        count = int(np.count_nonzero(of_point >= 0))
         if count > best_count:
             best_count = count
-            best[:] = of_thing
+            best[:] = of_point
     others = best < 0
     for a in range(v):
         if best[a] >= 0:

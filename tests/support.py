@@ -16,7 +16,7 @@ from activeslam_gym.config import DEPTH_PARTICLES, INVERSE_DEPTH, Scenario
 from activeslam_gym.envs.active_slam import ActiveSLAMEnv
 from activeslam_gym.envs.run import Run
 from activeslam_gym.geometry import rotate_left, rotation_error, rotation_matrix, skew
-from activeslam_gym.information.candidates import Prospect
+from activeslam_gym.information.candidates import PredictedBelief
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.motion import CAMERA_DIM, QUATERNION
@@ -186,10 +186,10 @@ def sight_of(belief: Belief, fiducials: np.ndarray = NO_FIDUCIALS, boxes: np.nda
 def dense_H(sight: Sight) -> np.ndarray:
     """H (2 v, dim) of all that is in sight."""
     H = np.zeros(sight.HP.shape)
-    for H_thing, thing in zip(H.reshape(-1, 2, H.shape[1]), sight.thing, strict=True):
-        column, width = thing["column"], thing["width"]
-        H_thing[:, :6] = thing["H_camera"]
-        H_thing[:, column : column + width] = thing["H_feature"][:, :width]
+    for H_point, point in zip(H.reshape(-1, 2, H.shape[1]), sight.point, strict=True):
+        column, width = point["column"], point["width"]
+        H_point[:, :6] = point["H_camera"]
+        H_point[:, column : column + width] = point["H_feature"][:, :width]
     return H
 
 
@@ -200,24 +200,24 @@ def log2_det(A: np.ndarray) -> float:
     return float(2.0 * np.sum(np.log2(np.diag(L))) + 2.0 * np.sum(np.log2(scale)))
 
 
-def prospect_with(
+def predicted_belief_with(
     points: np.ndarray,
     covariance: np.ndarray,
     camera: np.ndarray,
     fiducials: np.ndarray = NO_FIDUCIALS,
     waiting: int = 0,
-) -> Prospect:
-    """A prospect of these points (M, 3) with the joint covariance (12 + 3 M)^2; the last ``waiting`` are expected."""
+) -> PredictedBelief:
+    """A belief of these points (M, 3) with the joint covariance (12 + 3 M)^2; the last ``waiting`` are expected."""
     points = np.ascontiguousarray(np.reshape(points, (-1, 3)), float)
-    return Prospect(camera, points, np.ascontiguousarray(covariance, float), fiducials, NO_BOXES, waiting)
+    return PredictedBelief(camera, points, np.ascontiguousarray(covariance, float), fiducials, NO_BOXES, waiting)
 
 
-def numerical_sight(model: np.record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
+def numerical_sight(model: np.record, belief: PredictedBelief, pose: np.ndarray) -> np.ndarray:
     """H (2 v, 12 + 3 M) of everything in the image of ``pose``, fiducials first, by numerical differentiation."""
-    K, M = len(prospect.fiducials), len(prospect.points)
-    view, z = View(model, pose, rotation_matrix(pose[QUATERNION]), prospect.boxes), np.empty(2)
+    K, M = len(belief.fiducials), len(belief.points)
+    view, z = View(model, pose, rotation_matrix(pose[QUATERNION]), belief.boxes), np.empty(2)
     blocks = [np.zeros((0, 12 + 3 * M))]
-    for i, y in enumerate(np.concatenate((prospect.fiducials, prospect.points))):
+    for i, y in enumerate(np.concatenate((belief.fiducials, belief.points))):
         if visible(view, y, 0.0, z):
             H = np.zeros((2, 12 + 3 * M))
             H[:, :6] = numerical_jacobian(lambda e, y=y: pixel_of(model, moved(pose, e), y), 6, 1e-3)

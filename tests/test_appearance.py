@@ -7,9 +7,9 @@ import pytest
 
 from activeslam_gym.config import DEPTH_PARTICLES, Scenario
 from activeslam_gym.slam.appearance import appearance_of, associate_identified
-from activeslam_gym.slam.association import ANYTHING, DETECTION, REJECTED
+from activeslam_gym.slam.association import DETECTION, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.sight import INSIDE, THING, Sight
+from activeslam_gym.slam.sight import INSIDE, MAP_POINT, Sight
 
 MODEL = appearance_of(Scenario())
 PAPER = Scenario()
@@ -22,11 +22,11 @@ PIXELS = np.array([[80.0, 80.0], [240.0, 80.0], [160.0, 200.0], [100.0, 180.0]])
 
 def sight_of_a_turn(z_hat: np.ndarray) -> Sight:
     """Predictions 1, 2, … at ``z_hat`` (n, 2) that all move with the camera: 10 px together, 1 px each."""
-    things = np.zeros(len(z_hat), THING)
-    things["id"], things["z_hat"], things["visibility"] = 1 + np.arange(len(z_hat)), z_hat, INSIDE
-    things["R"] = np.eye(2)
+    points = np.zeros(len(z_hat), MAP_POINT)
+    points["id"], points["z_hat"], points["visibility"] = 1 + np.arange(len(z_hat)), z_hat, INSIDE
+    points["R"] = np.eye(2)
     S = np.kron(np.ones((len(z_hat), len(z_hat))), 100.0 * np.eye(2)) + np.eye(2 * len(z_hat))
-    return Sight(things, np.zeros((2 * len(z_hat), 12)), S)
+    return Sight(points, np.zeros((2 * len(z_hat), 12)), S)
 
 
 def chosen(sight: Sight, candidates: np.ndarray, least: int = 1) -> list[bool]:
@@ -68,7 +68,7 @@ def test_if_too_few_agree_or_nothing_is_in_sight_none_is_believed() -> None:
 def filter_with_a_map() -> Filter:
     filter = Filter(PAPER, covariance=1e-4 * np.eye(12))
     for pixel in PIXELS:
-        filter.birth(pixel)
+        filter.add_landmark(pixel)
     return filter
 
 
@@ -102,7 +102,7 @@ def test_disbelieved_candidates_change_nothing_and_missing_is_the_searchers_busi
 
 def test_what_cannot_be_chosen_jointly_is_said() -> None:
     for given, options, message in (
-        ({"ids": ANYTHING}, {}, "must all bear ids"),
+        ({"ids": UNASSOCIATED}, {}, "must all bear ids"),
         ({"ids": 1}, {"labelled": True}, "which are not certain"),
         ({"ids": 1, "log_ratios": np.nan}, {}, "finite log_ratio"),
         ({"ids": 1}, {"scenario": replace(PAPER, initialisation=DEPTH_PARTICLES)}, "inverse_depth"),

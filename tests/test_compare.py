@@ -61,7 +61,7 @@ def episode(policy: str = "stay", seed: int = 0, bits: float = 10.0, **changes: 
 
 def test_episode_comes_back_from_its_file_and_thinned(tmp_path: Path) -> None:
     written = episode("own:mine", lost=True)
-    written = replace(written, events={"births": np.arange(4)}, notes={"depth_errors": np.ones(2)})
+    written = replace(written, events={"initialised": np.arange(4)}, notes={"depth_errors": np.ones(2)})
     Store(tmp_path).save("a", {}, written.arrays())
     arrays = Store(tmp_path).load("a", {})
     assert arrays is not None

@@ -72,7 +72,7 @@ OUT_OF_BOUNDS: tuple[tuple[str, str, tuple[Any, ...]], ...] = (
     ("clutter_rate", "at most 200", (800,)),
     ("landmark_count", "at most 1000", (10**9,)),
     ("particle_count", "at most 10000", (10**9,)),
-    ("birth_detections", "at most 1000000", (10**30,)),
+    ("new_feature_detections", "at most 1000000", (10**30,)),
 )
 
 

@@ -76,15 +76,15 @@ def test_a_feature_is_matched_until_its_view_has_changed_too_much() -> None:
 def test_new_features_are_added_while_few_are_in_view() -> None:
     env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
     env.reset(seed=SEED)
-    run, births = env.unwrapped._run, []
+    run, initialised = env.unwrapped._run, []
     for action in np.repeat(ACTIONS, 5, axis=0):
         info = env.step(action)[-1]
         found = run.candidate["id"][: int(run.episode.detections)]
-        births.append((np.sum(found == 0), info["events"]["births"], np.sum(found != 0)))
+        initialised.append((np.sum(found == 0), info["events"]["initialised"], np.sum(found != 0)))
         assert info["events"]["wrong_matches"] == 0
-    born, counted, matched = np.array(births).T
+    born, counted, matched = np.array(initialised).T
     np.testing.assert_array_equal(born, counted)
-    assert born.max() == SIGHTED.births
+    assert born.max() == SIGHTED.initialised
     assert not born[matched >= SIGHTED.visible].any()
 
 

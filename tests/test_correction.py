@@ -38,8 +38,8 @@ def test_where_the_measurement_is_straight_the_correction_is_the_update() -> Non
     once, sight = copied(belief), sight_of(belief)
     nu = 0.1 * rng.standard_normal(len(sight.S))
     assert update(once, sight.HP.copy(), sight.S.copy(), nu.copy())
-    z = sight.thing["z_hat"].ravel() + nu
-    assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(thing=sight.thing.copy()), z)
+    z = sight.point["z_hat"].ravel() + nu
+    assert correct(CAMERA, belief, NO_FIDUCIALS, sight._replace(point=sight.point.copy()), z)
     np.testing.assert_allclose(mean_difference(belief, once), 0.0, atol=1e-14)
     np.testing.assert_allclose(joint_covariance(belief), joint_covariance(once), rtol=1e-12, atol=1e-18)
 
@@ -54,10 +54,10 @@ def test_a_large_correction_ends_where_the_pixels_are(seed: int) -> None:
     belief.covariance[:12, :12] = np.diag([0.3**2] * 3 + [0.2**2] * 3 + [1e-6] * 6)
     true = moved(camera, np.concatenate((rng.choice([-0.2, 0.2], 3), rng.choice([-0.12, 0.12], 3), np.zeros(6))))
     z = np.array([pixel_of(CAMERA, true, y) for y in fiducials]).ravel()
-    things, once = sight_of(belief, fiducials).thing, copied(belief)
-    sight = sight_with(things, belief.covariance, belief.state.dim)
-    assert len(things) == 8
-    update(once, sight.HP.copy(), sight.S.copy(), z - sight.thing["z_hat"].ravel())
+    points, once = sight_of(belief, fiducials).point, copied(belief)
+    sight = sight_with(points, belief.covariance, belief.state.dim)
+    assert len(points) == 8
+    update(once, sight.HP.copy(), sight.S.copy(), z - sight.point["z_hat"].ravel())
     assert correct(CAMERA, belief, fiducials, sight, z)
     errors = [np.linalg.norm(one.state.camera[:3] - true[:3]) for one in (belief, once)]
     assert errors[0] < 0.02 and errors[0] < 0.5 * errors[1]
@@ -86,14 +86,14 @@ def test_what_the_line_leaves_out_is_in_the_noise() -> None:
     correlated = np.outer(stds, stds) * [[1.0, 0.5], [0.5, 1.0]]
     belief.covariance[:] = 1e-12 * np.eye(len(belief.covariance))
     belief.covariance[np.ix_([0, rho], [0, rho])] = correlated
-    thing = sight_of(belief).thing[:1].copy()
-    H, said, left = thing["H_camera"][0, 0, 0], thing["z_hat"][0, 0], []
+    point = sight_of(belief).point[:1].copy()
+    H, said, left = point["H_camera"][0, 0, 0], point["z_hat"][0, 0], []
     for x, d_rho in rng.multivariate_normal([0.0, 0.0], correlated, 20_000):
         belief.state.camera[0], feature.mean[RHO] = x, max(0.5 + d_rho, 0.01)
-        assert measure(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, thing[0])
-        left.append(thing["z_hat"][0, 0] - said - H * x)
-    assert np.var(left) == pytest.approx(thing["curvature"][0, 0, 0], rel=0.1)
-    assert thing["curvature"][0, 0, 0] > 2.0
+        assert measure(View(CAMERA, belief.state.camera, np.eye(3), NO_BOXES), belief, NO_FIDUCIALS, point[0])
+        left.append(point["z_hat"][0, 0] - said - H * x)
+    assert np.var(left) == pytest.approx(point["curvature"][0, 0, 0], rel=0.1)
+    assert point["curvature"][0, 0, 0] > 2.0
 
 
 @pytest.mark.parametrize(("command_known", "low", "high"), [(True, 0.0, 2.0), (False, 3.0, np.inf)])
@@ -110,7 +110,7 @@ def test_a_product_of_errors_that_lasts_is_counted_once(command_known: bool, low
         filter = Filter(scenario, covariance=prior)
         truth = filter.mean
         point = np.array([0.0, 0.0, 1.0 / rho])
-        born = filter.birth(pixel_of(CAMERA, truth, point))
+        born = filter.add_landmark(pixel_of(CAMERA, truth, point))
         for _ in range(20):
             truth[0] += 0.05 * speed
             filter.predict()
@@ -129,7 +129,7 @@ def test_a_correction_of_a_metre_and_a_radian_leaves_a_belief(seed: int) -> None
     belief = random_belief(PAPER, [], rng, camera)
     belief.covariance[:12, :12] = np.diag([1.0**2] * 3 + [0.6**2] * 3 + [1e-6] * 6)
     sight = sight_of(belief, fiducials)
-    z = sight.thing["z_hat"].ravel() + rng.uniform(-150.0, 150.0, 2 * len(sight.thing))
+    z = sight.point["z_hat"].ravel() + rng.uniform(-150.0, 150.0, 2 * len(sight.point))
     assert correct(CAMERA, belief, fiducials, sight, z)
     P = joint_covariance(belief)
     assert np.isfinite(belief.state.camera).all() and np.linalg.eigvalsh(P).min() > 0.0

@@ -80,7 +80,7 @@ def test_information_tables_are_what_is_returned() -> None:
     infos = [env.reset(seed=0)[1], env.step((Motion.UP, Gaze.LEFT))[4]]
     for info in infos:
         assert sorted(first_names("Information")) == sorted([*info, *info["events"]])
-        assert list(info["reward_terms"]) == [*REWARDS, "forfeit"]
+        assert list(info["reward_terms"]) == [*REWARDS, "lost_penalty"]
 
 
 def test_relative_links_lead_to_files() -> None:

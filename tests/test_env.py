@@ -271,7 +271,7 @@ def test_only_who_knows_of_a_box_reckons_with_it() -> None:
         layout = activeslam_gym.observation_layout(env)
         tokens = simulation_of(env).observation[layout.tokens].reshape(layout.token_shape)
         assert bool(tokens[:, in_view].any()) == sees
-        assert len(env.prospect.boxes) == (not sees)
+        assert len(env.predicted_belief.boxes) == (not sees)
 
 
 @pytest.mark.parametrize("lens", [{"focal": 210.0}, {"distortion": 0.0}, {"focal": 240.0, "distortion": 0.0}])
@@ -296,16 +296,16 @@ def test_a_wrong_calibration_moves_the_detections_and_not_what_is_expected(lens:
 def test_labels_say_whose_the_features_are_and_what_was_detected() -> None:
     env = made(scenario="clutter", duration=8.0, gaze_period=0.05)
     env.reset(seed=5)
-    K, L, births, wrong = 6, 27, 0, 0
+    K, L, initialised, wrong = 6, 27, 0, 0
     for step in range(150):
-        births += env.step((2 + step // 20 % 2, 2))[4]["events"]["births"]
+        initialised += env.step((2 + step // 20 % 2, 2))[4]["events"]["initialised"]
         labels, belief = env.labels, env.belief
         assert len(labels.owners) == len(belief.ids) == len(belief.converted) == len(belief.anchors)
         assert set(labels.detected) <= set(range(-1, K + L)) and set(labels.owners) <= set(range(-1, L))
-        assert labels.detected.shape == labels.matched.shape and labels.matched.max(initial=0) <= births
+        assert labels.detected.shape == labels.matched.shape and labels.matched.max(initial=0) <= initialised
         fiducials = (labels.matched < 0) & (labels.matched >= -K)
         wrong += int(np.sum(labels.detected[fiducials] != -1 - labels.matched[fiducials]))
-    assert (np.diff(belief.ids) > 0).all() and births >= belief.ids[-1] >= len(belief.ids) > 5
+    assert (np.diff(belief.ids) > 0).all() and initialised >= belief.ids[-1] >= len(belief.ids) > 5
     assert wrong <= 5 and (labels.detected >= K).any() and (labels.matched > 0).any()
     distances = np.linalg.norm(belief.landmarks - env.truth.landmarks[labels.owners], axis=1)
     oldest = np.full(L, np.nan)
@@ -322,8 +322,8 @@ def test_expected_landmarks_go_where_a_study_puts_them() -> None:
     env.reset(seed=0)
     before, points = env.motion_scores(), np.tile((0.0, 0.0, 2.0), (27, 1))
     env.expect(points)
-    assert env.prospect.waiting == 27
-    np.testing.assert_array_equal(env.prospect.points[-27:], points)
+    assert env.predicted_belief.waiting == 27
+    np.testing.assert_array_equal(env.predicted_belief.points[-27:], points)
     assert (env.motion_scores() > before).any()
     env.reset(seed=0)
     np.testing.assert_array_equal(env.motion_scores(), before)

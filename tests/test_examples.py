@@ -73,12 +73,12 @@ def test_the_criterion_is_the_drop_that_the_update_predicts(monkeypatch: pytest.
     env.reset(seed=3)
     for _ in range(12):
         env.step((Motion.RIGHT, Gaze.LEFT))
-    models, prospect = env.unwrapped.setting.models, env.unwrapped.prospect
+    models, belief = env.unwrapped.setting.models, env.unwrapped.predicted_belief
     scores = env.unwrapped.motion_scores("position_variance")
-    P = propagated(models.motion, prospect.covariance, 0.0, 20)
+    P = propagated(models.motion, belief.covariance, 0.0, 20)
     for index in Motion:
-        pose = pose_after(models.motion, prospect.camera, int(index), 0.0, 20)
-        H = numerical_sight(models.camera, prospect, pose)
+        pose = pose_after(models.motion, belief.camera, int(index), 0.0, 20)
+        H = numerical_sight(models.camera, belief, pose)
         S = H @ P @ H.T + models.camera.pixel_std**2 * np.eye(len(H))
         gain = P @ H.T @ np.linalg.solve(S, H @ P)
         np.testing.assert_allclose(scores[index], np.trace(gain[:3, :3]), rtol=1e-5)

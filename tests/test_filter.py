@@ -11,7 +11,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.geometry import so3_left_jacobian
 from activeslam_gym.kernels import filled, record, uncompiled
 from activeslam_gym.motion import MOTION, motion_of
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, associate
+from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED, associate
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, RAY, fiducial_id
 from activeslam_gym.slam.curvature import IMAGE_PRODUCT_FRAMES, PRODUCT_FRAMES
 from activeslam_gym.slam.depth_particles import follow_rays, predict_rays
@@ -25,14 +25,14 @@ from activeslam_gym.slam.frame import (
     use_detections,
     use_identified,
 )
-from activeslam_gym.slam.kalman import feel_contact, predict
+from activeslam_gym.slam.kalman import predict, update_contact
 from activeslam_gym.slam.map import convert_to_point
 from activeslam_gym.slam.sight import INSIDE
 from tests import support
 from tests.support import CAMERA, NO_BOXES, PAPER, copied, dense_H, joint_covariance, random_belief, sight_of, update
 
 MODEL = filter_of(PAPER)
-GATE, BIRTH_GATE = MODEL.association.gate, MODEL.association.birth_gate
+GATE, NEW_FEATURE_GATE = MODEL.association.gate, MODEL.association.new_feature_gate
 VAR = CAMERA.pixel_std**2
 R_PAPER = VAR * np.eye(2)
 
@@ -73,9 +73,9 @@ def test_update_is_the_textbooks(kinds: list[int]) -> None:
     belief = random_belief(PAPER, kinds, rng)
     sight, before = sight_of(belief, support.world_points(rng, belief.state.camera, 2)), copied(belief)
     H, P, nu = dense_H(sight), joint_covariance(belief), rng.standard_normal(len(sight.S))
-    R = VAR * np.eye(len(H)) + block_diag(*sight.thing["curvature"])
-    assert (np.linalg.eigvalsh(sight.thing["curvature"][2:]) > 0.0).all(axis=1)[np.array(kinds) == INVERSE_DEPTH].all()
-    assert sight.thing["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
+    R = VAR * np.eye(len(H)) + block_diag(*sight.point["curvature"])
+    assert (np.linalg.eigvalsh(sight.point["curvature"][2:]) > 0.0).all(axis=1)[np.array(kinds) == INVERSE_DEPTH].all()
+    assert sight.point["id"].tolist() == [-1, -2, *range(1, len(kinds) + 1)]
     np.testing.assert_allclose(sight.HP, H @ P, atol=1e-12)
     np.testing.assert_allclose(sight.S, H @ P @ H.T + R, rtol=1e-12)
     # A broken innovation covariance changes nothing.
@@ -94,13 +94,13 @@ def test_every_detection_is_used_with_its_own_noise() -> None:
     sight, before, matched = sight_of(belief, fiducials), copied(belief), [4, 0, 3]
     nu, own = rng.standard_normal((3, 2)), np.array([support.random_spd(rng, [0.5, 2.0]) for _ in matched])
     own[2] = 100.0 * R_PAPER
-    detections = detections_of(sight.thing["z_hat"][matched] + nu, own, sight.thing["id"][matched])
+    detections = detections_of(sight.point["z_hat"][matched] + nu, own, sight.point["id"][matched])
     use_detections(models_of(PAPER), belief, fiducials, NO_BOXES, sight, detections, True, counters())
     order = np.argsort(matched)
     H = dense_H(sight).reshape(5, 2, -1)[np.sort(matched)].reshape(6, -1)
     R = np.zeros((6, 6))
     for i, k in enumerate(order):
-        lasting = PRODUCT_FRAMES * sight.thing["curvature"][np.sort(matched)[i]]
+        lasting = PRODUCT_FRAMES * sight.point["curvature"][np.sort(matched)[i]]
         R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own[k] + lasting
     assert belief.feature["kind"][:3].tolist() == [POINT, INVERSE_DEPTH, POINT]  # none was converted
     assert_updated(belief, before, H, R, nu[order].ravel())
@@ -114,9 +114,9 @@ def test_a_product_of_errors_lasts_where_commands_or_fiducials_measure_the_way(k
     places = support.world_points(rng, belief.state.camera, 2)[:fiducials]
     sight, before = sight_of(belief, places), copied(belief)
     nu = rng.standard_normal((fiducials + 3, 2))
-    detections = detections_at(sight.thing["z_hat"] + nu, ids=sight.thing["id"])
+    detections = detections_at(sight.point["z_hat"] + nu, ids=sight.point["id"])
     use_detections(models, belief, places, NO_BOXES, sight, detections, True, counters())
-    R = VAR * np.eye(2 * len(nu)) + frames * block_diag(*sight.thing["curvature"])
+    R = VAR * np.eye(2 * len(nu)) + frames * block_diag(*sight.point["curvature"])
     assert_updated(belief, before, dense_H(sight), R, nu.ravel())
 
 
@@ -126,9 +126,9 @@ def test_a_product_of_errors_counts_less_in_images(known, frames) -> None:
     models.camera.command_known = known
     belief = random_belief(PAPER, [INVERSE_DEPTH] * 3, rng)
     sight, before, nu = sight_of(belief, support.NO_FIDUCIALS), copied(belief), 0.1 * rng.standard_normal((3, 2))
-    detections = detections_at(sight.thing["z_hat"] + nu, ids=sight.thing["id"])
+    detections = detections_at(sight.point["z_hat"] + nu, ids=sight.point["id"])
     use_identified(models, belief, support.NO_FIDUCIALS, sight, detections, 1, counters())
-    R = VAR * np.eye(6) + frames * block_diag(*sight.thing["curvature"])
+    R = VAR * np.eye(6) + frames * block_diag(*sight.point["curvature"])
     assert_updated(belief, before, dense_H(sight), R, nu.ravel())
 
 
@@ -162,11 +162,11 @@ def test_ekf_is_the_kalman_filter_where_the_model_is_linear() -> None:
 def match(belief, pixels, **given):
     """(M,) what the detections are matched to, and (v,) which predictions wait."""
     sight, detections = sight_of(belief), detections_at(pixels, **given)
-    waits = np.zeros(len(sight.thing), np.bool_)
-    of_thing = associate(MODEL.association, sight, detections, int(belief.state.count), waits)
-    for a, i in enumerate(of_thing):
-        assert i < 0 or detections[i]["match"] == sight.thing[a]["id"]
-    assert sum(of_thing >= 0) == sum((detections["match"] != NEW) & (detections["match"] != REJECTED))
+    waits = np.zeros(len(sight.point), np.bool_)
+    of_point = associate(MODEL.association, sight, detections, int(belief.state.count), waits)
+    for a, i in enumerate(of_point):
+        assert i < 0 or detections[i]["match"] == sight.point[a]["id"]
+    assert sum(of_point >= 0) == sum((detections["match"] != NEW) & (detections["match"] != REJECTED))
     return detections["match"].tolist(), waits
 
 
@@ -177,16 +177,16 @@ def two_points(separation_px: float = 60.0, std: float = 0.005, yaw_std: float =
     belief.feature["mean"][:2, :3] = (0.0, 0.0, 2.0), (-2.0 * separation_px / CAMERA.focal, 0.0, 2.0)
     belief.covariance[:18, :18] = np.diag([1e-6] * 12 + [std**2] * 6)
     belief.covariance[4, 4] = yaw_std**2
-    return belief, sight_of(belief).thing["z_hat"]
+    return belief, sight_of(belief).point["z_hat"]
 
 
 def test_clear_and_labelled_matches_are_made_in_any_order() -> None:
     belief, z = two_points()
-    assert (sight_of(belief).thing["visibility"] == INSIDE).all()
+    assert (sight_of(belief).point["visibility"] == INSIDE).all()
     assert match(belief, z + 1.0)[0] == [1, 2]
     assert match(belief, z[::-1] + 1.0)[0] == [2, 1]
     # Labelled ones are what they say, however far they are; one without an id is of nothing known.
-    detections = detections_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, ANYTHING, 1])
+    detections = detections_at(np.stack((z[0] + 50.0, z[1], z[0])), ids=[2, UNASSOCIATED, 1])
     assert match_by_id(sight_of(belief), detections).tolist() == [2, 0]
     assert detections["match"].tolist() == [2, NEW, 1]
 
@@ -196,7 +196,7 @@ def test_a_detection_outside_every_gate_is_new_and_one_at_the_edge_of_the_wide_o
     """The gates are those of its own noise: ``scale`` times the camera's."""
     belief, z = two_points()
     S = sight_of(belief).S[:2, :2] + (scale - 1.0) * R_PAPER
-    for d2, expected in ((0.9 * GATE, 1), (0.9 * BIRTH_GATE, REJECTED), (1.1 * BIRTH_GATE, NEW)):
+    for d2, expected in ((0.9 * GATE, 1), (0.9 * NEW_FEATURE_GATE, REJECTED), (1.1 * NEW_FEATURE_GATE, NEW)):
         offset = np.array([0.0, np.sqrt(d2 * S[1, 1])])
         assert match(belief, z[:1] + offset, R=scale * R_PAPER)[0] == [expected]
 
@@ -227,11 +227,11 @@ def test_what_is_predicted_side_by_side_waits_however_clear_it_seems(separation_
 def test_an_id_restricts_but_does_not_command() -> None:
     """Where it is not, or where there is no such prediction, a detection with an id is nothing that is known."""
     belief, z = two_points()
-    assert match(belief, z, ids=[2, ANYTHING])[0] == [NEW, 2]
+    assert match(belief, z, ids=[2, UNASSOCIATED])[0] == [NEW, 2]
     assert match(belief, z, ids=[2, 1])[0] == [NEW, NEW]
     assert match(belief, z, ids=[99, fiducial_id(0)])[0] == [NEW, NEW]
     # Of several detections of one id at most one is taken.
-    far = np.array([0.0, np.sqrt(1.1 * BIRTH_GATE * sight_of(belief).S[1, 1])])
+    far = np.array([0.0, np.sqrt(1.1 * NEW_FEATURE_GATE * sight_of(belief).S[1, 1])])
     assert match(belief, np.stack((z[0] + far, z[0] + 0.5, z[0] - far)), ids=1)[0] == [NEW, 1, NEW]
     found, waits = match(belief, np.stack((z[0] + 0.5, z[0] - 0.5)), ids=1)
     assert found == [REJECTED, REJECTED] and waits.tolist() == [True, False]
@@ -251,7 +251,7 @@ def test_at_the_edge_of_the_image_a_vague_row_may_be_outside() -> None:
     shift = np.array([-8.0, 0.0])
     assert match(belief, z[:1] + shift)[0] == [1]
     belief.feature["mean"][:2, 0] -= 2.0 * (CAMERA.width + 38.0 - z[0, 0]) / CAMERA.focal
-    at_edge = sight_of(belief).thing["z_hat"][:1]
+    at_edge = sight_of(belief).point["z_hat"][:1]
     assert CAMERA.width - 10.0 < at_edge[0, 0] < CAMERA.width
     assert match(belief, at_edge + shift)[0] == [REJECTED]
 
@@ -290,7 +290,7 @@ def test_a_labelled_ray_is_weighed_by_its_own_detection_alone() -> None:
     error = pixel + 3.0 - rays.z_hat[0]
     expected = np.exp(-0.5 * np.einsum("ij,ijk,ik->i", error, np.linalg.inv(S), error)) / np.sqrt(np.linalg.det(S))
     expected[expected < MODEL.particles.particle_prune * expected.mean()] = 0.0
-    detections = detections_at(np.stack((pixel, pixel + 3.0)), ids=[ANYTHING, 1], R=np.stack((R_PAPER, R)))
+    detections = detections_at(np.stack((pixel, pixel + 3.0)), ids=[UNASSOCIATED, 1], R=np.stack((R_PAPER, R)))
     match_by_id(sight_of(belief), detections)
     belief.state.frame = 5
     assert follow(belief, detections, labelled=True) == [NEW, 1]
@@ -317,7 +317,7 @@ def test_a_contact_leaves_open_how_much_of_the_speed_is_left() -> None:
     belief = still_belief()
     belief.state.camera[7:10] = (0.3, 0.0, -0.2)
     before = belief.covariance.copy()
-    feel_contact(belief, np.array([2.0, 0.0, 0.0, 5.0, 5.0, 5.0]), 0.05)
+    update_contact(belief, np.array([2.0, 0.0, 0.0, 5.0, 5.0, 5.0]), 0.05)
     grown = np.zeros_like(before)
     grown[6, 6], grown[8, 8] = 0.4**2, 0.2**2
     np.testing.assert_allclose(belief.covariance, before + grown, atol=1e-15)
@@ -327,9 +327,9 @@ def test_a_contact_leaves_open_how_much_of_the_speed_is_left() -> None:
 def test_a_feature_is_born_at_the_third_consecutive_detection(initialisation: str, kind: int) -> None:
     scenario, there = replace(PAPER, initialisation=initialisation), [[100.0, 100.0]]
     interrupted, belief = still_belief(scenario), still_belief(scenario)
-    assert sum(frame(interrupted, pixels, scenario).births for pixels in (there, there, [], there, there)) == 0
-    births = [frame(belief, there, scenario).births for _ in range(23)]
-    assert births == [0, 0, 1] + [0] * 20  # no duplicate of what is known
+    assert sum(frame(interrupted, pixels, scenario).initialised for pixels in (there, there, [], there, there)) == 0
+    initialised = [frame(belief, there, scenario).initialised for _ in range(23)]
+    assert initialised == [0, 0, 1] + [0] * 20  # no duplicate of what is known
     assert belief.feature[0].kind == kind and belief.state.serial == 1
 
 
@@ -356,8 +356,8 @@ def test_a_full_map_gives_no_birth_and_what_a_known_box_hides_is_not_expected() 
     frame(belief, [[5.0, 5.0]])
     belief, _ = two_points()
     wall = np.array([[[-0.9, -1.0, 1.0], [-0.2, 1.0, 1.1]]])  # before the second
-    assert sight_of(belief, boxes=wall).thing["id"].tolist() == [1]
-    assert sight_of(belief).thing["id"].tolist() == [1, 2]
+    assert sight_of(belief, boxes=wall).point["id"].tolist() == [1]
+    assert sight_of(belief).point["id"].tolist() == [1, 2]
     sight = sight_of(belief, boxes=wall)
     use_detections(models_of(PAPER), belief, support.NO_FIDUCIALS, wall, sight, detections_at([]), False, counters())
     assert belief.feature["misses"][:2].tolist() == [1, 0]

@@ -37,7 +37,7 @@ def test_it_begins_with_the_prior_or_with_what_it_is_given() -> None:
     np.testing.assert_array_equal(own.mean, camera)
     np.testing.assert_array_equal(own.points()[1], P)
     assert own.ids.shape == (0,) and own.points()[0].shape == (0, 3)
-    assert len(own.sight().thing) == 0
+    assert len(own.sight().point) == 0
     scenario = replace(PAPER, position_std=(0.1, 0.2, 0.3), velocity_std=0.5, angular_velocity_std=0.6)
     other = Filter(replace(scenario, orientation_std=0.4))
     np.testing.assert_array_equal(other.mean, [0, 0, 0, 1] + [0] * 9)
@@ -46,30 +46,30 @@ def test_it_begins_with_the_prior_or_with_what_it_is_given() -> None:
 
 def test_a_feature_is_born_seen_again_and_forgotten() -> None:
     filter = sure_filter()
-    first, second = filter.birth([100.0, 80.0]), filter.birth((200.0, 120.0), R=0.5 * R_PAPER)
+    first, second = filter.add_landmark([100.0, 80.0]), filter.add_landmark((200.0, 120.0), R=0.5 * R_PAPER)
     assert filter.ids.tolist() == [first, second] == [1, 2]
     filter.predict()
-    thing = filter.sight().thing
-    assert thing["id"].tolist() == [1, 2] and thing[0].id == 1 and thing[0].visibility == INSIDE
-    np.testing.assert_allclose(thing[0].z_hat, [100.0, 80.0], atol=1e-6)
+    point = filter.sight().point
+    assert point["id"].tolist() == [1, 2] and point[0].id == 1 and point[0].visibility == INSIDE
+    np.testing.assert_allclose(point[0].z_hat, [100.0, 80.0], atol=1e-6)
     np.testing.assert_allclose(filter.sight().S, filter.sight().S.T)
     before = np.linalg.slogdet(filter.points()[1])[1]
     found = filter.update(detections_of([[201.0, 121.0], [99.0, 81.0], [20.0, 20.0]], R_PAPER))
     assert found.tolist() == [2, 1, NEW]
     assert np.linalg.slogdet(filter.points()[1])[1] < before
     filter.delete(first)
-    assert filter.ids.tolist() == [2] and filter.sight().thing["id"].tolist() == [2]
+    assert filter.ids.tolist() == [2] and filter.sight().point["id"].tolist() == [2]
     with pytest.raises(KeyError, match=r"no feature with id 1; there are \[2\]"):
         filter.delete(first)
     with pytest.raises(KeyError, match="no feature with id -1"):
         filter.delete(fiducial_id(0))
-    assert filter.birth([100.0, 80.0]) == 3
+    assert filter.add_landmark([100.0, 80.0]) == 3
 
 
 def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
     rng, points = np.random.default_rng(4), np.array(((0.1, 0.05, 0.8), (-0.2, 0.1, 0.4)))
     filter, camera, P = sure_filter(), random_camera(rng), random_spd(rng, np.full(18, 0.01))
-    filter.birth([100.0, 80.0])
+    filter.add_landmark([100.0, 80.0])
     assert filter.resume(camera, points, P).tolist() == filter.ids.tolist() == [1, 2]
     np.testing.assert_array_equal(filter.mean, camera)
     np.testing.assert_array_equal(filter.camera_covariance, P[:12, :12])
@@ -78,7 +78,7 @@ def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
     np.testing.assert_allclose(seen, m / points[:, 2:], atol=1e-12)
     assert np.linalg.eigvalsh(joint).min() > -1e-12
     assert np.abs(joint[12:, :12]).max() > 1e-7, "the camera and the points are correlated"
-    assert filter.birth([100.0, 80.0]) == 3
+    assert filter.add_landmark([100.0, 80.0]) == 3
     with pytest.raises(ValueError, match="covariance must be finite numbers of shape"):
         filter.resume(camera, points, np.eye(15))
     with pytest.raises(ValueError, match=f"points must be {filter.capacity} at most"):
@@ -87,7 +87,7 @@ def test_a_belief_is_resumed_as_it_is_given_and_predicts_pixels_by_it() -> None:
 
 def test_what_is_missed_too_often_is_forgotten_and_counted() -> None:
     filter = sure_filter()
-    filter.birth([160.0, 120.0])
+    filter.add_landmark([160.0, 120.0])
     for _ in range(PAPER.maximum_misses):
         assert filter.ids.tolist() == [1]
         filter.predict()
@@ -103,8 +103,8 @@ def test_labelled_detections_are_taken_at_their_word() -> None:
     pixels = [pixel_of(CAMERA, turned, y) for y in filter.fiducials]
     found = filter.update(detections_of(pixels, R_PAPER, ids=[-1, -2]), labelled=True)
     assert found.tolist() == [-1, -2]
-    for z, thing in zip(pixels, filter.sight().thing, strict=True):
-        np.testing.assert_allclose(thing.z_hat, z, atol=4.0)
+    for z, point in zip(pixels, filter.sight().point, strict=True):
+        np.testing.assert_allclose(point.z_hat, z, atol=4.0)
 
 
 def test_time_steps_may_differ_from_call_to_call() -> None:
@@ -122,14 +122,14 @@ def test_images_of_biased_fiducials_at_rest_are_worth_one_measurement_with_the_b
     """n measurements of one bias are one of covariance R / n + b^2: P - P H^T (H P H^T + R / n + b^2 I)^-1 H P."""
     std, n = 0.3, 9
     filter = Filter(replace(PAPER, position_std=(1e-3,) * 3, orientation_std=1e-3), fiducials=[[0.3, 0.1, 2.0]])
-    filter.birth([100.0, 80.0])
+    filter.add_landmark([100.0, 80.0])
     P = filter.points()[1]
-    thing = filter.sight().thing[0].copy()
+    point = filter.sight().point[0].copy()
     filter.draw_bias(0, std)
     np.testing.assert_allclose(filter.points()[1], P, rtol=1e-12, atol=1e-18)
     for _ in range(n):
-        filter.update(detections_of([thing.z_hat], R_PAPER, ids=[-1]), labelled=True)
-    H = np.hstack((thing.H_camera, np.zeros((2, P.shape[0] - 6))))
+        filter.update(detections_of([point.z_hat], R_PAPER, ids=[-1]), labelled=True)
+    H = np.hstack((point.H_camera, np.zeros((2, P.shape[0] - 6))))
     S = H @ P @ H.T + R_PAPER / n + std**2 * np.eye(2)
     np.testing.assert_allclose(filter.points()[1], P - P @ H.T @ np.linalg.solve(S, H @ P), rtol=1e-3, atol=1e-12)
     assert filter.belief.covariance[12, 12] < 0.9 * std**2
@@ -154,13 +154,13 @@ def test_a_bias_of_no_deviation_changes_nothing() -> None:
                 filter.draw_bias(0, 0.0)
             if frame in (3, 8):
                 for pixel in rng.uniform((80.0, 60.0), (240.0, 180.0), (3, 2)):
-                    filter.birth(pixel)
-            things = filter.sight().thing
+                    filter.add_landmark(pixel)
+            points = filter.sight().point
             if not biased:
-                seen.append(things["z_hat"] + 0.3 * rng.standard_normal((len(things), 2)))
+                seen.append(points["z_hat"] + 0.3 * rng.standard_normal((len(points), 2)))
             else:
-                rng.standard_normal((len(things), 2))
-            filter.update(detections_of(seen[frame], R_PAPER, ids=things["id"].tolist()), labelled=True)
+                rng.standard_normal((len(points), 2))
+            filter.update(detections_of(seen[frame], R_PAPER, ids=points["id"].tolist()), labelled=True)
             if frame == 12:
                 convert_to_point(filter.belief, 1)
             if frame == 20:
@@ -180,7 +180,7 @@ def test_features_wander_as_their_view_changes(turned) -> None:
     for nearer in (0.0, 1.2, -2.0):
         for kind in (INVERSE_DEPTH_KIND, POINT):
             filter = Filter(scenario, camera=first)
-            filter.birth([190.0, 100.0])
+            filter.add_landmark([190.0, 100.0])
             y = filter.positions[0]
             if kind == POINT:
                 convert_to_point(filter.belief, 0)
@@ -218,8 +218,8 @@ def test_features_wander_as_their_view_changes(turned) -> None:
             lambda f: Filter(fiducials=np.ones((2, 3))).draw_bias(1, np.nan),
             "std must be zero or a positive number, got nan",
         ),
-        (lambda f: f.birth(None), r"pixel must be .* \(2,\), got None"),
-        (lambda f: f.birth([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
+        (lambda f: f.add_landmark(None), r"pixel must be .* \(2,\), got None"),
+        (lambda f: f.add_landmark([1.0, 2.0], np.eye(3)), r"R must be .* \(2, 2\)"),
         (lambda f: f.update([[1.0, 2.0]]), "detections must be of type DETECTION"),
         (lambda f: f.update(detections_of([[1.0, np.inf]])), "detections must have finite pixels"),
     ],
@@ -264,7 +264,7 @@ def test_fed_an_environments_detections_it_holds_the_environments_belief(initial
 
 def test_a_full_map_initialises_no_feature_and_known_boxes_hide_fiducials() -> None:
     filter = Filter(replace(PAPER, landmark_count=1))
-    assert [filter.birth([10.0 * k, 100.0]) for k in range(20)] == [*range(1, 15), *[0] * 6]
+    assert [filter.add_landmark([10.0 * k, 100.0]) for k in range(20)] == [*range(1, 15), *[0] * 6]
     behind, beside = [0.0, 0.0, 2.0], [0.8, 0.0, 2.0]
     filter = Filter(fiducials=[behind, beside], boxes=[[[-0.1, -0.5, 1.0], [0.1, 0.5, 1.2]]])
-    assert filter.sight().thing["id"].tolist() == [fiducial_id(1)]
+    assert filter.sight().point["id"].tolist() == [fiducial_id(1)]

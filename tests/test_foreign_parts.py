@@ -132,7 +132,7 @@ WRONG_SENSORS = {
     "a failing measure": like(RangeSensor, measure=fails),
     "no model": like(RangeSensor, model=lambda model: None),
     "asymmetric noise": modelled(noise=lambda R: R + np.triu(np.ones(R.shape), 1)),
-    "no foresight": modelled(foresee=lambda seen: None),
+    "no visibility": modelled(visible=lambda seen: None),
     "flat Jacobians": modelled(predict=lambda answer: (answer[0], answer[1][:2], answer[2])),
 }
 

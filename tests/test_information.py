@@ -12,14 +12,23 @@ import activeslam_gym  # noqa: F401  (registers the environment)
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.information import candidates as c
 from activeslam_gym.information.expectation import EXPECTED, find_counting, update_expectation, waiting_count
-from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
 from activeslam_gym.information.net import net_of_plans
 from activeslam_gym.information.registered import score_plans_with
+from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.motion import Gaze, Motion, motion_of, open_loop, turn_of
 from activeslam_gym.slam.belief import INVERSE_DEPTH, POINT, Belief, point_belief
 from activeslam_gym.slam.map import remove_feature
 from tests import support
-from tests.support import CAMERA, PAPER, log2_det, numerical_sight, prospect_with, random_belief, sight_of, world_points
+from tests.support import (
+    CAMERA,
+    PAPER,
+    log2_det,
+    numerical_sight,
+    predicted_belief_with,
+    random_belief,
+    sight_of,
+    world_points,
+)
 
 R = CAMERA.pixel_std**2
 MOTION = motion_of(PAPER, 1.0)
@@ -27,14 +36,14 @@ VARIANCE = np.array(PAPER.landmark_prior_variance)
 SEEDS = pytest.mark.parametrize("seed", range(4))
 
 
-def case(seed: int, count: int = 5) -> tuple[c.Prospect, np.ndarray]:
-    """A prospect of points and fiducials in view, and its H by numerical differentiation."""
+def case(seed: int, count: int = 5) -> tuple[c.PredictedBelief, np.ndarray]:
+    """A predicted belief of points and fiducials in view, and its H by numerical differentiation."""
     rng = np.random.default_rng(seed)
     camera = support.random_camera(rng)
     points, fiducials = world_points(rng, camera, count), world_points(rng, camera, 2)
     P = support.random_spd(rng, [0.05] * 3 + [0.02] * 3 + [0.1] * 6 + [0.2] * (3 * count))
-    prospect = prospect_with(points, P, camera, fiducials)
-    return prospect, numerical_sight(CAMERA, prospect, camera)
+    belief = predicted_belief_with(points, P, camera, fiducials)
+    return belief, numerical_sight(CAMERA, belief, camera)
 
 
 def innovation_covariance(P: np.ndarray, H: np.ndarray) -> np.ndarray:
@@ -45,9 +54,9 @@ def posterior(P: np.ndarray, H: np.ndarray) -> np.ndarray:
     return P - P @ H.T @ np.linalg.solve(innovation_covariance(P, H), H @ P)
 
 
-def scored(prospect: c.Prospect, criterion: str, pose: np.ndarray | None = None) -> float:
-    P = prospect.covariance
-    return CRITERIA[criterion](P, c.sight_after(CAMERA, prospect, P, prospect.camera if pose is None else pose), R)
+def scored(belief: c.PredictedBelief, criterion: str, pose: np.ndarray | None = None) -> float:
+    P = belief.covariance
+    return CRITERIA[criterion](P, c.sight_after(CAMERA, belief, P, belief.camera if pose is None else pose), R)
 
 
 def drop(P: np.ndarray, after: np.ndarray, *parts: int | slice) -> float:
@@ -77,12 +86,12 @@ FORMULAS = {
 @SEEDS
 def test_a_criterion_is_its_formula_and_zero_where_nothing_is_in_view(seed: int) -> None:
     assert set(FORMULAS) == set(CRITERIA)
-    prospect, H = case(seed)
-    P, away = prospect.covariance, np.array([0.0, 0, 100, 1, 0, 0, 0, *prospect.camera[7:]])
+    belief, H = case(seed)
+    P, away = belief.covariance, np.array([0.0, 0, 100, 1, 0, 0, 0, *belief.camera[7:]])
     for criterion, formula in FORMULAS.items():
         rel = 1e-8 if criterion == "mutual_information" else 1e-7
-        assert scored(prospect, criterion) == pytest.approx(formula(P, H, posterior(P, H)), rel=rel), criterion
-        assert scored(prospect, criterion, away) == 0.0
+        assert scored(belief, criterion) == pytest.approx(formula(P, H, posterior(P, H)), rel=rel), criterion
+        assert scored(belief, criterion, away) == 0.0
 
 
 @SEEDS
@@ -93,10 +102,10 @@ def test_mutual_information_is_that_of_the_update_which_it_predicts(seed: int) -
     fiducials, n = world_points(rng, belief.state.camera, 2), int(belief.state.count)
     points, P = np.empty((n, 3)), np.empty((12 + 3 * n, 12 + 3 * n))
     point_belief(belief, points, P)
-    promised = scored(prospect_with(points, P, belief.state.camera.copy(), fiducials), "mutual_information")
+    promised = scored(predicted_belief_with(points, P, belief.state.camera.copy(), fiducials), "mutual_information")
     sight, before = sight_of(belief, fiducials), support.joint_covariance(belief)
-    assert len(sight.thing) == 2 + n
-    S = sight.S - block_diag(*sight.thing["curvature"])
+    assert len(sight.point) == 2 + n
+    S = sight.S - block_diag(*sight.point["curvature"])
     found = drop(before, before - sight.HP.T @ np.linalg.solve(S, sight.HP))
     assert promised == pytest.approx(found, abs=1e-9 * max(1.0, found))
 
@@ -105,19 +114,19 @@ def test_the_trace_counts_what_is_known_and_information_what_is_not() -> None:
     """PAPER's finding: the Fisher trace prefers a known landmark to an unknown one by far, mutual information not."""
     camera, point = np.eye(13)[3], np.array([[0.1, 0.0, 2.0]])
     known, unknown = (
-        prospect_with(point, np.diag([0.02**2] * 3 + [0.005**2] * 3 + [0.01**2] * 6 + [std**2] * 3), camera)
+        predicted_belief_with(point, np.diag([0.02**2] * 3 + [0.005**2] * 3 + [0.01**2] * 6 + [std**2] * 3), camera)
         for std in (0.02, 1.0)
     )
     assert scored(known, "fisher_trace") > 100 * scored(unknown, "fisher_trace")
     assert scored(unknown, "mutual_information") > 4 * scored(known, "mutual_information")
 
 
-def scores_of(prospect: c.Prospect, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
+def scores_of(belief: c.PredictedBelief, plans: np.ndarray, criterion: str = "mutual_information") -> np.ndarray:
     out = np.full(len(plans), np.nan)
     if criterion == "net_information":
-        net_of_plans(CAMERA, MOTION, prospect, 0.0, 10**6, plans, out, np.empty(len(plans)))
+        net_of_plans(CAMERA, MOTION, belief, 0.0, 10**6, plans, out, np.empty(len(plans)))
         return out
-    c.score_plans(CAMERA, MOTION, prospect, 0.0, plans, CRITERIA.number(criterion), out)
+    c.score_plans(CAMERA, MOTION, belief, 0.0, plans, CRITERIA.number(criterion), out)
     return out
 
 
@@ -130,25 +139,25 @@ def test_a_plan_is_worth_the_information_of_its_measurements_and_net_information
     seed: int,
 ) -> None:
     """I(x; z1) + I(x; z2 | z1), each the drop of the log-determinant of the joint covariance by a matrix update."""
-    prospect, _ = case(seed)
+    belief, _ = case(seed)
     both = (int(Motion.LEFT), int(Gaze.LEFT), 10), (int(Motion.UP), int(Gaze.RIGHT), 4)
-    P, pose, expected = prospect.covariance, prospect.camera, []
+    P, pose, expected = belief.covariance, belief.camera, []
     for motion, gaze, frames in both:
         turn = turn_of(MOTION, gaze, 0.0)
         F, Q = np.eye(len(P)), np.zeros_like(P)
         F[:12, :12], Q[:12, :12] = open_loop(MOTION, turn, frames)
         P, pose = F @ P @ F.T + Q, c.pose_after(MOTION, pose, motion, turn, frames)
-        H, before = numerical_sight(CAMERA, prospect, pose), P
+        H, before = numerical_sight(CAMERA, belief, pose), P
         if not expected:  # net information is of one measurement a frame
-            net, after = scores_of(prospect, plans_of(both[:1]), "net_information")[0], P
+            net, after = scores_of(belief, plans_of(both[:1]), "net_information")[0], P
             for _ in range(frames):
                 after = posterior(after, H)
-            assert net == pytest.approx(drop(prospect.covariance, after), rel=1e-7) and net < drop(P, after) - 1.0
+            assert net == pytest.approx(drop(belief.covariance, after), rel=1e-7) and net < drop(P, after) - 1.0
         P = posterior(P, H)
         expected.append(drop(before, P))
     assert min(expected) > 0.0
     for count in (1, 2):
-        np.testing.assert_allclose(scores_of(prospect, plans_of(both[:count])), sum(expected[:count]), rtol=1e-7)
+        np.testing.assert_allclose(scores_of(belief, plans_of(both[:count])), sum(expected[:count]), rtol=1e-7)
 
 
 @pytest.mark.parametrize("limits", [UNLIMITED, SensorLimits(1.0, 8)])
@@ -157,32 +166,32 @@ def test_net_information_of_a_plan_is_the_fall_of_entropy_of_its_simulated_updat
     frames: int, limits: SensorLimits
 ) -> None:
     """In information form, with expected landmarks that enter when seen, as by predictions and updates of P."""
-    prospect, waiting = case(3, 4)[0], 30
+    belief, waiting = case(3, 4)[0], 30
     expected = np.random.default_rng(3).uniform(-1.0, 1.0, (waiting, 3)) * (3.0, 1.0, 3.0)
-    points = np.concatenate((prospect.points, expected))
-    P = block_diag(prospect.covariance, *[np.diag(VARIANCE)] * waiting)
-    prospect = prospect._replace(points=points, covariance=P, waiting=waiting, limits=limits)
-    rest, plans = c.without_present(CAMERA, prospect), c.held_plans(20, 5)
+    points = np.concatenate((belief.points, expected))
+    P = block_diag(belief.covariance, *[np.diag(VARIANCE)] * waiting)
+    belief = belief._replace(points=points, covariance=P, waiting=waiting, limits=limits)
+    rest, plans = c.without_present(CAMERA, belief), c.held_plans(20, 5)
     assert 0 < rest.waiting < waiting
     by_updates, std = by_predictions_and_updates(rest, plans, frames)
     out, position_std = np.empty((2, len(plans)))
-    net_of_plans(CAMERA, MOTION, prospect, 0.0, frames, plans, out, position_std)
+    net_of_plans(CAMERA, MOTION, belief, 0.0, frames, plans, out, position_std)
     np.testing.assert_allclose(out, by_updates, rtol=1e-7, atol=1e-6)
     assert np.ptp(out) > 10.0 or frames == 7
     assert (position_std >= 0.95 * std).all() and (position_std <= 3.0 * std).all()
 
 
-def by_predictions_and_updates(prospect: c.Prospect, plans: np.ndarray, frames: int) -> np.ndarray:
+def by_predictions_and_updates(belief: c.PredictedBelief, plans: np.ndarray, frames: int) -> np.ndarray:
     """Net information and the greatest standard deviation of the position of ``plans``, by the covariance."""
-    look = partial(c.sight_after, CAMERA, prospect)
-    return score_plans_with(look, MOTION, prospect, 0.0, plans, "net_information", R, frames)
+    look = partial(c.sight_after, CAMERA, belief)
+    return score_plans_with(look, MOTION, belief, 0.0, plans, "net_information", R, frames)
 
 
 def test_the_forecast_position_is_as_certain_as_simulated_updates_by_points_that_are_known() -> None:
     """With fiducials alone exactly; mapped points are counted as if their errors were independent of the camera's."""
-    prospect = case(3, 4)[0]
+    belief = case(3, 4)[0]
     size = c.CAMERA_DIM
-    alone = prospect._replace(points=prospect.points[:0], covariance=prospect.covariance[:size, :size].copy())
+    alone = belief._replace(points=belief.points[:0], covariance=belief.covariance[:size, :size].copy())
     for frames in (10**6, 50):
         for given in (alone, alone._replace(fiducials=alone.fiducials[:0])):
             plans, (out, position_std) = c.held_plans(20, 5), np.empty((2, 21))
@@ -190,7 +199,7 @@ def test_the_forecast_position_is_as_certain_as_simulated_updates_by_points_that
             by_updates, std = by_predictions_and_updates(given, plans, frames)
             np.testing.assert_allclose(position_std, std, rtol=1e-9)
             np.testing.assert_allclose(out, by_updates, rtol=1e-7, atol=1e-6)
-    assert std.min() > 2.0 * np.sqrt(np.trace(prospect.covariance[:3, :3]))
+    assert std.min() > 2.0 * np.sqrt(np.trace(belief.covariance[:3, :3]))
 
 
 def test_net_information_expects_nothing_where_the_camera_looks() -> None:
@@ -201,8 +210,8 @@ def test_net_information_expects_nothing_where_the_camera_looks() -> None:
 
     def scored_with(criterion: str, *points: list[float]) -> float:
         P = np.diag([1e-4] * 12 + [*VARIANCE] * len(points))
-        prospect = prospect_with(np.array(points).reshape(-1, 3), P, camera, waiting=len(points))
-        return scores_of(prospect, turn, criterion)[0]
+        belief = predicted_belief_with(np.array(points).reshape(-1, 3), P, camera, waiting=len(points))
+        return scores_of(belief, turn, criterion)[0]
 
     both, new, old, none = (scored_with("net_information", *p) for p in ((ahead, left), (left,), (ahead,), ()))
     assert both == pytest.approx(new) and old == pytest.approx(none) and none < 0.0
@@ -213,22 +222,22 @@ def test_net_information_expects_nothing_where_the_camera_looks() -> None:
 @pytest.mark.parametrize("criterion", ["mutual_information", "net_information", "fisher_trace"])
 def test_what_plans_share_changes_no_score(criterion: str) -> None:
     """Common beginnings, and ends with the same gaze and frames, are worked out once."""
-    prospect, actions = case(1)[0], {"a": (0, 1, 4), "b": (0, 1, 2), "c": (3, 1, 4), "d": (c.REMAIN, 2, 4)}
+    belief, actions = case(1)[0], {"a": (0, 1, 4), "b": (0, 1, 2), "c": (3, 1, 4), "d": (c.REMAIN, 2, 4)}
     mixed = plans_of(*([actions[one] for one in pair] for pair in "aa ac ab bb cc ac ac da dd cd".split()))
-    assert len(set(scores_of(prospect, mixed, criterion).tolist())) == 8
+    assert len(set(scores_of(belief, mixed, criterion).tolist())) == 8
     for plans in (mixed, c.motion_plans(5), c.gaze_plans(1), c.joint_plans(5), c.sequence_plans(5, 2)[:12]):
-        together = scores_of(prospect, plans, criterion)
-        np.testing.assert_array_equal(together, [scores_of(prospect, plan[None], criterion)[0] for plan in plans])
+        together = scores_of(belief, plans, criterion)
+        np.testing.assert_array_equal(together, [scores_of(belief, plan[None], criterion)[0] for plan in plans])
 
 
 def test_no_frames_leave_the_covariance_unpropagated() -> None:
-    prospect, _ = case(2)
+    belief, _ = case(2)
     for turn in (0.0, 0.2):
-        np.testing.assert_array_equal(c.propagated(MOTION, prospect.covariance, turn, 0), prospect.covariance)
-    assert np.trace(c.propagated(MOTION, prospect.covariance, 0.0, 3)) > np.trace(prospect.covariance)
+        np.testing.assert_array_equal(c.propagated(MOTION, belief.covariance, turn, 0), belief.covariance)
+    assert np.trace(c.propagated(MOTION, belief.covariance, 0.0, 3)) > np.trace(belief.covariance)
     for criterion in CRITERIA:
-        here = scores_of(prospect, plans_of([(c.REMAIN, Gaze.STAY, 0)]), criterion)
-        assert here[0] == pytest.approx(scored(prospect, criterion), rel=1e-12) and here[0] > 0.0
+        here = scores_of(belief, plans_of([(c.REMAIN, Gaze.STAY, 0)]), criterion)
+        assert here[0] == pytest.approx(scored(belief, criterion), rel=1e-12) and here[0] > 0.0
 
 
 def test_plans_are_all_actions_in_order_and_what_is_none_is_named() -> None:
@@ -259,7 +268,7 @@ def test_an_environments_scores_are_scores_of_plans() -> None:
     turning = max(5, round((env.scenario.gaze_horizon or 0.0) / env.scenario.frame_time))
 
     def alone(plans: np.ndarray, criterion: str) -> np.ndarray:
-        out, given = np.empty(len(plans)), (CAMERA, motion, env.prospect, time)
+        out, given = np.empty(len(plans)), (CAMERA, motion, env.predicted_belief, time)
         if criterion == "net_information":  # of measurements until the end of the episode
             frames = round((env.duration - time) / env.scenario.frame_time)
             net_of_plans(*given, frames, plans, out, np.empty(len(plans)))

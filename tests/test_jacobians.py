@@ -15,7 +15,7 @@ from activeslam_gym.slam import belief as layout
 from activeslam_gym.slam.belief import INVERSE_DEPTH, KIND_DIM, POINT, RAY
 from activeslam_gym.slam.depth_particles import predict_rays
 from activeslam_gym.slam.filter import filter_of
-from activeslam_gym.slam.initialisation import give_birth
+from activeslam_gym.slam.initialisation import add_landmark
 from activeslam_gym.slam.manifold import subtract_and_recentre
 from activeslam_gym.slam.sight import inverse_depth_measurement, point_measurement
 
@@ -174,7 +174,7 @@ def born(x: np.ndarray, pixel: np.ndarray, P_xx: np.ndarray, R: np.ndarray = R_P
     belief, model = support.prior_belief(), filter_of(PAPER)
     belief.state.camera[:] = x
     belief.covariance[:12, :12] = P_xx
-    assert give_birth(CAMERA, model.initialisation, model.particles, belief, pixel, R) == 1
+    assert add_landmark(CAMERA, model.initialisation, model.particles, belief, pixel, R) == 1
     return belief
 
 

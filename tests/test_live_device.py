@@ -22,9 +22,9 @@ from activeslam_gym.vision.target import target_from  # noqa: E402
 
 from . import vision_scene  # noqa: E402
 from .live_scene import BROWSER, PATIENCE, SWITCHES, until  # noqa: E402
+from .test_vision_board_calibration import LENS as WIDE  # noqa: E402
+from .test_vision_board_calibration import PLACES, TILTS, board_from, held  # noqa: E402
 from .test_vision_starts import CHARUCO, board_on_the_plane  # noqa: E402
-from .test_vision_waving import LENS as WIDE  # noqa: E402
-from .test_vision_waving import PLACES, TILTS, board_from, held  # noqa: E402
 from .vision_scene import LENS, path  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")]

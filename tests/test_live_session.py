@@ -12,7 +12,7 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point  # noqa: E402
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
-from activeslam_gym.information.candidates import foresee  # noqa: E402
+from activeslam_gym.information.candidates import visible_points  # noqa: E402
 from activeslam_gym.live.advice import CRITERION, CandidateScores, adviser_named, best  # noqa: E402
 from activeslam_gym.live.drawing import NAMES, command  # noqa: E402
 from activeslam_gym.live.expected import ExpectedMap  # noqa: E402
@@ -132,17 +132,17 @@ def test_only_measurements_that_the_front_end_would_take_are_foreseen(walk: Any)
     session.restart()
     for _ in range(4):  # early, while more is expected than there is room for
         session.step()
-    prospect, settings, left_out = session.expected.prospect(), session.front_end.settings, np.zeros(2, int)
-    known = len(prospect.points) - prospect.waiting
-    limits = prospect.limits._replace(wanted=6)  # so that the room does not suffice
+    belief, settings, left_out = session.expected.predicted_belief(), session.front_end.settings, np.zeros(2, int)
+    known = len(belief.points) - belief.waiting
+    limits = belief.limits._replace(wanted=6)  # so that the room does not suffice
     for way in ((0, 0, -0.3), (0, 0, 0), (0, 0, 0.3), (0.4, 0, 0), (0.8, 0, 0)):
-        pose = prospect.camera.copy()
+        pose = belief.camera.copy()
         pose[:3] += way
-        there = np.array([in_view(point, pose) for point in prospect.points])
-        seen = there & foresee(session.front_end.camera, prospect._replace(limits=limits), pose)
-        change = np.array([change_of_view(*both) for both in zip(prospect.first_seen, [pose] * known, prospect.points)])
+        there = np.array([in_view(point, pose) for point in belief.points])
+        seen = there & visible_points(session.front_end.camera, belief._replace(limits=limits), pose)
+        change = np.array([change_of_view(*both) for both in zip(belief.first_seen, [pose] * known, belief.points)])
         np.testing.assert_array_equal(seen[:known], there[:known] & (change <= settings.most_change))
-        room = max(limits.wanted - seen[:known].sum() - len(prospect.fiducials), 0)
+        room = max(limits.wanted - seen[:known].sum() - len(belief.fiducials), 0)
         assert seen[known:].sum() == min(there[known:].sum(), room)
         left_out += [(there & ~seen)[:known].sum(), (there & ~seen)[known:].sum()]
     assert (left_out > 0).all()

@@ -11,9 +11,9 @@ from scipy.stats import multivariate_normal
 from activeslam_gym.config import Scenario
 from activeslam_gym.metrics import camera_error
 from activeslam_gym.slam.association import (
-    ANYTHING,
     NEW,
     REJECTED,
+    UNASSOCIATED,
     Hypotheses,
     associate,
     association_of,
@@ -25,7 +25,7 @@ from activeslam_gym.slam.association import (
 )
 from activeslam_gym.slam.belief import INVERSE_DEPTH, NEVER, POINT
 from activeslam_gym.slam.filter import Filter, detections_of
-from activeslam_gym.slam.sight import THING, Sight
+from activeslam_gym.slam.sight import MAP_POINT, Sight
 
 from .support import (
     CAMERA,
@@ -40,7 +40,7 @@ from .support import (
 )
 
 VAR = float(CAMERA.pixel_std**2)
-MODEL = replaced(association_of(PAPER), birth_gate=1e9, nodes=1000)
+MODEL = replaced(association_of(PAPER), new_feature_gate=1e9, nodes=1000)
 """Without a gate, so that every assignment is one, and with room for them."""
 STRANGERS = 1.5
 
@@ -72,33 +72,33 @@ def scores_of_all(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, unmapped: fl
     return scores
 
 
-def scene(seed: int, things: int, extra: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scene(seed: int, points: int, extra: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Predicted pixels in the middle with a common error, and detections: of most of them, and unmapped detections."""
     rng = np.random.default_rng(seed)
-    z = np.array([160.0, 120.0] * things) + rng.uniform(-30, 30, 2 * things)
-    common = np.tile(np.eye(2), (things, 1)) * rng.uniform(5.0, 15.0)
-    S = common @ common.T + random_spd(rng, np.full(2 * things, 4.0)) + VAR * np.eye(2 * things)
-    seen = rng.multivariate_normal(z, S).reshape(-1, 2)[: max(1, things - seed % 2)]
+    z = np.array([160.0, 120.0] * points) + rng.uniform(-30, 30, 2 * points)
+    common = np.tile(np.eye(2), (points, 1)) * rng.uniform(5.0, 15.0)
+    S = common @ common.T + random_spd(rng, np.full(2 * points, 4.0)) + VAR * np.eye(2 * points)
+    seen = rng.multivariate_normal(z, S).reshape(-1, 2)[: max(1, points - seed % 2)]
     return z, S, rng.permutation(np.concatenate((seen, rng.uniform((110, 70), (210, 170), (extra, 2)))))
 
 
 def matched_jointly(z: np.ndarray, S: np.ndarray, pixels: np.ndarray, **model: float) -> np.ndarray:
     """(3,) the detection of each prediction or -1."""
-    detections, of_thing = detections_of(pixels), np.full(3, -1)
-    h, things = hypotheses(z, S, detections), np.zeros(3, THING)  # of fiducials, which have no id that is positive
+    detections, of_point = detections_of(pixels), np.full(3, -1)
+    h, points = hypotheses(z, S, detections), np.zeros(3, MAP_POINT)  # of fiducials, which have no id that is positive
     constants, worth = replaced(MODEL, **model), worth_of_pair(MODEL, STRANGERS)
-    assert match_jointly(constants, h, things, detections, worth, of_thing)
-    return of_thing
+    assert match_jointly(constants, h, points, detections, worth, of_point)
+    return of_point
 
 
 @pytest.mark.parametrize("seed", range(40))
 def test_the_search_is_that_of_all_assignments(seed: int) -> None:
     z, S, pixels = scene(seed, 3, seed % 3)
     scores = scores_of_all(z, S, pixels, STRANGERS)
-    best, of_thing = max(scores, key=scores.__getitem__), matched_jointly(z, S, pixels)
+    best, of_point = max(scores, key=scores.__getitem__), matched_jointly(z, S, pixels)
     for a in range(3):
         rival = max(score for answer, score in scores.items() if answer[a] != best[a])
-        assert of_thing[a] == (best[a] if scores[best] - rival >= MODEL.margin else -1)
+        assert of_point[a] == (best[a] if scores[best] - rival >= MODEL.margin else -1)
 
 
 def test_conditioning_is_the_gaussians() -> None:
@@ -136,11 +136,16 @@ def test_unmapped_detections_are_of_landmarks_and_clutter() -> None:
 
 
 def answered(
-    sight: Sight, pixels: ArrayLike, z_hat: ArrayLike, S: np.ndarray, ids: int = ANYTHING, scenario: Scenario = PAPER
+    sight: Sight,
+    pixels: ArrayLike,
+    z_hat: ArrayLike,
+    S: np.ndarray,
+    ids: int = UNASSOCIATED,
+    scenario: Scenario = PAPER,
 ) -> list[list]:
     """The matches of detections at ``pixels``, and which predictions wait, with other pixels and covariances."""
-    sight.thing["z_hat"], sight.S[:] = z_hat, S
-    detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.thing), bool)
+    sight.point["z_hat"], sight.S[:] = z_hat, S
+    detections, waits = detections_of(pixels, ids=ids), np.zeros(len(sight.point), bool)
     associate(association_of(scenario), sight, detections, 10, waits)
     return [detections["match"].tolist(), waits.tolist()]
 
@@ -166,9 +171,9 @@ def test_a_new_feature_near_which_two_were_seen_waits(kind: int) -> None:
     sight, S, id = sight_of(belief), 2.5**2 * np.eye(2), belief.feature["serial"][0]
     both, one, frames = [[158.0, 120.0], [163.0, 121.0]], [[163.0, 121.0]], association_of(PAPER).crowded
     assert answered(sight, both, MIDDLE, S) == [[REJECTED, REJECTED], [True]]
-    assert (sight.thing["crowded"][0] == 0) == (kind == INVERSE_DEPTH)
+    assert (sight.point["crowded"][0] == 0) == (kind == INVERSE_DEPTH)
     for since in range(1, frames + 1):
-        sight.thing["crowded"] = since if kind == INVERSE_DEPTH else NEVER
+        sight.point["crowded"] = since if kind == INVERSE_DEPTH else NEVER
         matched = kind == POINT or since == frames
         assert answered(sight, one, MIDDLE, S) == [[id if matched else REJECTED], [not matched]]
 
@@ -187,7 +192,7 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
         true = moved(filter.belief.state.camera, error)
         pixels = np.array([pixel_of(CAMERA, true, y) for y in fiducials]) + 2.0 * rng.standard_normal((7, 2))
         sight, detections = filter.sight(), detections_of(pixels)
-        several = hypotheses(sight.thing["z_hat"].ravel(), sight.S, detections).d2 < 9.21
+        several = hypotheses(sight.point["z_hat"].ravel(), sight.S, detections).d2 < 9.21
         assert np.sum(several, axis=1).mean() > 2  # by its own ellipse, a prediction may be several
         found = filter.update(detections)
         used = (found != NEW) & (found != REJECTED)
@@ -201,6 +206,6 @@ def test_a_filter_whose_ellipses_are_all_ambiguous_finds_its_way_back() -> None:
 def test_two_points_of_which_nothing_tells_which_is_which_wait() -> None:
     fiducials = np.array([[0.02, 0.0, 2.0], [-0.02, 0.0, 2.0]])
     filter = Filter(fiducials=fiducials, covariance=np.diag([0.1**2] * 3 + [0.05**2] * 3 + [1e-4] * 6))
-    z = filter.sight().thing["z_hat"]
+    z = filter.sight().point["z_hat"]
     pixels = z.mean(axis=0) + [[0.0, 3.0], [0.0, -3.0]]
     assert filter.update(detections_of(pixels)).tolist() == [REJECTED, REJECTED]

@@ -9,7 +9,7 @@ import baselines
 from activeslam_gym import observation_layout
 from activeslam_gym.config import SCENARIOS
 from activeslam_gym.envs.outside import OutsideRun
-from activeslam_gym.information.foresight import UNLIMITED
+from activeslam_gym.information.sensor_limits import UNLIMITED
 
 
 @pytest.mark.parametrize("name", ["hand-held", "paper"])

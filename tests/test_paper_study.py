@@ -44,15 +44,17 @@ def test_numbers_of_made_up_episodes() -> None:
     np.testing.assert_array_equal(measures.at_target([late, episode()], "landmark_times", 2.0), [TARGET, 2.0])
     np.testing.assert_array_equal(measures.unless_lost([late, episode()], lambda one: 3.0), [np.nan, 3.0])
     actions = np.array([[motion, 0] for motion in (Motion.STAY, Motion.UP, Motion.UP, Motion.FORWARD)])
-    events = {"births": np.array([1, 0, 0, 0])}
+    events = {"initialised": np.array([1, 0, 0, 0])}
     one = episode(actions=actions, motion_read=np.ones(4, bool), events=events)  # a step is 0.5 s
     assert measures.share([one], measures.LATERAL) == 50.0
     assert (
         measures.share([one], measures.LATERAL, until=1.0) == 50.0
         and measures.share([one], [Motion.UP], until=0.5) == 0
     )
-    assert measures.share([one], measures.LATERAL, after="births") == 100.0
-    assert np.isnan(measures.share([replace(one, events={"births": np.zeros(4)})], [Motion.UP], after="births"))
+    assert measures.share([one], measures.LATERAL, after="initialised") == 100.0
+    assert np.isnan(
+        measures.share([replace(one, events={"initialised": np.zeros(4)})], [Motion.UP], after="initialised")
+    )
     assert measures.within([episode()]) == 100.0
     assert measures.nearest([episode()]) == pytest.approx(0.0)
     nees = episode(position_nees=np.full(5, 3.0), landmark_nees=np.array([np.nan, np.nan, 1.0, 2.0, 3.0]))
@@ -83,7 +85,7 @@ def test_expected_landmarks_that_no_camera_sees_are_in_no_score() -> None:
     core = env.unwrapped
     before = core.motion_scores("mutual_information")
     measures.WithoutExpected().observe(core, {})
-    models, whole = core.setting.models, core.prospect
+    models, whole = core.setting.models, core.predicted_belief
     size = len(whole.covariance) - 3 * whole.waiting
     P = whole.covariance[:size, :size].copy()
     rest = whole._replace(points=whole.points[: -whole.waiting], covariance=P, waiting=0)

@@ -127,7 +127,7 @@ def test_a_reward_registered_from_outside_paid_nothing(monkeypatch: pytest.Monke
     accuracies = [-math.log2(1e-3 + info["position_error"]) for _, info in told]
     np.testing.assert_allclose([reward for reward, _ in told[1:]], np.diff(accuracies), atol=1e-12)
     assert all(reward == info["reward_terms"]["mine"] for reward, info in told)
-    assert list(told[0][1]["reward_terms"]) == [*REWARDS.own, "forfeit", "mine"]
+    assert list(told[0][1]["reward_terms"]) == [*REWARDS.own, "lost_penalty", "mine"]
     plain = play(gym.make("ActiveSLAM-v0"))
     for (_, info), (_, other) in zip(told, plain, strict=True):
         del info["reward_terms"]["mine"]
@@ -153,7 +153,7 @@ def test_a_registered_copy_of_a_reward_is_that_reward_to_the_bit(
         np.testing.assert_array_equal(mine, theirs)
         np.testing.assert_array_equal(infos["reward_terms"]["mine"], infos["reward_terms"]["entropy"])
         assert infos["reward_terms"]["_mine"].all()
-        lost += int((infos["reward_terms"]["forfeit"] < 0.0).sum())
+        lost += int((infos["reward_terms"]["lost_penalty"] < 0.0).sum())
         if not over:
             _, reward, terminated, truncated, info = one.step(actions[0])
             assert (reward, terminated) == (mine[0], ends[0])
@@ -186,7 +186,7 @@ def test_wrong_names_are_told_with_those_that_there_are(registry: Registry[Any])
 
 def test_an_entry_of_the_package_cannot_be_replaced_and_a_registered_one_can() -> None:
     """Kernels would go on with the old one, in silence."""
-    names = {CRITERIA.kind: INFORMATION, REWARDS.kind: "forfeit", SENSORS.kind: "points", ESTIMATORS.kind: "ekf"}
+    names = {CRITERIA.kind: INFORMATION, REWARDS.kind: "lost_penalty", SENSORS.kind: "points", ESTIMATORS.kind: "ekf"}
     for registry in (CRITERIA, REWARDS, SENSORS, ESTIMATORS):
         name = names[registry.kind]
         told = f"^the name of a registered {registry.kind} must be none of .*, got {name!r}"

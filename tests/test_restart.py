@@ -41,11 +41,11 @@ def held(scenario: Scenario, away: float, frames: int) -> tuple[Filter, np.ndarr
     rng = np.random.default_rng(0)
     camera = np.r_[away, 0.0, 0.0, 1.0, np.zeros(9)]
     truth = Filter(scenario, fiducials=FIDUCIALS)
-    pixels = truth.sight().thing["z_hat"]
+    pixels = truth.sight().point["z_hat"]
     filter = Filter(scenario, fiducials=FIDUCIALS, camera=camera, covariance=1e-8 * np.eye(12))
     for _ in range(frames):
         filter.predict(dt=1e-3)
-        seen = detections_of(pixels + 2.0 * rng.standard_normal(pixels.shape), ids=truth.sight().thing["id"])
+        seen = detections_of(pixels + 2.0 * rng.standard_normal(pixels.shape), ids=truth.sight().point["id"])
         answer = filter.update(seen, labelled=True)
         if filter.counts.restarts:
             break
@@ -59,7 +59,7 @@ def test_it_is_begun_anew_about_where_it_was_thought() -> None:
     P = filter.points()[1]
     np.testing.assert_allclose(np.sqrt(np.diag(P)), np.repeat([0.3, 0.1, 0.3, 0.2], 3))
     assert abs(filter.belief.state.camera[0] - 0.2) < 0.05
-    truth = Filter(scenario, fiducials=FIDUCIALS).sight().thing
+    truth = Filter(scenario, fiducials=FIDUCIALS).sight().point
     for _ in range(5):
         filter.predict(dt=1e-3)
         filter.update(detections_of(truth["z_hat"], ids=truth["id"]), labelled=True)
@@ -89,7 +89,7 @@ def test_detections_that_are_missed_by_chance_do_not_contradict() -> None:
     """Seven in a hundred of three fiducials, for nearly two minutes, where the filter reckons with it."""
     rng = np.random.default_rng(0)
     filter = Filter(Scenario(detection_probability=0.93), fiducials=FIDUCIALS[:3])
-    truth = filter.sight().thing.copy()
+    truth = filter.sight().point.copy()
     for _ in range(3000):
         seen = rng.random(len(truth)) < 0.93
         pixels = truth["z_hat"][seen] + 2.0 * rng.standard_normal((seen.sum(), 2))

@@ -44,9 +44,9 @@ def test_is_the_dummy_vec_env_of_single_environments_but_nothing_follows_a_time_
     assert ours.reset_infos == theirs.reset_infos and 0 < lost < ended
 
 
-def test_a_gain_is_clipped_and_what_a_lost_run_forfeits_is_not() -> None:
+def test_a_gain_is_clipped_and_the_failure_penalty_is_not() -> None:
     plain = ActiveSLAMVecEnv(4, **SHORT)
-    scaled = ScaledReward(ActiveSLAMVecEnv(4, **SHORT), 0.1, clip=3.0, forfeit_weight=2.0)
+    scaled = ScaledReward(ActiveSLAMVecEnv(4, **SHORT), 0.1, clip=3.0, penalty_weight=2.0)
     for env in (plain, scaled):
         env.seed(5)
         env.reset()
@@ -55,10 +55,10 @@ def test_a_gain_is_clipped_and_what_a_lost_run_forfeits_is_not() -> None:
     for _ in range(40):
         actions = np.array([plain.action_space.sample() for _ in range(4)])
         (_, rewards, _, infos), found = plain.step(actions), scaled.step(actions)[1]
-        forfeits = np.array([info["reward_terms"]["forfeit"] if info else 0.0 for info in infos])
-        gains = np.clip(rewards - forfeits, -3.0, 3.0)
-        np.testing.assert_allclose(found, 0.1 * (gains + 2.0 * forfeits), rtol=1e-5, atol=1e-6)
-        clipped, lost = clipped + (gains == 3.0).sum(), lost + (forfeits <= -100.0).sum()
+        lost_penalties = np.array([info["reward_terms"]["lost_penalty"] if info else 0.0 for info in infos])
+        gains = np.clip(rewards - lost_penalties, -3.0, 3.0)
+        np.testing.assert_allclose(found, 0.1 * (gains + 2.0 * lost_penalties), rtol=1e-5, atol=1e-6)
+        clipped, lost = clipped + (gains == 3.0).sum(), lost + (lost_penalties <= -100.0).sum()
     assert clipped > 0 and lost > 0
 
 

@@ -8,17 +8,17 @@ import pytest
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.episode import LOSS, UNSOUND_LOG_SCORE
-from activeslam_gym.envs.referee import (
-    NOBODY,
+from activeslam_gym.envs.identity import (
+    NO_OWNER,
     OWNER,
     UNKNOWN,
     features_of_landmarks,
     judge_matches,
-    reconcile,
+    match_to_truth,
     true_id,
 )
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED
+from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED
 from activeslam_gym.slam.belief import POINT, fiducial_id
 from activeslam_gym.slam.filter import detections_of
 from activeslam_gym.slam.map import append_feature, remove_feature
@@ -56,7 +56,7 @@ def test_a_loss_makes_the_return_negative_by_its_price(reward: str) -> None:
     gained = sum(info["reward_terms"][reward] for info in infos)
     assert ends[-1] and infos[-1]["lost"] and infos[-1]["lost_at_end"]
     assert sum(rewards) == pytest.approx(min(gained, 0.0) - LOSS)
-    assert infos[-1]["reward_terms"]["forfeit"] == pytest.approx(-max(gained, 0.0) - LOSS)
+    assert infos[-1]["reward_terms"]["lost_penalty"] == pytest.approx(-max(gained, 0.0) - LOSS)
 
 
 def test_a_lost_run_may_go_on_and_pays_once() -> None:
@@ -64,10 +64,10 @@ def test_a_lost_run_may_go_on_and_pays_once() -> None:
     at = len(ended)
     assert not any(ends) and len(rewards) == 20 and rewards[:at] == ended
     assert [info["lost"] for info in infos] == [False] * at + [True] * (21 - at)
-    assert [info["reward_terms"]["forfeit"] < 0.0 for info in infos].count(True) == 1
+    assert [info["reward_terms"]["lost_penalty"] < 0.0 for info in infos].count(True) == 1
     assert all(info["lost_at_end"] == (info["position_error"] > 0.06) for info in infos[1:])
     assert sum(rewards) == pytest.approx(
-        infos[0]["entropy"] - infos[-1]["entropy"] + infos[at]["reward_terms"]["forfeit"]
+        infos[0]["entropy"] - infos[-1]["entropy"] + infos[at]["reward_terms"]["lost_penalty"]
     )
     assert short[-1] == infos[at]
 
@@ -91,7 +91,7 @@ def test_a_belief_that_is_not_positive_definite_scores_the_floor() -> None:
 # Whose a feature is -------------------------------------------------------------------------------------------------
 
 
-class Referee:
+class PlainEvaluator:
     """A judge of three features, with the ids 1 to 3."""
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class Referee:
         candidates, labels = detections_of(np.zeros((len(matches), 2))), np.array([m[1] for m in matches], np.int64)
         candidates["match"] = [m[0] for m in matches]
         self.estimate = estimate_of(self.belief)
-        reconcile(self.owner, self.estimate)
+        match_to_truth(self.owner, self.estimate)
         return judge_matches(self.owner, self.estimate, K, candidates, labels)
 
     def ids(self, *labels: int) -> list[int]:
@@ -127,34 +127,34 @@ class Referee:
     ],
 )
 def test_a_fiducial_is_itself_and_what_is_not_matched_is_not_wrong(match: int, label: int, wrong: int) -> None:
-    referee = Referee()
-    assert referee.frame((match, label)) == (wrong, 0)
-    assert (referee.owner["label"] == UNKNOWN).all()
+    identity = PlainEvaluator()
+    assert identity.frame((match, label)) == (wrong, 0)
+    assert (identity.owner["label"] == UNKNOWN).all()
 
 
 def test_a_feature_is_what_it_was_born_of_for_life() -> None:
-    referee = Referee()
-    assert referee.frame((1, K + 2), (2, CLUTTER_LABEL), (3, 0)) == (0, 1)
-    assert referee.owners == [2, NOBODY, NOBODY]
+    identity = PlainEvaluator()
+    assert identity.frame((1, K + 2), (2, CLUTTER_LABEL), (3, 0)) == (0, 1)
+    assert identity.owners == [2, NO_OWNER, NO_OWNER]
     for _ in range(5):  # no majority changes that
-        assert referee.frame((1, K), (2, CLUTTER_LABEL), (3, K)) == (3, 0)
-    assert referee.frame((1, K + 2), (2, K + 1), (3, 0)) == (1, 0)
-    assert referee.owners == [2, NOBODY, NOBODY]
+        assert identity.frame((1, K), (2, CLUTTER_LABEL), (3, K)) == (3, 0)
+    assert identity.frame((1, K + 2), (2, K + 1), (3, 0)) == (1, 0)
+    assert identity.owners == [2, NO_OWNER, NO_OWNER]
 
 
 def test_a_new_feature_takes_the_lowest_free_slot() -> None:
-    referee = Referee()
-    referee.frame((1, K + 2), (2, K), (3, K))
-    remove_feature(referee.belief, 0)
-    append_feature(referee.belief, POINT, np.zeros(6), np.zeros((3, 12)), np.eye(3))
-    assert referee.frame((4, K + 1)) == (0, 0)
-    assert referee.owners == [0, 0, 1]
-    assert referee.owner["slot"][:3].tolist() == [1, 2, 0]
+    identity = PlainEvaluator()
+    identity.frame((1, K + 2), (2, K), (3, K))
+    remove_feature(identity.belief, 0)
+    append_feature(identity.belief, POINT, np.zeros(6), np.zeros((3, 12)), np.eye(3))
+    assert identity.frame((4, K + 1)) == (0, 0)
+    assert identity.owners == [0, 0, 1]
+    assert identity.owner["slot"][:3].tolist() == [1, 2, 0]
 
 
 def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
     owner, everyone = np.zeros(4, OWNER), np.ones(4, bool)
-    owner["landmark"] = 1, NOBODY, 1, 0
+    owner["landmark"] = 1, NO_OWNER, 1, 0
     assert features_of_landmarks(owner, 3, everyone).tolist() == [3, 0, -1]
     assert features_of_landmarks(owner, 3, np.array([False, True, True, True])).tolist() == [3, 2, -1]
 
@@ -163,9 +163,9 @@ def test_the_oldest_eligible_feature_stands_for_its_landmark() -> None:
 
 
 def test_the_true_id_is_that_of_the_oldest_feature_born_of_the_point() -> None:
-    referee = Referee()
-    referee.frame((1, K + 2), (2, K), (3, K))
-    assert referee.ids(0, 1, K, K + 1, K + 2, CLUTTER_LABEL) == [-1, -2, 2, ANYTHING, 1, REJECTED]
+    identity = PlainEvaluator()
+    identity.frame((1, K + 2), (2, K), (3, K))
+    assert identity.ids(0, 1, K, K + 1, K + 2, CLUTTER_LABEL) == [-1, -2, 2, UNASSOCIATED, 1, REJECTED]
 
 
 @pytest.mark.parametrize("initialisation", ["inverse_depth", "depth_particles"])
@@ -177,8 +177,8 @@ def test_with_given_labels_no_match_is_wrong_and_no_landmark_is_mapped_twice(ini
     for step in range(60):
         _, _, _, _, info = env.step((step // 4 % 2 + 2, 1))
         labels = env.unwrapped.labels
-        owned = labels.owners[labels.owners != NOBODY]
-        assert info["events"]["wrong_matches"] == info["events"]["false_births"] == 0
+        owned = labels.owners[labels.owners != NO_OWNER]
+        assert info["events"]["wrong_matches"] == info["events"]["false_features"] == 0
         assert len(set(owned.tolist())) == len(owned) == len(labels.owners)
         assert (labels.matched[labels.detected == CLUTTER_LABEL] == REJECTED).all()
         matched, clutter = matched + (labels.matched > 0).sum(), clutter + (labels.detected == CLUTTER_LABEL).sum()

@@ -37,7 +37,7 @@ def test_a_plan_holds_each_action_for_its_share_and_words_tell_it() -> None:
     plan = BACK_THEN_ORBIT.plan(10)
     assert plan.tolist() == [list(BACK_THEN_ORBIT.actions[0])] * 6 + [list(BACK_THEN_ORBIT.actions[1])] * 4
     assert constant((2, 1)).plan(3).tolist() == [[2, 1]] * 3
-    assert BACK_THEN_ORBIT.told() == "BACKWARDS STAY to 54 %, then RIGHT LEFT"
+    assert BACK_THEN_ORBIT.words() == "BACKWARDS STAY to 54 %, then RIGHT LEFT"
 
 
 def test_what_is_drawn_and_what_is_changed_are_sequences() -> None:
@@ -128,4 +128,4 @@ def test_the_shipped_sequences_are_of_the_scenarios_as_they_are_and_the_best_of_
     for key, entry in shipped.items():
         env = make_environment({"scenario": entry["scenario"]}).unwrapped
         assert key == key_of(env), "regenerate it: python -m baselines"
-        assert max(entry["medians"], key=entry["medians"].get) == best_sequence(env).told()
+        assert max(entry["medians"], key=entry["medians"].get) == best_sequence(env).words()

@@ -218,15 +218,15 @@ def test_a_training_of_sac_goes_on_with_its_temperature(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_training_leaves_weights_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from agents.learn.keeper import Keeper
+    from agents.learn.best_weights import BestWeights
 
-    def interrupt(self: Keeper) -> bool:
+    def interrupt(self: BestWeights) -> bool:
         if self.num_timesteps >= 20:
             raise KeyboardInterrupt
         return True
 
     with monkeypatch.context() as patched:
-        patched.setattr(Keeper, "_on_step", interrupt)
+        patched.setattr(BestWeights, "_on_step", interrupt)
         assert not train(Args(out=tmp_path, total_steps=80, **SMALL))
     assert {path.name for path in tmp_path.iterdir()} >= LEFT
     assert "interrupted" in json.loads((tmp_path / "policy.json").read_text())["chosen"]

@@ -252,7 +252,7 @@ def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[A
         for name, value in single.nees().items():
             np.testing.assert_array_equal(batch.nees()[name][i], value)
         same(vars(batch.run(i).labels), vars(single.labels))
-        same(batch.run(i).prospect._asdict(), single.prospect._asdict())
+        same(batch.run(i).predicted_belief._asdict(), single.predicted_belief._asdict())
     for name in ("scenario", "gaze_period", "motion_period", "duration", "steps_per_motion"):
         assert getattr(batch, name) == getattr(singles[0], name)
 

@@ -6,10 +6,10 @@ import pytest
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 
 from activeslam_gym.slam.association import DETECTION, REJECTED  # noqa: E402
-from activeslam_gym.slam.sight import THING, Sight  # noqa: E402
-from activeslam_gym.vision.gallery import Gallery  # noqa: E402
+from activeslam_gym.slam.sight import MAP_POINT, Sight  # noqa: E402
 from activeslam_gym.vision.settings import FrontEndSettings  # noqa: E402
 from activeslam_gym.vision.target import target_from  # noqa: E402
+from activeslam_gym.vision.template_map import TemplateMap  # noqa: E402
 from activeslam_gym.vision.track import follow  # noqa: E402
 
 from .vision_scene import CAMERA, LENS, image_from, path, pose_at, target_fields  # noqa: E402
@@ -24,29 +24,29 @@ def grey() -> np.ndarray:
 
 
 @pytest.fixture()
-def gallery(grey) -> Gallery:
+def gallery(grey) -> TemplateMap:
     """Features 7 and 8, and fiducial 0."""
-    out = Gallery(CAMERA, SETTINGS, 4)
+    out = TemplateMap(CAMERA, SETTINGS, 4)
     for id in (7, 8, -1):
-        out.hang(id, grey, PIXEL, HERE, np.zeros(3), 0)
+        out.add(id, grey, PIXEL, HERE, np.zeros(3), 0)
     return out
 
 
-def search(gallery: Gallery, matched: set[int], frame: int, inside: bool = True) -> None:
+def search(gallery: TemplateMap, matched: set[int], frame: int, inside: bool = True) -> None:
     """All three are searched in the ``frame``; a feature is missed well ``inside`` the image, or at its edge."""
     ids = np.array([7, 8, -1])
     gallery.judge(ids, np.isin(ids, list(matched)), np.full(3, inside), frame)
 
 
 def seen_at(
-    gallery: Gallery, id: int, error: tuple[float, float], match: int | None = None, curvature: float = 0.0
+    gallery: TemplateMap, id: int, error: tuple[float, float], match: int | None = None, curvature: float = 0.0
 ) -> None:
     """One match of ``id``, so far [px] from where the updated estimate has it, with a noise of 0.1 px^2."""
-    found, thing = np.zeros(1, DETECTION), np.zeros(1, THING)
-    found["R"], thing["curvature"] = 0.1 * np.eye(2), curvature * np.eye(2)
+    found, point = np.zeros(1, DETECTION), np.zeros(1, MAP_POINT)
+    found["R"], point["curvature"] = 0.1 * np.eye(2), curvature * np.eye(2)
     found["id"], found["match"], found["pixel"] = id, id if match is None else match, PIXEL + error
-    thing["id"], thing["z_hat"] = id, PIXEL
-    gallery.remember_residuals(found, Sight(thing, np.zeros((2, 12)), np.eye(2)))
+    point["id"], point["z_hat"] = id, PIXEL
+    gallery.remember_residuals(found, Sight(point, np.zeros((2, 12)), np.eye(2)))
 
 
 def test_places_are_those_of_the_templates_and_are_used_again(gallery, grey) -> None:
@@ -55,7 +55,7 @@ def test_places_are_those_of_the_templates_and_are_used_again(gallery, grey) -> 
     assert first[1] == -1 and gallery.templates.id[first[[0, 2]]].tolist() == [8, 7]
     gallery.remove(7)
     assert gallery.places([7]) == -1 and gallery.features == 1
-    gallery.hang(9, grey, PIXEL, HERE, np.zeros(3), 1)
+    gallery.add(9, grey, PIXEL, HERE, np.zeros(3), 1)
     assert gallery.places([9])[0] == first[2]
 
 
@@ -126,9 +126,9 @@ def test_a_feature_whose_pixels_stay_beside_the_estimate_fails_and_one_that_shak
 @pytest.mark.parametrize("others, failed", [((0.05, 0.02), [7]), ((0.15, 0.15), []), ((0.5, 0.5), [])])
 def test_one_alone_that_is_beside_the_estimate_fails_and_not_all_together(grey, others, failed) -> None:
     """Where all are beside it, as before their depths are known, the estimate is at fault."""
-    gallery = Gallery(CAMERA, SETTINGS, 4)
+    gallery = TemplateMap(CAMERA, SETTINGS, 4)
     for id in (7, 8, 9):
-        gallery.hang(id, grey, PIXEL, HERE, np.zeros(3), 0)
+        gallery.add(id, grey, PIXEL, HERE, np.zeros(3), 0)
     for frame in range(60):
         for id, error in zip((7, 8, 9), (0.5, *others)):
             seen_at(gallery, id, (error, 0.0))
@@ -158,7 +158,7 @@ def test_new_looks_keep_the_record(gallery, grey) -> None:
     search(gallery, {-1}, 5)
     places, before = gallery.places([-1]), gallery.templates.patch[gallery.places([-1])].copy()
     there = pose_at((0.1, 0.0, 0.7))
-    gallery.hang(-1, grey[::-1].copy(), PIXEL, there, np.zeros(3), 6)
+    gallery.add(-1, grey[::-1].copy(), PIXEL, there, np.zeros(3), 6)
     assert gallery.places([-1]) == places and gallery._matched[places] > 0.0 and gallery.features == 2
     assert not np.array_equal(gallery.templates.patch[places], before)
     np.testing.assert_array_equal(gallery.templates.camera[places[0]], there)

@@ -74,7 +74,7 @@ def test_where_nothing_known_is_in_view_new_features_are_initialised(under_way) 
     last, logs = image_from(path(21, 0.4)[-1], samples=2), []
     for k in range(3):
         logs.append(under_way.step(last, (20 + k) / 30.0))
-    assert logs[0].searched == 0 and sum(log.births for log in logs) > 0
+    assert logs[0].searched == 0 and sum(log.initialised for log in logs) > 0
 
 
 def test_a_lost_camera_is_put_back_where_no_map_is_found(under_way, monkeypatch) -> None:

@@ -78,7 +78,7 @@ def test_the_images_tell_where_the_camera_is_by_matches_good_to_a_fraction_of_a_
     assert len(errors) > 8 and np.median(np.abs(errors[:, 1:3])) < 0.3
     assert infos[-1]["position_error"] < 0.2 and infos[-1]["orientation_error"] < 0.1
     assert infos[-1]["entropy"] < infos[0]["entropy"] - 100.0, "bits"
-    assert sum(info["events"]["births"] for info in infos[1:]) > 8
+    assert sum(info["events"]["initialised"] for info in infos[1:]) > 8
     assert sum(info["events"]["wrong_matches"] for info in infos[1:]) < 0.1 * 13 * len(infos), "a tenth of the matches"
 
 
@@ -212,13 +212,13 @@ def test_the_target_is_drawn_where_it_is_seen_otherwise_and_keeps_its_looks_wher
         return picture, pixel
 
     front_end.show(counting, normal)
-    state, things = front_end.filter.belief.state.camera, front_end.filter.sight().thing
+    state, points = front_end.filter.belief.state.camera, front_end.filter.sight().point
     looks = []
     for step, times in ((0.0, 1), (0.05, 1), (0.5, 2), (0.0, 3), (0.0, 4), (0.0, 4)):
         state[0] += step
-        front_end._draw_target(things)
+        front_end._draw_target(points)
         assert len(drawn) == times
-        looks.append(front_end._gallery.templates.patch[front_end._gallery.places([-1, -2, -3, -4])].copy())
+        looks.append(front_end._template_map.templates.patch[front_end._template_map.places([-1, -2, -3, -4])].copy())
     for kept in looks[:4]:
         np.testing.assert_array_equal(kept, looks[0])
     assert not np.array_equal(looks[4], looks[0], equal_nan=True)

@@ -53,7 +53,7 @@ def test_after_a_covered_lens_the_map_is_found_again(images) -> None:
     covered = [np.full((240, 320), 7, np.uint8)] * AWAY
     done = tracked(images[:SEEN] + covered + images[SEEN:])
     dark = done.logs[SEEN - 1 : SEEN - 1 + AWAY]
-    assert sum(log.births + log.deletions for log in dark) == 0, "nothing is learnt in the dark"
+    assert sum(log.initialised + log.deletions for log in dark) == 0, "nothing is learnt in the dark"
     assert errors(done, POSES[-6:]).max() < 0.02
 
 

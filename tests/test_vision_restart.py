@@ -108,7 +108,7 @@ def test_the_map_of_a_wrong_pose_goes_and_a_new_one_is_begun(monkeypatch: pytest
             monkeypatch.undo()
         logs.append(end.step(image, k / 30.0))
     then: FrameLog = logs[4]
-    assert then.deletions == len(old) > 0 and then.births > 0 and logs[3].deletions == 0
+    assert then.deletions == len(old) > 0 and then.initialised > 0 and logs[3].deletions == 0
     assert not old & set(end.filter.ids.tolist())
     assert np.linalg.norm(end.filter.mean[:3] - pose[:3]) < 0.02
     assert not logs[-1].lost

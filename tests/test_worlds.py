@@ -249,7 +249,7 @@ def test_what_is_too_far_is_not_detected_and_its_absence_tells_nothing() -> None
 
 def test_the_absence_of_a_fiducial_that_may_be_too_far_tells_nothing() -> None:
     fiducials = np.array([[0.1, 0.0, distance] for distance in (1.5, 1.9, 2.5)])
-    near, far = (Filter(Scenario(maximum_distance=d), fiducials=fiducials).sight().thing for d in (2.0, None))
+    near, far = (Filter(Scenario(maximum_distance=d), fiducials=fiducials).sight().point for d in (2.0, None))
     assert near["visibility"].tolist() == [INSIDE, NEAR, NEAR] and (far["visibility"] == INSIDE).all()
 
 

@@ -40,9 +40,9 @@ class FilterSettings(bounds.Settings):
     """Detection probability that the filter assumes for a point in the image. Lower it where boxes occlude points."""
     gate_probability: bounds.Probability = 0.99
     """Mass of the chi-square gate of a match (2 dof)."""
-    birth_gate_probability: bounds.Probability = 0.9999
+    new_feature_gate_probability: bounds.Probability = 0.9999
     """A new feature must lie outside this gate of every predicted feature."""
-    birth_detections: bounds.PositiveInt = 3
+    new_feature_detections: bounds.PositiveInt = 3
     """Consecutive detections that initialise a feature."""
     mapped_depth_ratio: bounds.PositiveFloat = 0.3
     """A feature is mapped when the standard deviation of its depth over its depth is under this."""

@@ -57,7 +57,7 @@ _add("paper-literal", "the paper's simulation with its vague first pose and dept
      orientation_std=math.radians(45.0), labelled_first_match=True, initialisation=DEPTH_PARTICLES,
      negative_information=False, gaze_horizon=None, gaze_period=0.05)
 _add("paper-2006", "the paper's simulation with settings fitted to its six numbers (studies.paper)",
-     focal_px=123.0, distortion=0.0, linearity_threshold=0.068, birth_detections=23, landmark_prior_scale=3.58,
+     focal_px=123.0, distortion=0.0, linearity_threshold=0.068, new_feature_detections=23, landmark_prior_scale=3.58,
      acceleration_std=0.025, angular_acceleration_std=0.61, filter_acceleration_std=0.074,
      filter_angular_acceleration_std=1.81, gaze_horizon=3.0)
 _add("clutter", "false detections and missed detections",
@@ -145,6 +145,6 @@ def scenario_from(value: str | Mapping[str, Any] | Scenario) -> Scenario:
         raise ValueError(f"scenario must be a name, a dict of fields or a Scenario, got {value!r}")
     known = sorted(field.name for field in fields(Scenario))
     if unknown := [key for key in value if key not in known]:
-        told = ", ".join(f"{key}{did_you_mean(key, known)}" for key in unknown)
-        raise ValueError(f"scenario has no field {told}; its fields are {', '.join(known)}")
+        named = ", ".join(f"{key}{did_you_mean(key, known)}" for key in unknown)
+        raise ValueError(f"scenario has no field {named}; its fields are {', '.join(known)}")
     return Scenario(**{"name": "custom", **value})

@@ -153,18 +153,18 @@ class ActiveSLAMEnv(SingleReads, gymnasium.Env[np.ndarray, np.ndarray]):
     | `position_nees` | | NEES of the camera's position per degree of freedom, as `nees()["position"]` |
     | `lost` | | whether the run is lost, or was before |
     | `lost_at_end` | | whether it is lost at the moment |
-    | `reward_terms` | | gain of every potential of `envs.reward` in this step, and `forfeit` |
+    | `reward_terms` | | gain of every potential of `envs.reward` in this step, and `lost_penalty` |
     | `events` | | counts in this step, see below |
 
     | Event | What it counts |
     |---|---|
-    | `births` | features that joined the filter |
+    | `initialised` | features that joined the filter |
     | `conversions` | features that became points |
     | `deletions` | features that left the filter |
     | `rejected_matches` | detections in a gate that were too ambiguous to be used |
     | `restarts` | times that the fiducials contradicted the belief, and it was reset |
     | `wrong_matches` | matches with another point than that of the feature |
-    | `false_births` | features that were initialised from clutter |
+    | `false_features` | features that were initialised from clutter |
     | `wall_contacts` | frames and axes in which the camera touched a wall, and frames and bodies that it touched |
 
     ## Version history

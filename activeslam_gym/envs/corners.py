@@ -20,8 +20,8 @@ from activeslam_gym.linalg import copy_into
 from activeslam_gym.slam.belief import feature_capacity, positions_of
 from activeslam_gym.slam.estimate import add_offsets, index_of
 from activeslam_gym.slam.frame import use_identified
-from activeslam_gym.slam.initialisation import give_birth
-from activeslam_gym.slam.kalman import feel_contact, predict, wander
+from activeslam_gym.slam.initialisation import add_landmark
+from activeslam_gym.slam.kalman import predict, update_contact, wander
 from activeslam_gym.slam.map import draw_bias, remove_id
 from activeslam_gym.slam.sight import INSIDE, sight_of_belief
 from activeslam_gym.vision.corners import new_corners
@@ -41,7 +41,7 @@ FEATURE_STD, FIDUCIAL_STD = 0.04, 0.04
 """Deviations of the matches of images [px]: the medians of two episodes of `gallery-pixels`."""
 _SPREAD = 0.6  # deviation of the logarithm of a feature's
 _EDGE = TEMPLATE_HALF + 2.0  # what is nearer to the image's border is not found [px]
-_BIRTH_EDGE = _EDGE + 6.0
+_NEW_FEATURE_EDGE = _EDGE + 6.0
 _FACING = 0.26  # cosine of the greatest angle at which a corner is seen
 _LOG_RATIO = 4.0  # of a match: what its looks say for it
 _SIDES = (16, 32, 64, 128, 256)  # texels, along a side, of the levels of a texture that have corners of their own
@@ -49,7 +49,7 @@ _MOST = 60  # corners of a level
 
 RULES = record(
     drift="f8", most_change="f8", largest_area="f8", gate="f8", trials="f8", enough="f8",
-    births="i8", visible="i8", lost_after="i8", fiducial_blur="f8",
+    initialised="i8", visible="i8", lost_after="i8", fiducial_blur="f8",
     fiducial_bias_std="f8", redrawn="f8", feature_bias_std="f8",
 )  # fmt: skip
 """The front end's rules of what is searched, believed, deleted and initialised; see `FrontEndSettings`."""
@@ -84,7 +84,7 @@ class Corners(NamedTuple):
     noise_key: np.ndarray  # (1,) uint64 the stream of the noise, of which frame k uses its own part
 
 
-class Glance:
+class CornerPerception:
     """The corners of one run's room, and what the front end remembers of the features.
 
     ``start`` (7,): the pose at which the belief expects the camera first.
@@ -114,29 +114,29 @@ class Glance:
 
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Search the features in view, under the known accelerations ``u`` (6,), and initialise others."""
-        glance(run, self._rules, self.corners, u, contact)
+        detect_corners(run, self._rules, self.corners, u, contact)
 
 
 @compiled
-def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bool) -> None:
+def detect_corners(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bool) -> None:
     """A frame after the camera has moved: predict, search, delete, initialise, and account for it."""
     motion, belief, memory, frame = run.models.motion, run.ekf, corners.memory, run.world.state.frame + 1
     if contact:
-        feel_contact(belief, u, motion.dt)
+        update_contact(belief, u, motion.dt)
     predict(motion, belief, u, motion.dt)
     wander(belief, rules.drift / run.models.camera.focal, motion.dt)
     K = run.world.fiducials.shape[0]
-    things, most = memory.shape[0] + K, 2 + 4 * rules.births
-    draws = 2 * (things + K) + most
-    luck = uniforms(corners.noise_key, frame * draws, draws)
-    _draw_target(run, rules, corners, luck[2 * things + most :])
-    found = _search(run, rules, corners, luck)
+    searched, most = memory.shape[0] + K, 2 + 4 * rules.initialised
+    count = 2 * (searched + K) + most
+    draws = uniforms(corners.noise_key, frame * count, count)
+    _draw_target(run, rules, corners, draws[2 * searched + most :])
+    found = _search(run, rules, corners, draws)
     for entry in memory:
         if entry.id > 0 and entry.tried >= rules.enough * rules.trials and 2.0 * entry.matched < entry.tried:
             remove_id(run.ekf, entry.id)
             entry.id = 0
             run.episode.events.deletions += 1
-    run.episode.detections = found + _give_births(run, rules, corners, luck[2 * things :], found)
+    run.episode.detections = found + _initialise_features(run, rules, corners, draws[2 * searched :], found)
     present(run)
     estimate = run.estimate
     points = np.empty((estimate.state.count, 3))
@@ -150,7 +150,7 @@ def glance(run: Run, rules: Record, corners: Corners, u: np.ndarray, contact: bo
 
 
 @compiled
-def _draw_target(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> None:
+def _draw_target(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> None:
     """The fiducials whose view has changed are drawn for the one that is believed, and found with new biases."""
     belief, std = run.ekf, rules.fiducial_bias_std
     pose, fiducials = belief.state.camera, run.world.fiducials
@@ -158,45 +158,45 @@ def _draw_target(run: Run, rules: Record, corners: Corners, luck: np.ndarray) ->
         drawn = corners.drawn[k]
         if is_outdated(drawn.pose, pose, fiducials[k], rules.redrawn):
             copy_into(drawn.pose, pose[:7])
-            first, second = normal_pair(luck[2 * k], luck[2 * k + 1])
+            first, second = normal_pair(draws[2 * k], draws[2 * k + 1])
             drawn.bias[0], drawn.bias[1] = std * first, std * second
             draw_bias(belief, fiducials.shape[0], k, std * std)
 
 
 @compiled
-def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
+def _search(run: Run, rules: Record, corners: Corners, draws: np.ndarray) -> int:
     """Search what is in view of the belief, and update it; returns how many candidates were found."""
     models, belief, fiducials, memory = run.models, run.ekf, run.world.fiducials, corners.memory
     K, pose, frame = fiducials.shape[0], run.world.state.camera, run.world.state.frame + 1
     sight = sight_of_belief(models.camera, belief, fiducials, run.world.boxes[:0])
     view = view_of(models.true_camera, pose, boxes_of(run.world))
     believed, z = positions_of(belief), np.empty(2)
-    v, found = sight.thing.shape[0], 0
+    v, found = sight.point.shape[0], 0
     tried, blur = np.zeros(v, np.bool_), rules.fiducial_blur * speeds(models.camera, belief.state.camera, fiducials)
     for i in range(v):
-        thing = sight.thing[i]
-        m = _place(memory, thing.id) if thing.id > 0 else -1
+        point = sight.point[i]
+        m = _place(memory, point.id) if point.id > 0 else -1
         if m >= 0:
-            change = change_of_view(memory[m].first_seen, belief.state.camera, believed[thing.row - K])
+            change = change_of_view(memory[m].first_seen, belief.state.camera, believed[point.row - K])
             if change > rules.most_change:
                 continue
         a, b, d = sight.S[2 * i, 2 * i], sight.S[2 * i, 2 * i + 1], sight.S[2 * i + 1, 2 * i + 1]
         det = max(a * d - b * b, 1e-12)
         tried[i] = True
-        k = -1 - thing.id
-        point = corners.points[memory[m].corner] if m >= 0 else fiducials[k]
-        if not visible(view, point, -_EDGE, z) or found == run.candidate.shape[0]:
+        k = -1 - point.id
+        place = corners.points[memory[m].corner] if m >= 0 else fiducials[k]
+        if not visible(view, place, -_EDGE, z) or found == run.candidate.shape[0]:
             continue
-        if m >= 0 and not faces(corners.normals[memory[m].corner], point, pose, _FACING):
+        if m >= 0 and not faces(corners.normals[memory[m].corner], place, pose, _FACING):
             continue
-        x, y = z[0] - thing.z_hat[0], z[1] - thing.z_hat[1]
+        x, y = z[0] - point.z_hat[0], z[1] - point.z_hat[1]
         gate = min(rules.gate, rules.largest_area / (math.pi * math.sqrt(det)))
         if (d * x * x - 2.0 * b * x * y + a * y * y) / det > gate:
             continue
         std = memory[m].std if m >= 0 else math.hypot(FIDUCIAL_STD, blur[k])
         one = run.candidate[found]
-        one.id, one.match, one.log_ratio = thing.id, 0, _LOG_RATIO
-        first, second = normal_pair(luck[2 * i], luck[2 * i + 1])
+        one.id, one.match, one.log_ratio = point.id, 0, _LOG_RATIO
+        first, second = normal_pair(draws[2 * i], draws[2 * i + 1])
         one.pixel[0], one.pixel[1] = z[0] + std * first, z[1] + std * second
         if m < 0:
             one.pixel[0] += corners.drawn[k].bias[0]
@@ -206,13 +206,13 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
     candidates = run.candidate[:found]
     use_identified(models, belief, fiducials, sight, candidates, 1, run.episode.events)
     for i in range(v):
-        thing = sight.thing[i]
-        if tried[i] and thing.id > 0:
+        point = sight.point[i]
+        if tried[i] and point.id > 0:
             matched = False
             for one in candidates:
-                matched = matched or one.match == thing.id
-            if matched or thing.visibility == INSIDE:
-                entry = memory[_place(memory, thing.id)]
+                matched = matched or one.match == point.id
+            if matched or point.visibility == INSIDE:
+                entry = memory[_place(memory, point.id)]
                 keep = 1.0 - 1.0 / rules.trials
                 entry.tried = keep * entry.tried + 1.0
                 entry.matched = keep * entry.matched + matched
@@ -221,33 +221,33 @@ def _search(run: Run, rules: Record, corners: Corners, luck: np.ndarray) -> int:
 
 
 @compiled
-def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, found: int) -> int:
+def _initialise_features(run: Run, rules: Record, corners: Corners, draws: np.ndarray, found: int) -> int:
     """Initialise features where few are in view, as candidates behind those ``found``; returns how many."""
     models, belief, state, memory = run.models, run.ekf, run.world.state, corners.memory
     K, pose, camera, frame = run.world.fiducials.shape[0], state.camera, models.camera, state.frame + 1
     sight = sight_of_belief(camera, belief, run.world.fiducials, run.world.boxes[:0])
-    believed, v, crowd, in_view = positions_of(belief), sight.thing.shape[0], 0, 0
-    occupied = np.empty((v + rules.births, 2))
+    believed, v, crowd, in_view = positions_of(belief), sight.point.shape[0], 0, 0
+    occupied = np.empty((v + rules.initialised, 2))
     for i in range(v):
-        thing = sight.thing[i]
-        if thing.id > 0:
-            first_seen = memory[_place(memory, thing.id)].first_seen
-            if change_of_view(first_seen, belief.state.camera, believed[thing.row - K]) > rules.most_change:
+        point = sight.point[i]
+        if point.id > 0:
+            first_seen = memory[_place(memory, point.id)].first_seen
+            if change_of_view(first_seen, belief.state.camera, believed[point.row - K]) > rules.most_change:
                 continue
-        copy_into(occupied[crowd], thing.z_hat)
-        across, down = thing.z_hat[0], thing.z_hat[1]
+        copy_into(occupied[crowd], point.z_hat)
+        across, down = point.z_hat[0], point.z_hat[1]
         in_view += _EDGE <= across < camera.width - _EDGE and _EDGE <= down < camera.height - _EDGE
         crowd += 1
-    wanted = min(rules.births, rules.visible - in_view)
-    if wanted < rules.births:
+    wanted = min(rules.initialised, rules.visible - in_view)
+    if wanted < rules.initialised:
         return 0
     view, z, n, born = view_of(models.true_camera, pose, boxes_of(run.world)), np.empty(2), corners.points.shape[0], 0
-    begin = int(luck[0] * n)
+    begin = int(draws[0] * n)
     for k in range(n):
         c = (begin + k) % n
         if born == wanted or found + born == run.candidate.shape[0]:
             break
-        if not _is_shown(corners, c, pose) or not visible(view, corners.points[c], -_BIRTH_EDGE, z):
+        if not _is_shown(corners, c, pose) or not visible(view, corners.points[c], -_NEW_FEATURE_EDGE, z):
             continue
         free = True
         for i in range(crowd):
@@ -261,8 +261,8 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
                 break
             remove_id(belief, memory[m].id)
             memory[m].id = 0
-        first, second = normal_pair(luck[4 * born + 2], luck[4 * born + 3])
-        spread, _ = normal_pair(luck[4 * born + 4], luck[4 * born + 5])
+        first, second = normal_pair(draws[4 * born + 2], draws[4 * born + 3])
+        spread, _ = normal_pair(draws[4 * born + 4], draws[4 * born + 5])
         entry, one = memory[m], run.candidate[found + born]
         one.id, one.log_ratio = 0, 0.0
         entry.std = FEATURE_STD * math.exp(_SPREAD * spread)
@@ -270,7 +270,7 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         one.R[0, 0], one.R[0, 1], one.R[1, 0], one.R[1, 1] = entry.std**2, 0.0, 0.0, entry.std**2
         noise = camera.pixel_std**2 * np.eye(2)
         filter = models.filter
-        one.match = give_birth(camera, filter.initialisation, filter.particles, belief, one.pixel, noise)
+        one.match = add_landmark(camera, filter.initialisation, filter.particles, belief, one.pixel, noise)
         if one.match <= 0:
             break
         entry.id, entry.corner, entry.seen, entry.tried, entry.matched = one.match, c, frame, 0.0, 0.0
@@ -278,7 +278,7 @@ def _give_births(run: Run, rules: Record, corners: Corners, luck: np.ndarray, fo
         copy_into(occupied[crowd], z)
         crowd += 1
         born += 1
-    run.episode.events.births += born
+    run.episode.events.initialised += born
     return born
 
 

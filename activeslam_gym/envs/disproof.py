@@ -33,7 +33,11 @@ TRIES = 24  # draws of which the first that no viewpoint would have seen is take
 def disprove(run: Run) -> None:
     """One frame from the estimated pose: move the expected landmarks that it disproves."""
     models, boxes, expected, view = run.models, known_boxes(run), run.expected, run.viewpoint
-    camera, pose, frames = models.camera, run.estimate.state.camera, models.filter.initialisation.birth_detections + 2
+    camera, pose, frames = (
+        models.camera,
+        run.estimate.state.camera,
+        models.filter.initialisation.new_feature_detections + 2,
+    )
     here, present, z = np.zeros(1, VIEW), view_of(camera, pose, boxes), np.empty(2)
     copy_into(here[0].pose, pose[:7])
     copy_into(here[0].axis, present.R_WC[:, 2])
@@ -48,12 +52,12 @@ def disprove(run: Run) -> None:
             one.looked = max(one.looked, 0) + 1
         if one.looked < frames:
             continue
-        luck = uniforms(run.episode.redraw_key, (4096 * e + one.redraws % 4096) * (3 * TRIES + 1), 3 * TRIES + 1)
+        draws = uniforms(run.episode.redraw_key, (4096 * e + one.redraws % 4096) * (3 * TRIES + 1), 3 * TRIES + 1)
         one.redraws += 1
-        if luck[3 * TRIES] < models.filter.association.detection_probability:
+        if draws[3 * TRIES] < models.filter.association.detection_probability:
             one.looked = 0
             entered = view[: min(run.episode.views, view.shape[0])]
-            _draw_anew(models, boxes, luck, entered, one.point)
+            _draw_anew(models, boxes, draws, entered, one.point)
         else:  # missed from here, whatever is there
             one.looked, one.looked_from = -1, here[0]
 
@@ -78,16 +82,16 @@ def _same_view(a: Record, b: Record) -> bool:
 
 
 @compiled
-def _draw_anew(models: Record, boxes: np.ndarray, luck: np.ndarray, view: np.ndarray, y: np.ndarray) -> None:
-    """Write a point of the room, or of its walls, by ``luck`` (3 TRIES + 1,), into ``y`` (3,)."""
+def _draw_anew(models: Record, boxes: np.ndarray, draws: np.ndarray, view: np.ndarray, y: np.ndarray) -> None:
+    """Write a point of the room, or of its walls, by ``draws`` (3 TRIES + 1,), into ``y`` (3,)."""
     camera, half, z = models.camera, models.motion.half, np.empty(2)
     for t in range(TRIES):
         for i in range(3):
-            y[i] = half[i] * (2.0 * luck[3 * t + i] - 1.0)
+            y[i] = half[i] * (2.0 * draws[3 * t + i] - 1.0)
         if models.on_surfaces:  # each of the four walls with a chance of its area
-            side = luck[3 * t + 2] * (half[0] + half[2])
+            side = draws[3 * t + 2] * (half[0] + half[2])
             if side < half[2]:
-                y[0], y[2] = math.copysign(half[0], side - 0.5 * half[2]), half[2] * (2.0 * luck[3 * t] - 1.0)
+                y[0], y[2] = math.copysign(half[0], side - 0.5 * half[2]), half[2] * (2.0 * draws[3 * t] - 1.0)
             else:
                 y[2] = math.copysign(half[2], side - half[2] - 0.5 * half[0])
         unseen = True

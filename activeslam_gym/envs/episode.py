@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from activeslam_gym.envs.identity import features_of_landmarks, landmark_errors
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE, observe
-from activeslam_gym.envs.referee import features_of_landmarks, landmark_errors
-from activeslam_gym.envs.reward import EVALUATION, FORFEIT, REWARDS, potential_of_number
+from activeslam_gym.envs.reward import EVALUATION, LOST_PENALTY, REWARDS, potential_of_number
 from activeslam_gym.envs.run import EVENTS, Run, present, run_at
 from activeslam_gym.envs.simulation import advance, begin_motion
 from activeslam_gym.geometry import rotation_matrix
@@ -22,7 +22,7 @@ from activeslam_gym.world.simulator import find_clearance
 
 STEP, BEGIN, REST = 0, -1, -2  # what a run does: a step; evaluate itself, as it has just been reset; nothing
 _ENTROPY = REWARDS.number("entropy")
-_FORFEIT = len(REWARDS.own)  # entry of `terms` behind those of the package's rewards
+_LOST_PENALTY = len(REWARDS.own)  # entry of `terms` behind those of the package's rewards
 LOSS = 100.0  # what a loss costs, beside all that was gained [bit]
 
 
@@ -46,7 +46,7 @@ def play(runs: Run, phases: np.ndarray, commands: np.ndarray, start: int, stop: 
             frames = run.models.task.frames_per_step
             for frame in range(frames):
                 advance(run, commands[i, 3], frame == frames - 1)
-        appraise(run, phases[i] == BEGIN)
+        evaluate_step(run, phases[i] == BEGIN)
         observe(run)
         run.estimate.state.whole = stop - start == 1  # the others' covariances wait for `complete`
 
@@ -57,13 +57,13 @@ def open_step(run: Run, command: np.ndarray, reach: float) -> None:
     episode, events = run.episode, run.episode.events
     if episode.steps % run.models.task.steps_per_motion == 0:
         begin_motion(run, command, reach)
-    events.births, events.conversions, events.deletions, events.restarts = 0, 0, 0, 0
-    events.rejected_matches, events.wrong_matches, events.false_births, events.wall_contacts = 0, 0, 0, 0
+    events.initialised, events.conversions, events.deletions, events.restarts = 0, 0, 0, 0
+    events.rejected_matches, events.wrong_matches, events.false_features, events.wall_contacts = 0, 0, 0, 0
     episode.steps += 1
 
 
 @compiled
-def appraise(run: Run, begins: bool) -> None:
+def evaluate_step(run: Run, begins: bool) -> None:
     """After the frames: what they were worth, and the range finders where a body may stop the camera."""
     evaluate(run)
     episode = run.episode
@@ -74,15 +74,15 @@ def appraise(run: Run, begins: bool) -> None:
         episode.terms[:] = 0.0
     else:
         episode.gain += episode.terms[_ENTROPY]
-        if run.models.task.reward >= 0:  # one of the package's own; see `settle_registered`
-            _settle(run)
+        if run.models.task.reward >= 0:  # one of the package's own; see `give_registered_reward`
+            _give_reward(run)
     if run.models.motion.bodies:
         R_WC = rotation_matrix(run.world.state.camera[QUATERNION])
         find_clearance(run.models.motion, run.world, R_WC, FARTHEST_CLEARANCE, run.episode.clearance)
 
 
 @borrowing
-def _settle(run: Run) -> None:
+def _give_reward(run: Run) -> None:
     """The reward of the step: the gain of the chosen potential; where the run is lost, the return is min(it, 0) - 100.
 
     A run can be lost once: the failure penalty is due in the first such step.
@@ -92,13 +92,13 @@ def _settle(run: Run) -> None:
     episode.lost = episode.lost or episode.lost_now
     episode.reward = episode.terms[run.models.task.reward]
     episode.total += episode.reward
-    forfeit = -max(0.0, episode.total) - LOSS if first else 0.0
-    episode.terms[_FORFEIT] = forfeit
-    episode.total += forfeit
-    episode.reward += forfeit
+    lost_penalty = -max(0.0, episode.total) - LOSS if first else 0.0
+    episode.terms[_LOST_PENALTY] = lost_penalty
+    episode.total += lost_penalty
+    episode.reward += lost_penalty
 
 
-def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
+def give_registered_reward(name: str, runs: Run, phases: np.ndarray) -> None:
     """After `play`: the potential ``name`` that is registered, and the reward of the step.
 
     Where the estimate is not sound, the potential keeps its value. ``phases`` (B,) as in `play`.
@@ -111,7 +111,7 @@ def settle_registered(name: str, runs: Run, phases: np.ndarray) -> None:
             episode.potential[REGISTERED] = REWARDS.value(name, where, episode.evaluation.copy())
         if phases[i] == STEP:
             episode.terms[REGISTERED] = episode.potential[REGISTERED] - before
-            _settle(row(runs, i))
+            _give_reward(row(runs, i))
 
 
 @compiled
@@ -145,7 +145,7 @@ def evaluate(run: Run) -> None:
     else:
         e.log_density = episode.first_density + UNSOUND_LOG_SCORE
     e.log_score = e.log_density - episode.first_density
-    for i in range(_FORFEIT):
+    for i in range(_LOST_PENALTY):
         potential = potential_of_number(i, e)
         episode.terms[i] = potential - episode.potential[i]
         episode.potential[i] = potential
@@ -206,7 +206,7 @@ def _tree(values: dict[str, Any], lost: Any, reward: str, terms: Any, events: An
     info: dict[str, Any] = {name: values[name] for name in _TOLD}
     info["log2_det"] = {part: values[f"log2_det_{part}"] for part in ("camera", "map", "total")}
     info["lost"], info["lost_at_end"] = lost
-    names = (*REWARDS.own, FORFEIT, *([reward] if reward not in REWARDS.own else []))
+    names = (*REWARDS.own, LOST_PENALTY, *([reward] if reward not in REWARDS.own else []))
     info["reward_terms"] = dict(zip(names, terms, strict=False))  # the last term is a registered reward's
     info["events"] = dict(zip(EVENTS.names or (), events, strict=True))
     return info

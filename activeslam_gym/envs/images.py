@@ -3,7 +3,7 @@
 import numpy as np
 
 from activeslam_gym.camera import camera_point, pixel_from_camera_point
-from activeslam_gym.envs.referee import NOBODY, UNKNOWN, reconcile
+from activeslam_gym.envs.identity import NO_OWNER, UNKNOWN, match_to_truth
 from activeslam_gym.envs.run import Run, present
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import close_frame
@@ -24,11 +24,11 @@ from activeslam_gym.world.simulator import CLUTTER_LABEL
 
 WRONG_PX = 4.0
 """A match farther than this from where its point really is in the image is wrong: the noise is under a pixel."""
-_COUNTED = ("births", "deletions", "rejected_matches", "conversions")
+_COUNTED = ("initialised", "deletions", "rejected_matches", "conversions")
 """Events of the front end and the filter."""
 
 
-class Eye:
+class ImagePerception:
     """The camera of one run, and the front end that feeds the run's belief with what it finds in the images.
 
     ``start`` (7,): the pose at which the belief expects the camera first.
@@ -58,7 +58,7 @@ class Eye:
         """Photograph the room, and let the front end search it, under the known accelerations ``u`` (6,)."""
         self._filter.attach(run.ekf)
         if contact:
-            self._filter.feel_contact(u, float(run.models.motion.dt))
+            self._filter.update_contact(u, float(run.models.motion.dt))
         self._look(run, u)
         present(run)
         ids = run.estimate.landmark["id"][: int(run.estimate.state.count)]
@@ -73,10 +73,10 @@ class Eye:
         counts["conversions"] = 0
         log = self._front_end.step(self.image, frame * float(run.models.motion.dt), u)
         found, events = self._front_end.candidates, run.episode.events
-        born = found[len(found) - log.births :]
+        born = found[len(found) - log.initialised :]
         self.newest = set(born["match"].tolist())
         self._followed.look(state, self.image, found)
-        for name, count in zip(_COUNTED, (log.births, log.deletions, log.rejected, int(counts["conversions"]))):
+        for name, count in zip(_COUNTED, (log.initialised, log.deletions, log.rejected, int(counts["conversions"]))):
             events[name] += count
         believed_first = found[np.argsort(found["match"] == REJECTED, kind="stable")][: len(run.candidate)]
         run.candidate[: len(believed_first)] = believed_first
@@ -96,10 +96,10 @@ def account_scene(run: Run, scene_points: np.ndarray, spare: np.ndarray) -> None
     anywhere in the room, is the truth.
     """
     world, estimate, expected, owner = run.world, run.estimate, run.expected, run.owner
-    reconcile(run.owner, run.estimate)
+    match_to_truth(run.owner, run.estimate)
     close_frame(run)
     for k in range(estimate.state.count):
-        owner[k].label, owner[k].landmark = UNKNOWN, NOBODY
+        owner[k].label, owner[k].landmark = UNKNOWN, NO_OWNER
     for e in range(expected.shape[0]):
         k = index_of(estimate, expected[e].serial) if expected[e].serial != WAITING else -1
         if k >= 0:
@@ -118,7 +118,7 @@ def _label(run: Run, scene_points: np.ndarray, match: int, pixel: np.ndarray) ->
     k = index_of(run.estimate, match) if match > 0 else -1
     if k >= 0:
         point = scene_points[k]
-        label = K + run.owner[k].landmark if run.owner[k].landmark != NOBODY else CLUTTER_LABEL
+        label = K + run.owner[k].landmark if run.owner[k].landmark != NO_OWNER else CLUTTER_LABEL
     elif -K <= match < 0:
         point, label = world.fiducials[-1 - match], -1 - match
     else:

@@ -6,12 +6,12 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.actions import PAIRS
+from activeslam_gym.envs.identity import match_to_truth
 from activeslam_gym.envs.observation import observation_space, observe
 from activeslam_gym.envs.public import SingleReads
-from activeslam_gym.envs.referee import reconcile
 from activeslam_gym.envs.setting import resolve
 from activeslam_gym.envs.simulation import empty_runs
-from activeslam_gym.information.foresight import SensorLimits
+from activeslam_gym.information.sensor_limits import SensorLimits
 from activeslam_gym.kernels import row
 from activeslam_gym.metrics import LOST_POSITION_ERROR
 from activeslam_gym.motion import COMMANDS
@@ -71,7 +71,7 @@ class OutsideRun(SingleReads):
         run.estimate.landmark[:n], run.estimate.covariance[:size, :size] = estimate.landmark[:n], estimate.covariance
         run.estimate.state.whole = True
         run.first_seen[:n], run.expected[:], run.world.fiducials[:] = first_seen, expected, fiducials
-        reconcile(run.owner, run.estimate)
+        match_to_truth(run.owner, run.estimate)
         run.episode.steps = min(self._decisions, int(self.setting.task.steps) // 2)
         run.episode.gain = gain
         observe(run)

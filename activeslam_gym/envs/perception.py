@@ -9,10 +9,19 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from activeslam_gym.envs.episode import BEGIN, REST, appraise, observe, open_step
+from activeslam_gym.envs.episode import BEGIN, REST, evaluate_step, observe, open_step
 from activeslam_gym.envs.run import Run, known_boxes, present
 from activeslam_gym.envs.setting import Setting
-from activeslam_gym.envs.simulation import Start, account, begin_motion, box_scene, drive, identify, sense, take_in
+from activeslam_gym.envs.simulation import (
+    Start,
+    account,
+    begin_motion,
+    box_scene,
+    drive,
+    identify,
+    sense,
+    update_estimate,
+)
 from activeslam_gym.kernels import row
 from activeslam_gym.motion import POSITION, QUATERNION
 from activeslam_gym.registry import array_of, asked
@@ -48,13 +57,13 @@ def perception_of(setting: Setting, run: Run, start: Start, key: int) -> Percept
     """The perception of a run that has just been reset from ``key`` to that ``start``."""
     seed = np.random.SeedSequence(key).spawn(5)[-1]  # the redraws use it, and not its children
     if setting.scenario.sensor == IMAGES:
-        from activeslam_gym.envs.images import Eye
+        from activeslam_gym.envs.images import ImagePerception
 
-        return Eye(setting, run, start.mean[:7], seed)
+        return ImagePerception(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == CORNERS:
-        from activeslam_gym.envs.corners import Glance
+        from activeslam_gym.envs.corners import CornerPerception
 
-        return Glance(setting, run, start.mean[:7], seed)
+        return CornerPerception(setting, run, start.mean[:7], seed)
     if setting.scenario.sensor == POINTS and setting.scenario.estimator in COMPILED:
         return PointPerception(start.scene)
     return PluggedPerception(setting, run, start, seed)
@@ -90,7 +99,7 @@ def _play_row(run: Run, perception: Any, begins: bool, command: np.ndarray) -> N
         open_step(run, command, reach)
         for _ in range(int(task.frames_per_step)):
             perception.frame(run, *_move(scene, run, command[3]))
-    appraise(run, begins)
+    evaluate_step(run, begins)
     if scene is not None:
         narrow_clearance(scene, motion, run.world, run.episode.clearance)
     observe(run)
@@ -129,7 +138,7 @@ class PointPerception:
     def frame(self, run: Run, u: np.ndarray, contact: bool) -> None:
         """Measure and estimate."""
         ends = (run.world.state.frame + 1) % run.models.task.frames_per_step == 0
-        take_in(run, u, contact, _sense(self.scene, run), bool(ends))
+        update_estimate(run, u, contact, _sense(self.scene, run), bool(ends))
 
 
 class PluggedPerception:
@@ -186,7 +195,7 @@ class PluggedPerception:
             raise ValueError(f"update() of {self._name} returned ids of no landmark and no fiducial: {sorted(nothing)}")
         if unmatched := after - before - given:
             raise ValueError(f"{what} has new landmarks, but update() returned none of their ids: {sorted(unmatched)}")
-        run.episode.events.births += len(after - before)
+        run.episode.events.initialised += len(after - before)
         run.episode.events.deletions += len(before - after)
 
     def _measured(self, run: Run) -> np.ndarray:

@@ -1,19 +1,19 @@
-"""The prospect that policies plan with, and the scores of plans, of each run of a batch."""
+"""The predicted belief that policies plan with, and the scores of plans, of each run of a batch."""
 
 import numpy as np
 
 from activeslam_gym.envs.observation import FARTHEST_CLEARANCE
 from activeslam_gym.envs.run import Run, known_boxes, present, run_at
-from activeslam_gym.information.candidates import Prospect, prospect_of, score_plans
-from activeslam_gym.information.foresight import SensorLimits
+from activeslam_gym.information.candidates import PredictedBelief, predicted_belief_of, score_plans
 from activeslam_gym.information.net import net_of_plans
+from activeslam_gym.information.sensor_limits import SensorLimits
 from activeslam_gym.kernels import compiled
 from activeslam_gym.motion import MOTION_COUNT
 
 
 @compiled
-def prospect(run: Run) -> Prospect:
-    """The prospect of a run."""
+def predicted_belief(run: Run) -> PredictedBelief:
+    """The predicted belief of a run."""
     if not run.estimate.state.whole:
         present(run)
     fiducials, clearance = run.world.fiducials, np.full(MOTION_COUNT, np.inf)  # fiducials are known
@@ -23,7 +23,7 @@ def prospect(run: Run) -> Prospect:
                 clearance[index] = run.episode.clearance[index]
     models, boxes, first_seen = run.models, known_boxes(run), run.first_seen[: run.estimate.state.count]
     var, limits = models.landmark_var, SensorLimits(models.greatest_change, models.wanted)
-    return prospect_of(run.estimate, run.expected, var, fiducials, boxes, clearance, limits, first_seen)
+    return predicted_belief_of(run.estimate, run.expected, var, fiducials, boxes, clearance, limits, first_seen)
 
 
 @compiled
@@ -34,7 +34,7 @@ def score_runs(
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         models, time = run.models, run.episode.steps * step_time
-        score_plans(models.camera, models.motion, prospect(run), time, plans, criterion, out[i])
+        score_plans(models.camera, models.motion, predicted_belief(run), time, plans, criterion, out[i])
 
 
 @compiled
@@ -49,4 +49,4 @@ def net_of_runs(runs: Run, plans: np.ndarray, step_time: float, out: np.ndarray,
     for i in range(start, stop):
         run = run_at(runs, i, runs.estimate.covariance[i])
         models, time, left = run.models, run.episode.steps * step_time, frames_left(run)
-        net_of_plans(models.camera, models.motion, prospect(run), time, left, plans, out[0, i], out[1, i])
+        net_of_plans(models.camera, models.motion, predicted_belief(run), time, left, plans, out[0, i], out[1, i])

@@ -10,15 +10,15 @@ from gymnasium.envs.registration import EnvSpec
 
 from activeslam_gym.config import MOST_HELD_FRAMES, plain
 from activeslam_gym.envs.context import context_of
-from activeslam_gym.envs.episode import play, settle_registered
+from activeslam_gym.envs.episode import give_registered_reward, play
+from activeslam_gym.envs.identity import Labels, features_of_landmarks, landmark_errors
 from activeslam_gym.envs.perception import is_compiled, perception_of, play_rows
-from activeslam_gym.envs.planning import frames_left, net_of_runs, prospect, score_runs
-from activeslam_gym.envs.referee import Labels, features_of_landmarks, landmark_errors
+from activeslam_gym.envs.planning import frames_left, net_of_runs, predicted_belief, score_runs
 from activeslam_gym.envs.run import Run, complete
 from activeslam_gym.envs.setting import Setting
 from activeslam_gym.envs.simulation import box_scene, reset_run
 from activeslam_gym.information import candidates
-from activeslam_gym.information.candidates import Prospect, sight_after
+from activeslam_gym.information.candidates import PredictedBelief, sight_after
 from activeslam_gym.information.criteria import CRITERIA, NET
 from activeslam_gym.information.net import Forecast
 from activeslam_gym.information.registered import score_plans_with, sight_by
@@ -164,7 +164,7 @@ class Reads:
             with self._workers.alone:
                 play_rows(self._runs, self._perceptions, phases, commands, 0, len(phases))
         if self._registered_reward:
-            settle_registered(self.setting.reward, self._runs, phases)
+            give_registered_reward(self.setting.reward, self._runs, phases)
 
     # For policies ---------------------------------------------------------------------------------------------------
 
@@ -220,7 +220,7 @@ class Reads:
     def _evaluated_in_python(self, i: int, plans: np.ndarray, criterion: str) -> np.ndarray:
         """(2, A) what `_evaluated` gives run ``i``, with a registered sensor or by a registered criterion."""
         run = row(self._runs, i)
-        given, camera, time = prospect(run), run.models.camera, int(run.episode.steps) * self.gaze_period
+        given, camera, time = predicted_belief(run), run.models.camera, int(run.episode.steps) * self.gaze_period
         if criterion == "net_information":
             given = candidates.without_present(camera, given)
         var = float(camera.pixel_std**2)
@@ -313,12 +313,12 @@ class SingleReads(Reads):
         return public_belief(self._run)
 
     @property
-    def prospect(self) -> Prospect:
+    def predicted_belief(self) -> PredictedBelief:
         """What the criteria score: the belief without rays, and the landmarks that are expected and not found yet.
 
         A copy, in the form that the functions of `information` take, for policies with a criterion of their own.
         """
-        given = prospect(self._run)
+        given = predicted_belief(self._run)
         return given._replace(fiducials=given.fiducials.copy(), boxes=given.boxes.copy())
 
     @property

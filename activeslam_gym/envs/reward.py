@@ -34,7 +34,7 @@ EVALUATION = record(
 
 Potential = Callable[[Record], float]
 REWARDS: Registry[Potential] = Registry("reward")  # the potentials by name
-FORFEIT = "forfeit"  # name of the failure penalty in `info["reward_terms"]`
+LOST_PENALTY = "lost_penalty"  # name of the failure penalty in `info["reward_terms"]`
 
 
 @REWARDS.register("entropy")
@@ -86,5 +86,5 @@ def variance_reduction(e: Record) -> float:
     return -e.trace
 
 
-potential_of_number = one_of(REWARDS.seal(FORFEIT))
+potential_of_number = one_of(REWARDS.seal(LOST_PENALTY))
 """For kernels: of (number, e), the potential of that number (see `Registry.number`)."""

@@ -50,7 +50,7 @@ CONTROL = record(
 """The motion under way."""
 
 _OF_THE_FILTER = COUNTS.names or ()
-EVENTS = record(**dict.fromkeys((*_OF_THE_FILTER, "wrong_matches", "false_births", "wall_contacts"), "i8"))
+EVENTS = record(**dict.fromkeys((*_OF_THE_FILTER, "wrong_matches", "false_features", "wall_contacts"), "i8"))
 """What happened in a step: counters."""
 
 EPISODE = record(
@@ -122,7 +122,7 @@ def known_boxes(run: Run) -> np.ndarray:
 
 
 @compiled
-def felt(run: Run) -> np.ndarray:
+def odometry(run: Run) -> np.ndarray:
     """(13,) the camera that the controller reads: the estimate of a robot, the truth where a person's hand moves it.
 
     A person does not read the filter, and the filter does not know the person's commands.

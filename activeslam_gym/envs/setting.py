@@ -22,7 +22,7 @@ from activeslam_gym.envs.observation import ObservationLayout, layout_of
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.envs.run import MODELS, TASK
 from activeslam_gym.information.criteria import CRITERIA
-from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
+from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, filled
 from activeslam_gym.motion import motion_of
 from activeslam_gym.sensors.sensor import SENSORS, TEXTURED

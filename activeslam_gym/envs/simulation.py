@@ -8,9 +8,9 @@ import numpy as np
 from activeslam_gym.camera import camera_point, pixel_from_camera_point, ray_from_pixel
 from activeslam_gym.config import UNIFORM, Scenario
 from activeslam_gym.envs.disproof import VIEWS, disprove
+from activeslam_gym.envs.identity import OWNER, judge_matches, match_to_truth, true_id
 from activeslam_gym.envs.observation import layout_of
-from activeslam_gym.envs.referee import OWNER, judge_matches, reconcile, true_id
-from activeslam_gym.envs.run import EPISODE, MODELS, Run, felt, known_boxes, present
+from activeslam_gym.envs.run import EPISODE, MODELS, Run, known_boxes, odometry, present
 from activeslam_gym.envs.setting import Setting, models_of
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.information.expectation import EXPECTED, VIEW, WAITING, find_counting, update_expectation
@@ -18,7 +18,7 @@ from activeslam_gym.kernels import compiled, row
 from activeslam_gym.linalg import copy_into
 from activeslam_gym.motion import POSITION, QUATERNION, accelerations, goal_by, turn_by
 from activeslam_gym.sensors.sensor import TEXTURED
-from activeslam_gym.slam.association import ANYTHING, DETECTION
+from activeslam_gym.slam.association import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.belief import (
     empty_beliefs,
     feature_capacity,
@@ -29,7 +29,7 @@ from activeslam_gym.slam.belief import (
 )
 from activeslam_gym.slam.estimate import empty_estimates
 from activeslam_gym.slam.frame import filter_frame
-from activeslam_gym.slam.kalman import feel_contact
+from activeslam_gym.slam.kalman import update_contact
 from activeslam_gym.world.room import draw_room, expected_points, varied
 from activeslam_gym.world.scenes import BoxScene, Scene
 from activeslam_gym.world.simulator import (
@@ -146,7 +146,7 @@ def begin_motion(run: Run, command: np.ndarray, reach: float) -> None:
     Where there are boxes it stops short of what is in the way, or keeps off it on all sides. ``reach``: so far a
     registered scene lets the camera go [m]; infinite where there is none.
     """
-    control, motion, camera = run.episode.control, run.models.motion, felt(run)
+    control, motion, camera = run.episode.control, run.models.motion, odometry(run)
     d = motion.step_length * command[:3]
     copy_into(control.command, command[:3])
     if motion.bodies:
@@ -165,7 +165,7 @@ def advance(run: Run, gaze: float, ends: bool) -> None:
     ``gaze`` is a share of the turn rate. ``ends``: the frame is the last of a step, whose estimate is whole.
     """
     u, contact = drive(run, gaze)
-    take_in(run, u, contact, sense(run), ends)
+    update_estimate(run, u, contact, sense(run), ends)
 
 
 @compiled
@@ -174,7 +174,7 @@ def drive(run: Run, gaze: float) -> tuple[np.ndarray, bool]:
     motion, control = run.models.motion, run.episode.control
     turn = turn_by(motion, gaze, run.world.state.frame * motion.dt)
     seconds = control.frames * motion.dt
-    u = accelerations(motion, felt(run), control.start, control.goal, seconds, turn)
+    u = accelerations(motion, odometry(run), control.start, control.goal, seconds, turn)
     contacts = move(motion, run.world, u)
     run.episode.events.wall_contacts += contacts
     control.frames += 1
@@ -197,12 +197,14 @@ def identify(run: Run) -> bool:
     task = run.models.task
     labelled = task.association_known or (task.labelled_first_match and run.world.state.frame == 0)
     for i in range(run.episode.detections):
-        run.candidate[i].id = true_id(run.owner, run.world.fiducials.shape[0], run.label[i]) if labelled else ANYTHING
+        run.candidate[i].id = (
+            true_id(run.owner, run.world.fiducials.shape[0], run.label[i]) if labelled else UNASSOCIATED
+        )
     return labelled
 
 
 @compiled
-def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) -> None:
+def update_estimate(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) -> None:
     """The part of a frame after the detections, by the compiled filter; see `advance` and `drive`.
 
     In the middle of a step the estimate has what `close_frame` reads.
@@ -210,7 +212,7 @@ def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) 
     models, world = run.models, run.world
     motion, candidates = models.motion, run.candidate[: run.episode.detections]
     if contact:
-        feel_contact(run.ekf, u, motion.dt)
+        update_contact(run.ekf, u, motion.dt)
     boxes, events = known_boxes(run), run.episode.events
     filter_frame(models, run.ekf, world.fiducials, boxes, u, candidates, labelled, events)
     if ends:
@@ -225,10 +227,10 @@ def take_in(run: Run, u: np.ndarray, contact: bool, labelled: bool, ends: bool) 
 def account(run: Run) -> None:
     """After the estimator: the data association by the hidden labels, wrong matches and features from clutter."""
     events, count, K = run.episode.events, run.episode.detections, run.world.fiducials.shape[0]
-    reconcile(run.owner, run.estimate)
+    match_to_truth(run.owner, run.estimate)
     wrong, false = judge_matches(run.owner, run.estimate, K, run.candidate[:count], run.label[:count])
     events.wrong_matches += wrong
-    events.false_births += false
+    events.false_features += false
     close_frame(run)
 
 

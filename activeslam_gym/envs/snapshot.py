@@ -117,8 +117,8 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
     """
     belief, truth = public_belief(run), truth_of(run.world)
     scenario, episode, image = setting.scenario, run.episode, getattr(perception, "image", None)
-    things = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, known_boxes(run))
-    drawn = len(things.thing) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
+    points = sight_of_belief(run.models.camera, run.ekf, run.world.fiducials, known_boxes(run))
+    drawn = len(points.point) if scenario.estimator in COMPILED else 0  # another estimator's predictions are its own
     own = 2 * np.arange(drawn)[:, None, None] + np.arange(2)
     return Snapshot(
         scenario=scenario,
@@ -140,8 +140,8 @@ def snapshot_of(setting: Setting, run: Run, gaze: Gaze, history: History, percep
         mapped=belief.mapped,
         expected_landmarks=run.expected["point"][run.expected["serial"] == WAITING],
         detections=run.candidate["pixel"][: episode.detections].copy(),
-        predicted=things.thing["z_hat"][:drawn].copy(),
-        predicted_covariance=things.S[np.swapaxes(own, 1, 2), own],
+        predicted=points.point["z_hat"][:drawn].copy(),
+        predicted_covariance=points.S[np.swapaxes(own, 1, 2), own],
         **history.arrays(),
         image_size=np.array([scenario.image_width, scenario.image_height], float),
         image=image,

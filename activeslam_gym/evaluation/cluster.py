@@ -139,8 +139,8 @@ def on_cluster(
                     schedule.alone.append((group, chunk))
                     continue
                 if kind not in kinds:
-                    told = f"{name} has another processor, {kind}: its scores may differ in their last digits."
-                    print(told, file=sys.stderr, flush=True)
+                    warning = f"{name} has another processor, {kind}: its scores may differ in their last digits."
+                    print(warning, file=sys.stderr, flush=True)
                     kinds.add(kind)
                 outcomes, seconds = pickle.loads(played)
                 group.cost = min(group.cost, seconds / len(chunk))

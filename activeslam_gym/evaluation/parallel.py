@@ -39,8 +39,8 @@ def run_all(
             else:
                 yield task, result
     if failed:
-        told = f"{len(failed)} of {len(tasks)} failed, such as {'; '.join(map(str, failed[:3]))}"
-        raise ValueError(told) if failed[1:] else failed[0]
+        message = f"{len(failed)} of {len(tasks)} failed, such as {'; '.join(map(str, failed[:3]))}"
+        raise ValueError(message) if failed[1:] else failed[0]
 
 
 def _in_processes(

@@ -121,8 +121,8 @@ class _Recorder:
                     observer(core, info)
                 if due:
                     self._samples[i].append(_sample(core, info))
-        told = infos["lost"], infos["landmarks_mapped"], infos["log2_det"]["total"]
-        self._seen.append((self._rows[0].time, *map(np.atleast_1d, told)))
+        values = infos["lost"], infos["landmarks_mapped"], infos["log2_det"]["total"]
+        self._seen.append((self._rows[0].time, *map(np.atleast_1d, values)))
         self._events.append({name: n for name, n in infos["events"].items() if not name.startswith("_")})
 
     def episodes(self, name: str, seeds: Sequence[int], settings: str) -> list[Episode]:

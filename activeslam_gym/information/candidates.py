@@ -14,7 +14,7 @@ from activeslam_gym.geometry import rotate_left, rotation_matrix
 from activeslam_gym.information.criteria import criterion_of_number
 from activeslam_gym.information.entropy import gathered
 from activeslam_gym.information.expectation import WAITING, waiting_count
-from activeslam_gym.information.foresight import UNLIMITED, SensorLimits
+from activeslam_gym.information.sensor_limits import UNLIMITED, SensorLimits
 from activeslam_gym.kernels import Record, compiled, record
 from activeslam_gym.linalg import cholesky_in_place, copy_block, copy_into, solve_transposed, subtract_symmetric
 from activeslam_gym.motion import (
@@ -47,7 +47,7 @@ REMAIN = -1  # in place of a motion: the present position, even where it is outs
 TURNING = ANGULAR_VELOCITY.start + 1  # where the rate about the vertical stands in a camera's mean
 
 
-class Prospect(NamedTuple):
+class PredictedBelief(NamedTuple):
     """What a policy plans with: points to be seen, features of the map and expected landmarks alike. M points."""
 
     camera: np.ndarray
@@ -67,11 +67,11 @@ class Prospect(NamedTuple):
     limits: SensorLimits = UNLIMITED
     """Those of the sensor."""
     first_seen: np.ndarray = np.zeros((0, 3))
-    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `foresee`."""
+    """(k, 3) where the camera was when each of the leading k points was initialised [m]; see `visible_points`."""
 
 
 @compiled
-def prospect_of(
+def predicted_belief_of(
     estimate: EstimateArrays,
     expected: np.ndarray,
     landmark_var: np.ndarray,
@@ -80,7 +80,7 @@ def prospect_of(
     clearance: np.ndarray,
     limits: SensorLimits,
     first_seen: np.ndarray,
-) -> Prospect:
+) -> PredictedBelief:
     """The estimate without rays, and the waiting ones of ``expected`` (N,) with their variance (3,).
 
     ``first_seen`` (k, 3) is of all landmarks of the estimate, rays included, or k is 0.
@@ -101,7 +101,7 @@ def prospect_of(
             for i in range(3):
                 P[CAMERA_DIM + 3 * n + i, CAMERA_DIM + 3 * n + i] = landmark_var[i]
             n += 1
-    return Prospect(
+    return PredictedBelief(
         estimate.state.camera.copy(), points, P, fiducials, boxes, waiting, clearance, limits, own_first_seen
     )
 
@@ -120,11 +120,13 @@ def pose_after(motion: Record, camera: np.ndarray, index: int, turn: float, fram
 
 
 @compiled
-def goal_pose(motion: Record, prospect: Prospect, pose: np.ndarray, index: int, turn: float, frames: int) -> np.ndarray:
+def goal_pose(
+    motion: Record, belief: PredictedBelief, pose: np.ndarray, index: int, turn: float, frames: int
+) -> np.ndarray:
     """`pose_after` from ``pose`` (13,), short of what is in the way."""
     after = pose_after(motion, pose, index, turn, frames)
     if motion.bodies:
-        stop_short(motion, prospect, pose, after)
+        stop_short(motion, belief, pose, after)
     return after
 
 
@@ -145,19 +147,19 @@ def propagated(motion: Record, P: np.ndarray, turn: float, frames: int) -> np.nd
 
 
 @compiled
-def foresee(camera: Record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
+def visible_points(camera: Record, belief: PredictedBelief, pose: np.ndarray) -> np.ndarray:
     """(M,) bool: which of the points the sensor can measure from ``pose`` (13,), if they are in its image.
 
     The leading points are features; where ``first_seen`` is NaN, and where it is empty, every side will do. The others
     are expected landmarks: as many of those in view as there is room for beside the features in view, the first ones,
     since any may stand for another.
     """
-    points, limits, first_seen = prospect.points, prospect.limits, prospect.first_seen
+    points, limits, first_seen = belief.points, belief.limits, belief.first_seen
     seen = np.ones(points.shape[0], np.bool_)
     if limits.greatest_change == math.inf:
         return seen
-    room, z, view = limits.wanted, np.empty(2), view_of(camera, pose, prospect.boxes)
-    for fiducial in prospect.fiducials:
+    room, z, view = limits.wanted, np.empty(2), view_of(camera, pose, belief.boxes)
+    for fiducial in belief.fiducials:
         room -= visible(view, fiducial, 0.0, z)
     for i in range(points.shape[0]):
         if i < first_seen.shape[0]:
@@ -170,10 +172,10 @@ def foresee(camera: Record, prospect: Prospect, pose: np.ndarray) -> np.ndarray:
 
 
 @compiled
-def sight_after(camera: Record, prospect: Prospect, P: np.ndarray, pose: np.ndarray) -> Sight:
+def sight_after(camera: Record, belief: PredictedBelief, P: np.ndarray, pose: np.ndarray) -> Sight:
     """What is in view of ``pose`` (13,), with the covariance ``P``."""
-    seen = foresee(camera, prospect, pose)
-    return sight_of_points(camera, prospect.boxes, pose, prospect.fiducials, prospect.points, seen, P)
+    seen = visible_points(camera, belief, pose)
+    return sight_of_points(camera, belief.boxes, pose, belief.fiducials, belief.points, seen, P)
 
 
 @compiled
@@ -188,7 +190,13 @@ def updated(P: np.ndarray, sight: Sight) -> np.ndarray:
 
 @compiled
 def score_plans(
-    camera: Record, motion: Record, prospect: Prospect, time: float, plans: np.ndarray, criterion: int, out: np.ndarray
+    camera: Record,
+    motion: Record,
+    belief: PredictedBelief,
+    time: float,
+    plans: np.ndarray,
+    criterion: int,
+    out: np.ndarray,
 ) -> None:
     """Write into ``out`` (A,) what each of ``plans`` (A, L) of ACTION would teach, from ``time`` [s] on.
 
@@ -196,10 +204,10 @@ def score_plans(
     updated by the measurements expected there, and propagated on. What consecutive plans have in common, the leading
     actions or the gaze and the frames of the last, is worked out once.
     """
-    size, L = prospect.covariance.shape[0], plans.shape[1]
+    size, L = belief.covariance.shape[0], plans.shape[1]
     after, measured = np.empty((L, size, size)), np.empty((L - 1, size, size))  # covariances at each action's end
     poses, gained = np.empty((L + 1, CAMERA_SIZE)), np.zeros(L + 1)
-    copy_into(poses[0], prospect.camera)
+    copy_into(poses[0], belief.camera)
     for a in range(plans.shape[0]):
         same, elapsed = a > 0, 0
         for step in range(L):
@@ -212,12 +220,12 @@ def score_plans(
             turn = turn_of(motion, action.gaze, time + elapsed * motion.dt)
             elapsed += action.frames
             if not turned:
-                before = prospect.covariance if step == 0 else measured[step - 1]
+                before = belief.covariance if step == 0 else measured[step - 1]
                 copy_block(before, after[step])
                 propagate_by(motion, after[step], turn, action.frames)
-            pose = goal_pose(motion, prospect, poses[step], action.motion, turn, action.frames)
+            pose = goal_pose(motion, belief, poses[step], action.motion, turn, action.frames)
             copy_into(poses[step + 1], pose)
-            sight = sight_after(camera, prospect, after[step], pose)
+            sight = sight_after(camera, belief, after[step], pose)
             taught = criterion_of_number(criterion, after[step], sight, camera.pixel_std**2)
             gained[step + 1] = gained[step] + taught
             if step < L - 1:
@@ -226,7 +234,7 @@ def score_plans(
 
 
 @compiled
-def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np.ndarray) -> None:
+def stop_short(motion: Record, belief: PredictedBelief, before: np.ndarray, after: np.ndarray) -> None:
     """Move the position of ``after`` back to where the camera can get from that of ``before``, both (>= 3,).
 
     The known boxes end the way from ``before``; the sensed clearances bound all positions of a plan, as a box in the
@@ -235,10 +243,10 @@ def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np
     gap, length = motion.goal_margin - motion.wall_margin, distance_between(before, after)
     if length == 0.0:
         return
-    way, R_WC, now = np.empty(3), rotation_matrix(prospect.camera[QUATERNION]), prospect.camera
+    way, R_WC, now = np.empty(3), rotation_matrix(belief.camera[QUATERNION]), belief.camera
     for i in range(3):
         way[i] = (after[i] - before[i]) * (1.0 + gap / length)
-    share = (free_way(prospect.boxes, motion.wall_margin, before, way) * (length + gap) - gap) / length
+    share = (free_way(belief.boxes, motion.wall_margin, before, way) * (length + gap) - gap) / length
     for i in range(3):
         way[i] = before[i] + max(share, 0.0) * (after[i] - before[i]) - now[i]
         after[i] = now[i]
@@ -246,30 +254,30 @@ def stop_short(motion: Record, prospect: Prospect, before: np.ndarray, after: np
         axis, sign, along = MOTION_AXIS[index], MOTION_SIGN[index], 0.0
         for i in range(3):
             along += R_WC[i, axis] * way[i]
-        ahead, behind = max(prospect.clearance[index] - gap, 0.0), max(prospect.clearance[index + 1] - gap, 0.0)
+        ahead, behind = max(belief.clearance[index] - gap, 0.0), max(belief.clearance[index + 1] - gap, 0.0)
         along = sign * min(max(sign * along, -behind), ahead)
         for i in range(3):
             after[i] += R_WC[i, axis] * along
 
 
 @compiled
-def unshown(camera: Record, prospect: Prospect) -> Prospect:
-    """The prospect with NaN for the expected landmarks that the present image would show: nothing was found there."""
-    now, boxes, points, z = prospect.camera, prospect.boxes, prospect.points.copy(), np.empty(2)
+def unshown(camera: Record, belief: PredictedBelief) -> PredictedBelief:
+    """The belief with NaN for the expected landmarks that the present image would show: nothing was found there."""
+    now, boxes, points, z = belief.camera, belief.boxes, belief.points.copy(), np.empty(2)
     view = view_of(camera, now, boxes)
-    for k in range(points.shape[0] - prospect.waiting, points.shape[0]):
+    for k in range(points.shape[0] - belief.waiting, points.shape[0]):
         if visible(view, points[k], 0.0, z):
             points[k] = np.nan
-    given = prospect.waiting, prospect.clearance, prospect.limits, prospect.first_seen
-    return Prospect(now, points, prospect.covariance, prospect.fiducials, boxes, *given)
+    given = belief.waiting, belief.clearance, belief.limits, belief.first_seen
+    return PredictedBelief(now, points, belief.covariance, belief.fiducials, boxes, *given)
 
 
-def without_present(camera: Record, prospect: Prospect) -> Prospect:
-    """The prospect without those landmarks."""
-    shown = np.isnan(unshown(camera, prospect).points[:, 0]) & np.isfinite(prospect.points[:, 0])
+def without_present(camera: Record, belief: PredictedBelief) -> PredictedBelief:
+    """The predicted belief without those landmarks."""
+    shown = np.isnan(unshown(camera, belief).points[:, 0]) & np.isfinite(belief.points[:, 0])
     kept = np.flatnonzero(~shown)
-    P, waiting = gathered(prospect.covariance, kept[:0], kept), prospect.waiting - len(prospect.points) + len(kept)
-    return prospect._replace(points=prospect.points[kept], covariance=P, waiting=waiting)
+    P, waiting = gathered(belief.covariance, kept[:0], kept), belief.waiting - len(belief.points) + len(kept)
+    return belief._replace(points=belief.points[kept], covariance=P, waiting=waiting)
 
 
 def checked_plans(plans: Any) -> np.ndarray:
@@ -280,8 +288,8 @@ def checked_plans(plans: Any) -> np.ndarray:
     """
     array = np.asarray(plans)
     if array.dtype != ACTION or array.ndim != 2 or array.shape[1] == 0:
-        told = "plans must be an array (A, L) of activeslam_gym.information.candidates.ACTION (motion, gaze, frames)"
-        raise ValueError(f"{told}: np.array([[(Motion.LEFT, Gaze.STAY, 20)]], ACTION), for example; got {plans!r}")
+        message = "plans must be an array (A, L) of activeslam_gym.information.candidates.ACTION (motion, gaze, frames)"
+        raise ValueError(f"{message}: np.array([[(Motion.LEFT, Gaze.STAY, 20)]], ACTION), for example; got {plans!r}")
     least, limit = (REMAIN, 0, 0), (MOTION_COUNT, GAZE_COUNT, np.inf)
     for name, low, high in zip(ACTION.names or (), least, limit, strict=True):
         if not ((array[name] >= low) & (array[name] < high)).all():

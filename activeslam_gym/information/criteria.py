@@ -65,11 +65,11 @@ def mutual_information_position_map(P: np.ndarray, sight: Sight, pixel_var: floa
 @compiled
 def _whitened(P: np.ndarray, sight: Sight) -> np.ndarray:
     """A (2 v, 12 + 3 M) with A^T A = J = sum_i H_i^T S_i^-1 H_i: the rows U_i^-T H_i, where S_i = U_i^T U_i."""
-    A = np.zeros((2 * sight.thing.shape[0], P.shape[0]))
-    for a in range(sight.thing.shape[0]):
-        thing, rows, U = sight.thing[a], A[2 * a : 2 * a + 2], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2].copy()
-        copy_block(thing.H_camera, rows)
-        copy_block(thing.H_feature[:, : thing.width], rows[:, thing.column :])
+    A = np.zeros((2 * sight.point.shape[0], P.shape[0]))
+    for a in range(sight.point.shape[0]):
+        point, rows, U = sight.point[a], A[2 * a : 2 * a + 2], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2].copy()
+        copy_block(point.H_camera, rows)
+        copy_block(point.H_feature[:, : point.width], rows[:, point.column :])
         cholesky_in_place(U)
         solve_transposed(U, rows)
     return A

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from activeslam_gym.camera import view_of, visible
-from activeslam_gym.information.candidates import Prospect, foresee, goal_pose, unshown
+from activeslam_gym.information.candidates import PredictedBelief, goal_pose, unshown, visible_points
 from activeslam_gym.kernels import Record, borrowing, compiled
 from activeslam_gym.linalg import (
     add_product,
@@ -30,7 +30,7 @@ from activeslam_gym.linalg import (
     subtract_symmetric,
 )
 from activeslam_gym.motion import CAMERA_DIM, open_loop, turn_of
-from activeslam_gym.slam.sight import POSE_DIM, THING, point_measurement
+from activeslam_gym.slam.sight import MAP_POINT, POSE_DIM, point_measurement
 
 ABSENT = -1  # in place of a point's first row in Y: it is not in the state yet
 
@@ -67,7 +67,7 @@ class Course(NamedTuple):
 def net_of_plans(
     camera: Record,
     motion: Record,
-    prospect: Prospect,
+    belief: PredictedBelief,
     time: float,
     frames: int,
     plans: np.ndarray,
@@ -80,7 +80,7 @@ def net_of_plans(
     measurements that the sensor foresees there are taken, once for each frame of the action: R over their number.
     ``net`` is NaN where the covariance is not positive definite.
     """
-    rest, most = unshown(camera, prospect), 3 * plans.shape[1] + 3
+    rest, most = unshown(camera, belief), 3 * plans.shape[1] + 3
     M = rest.points.shape[0]
     size = CAMERA_DIM + 3 * (M - rest.waiting)
     U, inverse = rest.covariance[:size, :size].copy(), diagonal(np.ones(size))
@@ -93,7 +93,7 @@ def net_of_plans(
     noise = Noise(np.empty(most), np.zeros(most, np.int64), np.empty(shape), np.empty(shape), np.empty(shape))
     C, J, pose = np.empty((CAMERA_DIM, CAMERA_DIM)), np.empty((POSE_DIM, POSE_DIM)), rest.camera
     Y, start = np.zeros((CAMERA_DIM + 3 * M, CAMERA_DIM + 3 * M)), CAMERA_DIM + 3 * np.arange(M)
-    things = np.empty(1, THING)
+    points = np.empty(1, MAP_POINT)
     for a in range(plans.shape[0]):
         copy_block(Y_begin, Y)
         start[M - rest.waiting :] = ABSENT
@@ -112,7 +112,7 @@ def net_of_plans(
                 copy_block(product(noise.forth[k], product(noise.forth[k], C).T), C)
                 position_std[a] = max(position_std[a], math.sqrt(C[0, 0] + C[1, 1] + C[2, 2]))
             pose = goal_pose(motion, rest, pose, action.motion, turn, taken)
-            n, added = _measure(camera, rest, Course(pose, start, J, max(taken, 1)), n, Y, things[0])
+            n, added = _measure(camera, rest, Course(pose, start, J, max(taken, 1)), n, Y, points[0])
             _update(C, J)
             prior, elapsed = prior + added, elapsed + taken
         net[a] = 0.5 * (log2_det(Y[:n, :n]) - begin - prior)
@@ -195,17 +195,17 @@ def _downdate(G: np.ndarray, k: int, Y: np.ndarray, n: int) -> np.ndarray:
 
 @compiled
 def _measure(
-    camera: Record, prospect: Prospect, course: Course, n: int, Y: np.ndarray, thing: Record
+    camera: Record, belief: PredictedBelief, course: Course, n: int, Y: np.ndarray, point: Record
 ) -> tuple[int, float]:
     """Y += H^T R^-1 H of each fiducial and point that is measured; fiducials and mapped points add to J too.
 
     An expected landmark enters the state when it is first measured, and takes room among what the sensor initialises
     all along. Returns the new size of the state, and log2 |Y| of the priors of those that entered.
     """
-    (pose, start, J, images), fiducials, points = course, prospect.fiducials, prospect.points
-    seen, P = foresee(camera, prospect, pose), prospect.covariance
-    view, weight, prior = view_of(camera, pose, prospect.boxes), images / camera.pixel_std**2, 0.0
-    z, H_x, H_y = thing.z_hat, thing.H_camera, thing.H_feature
+    (pose, start, J, images), fiducials, points = course, belief.fiducials, belief.points
+    seen, P = visible_points(camera, belief, pose), belief.covariance
+    view, weight, prior = view_of(camera, pose, belief.boxes), images / camera.pixel_std**2, 0.0
+    z, H_x, H_y = point.z_hat, point.H_camera, point.H_feature
     J[:] = 0.0
     for fiducial in fiducials:
         if visible(view, fiducial, 0.0, z) and point_measurement(view, fiducial, z, H_x, H_y):
@@ -223,7 +223,7 @@ def _measure(
                 Y[i, i] = 1.0 / P[row, row]
                 prior += math.log2(Y[i, i])
             start[k], n = n, n + 3
-        if k < points.shape[0] - prospect.waiting:
+        if k < points.shape[0] - belief.waiting:
             row = CAMERA_DIM + 3 * k
             _add_information(H_x, H_y, P[row : row + 3, row : row + 3], 1.0 / weight, J)
         column = start[k]

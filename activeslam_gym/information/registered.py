@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from activeslam_gym.information.candidates import Prospect, goal_pose, propagated, updated
+from activeslam_gym.information.candidates import PredictedBelief, goal_pose, propagated, updated
 from activeslam_gym.information.criteria import CRITERIA
 from activeslam_gym.kernels import Record
 from activeslam_gym.linalg import cholesky_in_place, log2_det
 from activeslam_gym.motion import CAMERA_DIM, POSITION, turn_of
 from activeslam_gym.registry import array_of
 from activeslam_gym.slam.estimate import Estimate
-from activeslam_gym.slam.sight import INSIDE, THING, Sight, sight_with
+from activeslam_gym.slam.sight import INSIDE, MAP_POINT, Sight, sight_with
 
 
 def score_plans_with(
     look: Callable[[np.ndarray, np.ndarray], Sight],
     motion: Record,
-    prospect: Prospect,
+    belief: PredictedBelief,
     time: float,
     plans: np.ndarray,
     criterion: str,
@@ -38,7 +38,7 @@ def score_plans_with(
     """
     (out, position_std), net = np.zeros((2, len(plans))), criterion == "net_information"
     for a, plan in enumerate(plans):
-        P, pose, elapsed = prospect.covariance, prospect.camera, 0
+        P, pose, elapsed = belief.covariance, belief.camera, 0
         for action in plan:
             if net and elapsed >= frames:
                 break
@@ -48,7 +48,7 @@ def score_plans_with(
             if net:
                 position_std[a] = max(position_std[a], math.sqrt(max(np.trace(P[POSITION, POSITION]), 0.0)))
                 out[a] -= 0.5 * (log2_det(P) - log2_det(before))
-            pose, elapsed = goal_pose(motion, prospect, pose, int(action["motion"]), turn, taken), elapsed + taken
+            pose, elapsed = goal_pose(motion, belief, pose, int(action["motion"]), turn, taken), elapsed + taken
             sight, var = look(P, pose), pixel_var
             if net:  # as often as there are frames
                 var = pixel_var / max(taken, 1)
@@ -63,22 +63,22 @@ def score_plans_with(
 
 
 def sight_by(
-    model: Any, prospect: Prospect, estimate: Estimate, pixel_var: float, P: np.ndarray, pose: np.ndarray
+    model: Any, belief: PredictedBelief, estimate: Estimate, pixel_var: float, P: np.ndarray, pose: np.ndarray
 ) -> Sight:
     """The measurements that the ``model`` of a sensor foresees from ``pose`` (13,), each as rows in pairs."""
-    K, points = len(prospect.fiducials), np.concatenate((prospect.fiducials, prospect.points))
-    seen = np.flatnonzero(array_of("foresee()", model.foresee(estimate, pose, points), (len(points),), bool)).tolist()
+    K, places = len(belief.fiducials), np.concatenate((belief.fiducials, belief.points))
+    seen = np.flatnonzero(array_of("visible()", model.visible(estimate, pose, places), (len(places),), bool)).tolist()
     whitening = np.sqrt(pixel_var) * np.linalg.inv(np.linalg.cholesky(model.noise))
     pairs = (len(model.noise) + 1) // 2
-    things = np.zeros(pairs * len(seen), THING)
+    points = np.zeros(pairs * len(seen), MAP_POINT)
     for a, row in enumerate(seen):
-        _, H_x, H_y = model.predict(pose, points[row])
+        _, H_x, H_y = model.predict(pose, places[row])
         for H, field, width in ((H_x, "H_camera", 6), (H_y, "H_feature", 3)):
             rows = np.zeros((2 * pairs, 6))
             rows[: len(whitening), :width] = whitening @ array_of("a Jacobian", H, (len(whitening), width))
-            things[field][pairs * a : pairs * (a + 1)] = rows.reshape(pairs, 2, 6)
-        own = things[pairs * a : pairs * (a + 1)]
+            points[field][pairs * a : pairs * (a + 1)] = rows.reshape(pairs, 2, 6)
+        own = points[pairs * a : pairs * (a + 1)]
         own["row"], own["visibility"] = row, INSIDE
         own["column"], own["width"] = (CAMERA_DIM + 3 * (row - K), 3) if row >= K else (0, 0)
-    things["R"] = pixel_var * np.eye(2)
-    return sight_with(things, P, len(P))
+    points["R"] = pixel_var * np.eye(2)
+    return sight_with(points, P, len(P))

@@ -123,7 +123,7 @@ class CandidateScores:
     def score(self, motion: int) -> float:
         """Mutual information of ``motion`` [bit]; NaN where the covariance is not positive definite."""
         out, plan, expected = np.empty(1), self._plans[motion : motion + 1], self.expected
-        score_plans(expected.camera, self._motion, expected.prospect(), 0.0, plan, self._criterion, out)
+        score_plans(expected.camera, self._motion, expected.predicted_belief(), 0.0, plan, self._criterion, out)
         return float(out[0])
 
 

@@ -15,13 +15,13 @@ from activeslam_gym.kernels import compilations
 from activeslam_gym.live.advice import CandidateScores, MakeAdviser
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.source import GuidanceError, posed
+from activeslam_gym.vision.board_calibration import BOARD, BoardCalibration
 from activeslam_gym.vision.calibration import Calibration
 from activeslam_gym.vision.frontend import FrontEnd
 from activeslam_gym.vision.other_lenses import Straighten, lens_from
 from activeslam_gym.vision.sources import Frame
 from activeslam_gym.vision.target import read_target
 from activeslam_gym.vision.track import start
-from activeslam_gym.vision.waving import BOARD, Waving
 
 BROWSER = "browser"
 """The name of this source."""
@@ -33,8 +33,8 @@ _ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 
 class Device:
     """A device's camera before a known ``target``, of about ``rate`` images a second [Hz].
 
-    Without a ``calibration`` it is calibrated first, by waving the board of `waving`, and the lens is written to
-    ``unknown``, or lens.json. Without a ``target`` that board is it.
+    Without a ``calibration`` it is calibrated first, by waving the board of `board_calibration`, and the lens is
+    written to ``unknown``, or lens.json. Without a ``target`` that board is it.
 
     Raises:
         ValueError, OSError: a file or the rate is bad.
@@ -53,7 +53,8 @@ class Device:
     ) -> None:
         self.images: Any = get_context("spawn").Queue(1)
         """Times [s] and images, of the page's process."""
-        self._waving, self._file = Waving() if calibration is None else None, Path(unknown or "lens.json")
+        self._board_calibration = BoardCalibration() if calibration is None else None
+        self._file = Path(unknown or "lens.json")
         if calibration is None:
             demand_writable(self._file.parent)
         self._calibration, self._straighten = _ROUGHLY if calibration is None else lens_from(calibration, camera)
@@ -76,14 +77,14 @@ class Device:
     @property
     def calibrating(self) -> bool:
         """Whether the lens is still unknown."""
-        return self._waving is not None
+        return self._board_calibration is not None
 
-    def _calibrate(self, waving: Waving, image: np.ndarray) -> None:
+    def _calibrate(self, board_calibration: BoardCalibration, image: np.ndarray) -> None:
         """Take a view; once the lens is known, write it and use it. Raises GuidanceError: it is not known."""
-        words = waving.add(image)
-        if waving.fit is None:
+        words = board_calibration.add(image)
+        if board_calibration.fit is None:
             raise GuidanceError(f"Calibration: {words}")
-        self._calibration, self._waving = waving.fit.calibration, None
+        self._calibration, self._board_calibration = board_calibration.fit.calibration, None
         self._fields, self.scenario = posed(self._calibration, self._rate)
         with written_whole(self._file) as unfinished:
             unfinished.write_text(json.dumps(self._calibration._asdict(), indent=1) + "\n")
@@ -129,8 +130,8 @@ class Device:
             GuidanceError: it is being calibrated, or kernels are still compiled.
             ValueError: the image does not show the target.
         """
-        if self._waving is not None:
-            self._calibrate(self._waving, image)
+        if self._board_calibration is not None:
+            self._calibrate(self._board_calibration, image)
         if self._warming.is_alive():
             raise GuidanceError(f"{_COMPILING} (kernels so far: {compilations()}).")
         return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)

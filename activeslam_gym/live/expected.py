@@ -9,10 +9,10 @@ import numpy as np
 
 from activeslam_gym.config import Scenario
 from activeslam_gym.envs.outside import OutsideRun
-from activeslam_gym.information.candidates import Prospect, prospect_of
+from activeslam_gym.information.candidates import PredictedBelief, predicted_belief_of
 from activeslam_gym.information.entropy import gathered, log2_dets
 from activeslam_gym.information.expectation import EXPECTED, WAITING, update_expectation
-from activeslam_gym.information.foresight import SensorLimits
+from activeslam_gym.information.sensor_limits import SensorLimits
 from activeslam_gym.kernels import record
 from activeslam_gym.linalg import cholesky_in_place
 from activeslam_gym.motion import MOTION_COUNT
@@ -42,12 +42,12 @@ class ExpectedMap:
         """Assign landmarks to features, after a frame."""
         update_expectation(self._expected, self.landmark_var, self._front_end.estimate())
 
-    def prospect(self) -> Prospect:
+    def predicted_belief(self) -> PredictedBelief:
         """The input of a planner."""
         filter, clearance = self._filter, np.full(MOTION_COUNT, np.inf)
         first_seen, places = self._front_end.first_seen(filter.ids), (filter.fiducials, filter.boxes)
         own = self._front_end.estimate(), self._expected, self.landmark_var
-        return prospect_of(*own, *places, clearance, self._limits, first_seen)
+        return predicted_belief_of(*own, *places, clearance, self._limits, first_seen)
 
     def outside_run(self, scenario: Scenario, period: float) -> OutsideRun:
         """What stands in for an environment before a policy that decides once a ``period`` [s]."""

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from activeslam_gym.vision.board_calibration import sheet
 from activeslam_gym.vision.opencv import opencv
-from activeslam_gym.vision.waving import sheet
 
 SIDE = 640
 """Longest side of the images that a device is asked for [px]."""

@@ -149,7 +149,7 @@ class Session:
             advised=adviser.advised.copy() if adviser else np.zeros(MOTION_COUNT, int),
             log2_dets=self.expected.log2_dets() if self.expected else np.full(3, np.nan),
             landmarks=len(self._mapped),
-            initialised=log.births if log else 0,
+            initialised=log.initialised if log else 0,
             follows=None if person is None else person.habit == FOLLOW,
             truth=None if person is None else person.state.copy(),
             milliseconds=1e3 * (time.thread_time() - began),

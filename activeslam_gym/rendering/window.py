@@ -40,8 +40,8 @@ class Window:
                 self._picture = Picture(*_on_screen(self.size, "render_mode='human' needs a screen and none was found"))
             except NoScreen as error:
                 self._no_screen = True
-                told = f"{error}: nothing is shown; render_mode='rgb_array' draws without one"
-                warnings.warn(told, NoScreenWarning, stacklevel=2)
+                message = f"{error}: nothing is shown; render_mode='rgb_array' draws without one"
+                warnings.warn(message, NoScreenWarning, stacklevel=2)
         if self._picture is not None and _is_open(self._picture.figure):
             self._picture.update(snapshot)
             self._picture.figure.canvas.draw()

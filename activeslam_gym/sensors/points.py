@@ -28,7 +28,7 @@ class PointModel:
             z[:] = np.nan
         return z, H_x, H_y
 
-    def foresee(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(m,) bool: which of the ``points`` (m, 3) would be measured: those `in_view`."""
         return self.in_view(camera, points)
 

@@ -39,7 +39,7 @@ class SensorModel(Protocol):
         """The measurement (d,) of a world ``point`` (3,) from ``camera`` (13,), and its Jacobians by the camera's
         position and rotation, (d, 6), and by the point, (d, 3). Rotation is perturbed in the world frame."""
 
-    def foresee(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def visible(self, estimate: Estimate, camera: np.ndarray, points: np.ndarray) -> np.ndarray:
         """(m,) bool: which of the ``points`` (m, 3) would be measured from ``camera`` (13,)."""
 
 

@@ -48,25 +48,25 @@ def associate_identified(model: Record, sight: Sight, detections: np.ndarray, le
 
     Returns (v,) the detection of each prediction, or -1, and sets ``detections.match``: the id, or REJECTED.
     """
-    v, M = sight.thing.shape[0], detections.shape[0]
+    v, M = sight.point.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
-    of_detection, of_thing, count = np.full(M, -1), np.full(v, -1), 0
+    of_detection, of_point, count = np.full(M, -1), np.full(v, -1), 0
     for a in range(v):
         for i in range(M):
-            if detections[i].id == sight.thing[a].id:
+            if detections[i].id == sight.point[a].id:
                 of_detection[i] = a
-    best = _best(model, z, S, detections, of_detection, of_thing, True)
+    best = _best(model, z, S, detections, of_detection, of_point, True)
     while best >= 0:
         a = of_detection[best]
-        of_thing[a], count = best, count + 1
+        of_point[a], count = best, count + 1
         condition(z, S, a, detections[best])
-        best = _best(model, z, S, detections, of_detection, of_thing, False)
+        best = _best(model, z, S, detections, of_detection, of_point, False)
     if count < least:
-        of_thing[:] = -1
+        of_point[:] = -1
     for i in range(M):
         a = of_detection[i]
-        detections[i].match = detections[i].id if a >= 0 and of_thing[a] == i else REJECTED
-    return of_thing
+        detections[i].match = detections[i].id if a >= 0 and of_point[a] == i else REJECTED
+    return of_point
 
 
 @compiled
@@ -76,7 +76,7 @@ def _best(
     S: np.ndarray,
     detections: np.ndarray,
     of_detection: np.ndarray,
-    of_thing: np.ndarray,
+    of_point: np.ndarray,
     votes: bool,
 ) -> int:
     """The worthiest detection of the predictions without one, or -1 where none inside the gate is worth more than
@@ -87,7 +87,7 @@ def _best(
     best, most = -1, 0.0
     for i in range(detections.shape[0]):
         a = of_detection[i]
-        if a < 0 or of_thing[a] >= 0:
+        if a < 0 or of_point[a] >= 0:
             continue
         d2, det = distance_and_det(z, S, a, detections[i])
         if d2 < (model.search_gate if votes else model.gate):

@@ -42,13 +42,13 @@ from activeslam_gym.slam.sight import Sight, pixel_rows
 DETECTION = record(
     pixel=("f8", 2),  # [px]
     R=("f8", (2, 2)),  # covariance of its noise [px^2]
-    id="i8",  # of the one prediction that it may be; ANYTHING: any
+    id="i8",  # of the one prediction that it may be; UNASSOCIATED: any
     log_ratio="f8",  # log likelihood of its appearance, if it is that prediction, over an unmapped detection's
     match="i8",  # the filter's answer: the id of the prediction that it was matched to, or NEW or REJECTED
 )
 """A measured pixel before its association. The ids are those of features (positive) and of fiducials (negative)."""
-ANYTHING = 0
-MOST_THINGS = 14  # a joint search takes so many predictions, the sharpest
+UNASSOCIATED = 0
+MOST_POINTS = 14  # a joint search takes so many predictions, the sharpest
 NEW, REJECTED = 0, -(2**62)
 """A detection that nothing known explains; one that something may explain, too unclear to be used."""
 
@@ -61,7 +61,7 @@ def chi_square_2_quantile(probability: float) -> float:
 ASSOCIATION, association_of = constants(
     Scenario(),
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
-    birth_gate=lambda s: chi_square_2_quantile(s.birth_gate_probability),  # and of what is near a prediction
+    new_feature_gate=lambda s: chi_square_2_quantile(s.new_feature_gate_probability),  # of what is near a prediction
     pixel_var=lambda s: s.pixel_std**2,  # R of a detection that is still to come, each axis [px^2]
     # a predicted ellipse, without R, is sharp when its longest axis squared is at most this [px^2]:
     sharp_var=lambda s: 3.0 * s.pixel_std**2,
@@ -101,48 +101,48 @@ def associate(model: Record, sight: Sight, detections: np.ndarray, features: int
     Returns (v,) the detection of each prediction, or -1, and sets ``detections.match``. ``waits`` (v,) bool is set for
     the predictions that a detection may be of without being clear enough to match.
     """
-    h, v, M = _open_questions(sight, detections), sight.thing.shape[0], detections.shape[0]
-    of_thing = np.full(v, -1)
+    h, v, M = _open_questions(sight, detections), sight.point.shape[0], detections.shape[0]
+    of_point = np.full(v, -1)
     pair_worth = worth_of_pair(model, expected_unmapped(model, features))
     settled = False  # what a search of everything leaves open stays so
     while _any_open(model, h):
-        if _match_clear(model, h, detections, of_thing):
+        if _match_clear(model, h, detections, of_point):
             continue
         if settled:
             break
-        settled = match_jointly(model, h, sight.thing, detections, pair_worth, of_thing)
+        settled = match_jointly(model, h, sight.point, detections, pair_worth, of_point)
     h.open[:] = True
     measure_distances(h, detections)  # given all matches
     for i in range(M):
         detections[i].match = NEW
         for a in range(v):
-            if h.free[i] and h.d2[a, i] < model.birth_gate:
+            if h.free[i] and h.d2[a, i] < model.new_feature_gate:
                 detections[i].match = REJECTED
-                waits[a] |= of_thing[a] < 0
+                waits[a] |= of_point[a] < 0
     for a in range(v):
-        i = of_thing[a]
-        if i >= 0 and detections[i].id == ANYTHING and _has_twin(model, sight.thing, a):
-            detections[i].match, of_thing[a], waits[a] = REJECTED, -1, True
+        i = of_point[a]
+        if i >= 0 and detections[i].id == UNASSOCIATED and _has_twin(model, sight.point, a):
+            detections[i].match, of_point[a], waits[a] = REJECTED, -1, True
         elif i >= 0:
-            detections[i].match = sight.thing[a].id
+            detections[i].match = sight.point[a].id
     for a in range(v):
-        i, thing = of_thing[a], sight.thing[a]
-        if thing.width == KIND_DIM[INVERSE_DEPTH] and _is_crowded(model, h, a, detections, thing.id):
-            thing.crowded = 0
-        if i >= 0 and detections[i].id == ANYTHING and thing.crowded < model.crowded:
-            detections[i].match, of_thing[a], waits[a] = REJECTED, -1, True
-    return of_thing
+        i, point = of_point[a], sight.point[a]
+        if point.width == KIND_DIM[INVERSE_DEPTH] and _is_crowded(model, h, a, detections, point.id):
+            point.crowded = 0
+        if i >= 0 and detections[i].id == UNASSOCIATED and point.crowded < model.crowded:
+            detections[i].match, of_point[a], waits[a] = REJECTED, -1, True
+    return of_point
 
 
 @compiled
 def _open_questions(sight: Sight, detections: np.ndarray) -> Hypotheses:
     """All predictions open, all detections free, and their distances."""
-    v, M = sight.thing.shape[0], detections.shape[0]
+    v, M = sight.point.shape[0], detections.shape[0]
     z, S = predicted_pixels(sight)
     h = Hypotheses(z, S, np.ones(v, np.bool_), np.ones(M, np.bool_), np.zeros((v, M)), np.full((v, M), np.inf))
     for a in range(v):
         for i in range(M):
-            if detections[i].id != ANYTHING and detections[i].id != sight.thing[a].id:
+            if detections[i].id != UNASSOCIATED and detections[i].id != sight.point[a].id:
                 h.d2[a, i] = np.inf
     measure_distances(h, detections)
     return h
@@ -153,21 +153,21 @@ def _any_open(model: Record, h: Hypotheses) -> bool:
     """Whether an open prediction and a free detection may still belong together."""
     for a in range(h.open.shape[0]):
         for i in range(h.free.shape[0]):
-            if h.open[a] and h.free[i] and h.d2[a, i] < model.birth_gate:
+            if h.open[a] and h.free[i] and h.d2[a, i] < model.new_feature_gate:
                 return True
     return False
 
 
 @borrowing
-def _has_twin(model: Record, things: np.ndarray, a: int) -> bool:
-    """Whether another of the ``things`` (v,) is predicted beside prediction ``a``.
+def _has_twin(model: Record, points: np.ndarray, a: int) -> bool:
+    """Whether another of the ``points`` (v,) is predicted beside prediction ``a``.
 
     Two that are d apart are told apart by (d / s)^2 +- sqrt(2) d / s nats, s the deviation of a pixel: at d = 4 s by
     16 +- 6, so that hardly a match that is clear enough owes it to its noise.
     """
-    z = things[a].z_hat
-    for b in range(things.shape[0]):
-        other = things[b].z_hat
+    z = points[a].z_hat
+    for b in range(points.shape[0]):
+        other = points[b].z_hat
         if b != a and (z[0] - other[0]) ** 2 + (z[1] - other[1]) ** 2 < model.twin_px**2:
             return True
     return False
@@ -196,7 +196,7 @@ def expected_unmapped(model: Record, features: int) -> float:
 
 
 @compiled
-def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, of_thing: np.ndarray) -> bool:
+def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, of_point: np.ndarray) -> bool:
     """Match every sharp prediction that has a clear partner, and condition the rest on them; whether there was any."""
     v, found = h.open.shape[0], False
     partner = np.full(v, -1)
@@ -206,7 +206,7 @@ def _match_clear(model: Record, h: Hypotheses, detections: np.ndarray, of_thing:
             found |= partner[a] >= 0
     for a in range(v):
         if partner[a] >= 0:
-            of_thing[a] = partner[a]
+            of_point[a] = partner[a]
             accept(h, a, partner[a], detections)
     if found:
         measure_distances(h, detections)
@@ -224,10 +224,10 @@ def _clear_partner(model: Record, h: Hypotheses, a: int) -> int:
         return -1
     bound = h.cost[a, best] + model.clear_margin
     for i in range(h.free.shape[0]):
-        if i != best and h.free[i] and h.d2[a, i] < model.birth_gate and h.cost[a, i] < bound:
+        if i != best and h.free[i] and h.d2[a, i] < model.new_feature_gate and h.cost[a, i] < bound:
             return -1
     for r in range(h.open.shape[0]):
-        if r != a and h.open[r] and h.d2[r, best] < model.birth_gate and h.cost[r, best] < bound:
+        if r != a and h.open[r] and h.d2[r, best] < model.new_feature_gate and h.cost[r, best] < bound:
             return -1
     return best
 
@@ -259,19 +259,19 @@ class Search(NamedTuple):
 def match_jointly(
     model: Record,
     h: Hypotheses,
-    things: np.ndarray,
+    points: np.ndarray,
     detections: np.ndarray,
     pair_worth: float,
-    of_thing: np.ndarray,
+    of_point: np.ndarray,
 ) -> bool:
-    """Match the open predictions of ``h`` together, write ``of_thing`` (v,), and condition the rest on the matches.
+    """Match the open predictions of ``h`` together, write ``of_point`` (v,), and condition the rest on the matches.
 
     Returns whether another search can find no more: this one took all predictions in reach, or matched none. It is
     bounded by nodes, never by the clock: where they run out, the sharper half of the predictions is searched by itself,
     which sharpens the others for the next search.
     """
     in_reach, matched = _in_reach(model, h), 0
-    chosen = in_reach[:MOST_THINGS]
+    chosen = in_reach[:MOST_POINTS]
     search = _search(model, h, chosen, detections, pair_worth)
     while search.nodes[0] > model.nodes and chosen.shape[0] > 2:
         chosen = chosen[: chosen.shape[0] // 2]
@@ -282,10 +282,10 @@ def match_jointly(
         a, i, other = chosen[k], search.answer[k], -np.inf
         for j in range(detections.shape[0] + 1):
             other = max(other, search.with_answer[k, j]) if j != i else other
-        lately = things[a].id > 0 and things[a].unseen <= model.lately
+        lately = points[a].id > 0 and points[a].unseen <= model.lately
         lead = model.lately_margin if lately else model.margin
         if i != detections.shape[0] and search.best[0] - other >= lead:
-            of_thing[a] = i
+            of_point[a] = i
             accept(h, a, i, detections)
             matched += 1
     measure_distances(h, detections)
@@ -299,7 +299,7 @@ def _in_reach(model: Record, h: Hypotheses) -> np.ndarray:
     for a in range(h.open.shape[0]):
         near = 0
         for i in range(h.free.shape[0]):
-            near += h.open[a] and h.free[i] and h.d2[a, i] < model.birth_gate
+            near += h.open[a] and h.free[i] and h.d2[a, i] < model.new_feature_gate
         if near > 0:
             trace = h.S[2 * a, 2 * a] + h.S[2 * a + 1, 2 * a + 1]
             k = n
@@ -345,7 +345,7 @@ def _explore(model: Record, h: Hypotheses, search: Search, answer: np.ndarray, s
     for a in range(n):
         near = 0
         for i in range(M):
-            if h.open[a] and h.free[i] and h.d2[a, i] < model.birth_gate:
+            if h.open[a] and h.free[i] and h.d2[a, i] < model.new_feature_gate:
                 near += 1
                 pairs += not reached[i]
                 reached[i] = True
@@ -386,7 +386,7 @@ def _choices(model: Record, h: Hypotheses, a: int) -> np.ndarray:
     """The free detections near prediction ``a``, the likeliest first, and M: it is missed."""
     choices, count = np.empty(h.free.shape[0] + 1, np.int64), 0
     for i in range(h.free.shape[0]):
-        if h.free[i] and h.d2[a, i] < model.birth_gate:
+        if h.free[i] and h.d2[a, i] < model.new_feature_gate:
             k = count
             while k > 0 and h.cost[a, choices[k - 1]] > h.cost[a, i]:
                 choices[k] = choices[k - 1]
@@ -422,10 +422,10 @@ def predicted_pixels(sight: Sight) -> tuple[np.ndarray, np.ndarray]:
     """Predicted pixels (2 v,) [px] and their joint covariance (2 v, 2 v) [px^2], without the R of a measurement."""
     z, S = np.empty(sight.S.shape[0]), sight.S.copy()
     for r in range(z.shape[0]):
-        thing, first = sight.thing[r // 2], r - r % 2
-        z[r] = thing.z_hat[r % 2]
-        S[r, first] -= thing.R[r % 2, 0]
-        S[r, first + 1] -= thing.R[r % 2, 1]
+        point, first = sight.point[r // 2], r - r % 2
+        z[r] = point.z_hat[r % 2]
+        S[r, first] -= point.R[r % 2, 0]
+        S[r, first + 1] -= point.R[r % 2, 1]
     return z, S
 
 

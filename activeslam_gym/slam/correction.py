@@ -33,21 +33,21 @@ def correct(lens: Record, belief: Belief, fiducials: np.ndarray, sight: Sight, p
     delta = K (z - h(x_i) + H_i delta_i) with H_i, and so K and W, taken at the last mean x_i = x ⊞ delta_i. False, with
     nothing changed, if S has no factor.
     """
-    things, HP, S = sight.thing, sight.HP, sight.S
+    points, HP, S = sight.point, sight.HP, sight.S
     first = _mean_of(belief)
     line = np.empty(pixels.shape[0])  # the pixels at delta = 0, by the line through the last mean
     for r in range(line.shape[0]):
-        line[r] = things[r // 2].z_hat[r % 2]
+        line[r] = points[r // 2].z_hat[r % 2]
     W, delta, sound = gain(HP, S, pixels - line)
     for _ in range(ITERATIONS if sound else 0):
         shift_mean(belief, delta)
-        bends = _bend(lens, belief, fiducials, things, line, delta) > STRAIGHT_PX
+        bends = _bend(lens, belief, fiducials, points, line, delta) > STRAIGHT_PX
         if bends:
-            _refer_to_prior(belief, things, line, delta)
+            _refer_to_prior(belief, points, line, delta)
         _restore(belief, first)
         if not bends:
             break
-        nearer = sight_with(things, belief.covariance, belief.state.dim)
+        nearer = sight_with(points, belief.covariance, belief.state.dim)
         W_next, delta_next, next_sound = gain(nearer.HP, nearer.S, pixels - line)
         if not next_sound:
             break
@@ -76,50 +76,50 @@ def _restore(belief: Belief, first: Mean) -> None:
 
 @compiled
 def _bend(
-    lens: Record, belief: Belief, fiducials: np.ndarray, things: np.ndarray, line: np.ndarray, delta: np.ndarray
+    lens: Record, belief: Belief, fiducials: np.ndarray, points: np.ndarray, line: np.ndarray, delta: np.ndarray
 ) -> float:
-    """Measure ``things`` at the shifted mean: how far their pixels are from ``line`` + H delta [px].
+    """Measure ``points`` at the shifted mean: how far their pixels are from ``line`` + H delta [px].
 
     Not at all, where one is not in front: there is no line to go on by.
     """
     pose, bent = belief.state.camera, 0.0
     view = view_of(lens, pose, np.empty((0, 2, 3)))
-    for a in range(things.shape[0]):
-        thing = things[a]
-        said = (line[2 * a] + _along(thing, 0, delta), line[2 * a + 1] + _along(thing, 1, delta))
-        if not measure(view, belief, fiducials, thing):
+    for a in range(points.shape[0]):
+        point = points[a]
+        said = (line[2 * a] + _along(point, 0, delta), line[2 * a + 1] + _along(point, 1, delta))
+        if not measure(view, belief, fiducials, point):
             return 0.0
-        bent = max(bent, abs(thing.z_hat[0] - said[0]), abs(thing.z_hat[1] - said[1]))
+        bent = max(bent, abs(point.z_hat[0] - said[0]), abs(point.z_hat[1] - said[1]))
     return bent
 
 
 @borrowing
-def _along(thing: Record, axis: int, delta: np.ndarray) -> float:
+def _along(point: Record, axis: int, delta: np.ndarray) -> float:
     """H delta of one of a prediction's two rows."""
     total = 0.0
     for i in range(POSE_DIM):
-        total += thing.H_camera[axis, i] * delta[i]
-    for i in range(thing.width):
-        total += thing.H_feature[axis, i] * delta[thing.column + i]
+        total += point.H_camera[axis, i] * delta[i]
+    for i in range(point.width):
+        total += point.H_feature[axis, i] * delta[point.column + i]
     return total
 
 
 @compiled
-def _refer_to_prior(belief: Belief, things: np.ndarray, line: np.ndarray, delta: np.ndarray) -> None:
+def _refer_to_prior(belief: Belief, points: np.ndarray, line: np.ndarray, delta: np.ndarray) -> None:
     """H at the shifted mean, by the tangent that P is of: H M, with the rotation's columns of `subtract_and_recentre`.
 
     Then the new line is h(x_i) - H delta.
     """
     E, J = turning(belief, delta), rotated(belief, delta)
-    for a in range(things.shape[0]):
-        thing = things[a]
+    for a in range(points.shape[0]):
+        point = points[a]
         for axis in range(2):
-            h, y = thing.H_camera[axis], thing.H_feature[axis]
+            h, y = point.H_camera[axis], point.H_feature[axis]
             turn = np.zeros(3)
             for k in range(3):
                 for i in range(3):
                     turn[k] += h[3 + i] * J[i, k] + h[i] * E[k, i]
-                for i in range(thing.width):
-                    turn[k] += y[i] * E[k, thing.column + i]
+                for i in range(point.width):
+                    turn[k] += y[i] * E[k, point.column + i]
             copy_into(h[D_ROTATION], turn)
-            line[2 * a + axis] = thing.z_hat[axis] - _along(thing, axis, delta)
+            line[2 * a + axis] = point.z_hat[axis] - _along(point, axis, delta)

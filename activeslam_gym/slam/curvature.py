@@ -21,18 +21,18 @@ residual, and where there are no fiducials, as way and inverse depths then have 
 
 
 @borrowing
-def curvature_of_inverse_depth(P: np.ndarray, rho: float, thing: Record, D: np.ndarray) -> None:
-    """Write the covariance of the neglected term of an inverse-depth measurement into ``thing.curvature`` [px^2].
+def curvature_of_inverse_depth(P: np.ndarray, rho: float, point: Record, D: np.ndarray) -> None:
+    """Write the covariance of the neglected term of an inverse-depth measurement into ``point.curvature`` [px^2].
 
     ``D`` (3, 3) is room for a matrix. The point moves by d(rho) (anchor - p) + rho d(anchor - p)
     + d(rho) d(anchor - p). The last, a product of two errors that may both be large, has for Gaussians the covariance
     C = var(rho) D + c c^T, D = Cov(anchor - p), c = Cov(rho, anchor - p); in the image J C J^T, J = H_anchor / rho.
     """
-    r, H_y = thing.column + RHO, thing.H_feature
+    r, H_y = point.column + RHO, point.H_feature
     for i in range(3):
-        a = thing.column + i
+        a = point.column + i
         for j in range(3):
-            b = thing.column + j
+            b = point.column + j
             D[i, j] = P[r, r] * (P[a, b] - P[a, j] - P[i, b] + P[i, j]) + (P[r, a] - P[r, i]) * (P[r, b] - P[r, j])
     for i in range(2):
         for j in range(i + 1):
@@ -40,5 +40,5 @@ def curvature_of_inverse_depth(P: np.ndarray, rho: float, thing: Record, D: np.n
             for k in range(3):
                 for m in range(3):
                     value += H_y[i, k] * D[k, m] * H_y[j, m]
-            thing.curvature[i, j] = value / (rho * rho)
-            thing.curvature[j, i] = thing.curvature[i, j]
+            point.curvature[i, j] = value / (rho * rho)
+            point.curvature[j, i] = point.curvature[i, j]

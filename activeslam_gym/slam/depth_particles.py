@@ -14,7 +14,7 @@ from activeslam_gym.config import Scenario
 from activeslam_gym.kernels import Record, borrowing, compiled, constants
 from activeslam_gym.linalg import copy_into, diagonal, sum_of_squares
 from activeslam_gym.motion import POSITION
-from activeslam_gym.slam.association import ANYTHING, NEW, REJECTED, chi_square_2_quantile, distance_by_own_noise
+from activeslam_gym.slam.association import NEW, REJECTED, UNASSOCIATED, chi_square_2_quantile, distance_by_own_noise
 from activeslam_gym.slam.belief import ANCHOR, AZIMUTH, ELEVATION, KIND_DIM, RAY, Belief, bearing
 from activeslam_gym.slam.sight import INSIDE, own_innovation, point_measurement, visibility_of
 
@@ -25,7 +25,7 @@ PARTICLES, particles_of = constants(
     particle_baseline="f8",  # motion between two re-weightings of a ray [m]
     maximum_misses="i8",
     gate=lambda s: chi_square_2_quantile(s.gate_probability),  # chi-square bound of a match
-    birth_gate=lambda s: chi_square_2_quantile(s.birth_gate_probability),  # and of what is near a particle
+    new_feature_gate=lambda s: chi_square_2_quantile(s.new_feature_gate_probability),  # and of what is near a particle
 )
 """Constants of the depth particles; see the fields of `Scenario`."""
 
@@ -138,9 +138,9 @@ def _match_rays(model: Record, belief: Belief, rays: Rays, detections: np.ndarra
     for r in range(R):
         serial = belief.feature[rays.feature[r]].serial
         for i in range(M):
-            if detections[i].match == NEW and (detections[i].id == ANYTHING or detections[i].id == serial):
+            if detections[i].match == NEW and (detections[i].id == UNASSOCIATED or detections[i].id == serial):
                 d2, value = ray_distance(belief, rays, r, detections[i])
-                near[i] |= d2 < model.birth_gate
+                near[i] |= d2 < model.new_feature_gate
                 if d2 < model.gate and value < ray_cost[r]:
                     ray_cost[r], of_ray[r] = value, i
                 if d2 < model.gate and value < cost[i]:

@@ -10,7 +10,7 @@ from activeslam_gym.camera import CAMERA, camera_of
 from activeslam_gym.config import KNOWN, Scenario
 from activeslam_gym.kernels import filled, record, row
 from activeslam_gym.motion import CAMERA_DIM, CAMERA_SIZE, MOTION, motion_of
-from activeslam_gym.slam.association import ANYTHING, DETECTION
+from activeslam_gym.slam.association import DETECTION, UNASSOCIATED
 from activeslam_gym.slam.belief import (
     AZIMUTH,
     INVERSE_DEPTH,
@@ -28,10 +28,10 @@ from activeslam_gym.slam.belief import (
 from activeslam_gym.slam.estimate import Estimate, EstimateArrays, empty_estimates, taken_estimate
 from activeslam_gym.slam.estimator import EKF, EKF_PLAIN, ESTIMATORS, Measurements
 from activeslam_gym.slam.frame import COUNTS, FILTER, filter_of, initialise, use_detections, use_identified
-from activeslam_gym.slam.initialisation import give_birth
-from activeslam_gym.slam.kalman import feel_contact, predict, wander
+from activeslam_gym.slam.initialisation import add_landmark
+from activeslam_gym.slam.kalman import predict, update_contact, wander
 from activeslam_gym.slam.map import draw_bias, remove_feature
-from activeslam_gym.slam.sight import THING, Sight, sight_of_belief
+from activeslam_gym.slam.sight import MAP_POINT, Sight, sight_of_belief
 
 _MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
 
@@ -39,8 +39,8 @@ _MODELS = record(camera=CAMERA, motion=MOTION, filter=FILTER)
 class Filter:
     """The filter on its own: it takes pixels, and keeps a joint Gaussian of camera and map.
 
-    A round is `predict`, `sight` (predicted measurements), `update` (by the detections), and `birth` or `delete` where
-    the map should grow or shrink. Ids never change: a feature's is positive, fiducial k's -1 - k.
+    A round is `predict`, `sight` (predicted measurements), `update` (by the detections), and `add_landmark` or `delete`
+    where the map should grow or shrink. Ids never change: a feature's is positive, fiducial k's -1 - k.
 
     Args:
         scenario: Its lens, noise, motion model and constants of the filter; ``landmark_count`` + 13 features at most.
@@ -103,10 +103,10 @@ class Filter:
         self.belief, self._sight = belief, None
 
     def sight(self) -> Sight:
-        """The predicted measurements: ``thing`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
+        """The predicted measurements: ``point`` (ids, predicted pixels, Jacobians, visibility), H P and S."""
         if self._sight is None:
             sight = sight_of_belief(self.camera, self.belief, self.fiducials, self.boxes)
-            self._sight = sight._replace(thing=sight.thing.view(THING))  # a kernel's records have no attributes
+            self._sight = sight._replace(point=sight.point.view(MAP_POINT))  # a kernel's records have no attributes
         return self._sight
 
     def draw_bias(self, k: int, std: float) -> None:
@@ -126,9 +126,9 @@ class Filter:
         draw_bias(self.belief, K, k, std * std)
         self._sight = None
 
-    def feel_contact(self, u: np.ndarray, dt: float) -> None:
-        """The camera has touched something, before that frame's `predict`: see `kalman.feel_contact`."""
-        feel_contact(self.belief, u, dt)
+    def update_contact(self, u: np.ndarray, dt: float) -> None:
+        """The camera has touched something, before that frame's `predict`: see `kalman.update_contact`."""
+        update_contact(self.belief, u, dt)
 
     def update(self, detections: Any, labelled: bool = False, *, jointly: bool = False, least: int = 1) -> np.ndarray:
         """Associate and update; (M,) the id that each detection was matched to, or NEW (0) or REJECTED.
@@ -160,7 +160,7 @@ class Filter:
         return given["match"].copy()
 
     def _check_joint(self, given: np.ndarray, labelled: bool) -> None:
-        if labelled or np.any(given["id"] == ANYTHING):
+        if labelled or np.any(given["id"] == UNASSOCIATED):
             raise ValueError("jointly chosen detections must all bear ids, which are not certain")
         if not np.isfinite(given["log_ratio"]).all():
             raise ValueError("detections must have finite log_ratio")
@@ -172,13 +172,13 @@ class Filter:
         initialise(self.models, self.belief, detections, self.counts)
         self._sight = None
 
-    def birth(self, pixel: Any, R: Any = None) -> int:
+    def add_landmark(self, pixel: Any, R: Any = None) -> int:
         """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); its id, or 0 if there is no room."""
         z = _array("pixel", pixel, None, (2,))
         noise = _array("R", R, self.camera.pixel_std**2 * np.eye(2), (2, 2))
         self._sight = None
         model = self.models.filter
-        return int(give_birth(self.camera, model.initialisation, model.particles, self.belief, z, noise))
+        return int(add_landmark(self.camera, model.initialisation, model.particles, self.belief, z, noise))
 
     @property
     def expected_inverse_depth(self) -> tuple[float, float]:
@@ -315,7 +315,7 @@ class Ekf:
     def predict(self, u: np.ndarray, dt: float, contact: bool = False) -> None:
         """Go on by ``dt`` seconds."""
         if contact:
-            self._filter.feel_contact(u, dt)
+            self._filter.update_contact(u, dt)
         self._filter.predict(u, dt)
         self._time += dt
 
@@ -334,7 +334,7 @@ class Ekf:
 def detections_of(
     pixels: Any,
     R: Any = None,
-    ids: Sequence[int] | np.ndarray | int = ANYTHING,
+    ids: Sequence[int] | np.ndarray | int = UNASSOCIATED,
     log_ratios: Any = 0.0,
     pixel_std: float = 2.0,
 ) -> np.ndarray:

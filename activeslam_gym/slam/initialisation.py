@@ -1,6 +1,6 @@
 """From unexplained detections to features: tracks, initialisation, conversion to points, deletion.
 
-Only `give_birth` and `mature` know which of the two initialisers is at work.
+Only `add_landmark` and `promote` know which of the two initialisers is at work.
 """
 
 import math
@@ -42,7 +42,7 @@ TRACK_RADIUS_PX = 15.0
 
 INITIALISATION, initialisation_of = constants(
     Scenario(),
-    birth_detections="i8",
+    new_feature_detections="i8",
     inverse_depth=lambda s: s.initialisation == config.INVERSE_DEPTH,  # features begin as INVERSE_DEPTH, or as RAY
     rho_mean=lambda s: s.inverse_depth_mean,  # first inverse depth [1/m]
     rho_std=lambda s: s.inverse_depth_std,
@@ -80,7 +80,7 @@ def follow_tracks(camera: Record, model: Record, belief: Belief, detections: np.
         taken[i] = True
         tracks[t].hits += 1
         copy_into(tracks[t].direction, direction_of(camera, R_WC, detections[i].pixel))
-        if tracks[t].hits >= model.birth_detections:
+        if tracks[t].hits >= model.new_feature_detections:
             ripe[count] = i
             count += 1
             tracks[t].hits = 0
@@ -121,7 +121,7 @@ def _nearest_detection(
 
 
 @compiled
-def give_birth(camera: Record, model: Record, rays: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray) -> int:
+def add_landmark(camera: Record, model: Record, rays: Record, belief: Belief, pixel: np.ndarray, R: np.ndarray) -> int:
     """Add the feature seen at ``pixel`` (2,) with noise ``R`` (2, 2); returns its id, or NEW if there is no room.
 
     Both kinds begin with the anchor and the direction of the line of sight; inverse depth adds a Gaussian rho,
@@ -173,7 +173,7 @@ def _line_of_sight(
 
 
 @compiled
-def mature(model: Record, belief: Belief) -> int:
+def promote(model: Record, belief: Belief) -> int:
     """Turn into points those of the features matched in this frame that are ready; returns how many.
 
     A ray is ready at the paper's ratio of depth deviation to depth; inverse depth when its linearity index is small.

@@ -72,7 +72,7 @@ def wander(belief: Belief, drift: float, dt: float) -> None:
 
 
 @borrowing
-def feel_contact(belief: Belief, u: np.ndarray, dt: float) -> None:
+def update_contact(belief: Belief, u: np.ndarray, dt: float) -> None:
     """The camera has struck something, to be called before that frame's `predict`: any part of its speed may be gone.
 
     So the variance of each axis' velocity grows by the square of what it would be.

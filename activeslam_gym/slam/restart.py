@@ -44,22 +44,22 @@ RESTART, restart_of = constants(
 
 @borrowing
 def contradicted(
-    model: Record, belief: Belief, sight: Sight, detections: np.ndarray, of_thing: np.ndarray, waits: np.ndarray
+    model: Record, belief: Belief, sight: Sight, detections: np.ndarray, of_point: np.ndarray, waits: np.ndarray
 ) -> bool:
     """Whether the fiducials have contradicted the belief for a while; takes this frame into the running mean.
 
-    ``of_thing`` (v,): the detections that the predictions in ``sight`` were taken for, or -1; ``waits`` (v,): those
+    ``of_point`` (v,): the detections that the predictions in ``sight`` were taken for, or -1; ``waits`` (v,): those
     that a detection may be of.
     """
     total, count = 0.0, 0
-    for a in range(of_thing.shape[0]):
-        if sight.thing[a].id >= 0:
+    for a in range(of_point.shape[0]):
+        if sight.point[a].id >= 0:
             continue
-        if of_thing[a] >= 0:
-            thing, S = sight.thing[a], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
-            total += min(0.5 * distance_by_own_noise(thing.z_hat, S, thing.R, detections[of_thing[a]])[0], MOST)
+        if of_point[a] >= 0:
+            point, S = sight.point[a], sight.S[2 * a : 2 * a + 2, 2 * a : 2 * a + 2]
+            total += min(0.5 * distance_by_own_noise(point.z_hat, S, point.R, detections[of_point[a]])[0], MOST)
             count += 1
-        elif model.missing > 0.0 and sight.thing[a].visibility == INSIDE and not waits[a]:
+        elif model.missing > 0.0 and sight.point[a].visibility == INSIDE and not waits[a]:
             total += model.missing
             count += 1
     if count >= LEAST:

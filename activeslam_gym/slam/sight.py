@@ -47,7 +47,7 @@ TELLING_SHARE = 0.85  # and nearer than this share of the greatest distance at w
 
 NEAR, INSIDE = 1, 2  # a row is within reach of the image; well inside it, so that a miss is telling
 
-THING = record(
+MAP_POINT = record(
     row="i8",
     id="i8",  # of the feature or fiducial; 0 for a planner's point
     column="i8",  # first covariance row of its parameters
@@ -67,8 +67,8 @@ THING = record(
 class Sight(NamedTuple):
     """The predicted measurements (predictions) of v fiducials and features, in this order, and their covariances."""
 
-    thing: np.ndarray
-    """(v,) THING."""
+    point: np.ndarray
+    """(v,) MAP_POINT."""
     HP: np.ndarray
     """(2 v, dim) covariance of the predicted pixels with the state [px × unit of the state]."""
     S: np.ndarray
@@ -76,11 +76,11 @@ class Sight(NamedTuple):
 
 
 @compiled
-def pixel_rows(things: np.ndarray) -> np.ndarray:
-    """(2 n,) the rows of the pixels of those ``things`` (n,) in a joint covariance."""
-    rows = np.empty(2 * things.shape[0], np.int64)
-    for k in range(things.shape[0]):
-        rows[2 * k], rows[2 * k + 1] = 2 * things[k], 2 * things[k] + 1
+def pixel_rows(points: np.ndarray) -> np.ndarray:
+    """(2 n,) the rows of the pixels of those ``points`` (n,) in a joint covariance."""
+    rows = np.empty(2 * points.shape[0], np.int64)
+    for k in range(points.shape[0]):
+        rows[2 * k], rows[2 * k + 1] = 2 * points[k], 2 * points[k] + 1
     return rows
 
 
@@ -180,17 +180,17 @@ def visibility_of(lens: Record, z_hat: np.ndarray, S: np.ndarray) -> int:
 
 
 @borrowing
-def measure(view: View, belief: Belief, fiducials: np.ndarray, thing: Record) -> bool:
-    """Write pixel and Jacobians of a ``thing`` of the belief at its present mean; False where it is not in front."""
-    K, z, H_x, H_y = fiducials.shape[0], thing.z_hat, thing.H_camera, thing.H_feature
-    if thing.row < K:
-        seen = point_measurement(view, fiducials[thing.row], z, H_x, H_y)
-        for i in range(thing.width):
-            z[i] += belief.state.bias[2 * thing.row + i]
-            for j in range(thing.width):
+def measure(view: View, belief: Belief, fiducials: np.ndarray, point: Record) -> bool:
+    """Write pixel and Jacobians of a ``point`` of the belief at its present mean; False where it is not in front."""
+    K, z, H_x, H_y = fiducials.shape[0], point.z_hat, point.H_camera, point.H_feature
+    if point.row < K:
+        seen = point_measurement(view, fiducials[point.row], z, H_x, H_y)
+        for i in range(point.width):
+            z[i] += belief.state.bias[2 * point.row + i]
+            for j in range(point.width):
                 H_y[i, j] = 1.0 if i == j else 0.0
         return seen
-    feature = belief.feature[thing.row - K]
+    feature = belief.feature[point.row - K]
     if feature.kind == POINT:
         return point_measurement(view, feature.mean, z, H_x, H_y)
     return inverse_depth_measurement(view, feature.mean, z, H_x, H_y)
@@ -203,43 +203,43 @@ def sight_of_belief(lens: Record, belief: Belief, fiducials: np.ndarray, boxes: 
     ``boxes`` (B, 2, 3) are those that the filter knows to occlude.
     """
     K, P, v = fiducials.shape[0], belief.covariance, 0
-    view, things = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, THING)
+    view, points = view_of(lens, belief.state.camera, boxes), np.empty(K + belief.state.count, MAP_POINT)
     S, D = np.empty((2, 2)), np.empty((3, 3))
     for row in range(K + belief.state.count):
         if row >= K and belief.feature[row - K].kind == RAY:
             continue
         vague = row >= K and belief.feature[row - K].kind != POINT
-        thing, y = things[v], _expected_place(belief, fiducials, row)
-        _describe(belief, K, row, thing)
-        if in_reach(view, y, lens.width, thing.z_hat) and measure(view, belief, fiducials, thing):
-            own_innovation(lens, P, thing.column, thing.width, thing.H_camera, thing.H_feature, S)
-            _write_noise(lens, thing)
+        point, y = points[v], _expected_place(belief, fiducials, row)
+        _describe(belief, K, row, point)
+        if in_reach(view, y, lens.width, point.z_hat) and measure(view, belief, fiducials, point):
+            own_innovation(lens, P, point.column, point.width, point.H_camera, point.H_feature, S)
+            _write_noise(lens, point)
             if vague:
-                curvature_of_inverse_depth(P, belief.feature[row - K].mean[RHO], thing, D)
+                curvature_of_inverse_depth(P, belief.feature[row - K].mean[RHO], point, D)
                 for i in range(2):
                     for j in range(2):
-                        S[i, j] += thing.curvature[i, j]
-            thing.visibility = visibility_of(lens, thing.z_hat, S)
+                        S[i, j] += point.curvature[i, j]
+            point.visibility = visibility_of(lens, point.z_hat, S)
             far = lens.maximum_distance  # beyond it, absence means nothing
             if far < math.inf and (vague or distance_between(view.pose, y) > TELLING_SHARE * far):
-                thing.visibility = min(thing.visibility, NEAR)
-            v += thing.visibility > 0
-    return sight_with(things[:v], P, belief.state.dim)
+                point.visibility = min(point.visibility, NEAR)
+            v += point.visibility > 0
+    return sight_with(points[:v], P, belief.state.dim)
 
 
 @borrowing
-def _describe(belief: Belief, K: int, row: int, thing: Record) -> None:
+def _describe(belief: Belief, K: int, row: int, point: Record) -> None:
     """Write the identity of a fiducial or a feature, and its covariance rows."""
-    thing.row = row
+    point.row = row
     if row < K:
         biased = belief.state.bias_dim > 0
-        thing.column, thing.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
-        thing.id, thing.unseen, thing.crowded = fiducial_id(row), 0, NEVER
+        point.column, point.width = (CAMERA_DIM + 2 * row, 2) if biased else (0, 0)
+        point.id, point.unseen, point.crowded = fiducial_id(row), 0, NEVER
     else:
         feature = belief.feature[row - K]
-        thing.id, thing.column, thing.width = feature.serial, feature.start, KIND_DIM[feature.kind]
-        thing.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
-        thing.crowded = belief.state.frame - feature.crowded
+        point.id, point.column, point.width = feature.serial, feature.start, KIND_DIM[feature.kind]
+        point.unseen = belief.state.frame - feature.seen if feature.seen > feature.born else NEVER
+        point.crowded = belief.state.frame - feature.crowded
 
 
 @borrowing
@@ -256,11 +256,11 @@ def _expected_place(belief: Belief, fiducials: np.ndarray, row: int) -> Directio
 
 
 @borrowing
-def _write_noise(lens: Record, thing: Record) -> None:
+def _write_noise(lens: Record, point: Record) -> None:
     """R of the ``lens``, and no curvature."""
-    thing.R[:] = 0.0
-    thing.R[0, 0] = thing.R[1, 1] = lens.pixel_std**2
-    thing.curvature[:] = 0.0
+    point.R[:] = 0.0
+    point.R[0, 0] = point.R[1, 1] = lens.pixel_std**2
+    point.curvature[:] = 0.0
 
 
 @compiled
@@ -279,51 +279,51 @@ def sight_of_points(
     ``P`` (12 + 3 M, 12 + 3 M) is the joint covariance of camera and points.
     """
     K, view, v = fiducials.shape[0], view_of(lens, pose, boxes), 0
-    things = np.empty(K + points.shape[0], THING)
+    found = np.empty(K + points.shape[0], MAP_POINT)
     for row in range(K + points.shape[0]):
         if row >= K and not seen[row - K]:
             continue
-        thing, y = things[v], fiducials[row] if row < K else points[row - K]
-        if visible(view, y, 0.0, thing.z_hat) and point_measurement(
-            view, y, thing.z_hat, thing.H_camera, thing.H_feature
+        point, y = found[v], fiducials[row] if row < K else points[row - K]
+        if visible(view, y, 0.0, point.z_hat) and point_measurement(
+            view, y, point.z_hat, point.H_camera, point.H_feature
         ):
-            thing.row, thing.id, thing.visibility, thing.unseen, thing.crowded = row, 0, INSIDE, 0, NEVER
-            thing.column, thing.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
-            _write_noise(lens, thing)
+            point.row, point.id, point.visibility, point.unseen, point.crowded = row, 0, INSIDE, 0, NEVER
+            point.column, point.width = (0, 0) if row < K else (CAMERA_DIM + 3 * (row - K), 3)
+            _write_noise(lens, point)
             v += 1
-    return sight_with(things[:v], P, P.shape[0])
+    return sight_with(found[:v], P, P.shape[0])
 
 
 @compiled
-def sight_with(things: np.ndarray, P: np.ndarray, dim: int) -> Sight:
-    """The joint covariances of ``things`` (v,): H P = H_camera P_camera + H_feature P_feature, S = H P H^T + R."""
-    HP = np.zeros((2 * things.shape[0], dim))
-    for a in range(things.shape[0]):
-        thing, rows = things[a], HP[2 * a : 2 * a + 2]
-        add_product_of_two(thing.H_camera, P[:POSE_DIM], rows)
-        add_product_of_two(thing.H_feature, P[thing.column : thing.column + thing.width], rows)
-    return Sight(things, HP, innovation_covariance(things, HP))
+def sight_with(points: np.ndarray, P: np.ndarray, dim: int) -> Sight:
+    """The joint covariances of ``points`` (v,): H P = H_camera P_camera + H_feature P_feature, S = H P H^T + R."""
+    HP = np.zeros((2 * points.shape[0], dim))
+    for a in range(points.shape[0]):
+        point, rows = points[a], HP[2 * a : 2 * a + 2]
+        add_product_of_two(point.H_camera, P[:POSE_DIM], rows)
+        add_product_of_two(point.H_feature, P[point.column : point.column + point.width], rows)
+    return Sight(points, HP, innovation_covariance(points, HP))
 
 
 @compiled(fastmath={"contract"})
-def innovation_covariance(things: np.ndarray, HP: np.ndarray) -> np.ndarray:
-    """S (2 v, 2 v) of ``things`` (v,) from their ``HP``, see `Sight`; symmetric to the bit."""
+def innovation_covariance(points: np.ndarray, HP: np.ndarray) -> np.ndarray:
+    """S (2 v, 2 v) of ``points`` (v,) from their ``HP``, see `Sight`; symmetric to the bit."""
     m = HP.shape[0]
     S = np.empty((m, m))
     for c in range(0, m, 2):  # both rows of a prediction's H at once
-        thing = things[c // 2]
-        H_camera, H_feature, column = thing.H_camera, thing.H_feature, thing.column
+        point = points[c // 2]
+        H_camera, H_feature, column = point.H_camera, point.H_feature, point.column
         for r in range(c + 2):
             row, u, v = HP[r], 0.0, 0.0
             for k in range(POSE_DIM):
                 u += row[k] * H_camera[0, k]
                 v += row[k] * H_camera[1, k]
-            for k in range(thing.width):
+            for k in range(point.width):
                 u += row[column + k] * H_feature[0, k]
                 v += row[column + k] * H_feature[1, k]
             S[r, c], S[c, r], S[r, c + 1], S[c + 1, r] = u, u, v, v
     for r in range(m):
-        R, curvature = things[r // 2].R, things[r // 2].curvature
+        R, curvature = points[r // 2].R, points[r // 2].curvature
         for axis in range(2):
             S[r, r - r % 2 + axis] += R[r % 2, axis]
             S[r, r - r % 2 + axis] += curvature[r % 2, axis]

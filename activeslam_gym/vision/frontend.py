@@ -18,12 +18,12 @@ from activeslam_gym.slam.estimate import EstimateArrays, add_offsets
 from activeslam_gym.slam.filter import Filter
 from activeslam_gym.slam.sight import INSIDE
 from activeslam_gym.vision.corners import new_corners
-from activeslam_gym.vision.gallery import Gallery
 from activeslam_gym.vision.outcome import DOUBTED, MATCHED, MISSED, NOTHING, FrameLog, Searched
 from activeslam_gym.vision.relocalisation import PRIOR, locate
 from activeslam_gym.vision.restart import Restart
 from activeslam_gym.vision.search import FOUND, SEARCH, UNSEARCHED, Findings, search
 from activeslam_gym.vision.settings import FrontEndSettings
+from activeslam_gym.vision.template_map import TemplateMap
 from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE, shows_template
 from activeslam_gym.vision.views import is_outdated, reduced, speeds, view_from
 
@@ -45,7 +45,7 @@ class FrontEnd:
         self._gate = float(filter.models.filter.appearance.search_gate)
         self._model = filled(SEARCH, self.settings, gate=self._gate)
         self._prior = filter.expected_inverse_depth
-        self._gallery = Gallery(self.camera, self.settings, filter.capacity + len(filter.fiducials))
+        self._template_map = TemplateMap(self.camera, self.settings, filter.capacity + len(filter.fiducials))
         self._frame, self._time = 0, 0.0
         self.candidates = np.zeros(0, DETECTION)
         """(M,) those of the last image with the filter's answer, in its pixels; new features at the end."""
@@ -64,8 +64,8 @@ class FrontEnd:
         The pose comes from the corners; they do not update again."""
         image = self._reduced(image)
         for k, corner in enumerate(corners):
-            self._gallery.hang(-1 - k, drawn, corner, self.filter.mean, normal, 0)
-        self._give_births(image, image.astype(np.float32), corners, 4 * self.settings.births)
+            self._template_map.add(-1 - k, drawn, corner, self.filter.mean, normal, 0)
+        self._initialise_features(image, image.astype(np.float32), corners, 4 * self.settings.initialised)
 
     def resume(self, image: np.ndarray, time_s: float, ids: np.ndarray, pixels: np.ndarray) -> None:
         """Go on from the ``image`` (h, w) uint8 of ``time_s`` [s], which shows the features ``ids`` (n,) of the filter
@@ -73,8 +73,8 @@ class FrontEnd:
         image, self._time, self._last_view = self._reduced(image), time_s, self.filter.mean[:7]
         pixels, grey = (pixels + 0.5) / self._scale - 0.5, image.astype(np.float32)
         for id, pixel in zip(ids.tolist(), pixels):
-            self._gallery.hang(id, grey, pixel, self.filter.mean, np.zeros(3), 0)
-        self._give_births(image, grey, pixels, 4 * self.settings.births)
+            self._template_map.add(id, grey, pixel, self.filter.mean, np.zeros(3), 0)
+        self._initialise_features(image, grey, pixels, 4 * self.settings.initialised)
 
     def show(self, target: Drawn, normal: np.ndarray, shown_from: np.ndarray | None = None) -> None:
         """The fiducials look as ``target`` draws them, on a plane with ``normal`` (3,) (world, away from the camera);
@@ -82,19 +82,19 @@ class FrontEnd:
         self._target, self._normal = target, normal
         self._drawn_from = np.full((len(self.filter.fiducials), 7), np.nan if shown_from is None else shown_from)
 
-    def _draw_target(self, things: np.ndarray) -> None:
-        """Draw the fiducials among the predicted ``things`` that were drawn for another view as they should look now;
+    def _draw_target(self, points: np.ndarray) -> None:
+        """Draw the fiducials among the predicted ``points`` that were drawn for another view as they should look now;
         one of which too little can be drawn keeps its looks. A new drawing is found with a new bias."""
         if (target := self._target) is None:
             return
         pose = self.filter.mean[:7]
-        for k in -1 - things["id"][things["id"] < 0]:
+        for k in -1 - points["id"][points["id"] < 0]:
             if is_outdated(self._drawn_from[k], pose, self.filter.fiducials[k], self.settings.redrawn):
                 with suppress(ValueError):
                     picture, pixel = target(pose, int(k))
                     if shows_template(picture, pixel):
                         self._drawn_from[k] = pose
-                        self._gallery.hang(int(-1 - k), picture, pixel, pose, self._normal, self._frame)
+                        self._template_map.add(int(-1 - k), picture, pixel, pose, self._normal, self._frame)
                         if self.settings.fiducial_bias_std > 0.0:
                             self.filter.draw_bias(int(k), self.settings.fiducial_bias_std)
 
@@ -108,8 +108,8 @@ class FrontEnd:
 
     def first_seen(self, ids: np.ndarray) -> np.ndarray:
         """(n, 3) where the camera was when each of the features ``ids`` (n,) was initialised [m]; NaN if unknown."""
-        places = self._gallery.places(ids)
-        return np.where((places < 0)[:, None], np.nan, self._gallery.templates.camera[places, :3])
+        places = self._template_map.places(ids)
+        return np.where((places < 0)[:, None], np.nan, self._template_map.templates.camera[places, :3])
 
     def add_feature_bias(self, estimate: EstimateArrays) -> None:
         """Add to the covariance of each landmark of the filter's ``estimate`` how far its template may follow another
@@ -142,10 +142,18 @@ class FrontEnd:
             self.filter.attach(before)  # the map is not there
         clear = self._notice(searched, matched)
         dropped = self._heed_target()
-        births, deletions = self._learn(image, grey) if clear else (0, 0)
+        initialised, deletions = self._learn(image, grey) if clear else (0, 0)
         again, metric = before is not None and self._blind == 0, len(self.filter.fiducials) > 0
         missed = not self._suffices(matched)
-        counts = (self._gallery.features, searched, found, matched, found - matched, births, deletions + dropped)
+        counts = (
+            self._template_map.features,
+            searched,
+            found,
+            matched,
+            found - matched,
+            initialised,
+            deletions + dropped,
+        )
         return FrameLog(time_s, *counts, clear, missed, again, metric, 1e3 * (time.thread_time() - began))
 
     def _reduced(self, image: np.ndarray) -> np.ndarray:
@@ -176,16 +184,16 @@ class FrontEnd:
         s = self.settings
         if self._blind % s.lost_after or self._last_view is None:
             return None
-        ids = self._gallery.ids()
+        ids = self._template_map.ids()
         rows = np.where(ids < 0, -1 - ids, len(self.filter.fiducials) + np.searchsorted(self.filter.ids, ids))
         points, places, half = (
             self._points(rows),
-            self._gallery.places(ids),
+            self._template_map.places(ids),
             0.5 * np.array((self._width, self._height)),
         )
         z_hat, S = np.tile(half, (len(ids), 1)), np.tile(np.diag(2.0 * half**2 / self._gate), (len(ids), 1, 1))
         view, model = view_from(self.camera, self._last_view), filled(SEARCH, s, gate=self._gate, largest_area=np.inf)
-        found = search(view, model, self._gallery.templates, grey, places, points, z_hat, S)
+        found = search(view, model, self._template_map.templates, grey, places, points, z_hat, S)
         row, peak = found.candidates
         pose = locate(self.camera, ids[row], points[row], found.pixel[row, peak], s.constellation)
         if pose is None:
@@ -197,20 +205,20 @@ class FrontEnd:
     def _search(self, grey: np.ndarray) -> None:
         """Search what may be in view, and update the filter by the candidates, if enough agree."""
         s, mean = self.settings, self.filter.mean
-        self._draw_target(self.filter.sight().thing)
+        self._draw_target(self.filter.sight().point)
         sight = self.filter.sight()
-        thing, v = sight.thing, np.arange(len(sight.thing))
-        ids, z_hat, points = thing["id"], np.ascontiguousarray(thing["z_hat"]), self._points(thing["row"])
-        S, places = sight.S.reshape(len(v), 2, len(v), 2)[v, :, v, :], self._gallery.places(ids)
-        places[self._gallery.change_of_view(places, points, mean) > s.most_change] = -1
-        view, templates = view_from(self.camera, mean), self._gallery.templates
+        point, v = sight.point, np.arange(len(sight.point))
+        ids, z_hat, points = point["id"], np.ascontiguousarray(point["z_hat"]), self._points(point["row"])
+        S, places = sight.S.reshape(len(v), 2, len(v), 2)[v, :, v, :], self._template_map.places(ids)
+        places[self._template_map.change_of_view(places, points, mean) > s.most_change] = -1
+        view, templates = view_from(self.camera, mean), self._template_map.templates
         findings = search(view, self._model, templates, grey, places, points, z_hat, S)
         tried = findings.state != UNSEARCHED
         self.candidates, least = self._candidates(ids, places, findings), 3 if self._blind >= s.lost_after else 1
         self.candidates["match"] = matched = self.filter.update(self.candidates, jointly=True, least=least)
         believed = np.any(ids[:, None] == matched, axis=1)
         outcome = np.where(believed, MATCHED, np.where(findings.state == FOUND, DOUBTED, MISSED))
-        inside = thing["visibility"] == INSIDE
+        inside = point["visibility"] == INSIDE
         self._searched = Searched(*(column[tried] for column in (ids, z_hat, S, outcome, inside)))
 
     def _points(self, rows: np.ndarray) -> np.ndarray:
@@ -228,9 +236,9 @@ class FrontEnd:
             speed = speeds(self.camera, self.filter.mean, self.filter.fiducials[-1 - id[fiducial]])
             more = s.fiducial_std**2 - s.floor_std**2 + (s.fiducial_blur * speed) ** 2
             R[fiducial] += more[:, None, None] * np.eye(2)
-        R[~self._gallery.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
+        R[~self._template_map.proven(places[row])] *= s.probation**2 if len(self.filter.fiducials) else 1.0
         lens = s.lens_std * (2.0 * np.hypot(*(pixel - self._centre).T) / self._width) ** 2
-        astray = s.residual_weight * self._gallery.residuals(places[row])
+        astray = s.residual_weight * self._template_map.residuals(places[row])
         R += (lens**2)[:, None, None] * np.eye(2)
         R += astray[:, :, None] * astray[:, None, :]
         out["id"], out["pixel"], out["R"] = id, pixel, R
@@ -242,16 +250,16 @@ class FrontEnd:
     def _learn(self, image: np.ndarray, grey: np.ndarray) -> tuple[int, int]:
         """Initialise new features and delete those that fail: how many."""
         sight, searched = self.filter.sight(), self._searched
-        points = self._points(sight.thing["row"])
-        self._gallery.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
-        self._gallery.remember_residuals(self.candidates, sight)
-        failed = self._gallery.failed()
+        points = self._points(sight.point["row"])
+        self._template_map.judge(searched.id, searched.outcome == MATCHED, searched.inside, self._frame)
+        self._template_map.remember_residuals(self.candidates, sight)
+        failed = self._template_map.failed()
         for id in failed:
             self._forget(id)
-        places = self._gallery.places(sight.thing["id"])
-        change = self._gallery.change_of_view(places, points, self.filter.mean)
-        occupied = sight.thing["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
-        return self._give_births(image, grey, occupied, self.settings.births), len(failed)
+        places = self._template_map.places(sight.point["id"])
+        change = self._template_map.change_of_view(places, points, self.filter.mean)
+        occupied = sight.point["z_hat"][(places >= 0) & (change <= self.settings.most_change)]
+        return self._initialise_features(image, grey, occupied, self.settings.initialised), len(failed)
 
     def _heed_target(self) -> int:
         """Restart at the pose that the target shows, where it contradicts the belief: how many features are deleted."""
@@ -265,7 +273,7 @@ class FrontEnd:
         return len(ids)
 
     def _forget(self, id: int) -> None:
-        self._gallery.remove(id)
+        self._template_map.remove(id)
         self.filter.delete(id)
 
     def _expect_depths(self) -> None:
@@ -285,26 +293,26 @@ class FrontEnd:
         spread = max(math.sqrt(square), self.settings.least_depth_spread * centre)
         self.filter.expected_inverse_depth = centre, spread
 
-    def _give_births(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray, most: int) -> int:
+    def _initialise_features(self, image: np.ndarray, grey: np.ndarray, occupied: np.ndarray, most: int) -> int:
         """New features, at the ``most``, where the image has few; when the map is full, those not seen for longest
         make room."""
         s, (h, w), edge = self.settings, image.shape, TEMPLATE_HALF + 2
         in_view = int(np.all((occupied >= edge) & (occupied < (w - edge, h - edge)), axis=1).sum())
         wanted = min(most, s.visible - in_view)
-        if wanted < s.births:
+        if wanted < s.initialised:
             return 0
         if math.isfinite(s.depth_prior):
             self._expect_depths()
         born, count = np.zeros(wanted, DETECTION), 0
         for pixel in new_corners(image, occupied, wanted, TEMPLATE_SIDE, edge + 6, s.least_corner):
-            if self._gallery.features >= self.filter.capacity:
-                oldest = self._gallery.longest_unseen(self.filter.ids, self._frame - s.lost_after)
+            if self._template_map.features >= self.filter.capacity:
+                oldest = self._template_map.longest_unseen(self.filter.ids, self._frame - s.lost_after)
                 if oldest is None:
                     break
                 self._forget(oldest)
-            id = self.filter.birth(pixel)
+            id = self.filter.add_landmark(pixel)
             if id > 0:
-                self._gallery.hang(id, grey, pixel, self.filter.mean, np.zeros(3), self._frame)
+                self._template_map.add(id, grey, pixel, self.filter.mean, np.zeros(3), self._frame)
                 born[count]["match"], born[count]["pixel"] = id, pixel
                 count += 1
         self.candidates = np.concatenate((self.candidates, born[:count]))

@@ -296,8 +296,8 @@ def _of_fields(camera: dict[str, Any]) -> Lens:
     if stray := [name for name, value in named.items() if value and name not in order]:
         raise ValueError(f"{stray[0]} is no coefficient of its model, which has {', '.join(order)}")
     coefficients = _numbers(camera, *_LISTS) or ([named.get(name, 0.0) for name in order] if named else [])
-    told = not camera.keys().isdisjoint(_LISTS) or "none" in words
-    if not coefficients and (fisheye or not (single or told)):
+    listed = not camera.keys().isdisjoint(_LISTS) or "none" in words
+    if not coefficients and (fisheye or not (single or listed)):
         raise ValueError("its coefficients are missing (distortion_model none has none)")
     if any(coefficients) and "none" in words:
         raise ValueError("it names no distortion, and has coefficients")

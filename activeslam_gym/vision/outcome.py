@@ -17,7 +17,7 @@ class FrameLog(NamedTuple):
     found: int  # with at least one candidate
     matched: int
     rejected: int  # found and not believed
-    births: int
+    initialised: int
     deletions: int
     clear: bool  # so much of the searched was matched that features could be judged and initialised
     lost: bool  # too little of the map was matched to tell the pose

@@ -61,7 +61,7 @@ class FrontEndSettings:
     constellation: int = 7  # so many must agree with one pose
 
     @property
-    def births(self) -> int:
+    def initialised(self) -> int:
         """Most initialisations of a frame; corners are sought where so many features are missing."""
         return self.visible // 8
 

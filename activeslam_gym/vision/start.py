@@ -65,14 +65,14 @@ def steps_from_anywhere(
     start is never certain, or the images are too many to be held, the steps say so. An exception of the source is
     raised when it is its turn.
     """
-    search, held, told, front_end = Start(calibration), list[tuple[Frame, FrameLog]](), 0, begin()
+    search, held, reported, front_end = Start(calibration), list[tuple[Frame, FrameLog]](), 0, begin()
     certain, best, ending = False, None, None
     while not certain and ending is None:
         try:
             frame = next(source)
             held.append((frame, search.add(*frame)))
         except (StopIteration, ValueError, KeyboardInterrupt) as error:
-            if not told + len(held):
+            if not reported + len(held):
                 raise
             ending = error
         else:
@@ -85,10 +85,10 @@ def steps_from_anywhere(
             front_end.resume(image, frame[0], ids, pixels)
         if certain or ending is not None or len(held) * held[0][0][1].nbytes > _HELD:
             belief = front_end.filter.snapshot()
-            for (frame, log), camera, P, sure in zip(held, *search.cameras(told)):
+            for (frame, log), camera, P, sure in zip(held, *search.cameras(reported)):
                 front_end.filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
                 yield front_end, frame, log._replace(start_certain=bool(sure))
-                told += 1
+                reported += 1
             front_end.filter.attach(belief)
             held = []
     if ending is None:
@@ -121,8 +121,8 @@ class Start:
         elif k >= self._next and corners.show_parallax():
             self._next = corners.since + int(_LATER * (k - corners.since)) + 1
             self.best = _adjusted(corners) or self.best
-        seen, births = int(corners.live.sum()), corners.births
-        counts = (seen, before, seen - births, seen - births, 0, births, before + births - seen)
+        seen, initialised = int(corners.live.sum()), corners.initialised
+        counts = (seen, before, seen - initialised, seen - initialised, 0, initialised, before + initialised - seen)
         return FrameLog(time, *counts, not lost, lost, False, False, 1e3 * (thread_time() - began), False)
 
     def cameras(self, since: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -60,7 +60,7 @@ class Corners:
         """(3, 3) R_WC of each image, if the camera only turned."""
         self.ways: list[float] = []
         """Median way of the corners from the first image to each, image by image [px]."""
-        self.births = 0
+        self.initialised = 0
         """Corners that are new in the last image."""
         self.since = 0
         """Number of the first image since too few corners were seen to tell a turn."""
@@ -76,9 +76,9 @@ class Corners:
         if len(self.turns):
             self.pixels = self._tracked(self._image, image)
         self._image = image
-        told, R = int(self.live.sum()) >= FEWEST, self.turns[-1] if self.turns else rotation_matrix(FACING)
+        enough, R = int(self.live.sum()) >= FEWEST, self.turns[-1] if self.turns else rotation_matrix(FACING)
         way = 0.0
-        if told:
+        if enough:
             live = self.live
             R, residual = _turn(R, self._d[live], *self._rays(self.pixels[live]))
             self._moved[live] = residual > _MOVED
@@ -90,11 +90,11 @@ class Corners:
         self.seen.append(Seen(here, *self._rays(self.pixels[here])))
         self.turns.append(R)
         self.ways.append(way + (self.ways[-1] if self.ways else 0.0))
-        return told or (len(self.turns) == 1 and self.births >= FEWEST)
+        return enough or (len(self.turns) == 1 and self.initialised >= FEWEST)
 
     def _grow(self, image: np.ndarray, R: np.ndarray) -> None:
         """New corners, where many are missing."""
-        count, self.births = TRACKS - int(self.live.sum()), 0
+        count, self.initialised = TRACKS - int(self.live.sum()), 0
         if count < _MISSING * TRACKS:
             return
         border = int(self._radius / 2) + 2
@@ -103,7 +103,7 @@ class Corners:
         both = both[tuple(new.T[::-1].astype(int))] if len(new) else np.zeros((0, 2))
         new = new[both.min(axis=1) > _ROUND * both.max(axis=1)]
         self.pixels, self._first = np.vstack((self.pixels, new)), np.vstack((self._first, new))
-        self.births = len(new)
+        self.initialised = len(new)
         self._d = np.vstack((self._d, self._rays(new)[0] @ R.T))
         self._born = np.append(self._born, np.full(len(new), len(self.turns)))
         self._moved = np.append(self._moved, np.zeros(len(new), bool))

@@ -221,21 +221,21 @@ def detect(camera: Record, sensor: Record, world: World, candidates: np.ndarray,
     pose = world.state.camera
     view = view_of(camera, pose, boxes_of(world))
     first = _draws(world) * world.state.frame + 8
-    luck = uniforms(world.state.noise_key, first, 4 * points + 4 * sensor.clutter_capacity + 1)
+    draws = uniforms(world.state.noise_key, first, 4 * points + 4 * sensor.clutter_capacity + 1)
     order, z = np.empty(labels.shape[0]), np.empty(2)
     n = 0
     for i in range(points):
         y = world.fiducials[i] if i < K else world.landmarks[i - K]
-        if not visible(view, y, 0.0, z) or luck[2 * points + i] < sensor.missed_detection_probability:
+        if not visible(view, y, 0.0, z) or draws[2 * points + i] < sensor.missed_detection_probability:
             continue
         if i >= K and world.normals.shape[0] > 0 and not faces(world.normals[i - K], y, pose, sensor.facing_cosine):
             continue
-        noise_u, noise_v = normal_pair(luck[2 * i], luck[2 * i + 1])
+        noise_u, noise_v = normal_pair(draws[2 * i], draws[2 * i + 1])
         candidates[n].pixel[0] = z[0] + camera.pixel_std * noise_u
         candidates[n].pixel[1] = z[1] + camera.pixel_std * noise_v
-        labels[n], order[n] = i, luck[3 * points + i]
+        labels[n], order[n] = i, draws[3 * points + i]
         n += 1
-    spare = luck[4 * points :]
+    spare = draws[4 * points :]
     for i in range(_poisson(sensor.clutter_rate, spare[0], sensor.clutter_capacity)):
         candidates[n].pixel[0] = camera.width * spare[1 + 3 * i]
         candidates[n].pixel[1] = camera.height * spare[2 + 3 * i]
@@ -253,12 +253,12 @@ def faces(normal: np.ndarray, y: np.ndarray, p: np.ndarray, cosine: float) -> bo
 
 
 @compiled
-def _poisson(rate: float, luck: float, capacity: int) -> int:
+def _poisson(rate: float, draws: float, capacity: int) -> int:
     """A Poisson variate by inversion of one uniform draw, at most ``capacity``."""
     term = math.exp(-rate)
     total = term
     k = 0
-    while luck > total and k < capacity:
+    while draws > total and k < capacity:
         k += 1
         term *= rate / k
         total += term

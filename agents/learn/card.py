@@ -30,7 +30,7 @@ def card_of(recipe: dict[str, Any], steps: int, seconds: float, held_out_rooms: 
     No `held_out_rooms`: they are the last ones, not chosen.
     """
     best = f"best mean return of the deterministic policy in {held_out_rooms} held-out rooms, {FLOOR:g} bits the least"
-    best += f", what a lost run forfeits counted {recipe['forfeit_weight']:g} times"
+    best += f", the failure penalty counted {recipe['forfeit_weight']:g} times"
     return {
         "command": " ".join(["python -m agents train", *_arguments(recipe)]),
         **recipe,

@@ -69,13 +69,13 @@ class Recipe:
     target_kl: float = 0.02
     """unless the policy is farther than 1.5 times this from that of the rollout, in nats (PPO)."""
     reward_scale: float = 0.01
-    """Constant factor of the reward, which is not normalised: that would clip what a lost run forfeits. Of several
+    """Constant factor of the reward, which is not normalised: that would clip the failure penalty. Of several
     scenarios the rewards are divided by the number of estimated dimensions, relative to that of `paper`."""
     reward_clip: float = 150.0
-    """Most that one decision may gain or lose in training, in the reward's unit, beside what a lost run forfeits: a
+    """Most that one decision may gain or lose in training, in the reward's unit, beside the failure penalty: a
     rare gross error costs thousands of bits of log_score. Held-out rooms are judged without it."""
     forfeit_weight: float = 2.0
-    """How often that which a lost run forfeits counts, in training and in the choice of the weights: users mind a lost
+    """How often the failure penalty counts, in training and in the choice of the weights: users mind a lost
     run more than its bits."""
     risk_weight: float = 1500.0
     """What the chance to be lost now, as the belief has it, costs after each decision of training, in the reward's

@@ -9,7 +9,7 @@ from agents import policies, pretrained
 from agents.learn.card import read_card
 from agents.suite import entry as entries
 from agents.suite.manifest import Suite, suite
-from agents.task import check, play_until_interrupted, rehearse
+from agents.task import check, play_until_interrupted, step_once
 from agents.tools.arguments import Workers, given, within
 from agents.tools.files import alone_in, writable_folder, write_json
 
@@ -58,7 +58,7 @@ def main(args: Args) -> int:
             return 0
         wanted = entries.tasks(names, of, count)
         print(f"{len(names)} policies, {len(of.scenarios)} scenarios, {count} episodes each: {len(wanted)} episodes.")
-        rehearse(names, environments, wanted[0].seed)
+        step_once(names, environments, wanted[0].seed)
         episodes = play_until_interrupted(wanted, Store(args.out / entries.EPISODES, args.workers))
         if len(episodes) < len(wanted):
             print("Run the same command to continue.")

@@ -18,7 +18,7 @@ from agents import policies
 from agents.suite import entry as entries
 from agents.suite.entry import Entry
 from agents.suite.manifest import Suite, suite
-from agents.task import Task, check, play_until_interrupted, rehearse
+from agents.task import Task, check, play_until_interrupted, step_once
 from agents.tools.arguments import Workers
 from agents.tools.machine import machine
 from agents.tools.sections import in_a_line
@@ -54,7 +54,7 @@ def main(args: Args) -> int:
     environments = [of.environment(one) for one in of.scenarios]
     check(names, environments)
     chosen = _chosen(entry, of, names)
-    rehearse(names, environments, next(iter(chosen)).seed)
+    step_once(names, environments, next(iter(chosen)).seed)
     runs = play_until_interrupted(list(chosen), Store(args.out, args.workers))
     places = {(task.policy, task.settings, task.seed): place for task, place in chosen.items()}
     differences = []

@@ -58,15 +58,15 @@ class Pages:
 
 def command_line(name: str, args: Any) -> str:
     """The command that `args` are of: how many rooms, and whatever else decides its numbers and is no default."""
-    told = []
+    given = []
     for one in sorted(fields(args), key=lambda field: (field.name == "seed", field.name != "policies")):
         value = getattr(args, one.name)
         of_rooms = one.name in ("episodes", "rooms", "seed") and value is not None
         if of_rooms or (one.name not in NO_NUMBER and value != one.default):
             several = value if isinstance(value, tuple) else (value,)
             texts = [f"{part:g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
-            told.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")
-    return " ".join([f"python -m agents {name}", *told])
+            given.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")
+    return " ".join([f"python -m agents {name}", *given])
 
 
 def within(args: Any, **bounds: tuple[float, float]) -> None:
@@ -138,5 +138,5 @@ def made_scenario(scenario: Any) -> Any:
         return scenario_from(found() if callable(found) else found)
     except (Exception, SystemExit) as error:
         allowed = "'package.module:name' of a Scenario, its fields, a function that returns one, or a registered name"
-        told = next(iter(str(error).splitlines()), "")
-        raise ValueError(f"scenario: {scenario!r}: {type(error).__name__}: {told}; allowed: {allowed}") from error
+        message = next(iter(str(error).splitlines()), "")
+        raise ValueError(f"scenario: {scenario!r}: {type(error).__name__}: {message}; allowed: {allowed}") from error

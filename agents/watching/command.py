@@ -97,8 +97,8 @@ def watch(args: Args) -> Iterator[Path]:
             try:
                 (episode,) = run_policy(name, env, [args.seed], observers=[observers])
             except NoScreenWarning as warning:
-                told = "no screen was found to watch on; --save clip.gif or --tum write files instead"
-                raise gym.error.Error(told) from warning
+                message = "no screen was found to watch on; --save clip.gif or --tum write files instead"
+                raise gym.error.Error(message) from warning
         row = outcome(episode)
         end = "lost" if episode.lost else f"{row['bits']:.0f} bits of entropy reduction"
         print(

@@ -15,9 +15,9 @@ from activeslam_gym.live import device  # noqa: E402
 from activeslam_gym.live.device import Device  # noqa: E402
 from activeslam_gym.live.run import Live, filming_of, show_of  # noqa: E402
 from activeslam_gym.live.source import GuidanceError  # noqa: E402
+from activeslam_gym.vision.board_calibration import BOARD, BoardCalibration, sheet  # noqa: E402
 from activeslam_gym.vision.calibration import read_calibration  # noqa: E402
 from activeslam_gym.vision.drawing import printed, printed_value  # noqa: E402
-from activeslam_gym.vision.waving import BOARD, Waving, sheet  # noqa: E402
 
 from . import vision_scene  # noqa: E402
 from .test_vision_sizes import enlarged  # noqa: E402
@@ -82,9 +82,9 @@ def test_one_who_follows_the_guidance_calibrates_and_the_lens_is_used_at_once(
 def test_a_board_that_moves_fast_or_not_at_all_gives_no_view(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(vision_scene, "LENS", LENS)
     here, there = (board_from(pose_at((x, 0.0, 0.4))) for x in (0.0, 0.05))
-    waving = Waving()
-    assert [waving.add(image) for image in (here, there, here)] == ["Move more slowly (0 views so far)."] * 3
-    assert all("(1 views so far)" in waving.add(here) for _ in range(3)) and waving.fit is None
+    board_calibration = BoardCalibration()
+    assert [board_calibration.add(image) for image in (here, there, here)] == ["Move more slowly (0 views so far)."] * 3
+    assert all("(1 views so far)" in board_calibration.add(here) for _ in range(3)) and board_calibration.fit is None
 
 
 def test_the_sheet_is_as_large_as_the_board_and_prints_its_picture() -> None:

@@ -16,7 +16,7 @@ from activeslam_gym.vision.views import changes_of_view, view_from
 _ODD = 4.0  # times the median residual of all features, from which one alone is astray
 
 
-class Gallery:
+class TemplateMap:
     """Features and fiducials by id: a template and a record of each. A fiducial is never judged.
 
     Args:
@@ -38,7 +38,7 @@ class Gallery:
         """How many, fiducials left out."""
         return int(np.count_nonzero(self.templates.id > 0))
 
-    def hang(
+    def add(
         self, id: int, grey: np.ndarray, pixel: np.ndarray, camera: np.ndarray, normal: np.ndarray, frame: int
     ) -> None:
         """Keep the looks of a feature or fiducial first seen at ``pixel`` (2,) of ``grey`` (h, w) float32 from
@@ -77,21 +77,21 @@ class Gallery:
         again = places[matched & (frame - self._seen[places] > self._settings.trials)]
         self._since[again] = frame
         self._seen[places[matched]] = frame
-        told = matched | inside
-        self._tried[places[told]] = keep * self._tried[places[told]] + 1.0
-        self._matched[places[told]] = keep * self._matched[places[told]] + matched[told]
+        judged = matched | inside
+        self._tried[places[judged]] = keep * self._tried[places[judged]] + 1.0
+        self._matched[places[judged]] = keep * self._matched[places[judged]] + matched[judged]
 
     def remember_residuals(self, found: np.ndarray, sight: Sight) -> None:
         """The running mean, of each feature, of its matched pixel in ``found`` (M,) DETECTION less its pixel in the
         ``sight`` of the updated estimate; of that the share which is noise, and not error of the linearisation, where
         the filter counts that several times: else it would count twice."""
-        row, k = np.nonzero(found["match"][:, None] == sight.thing["id"])
-        found, thing = found[row], sight.thing[k]
+        row, k = np.nonzero(found["match"][:, None] == sight.point["id"])
+        found, point = found[row], sight.point[k]
         keep, frames = self._keep, IMAGE_PRODUCT_FRAMES if self._camera.command_known else 0.0
-        noise, neglected = np.trace(found["R"], 0, 1, 2), frames * np.trace(thing["curvature"], 0, 1, 2)
+        noise, neglected = np.trace(found["R"], 0, 1, 2), frames * np.trace(point["curvature"], 0, 1, 2)
         weight = (1.0 - keep) * (noise / np.maximum(noise + neglected, 1e-12))[:, None]
         places = self.places(found["match"])
-        self._residual[places] = keep * self._residual[places] + weight * (found["pixel"] - thing["z_hat"])
+        self._residual[places] = keep * self._residual[places] + weight * (found["pixel"] - point["z_hat"])
 
     def residuals(self, places: np.ndarray) -> np.ndarray:
         """(m, 2) the running mean residual of each of the features at ``places`` (m,) [px]; zero for the target."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from activeslam_gym.camera import distance_between
 from activeslam_gym.kernels import borrowing, compiled, record
-from activeslam_gym.slam.association import ANYTHING, REJECTED
+from activeslam_gym.slam.association import REJECTED, UNASSOCIATED
 from activeslam_gym.slam.belief import fiducial_id
 from activeslam_gym.slam.estimate import EstimateArrays, index_of
 from activeslam_gym.slam.map import free_slot
@@ -19,7 +19,7 @@ OWNER = record(
     landmark="i8",  # index of that true landmark, or NOBODY
 )
 """The data association, by hidden labels, of one landmark of the estimate."""
-NOBODY = -1
+NO_OWNER = -1
 UNKNOWN = -2  # the label of a landmark of which no detection is known yet
 
 
@@ -37,7 +37,7 @@ class Labels:
 
 
 @compiled
-def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
+def match_to_truth(owner: np.ndarray, estimate: EstimateArrays) -> None:
     """After a frame: let entry k of ``owner`` (F,) be of landmark k of the estimate.
 
     A landmark that stays keeps its entry. A new one takes the lowest free slot; nothing is known of it yet.
@@ -53,7 +53,7 @@ def reconcile(owner: np.ndarray, estimate: EstimateArrays) -> None:
             kept += 1
     for k in range(kept, owner.shape[0]):
         entry = owner[k]
-        entry.id, entry.label, entry.landmark = 0, UNKNOWN, NOBODY
+        entry.id, entry.label, entry.landmark = 0, UNKNOWN, NO_OWNER
         if k < count:
             entry.id, entry.slot = estimate.landmark[k].id, free_slot(owner, k)
 
@@ -67,7 +67,7 @@ def judge_matches(
 
     A feature is what the detection of its initialisation was of, for life: no later match frees a false claim, and none
     takes a true one away. Wrong is a match with anything else, and every match of a feature that was initialised from
-    clutter; its initialisation is false. Call it after every frame, after `reconcile`, so that a feature of which
+    clutter; its initialisation is false. Call it after every frame, after `match_to_truth`, so that a feature of which
     nothing is known is a new one.
     """
     wrong, false = 0, 0
@@ -78,7 +78,7 @@ def judge_matches(
             known = owner[k]
             if known.label == UNKNOWN:
                 known.label = label
-                known.landmark = label - fiducial_count if label >= fiducial_count else NOBODY
+                known.landmark = label - fiducial_count if label >= fiducial_count else NO_OWNER
                 false += label == CLUTTER_LABEL
             else:
                 wrong += label != known.label or label == CLUTTER_LABEL
@@ -92,7 +92,7 @@ def true_id(owner: np.ndarray, fiducial_count: int, label: int) -> int:
     """The id of what a detection with that label is of: a fiducial's, or that of the oldest feature of the
     point.
 
-    ANYTHING where the point has no feature yet; REJECTED for clutter, of which nothing shall be made.
+    UNASSOCIATED where the point has no feature yet; REJECTED for clutter, of which nothing shall be made.
     """
     if label == CLUTTER_LABEL:
         return REJECTED
@@ -101,7 +101,7 @@ def true_id(owner: np.ndarray, fiducial_count: int, label: int) -> int:
     for entry in owner:
         if entry.id > 0 and entry.label == label:
             return entry.id
-    return ANYTHING
+    return UNASSOCIATED
 
 
 @compiled
@@ -110,7 +110,7 @@ def features_of_landmarks(owner: np.ndarray, landmark_count: int, eligible: np.n
     out = np.full(landmark_count, -1)
     for k in range(eligible.shape[0]):
         landmark = owner[k].landmark
-        if eligible[k] and landmark != NOBODY and out[landmark] < 0:
+        if eligible[k] and landmark != NO_OWNER and out[landmark] < 0:
             out[landmark] = k
     return out
 

@@ -36,12 +36,12 @@ COLUMNS = (
 )
 
 
-class Keeper(BaseCallback):
+class BestWeights(BaseCallback):
     """Keeps checkpoints of a learner, and its best weights and their card.
 
     Every `period` decisions, and at the end, the deterministic policy plays an episode in each of the held-out
     ``rooms`` of each scenario. The mean return, in the reward's own unit and at least `FLOOR` a room, chooses the
-    weights; what a lost run forfeits counts as in training. Of several scenarios, each mean is divided by the number
+    weights; the failure penalty counts as in training. Of several scenarios, each mean is divided by the number
     of estimated dimensions, relative to `paper`.
     """
 
@@ -119,12 +119,12 @@ class Keeper(BaseCallback):
     def _visit(self) -> None:
         """Play the held-out rooms, and keep the weights if they are the best so far."""
         lost: list[bool] = []
-        forfeits: list[float] = []
+        lost_penalties: list[float] = []
 
         def note(locals_: dict[str, Any], globals_: dict[str, Any]) -> None:
             if locals_["done"]:
                 lost.append(locals_["info"]["lost"])
-                forfeits.append(locals_["info"]["reward_terms"]["forfeit"])
+                lost_penalties.append(locals_["info"]["reward_terms"]["lost_penalty"])
 
         self.visited, means, again = self.num_timesteps, {}, self.args.forfeit_weight - 1.0
         for name, batch in self.rooms.items():
@@ -132,7 +132,7 @@ class Keeper(BaseCallback):
             batch.seed(held_out_seed(name))
             returns, _ = evaluate_policy(self.model, batch, rooms, callback=note, return_episode_rewards=True)
             self.logger.record(f"eval/{name}/mean_reward", float(np.mean(returns)))
-            means[name] = float(np.mean(np.maximum(returns, FLOOR) + again * np.array(forfeits[-rooms:])))
+            means[name] = float(np.mean(np.maximum(returns, FLOOR) + again * np.array(lost_penalties[-rooms:])))
         several = len(means) > 1
         units = [dimensions(name) / dimensions("paper") if several else 1.0 for name in means]
         found = float(np.mean(np.array(list(means.values())) / units))
@@ -143,8 +143,8 @@ class Keeper(BaseCallback):
             self.keep(found)
         each = ", ".join(f"{name} {mean:.0f}" for name, mean in means.items())
         more = f" ({each})" if several else f", median {np.median(returns):.0f}"
-        told = f"mean return {found:.0f}{more}, lost in {100 * np.mean(lost):.0f} %"
-        self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {told}{'; kept' if better else ''}")
+        message = f"mean return {found:.0f}{more}, lost in {100 * np.mean(lost):.0f} %"
+        self.bar.write(f"{self.num_timesteps:>9,} decisions: held-out rooms {message}{'; kept' if better else ''}")
 
 
 def results(

@@ -37,7 +37,7 @@ _NEEDS: dict[str, Need] = {
 """What views must show: of the view's middle, from the image's, and of its tilts by columns and rows."""
 
 
-class Waving:
+class BoardCalibration:
     """Collects views of a ``board`` until they determine the lens."""
 
     def __init__(self, board: Board = BOARD) -> None:

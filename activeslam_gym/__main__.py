@@ -108,8 +108,8 @@ def _add_calibrate(commands: Any) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command: the exit status.
 
-    1: a package is not installed, or the track ended early; 2: a bad value or file; 3: most images were lost, or the
-    start without a target is uncertain; 130:
+    1: a package is not installed, or the track ended early; 2: a bad value or file; 3: most images were lost, or
+    without a target the start is uncertain, or the map was replaced; 130:
     Ctrl-C, SIGTERM or SIGHUP.
     """
     args = parser().parse_args(arguments)
@@ -141,7 +141,7 @@ def _live(args: argparse.Namespace) -> Ending:
 
 
 def _track(args: argparse.Namespace) -> Ending:
-    from activeslam_gym.vision.track import UNCERTAIN, summary, track
+    from activeslam_gym.vision.track import summary, track
 
     files = args.images, args.calibration, args.target, args.rate, args.out
     outputs = args.film, args.covariance, args.keep_lost, args.features
@@ -151,8 +151,8 @@ def _track(args: argparse.Namespace) -> Ending:
     if 2 * tracked < len(done.lost):
         counted = f"lost: {tracked} of {len(done.lost)} images were tracked; {advice}"
         return 3, f"{early}; {counted}" if early else counted
-    if not done.start_certain:
-        return 3, f"{early}; {UNCERTAIN}" if early else UNCERTAIN
+    if done.doubt:
+        return 3, f"{early}; {done.doubt}" if early else done.doubt
     return (1, early) if early else None
 
 

@@ -85,15 +85,18 @@ def steps_from_anywhere(
             front_end.resume(image, frame[0], ids, pixels)
         if certain or ending is not None or len(held) * held[0][0][1].nbytes > _HELD:
             belief = front_end.filter.snapshot()
-            for (frame, log), camera, P, sure in zip(held, *search.cameras(reported)):
+            for (frame, log), camera, P, sure, known in zip(held, *search.cameras(reported)):
                 front_end.filter.place_camera(camera, np.pad(P, ((0, 6), (0, 6))))
-                yield front_end, frame, log._replace(start_certain=bool(sure))
+                yield front_end, frame, log._replace(start_certain=bool(sure), lost=log.lost or not known)
                 reported += 1
             front_end.filter.attach(belief)
             held = []
     if ending is None:
+        blind = 0  # images in a row without the map, after which new features begin another one
         for frame in source:
-            yield front_end, frame, front_end.step(frame[1], frame[0])
+            log = front_end.step(frame[1], frame[0])
+            blind = 0 if log.relocalised or (blind <= front_end.settings.trials and not log.lost) else blind + 1
+            yield front_end, frame, log._replace(start_certain=blind <= front_end.settings.trials)
     elif not isinstance(ending, StopIteration):
         raise ending
 
@@ -125,12 +128,14 @@ class Start:
         counts = (seen, before, seen - initialised, seen - initialised, 0, initialised, before + initialised - seen)
         return FrameLog(time, *counts, not lost, lost, False, False, 1e3 * (thread_time() - began), False)
 
-    def cameras(self, since: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def cameras(self, since: int = 0) -> tuple[np.ndarray, ...]:
         """Of the images from number ``since`` on the cameras (n, 13), at rest, the covariances (n, 6, 6) of position
-        and rotation, and whether the best opening tells them (n,); those that it does not tell only turn."""
+        and rotation, whether they are certain (n,), and whether they are known (n,): by the best opening, or before
+        it, as long as the camera has only turned."""
         n, best = len(self._times) - since, self.best
         cameras, covariances, certain = np.zeros((n, CAMERA_SIZE)), np.tile(_TURNED, (n, 1, 1)), np.zeros(n, bool)
         R_WC, place = np.array(self.corners.turns), np.zeros((len(self._times), 3))
+        known = np.array(self.corners.turned) & (np.arange(len(self._times)) >= self.corners.since)
         if best is not None:
             first = int(best.images[0])
             R_WC[first:], place[first:] = _poses(self.corners, best)
@@ -141,10 +146,11 @@ class Start:
             for i, j in np.ndindex(6, 6):
                 covariances[later, i, j] = np.interp(later + since, best.images, own[:, i, j])
             covariances[later] += _LEAST_VARIANCE * np.eye(6)
-            certain[later] = best.certain
+            certain[later], known[first:] = best.certain, True
+            known[:first] &= bool(self.corners.turned[first])
         cameras[:, POSITION] = place[since:]
         cameras[:, QUATERNION] = np.roll(Rotation.from_matrix(R_WC[since:]).as_quat(), 1, axis=1)
-        return cameras, covariances, certain
+        return cameras, covariances, certain, known[since:]
 
     def belief(self, best: Opening, acceleration_stds: tuple[float, float], most: int) -> tuple[np.ndarray, ...]:
         """Of the last image and the ``best`` opening, which ends there, the camera (13,), ``most`` points or fewer by

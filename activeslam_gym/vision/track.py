@@ -56,6 +56,7 @@ UNSCALED = {"inverse_depth_mean": 1.5, "inverse_depth_std": 0.75}
 UNCERTAIN = "the start is uncertain, and with it all poses"
 AT_REST = "the camera was at rest or only turned, or something moved before it"
 SEVERAL = "several motions explain the images"
+REPLACED = "the map was lost and replaced: the poses after that have an origin and a scale of their own"
 """The words for a track whose motion the images do not tell."""
 Item = TypeVar("Item")
 _CORNER_STD = 0.35  # of the target's corners in the first image: aliasing and the lens [px]
@@ -78,8 +79,19 @@ class Track(NamedTuple):
 
     @property
     def start_certain(self) -> bool:
-        """Whether there was a target, or one motion of the camera explained the images of the start."""
-        return self.metric or any(log.start_certain for log in self.logs)
+        """Whether there was a target, or one motion of the camera explained the images of the start, and the map was
+        not replaced by another since."""
+        return self.metric or (len(self.logs) > 0 and self.logs[-1].start_certain)
+
+    @property
+    def doubt(self) -> str:
+        """Why the poses are not certain; or "" ."""
+        if self.start_certain:
+            return ""
+        if any(log.start_certain for log in self.logs):
+            return REPLACED
+        way, variance = np.ptp(self.cameras[:, :3], axis=0), np.trace(self.covariances[-1, :3, :3])
+        return f"{UNCERTAIN}: {AT_REST if way @ way < _SURELY**2 * variance else SEVERAL}"
 
     @property
     def metric(self) -> bool:
@@ -334,5 +346,4 @@ def summary(done: Track) -> str:
         return line
     way, variance = np.ptp(done.cameras[:, :3], axis=0), np.trace(done.covariances[-1, :3, :3])
     turned = [TURNED] if way @ way < _SURELY**2 * variance else []
-    doubt = [] if done.start_certain else [f"{UNCERTAIN}: {AT_REST if turned else SEVERAL}"]
-    return "; ".join([line, FREE, *turned, *doubt])
+    return "; ".join([line, FREE, *turned, *filter(None, [done.doubt])])

@@ -26,6 +26,7 @@ _REST = 0.3, 0.25  # corners that moved less [px], and the part of the image wit
 _IMAGES, _MORE = 8, 4  # in a bundle adjustment, and where few corners are in all of them
 _PARALLAX = 0.6  # part of the image where corners must have moved so
 MOST_TURNED = 1.0  # of the camera, at most, between the images of a bundle adjustment [rad]
+_TRIALS = 100  # turns by two corners, of which the best is taken
 _PARTS = 5  # of the image, along each side
 _MISSING = 0.3  # share of the corners, from which new ones are sought
 _ROUND = 0.1  # ratio of a corner's two strengths, at least: on an edge it would slide
@@ -60,6 +61,8 @@ class Corners:
         """(3, 3) R_WC of each image, if the camera only turned."""
         self.ways: list[float] = []
         """Median way of the corners from the first image to each, image by image [px]."""
+        self.turned: list[bool] = []
+        """Whether the camera had only turned until each image, since too few corners were seen."""
         self.initialised = 0
         """Corners that are new in the last image."""
         self.since = 0
@@ -80,7 +83,7 @@ class Corners:
         way = 0.0
         if enough:
             live = self.live
-            R, residual = _turn(R, self._d[live], *self._rays(self.pixels[live]))
+            R, residual = _turn(R, self._d[live], *self._rays(self.pixels[live]), self._parts(live))
             self._moved[live] = residual > _MOVED
             way = float(np.median(np.linalg.norm((self.pixels - before)[live], axis=1)))
         else:
@@ -90,7 +93,9 @@ class Corners:
         self.seen.append(Seen(here, *self._rays(self.pixels[here])))
         self.turns.append(R)
         self.ways.append(way + (self.ways[-1] if self.ways else 0.0))
-        return enough or (len(self.turns) == 1 and self.initialised >= FEWEST)
+        again = self.since == len(self.turned)
+        self.turned.append(again or (self.turned[-1] and not self.show_parallax()))
+        return told or (len(self.turns) == 1 and self.births >= FEWEST)
 
     def _grow(self, image: np.ndarray, R: np.ndarray) -> None:
         """New corners, where many are missing."""
@@ -150,11 +155,15 @@ class Corners:
         moved otherwise than by a turn in most parts of the image, and in few they are where they were."""
         live = np.flatnonzero(self.live)
         old = live[self._born[live] <= np.median(self._born[live])]
-        cell = np.floor(_PARTS * self.pixels[old] / self._image.shape[::-1]).astype(int) @ (1, _PARTS)
-        part = 1.0 / np.bincount(cell)[cell]
+        part = self._parts(old)
         rest = np.linalg.norm(self.pixels[old] - self._first[old], axis=1) < _REST[0]
-        moved, still = (float(part[which].sum() / part.sum()) for which in (self._moved[old], rest))
-        return moved >= _PARALLAX and still < _REST[1]
+        return bool(part[self._moved[old]].sum() >= _PARALLAX and part[rest].sum() < _REST[1])
+
+    def _parts(self, corners: np.ndarray) -> np.ndarray:
+        """The part of the image that each of the ``corners`` stands for, of those with corners: a cell's, shared."""
+        cell = np.floor(_PARTS * self.pixels[corners] / self._image.shape[::-1]).astype(int) @ (1, _PARTS)
+        part = 1.0 / np.bincount(cell)[cell]
+        return part / part.sum()
 
     def observed(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(N,) the corners that two of the ``images`` (K,) show, or more, their bearings (K, N, 3) and stds (K, N)."""
@@ -178,12 +187,36 @@ class Corners:
         return np.unique([first, *np.minimum(spaced, last), max(first, last - VELOCITY_IMAGES), last])
 
 
-def _turn(R: np.ndarray, d: np.ndarray, z: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """R_WC (3, 3) near ``R`` that turns the most of the bearings ``z`` (n, 3) to the directions ``d`` (n, 3), and the
-    residuals (n,) over the ``std`` (n,)."""
+def _turn(
+    R: np.ndarray, d: np.ndarray, z: np.ndarray, std: np.ndarray, part: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """R_WC (3, 3) near ``R`` that turns the bearings ``z`` (n, 3) to the directions ``d`` (n, 3), and the residuals
+    (n,) over the ``std`` (n,); or one far from it that fits enough of the image, of which each is a ``part`` (n,)."""
+    near = _refined(R, d, z, std)
+    if part[near[1] < _MOVED].sum() > 1.0 - _PARALLAX:
+        return near
+    one, other = np.random.default_rng(0).integers(0, len(d), (2, _TRIALS))
+    tried = np.swapaxes(_triads(z[one], z[other]), -1, -2)
+    tried = _triads(d[one], d[other]) @ tried
+    fit = np.linalg.norm(d - z @ np.swapaxes(tried, -1, -2), axis=-1) < _MOVED * std
+    best = int((fit @ part).argmax())
+    if fit[best] @ part <= 1.0 - _PARALLAX:
+        return near
+    return _refined(tried[best], d, z, std)
+
+
+def _refined(R: np.ndarray, d: np.ndarray, z: np.ndarray, std: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A rotation and its residuals, as `_turn`, by least squares with weights that leave outliers out."""
     residual = np.linalg.norm(d - z @ R.T, axis=1) / std
     for _ in range(8):
         weight = 1.0 / (1.0 + (residual / max(_MOVED, float(np.median(residual)))) ** 2) ** 2
         R = Rotation.align_vectors(d, z, weights=weight)[0].as_matrix()
         residual = np.linalg.norm(d - z @ R.T, axis=1) / std
     return R, residual
+
+
+def _triads(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) orthonormal columns: ``a`` (..., 3), across ``a`` and ``b``, and across both."""
+    across = np.cross(a, b)
+    across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
+    return np.stack((a, across, np.cross(a, across)), axis=-1)

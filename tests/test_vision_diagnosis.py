@@ -21,9 +21,9 @@ def log(searched: int, found: int, matched: int) -> FrameLog:
     return FrameLog(1.0, 20, searched, found, matched, found - matched, 0, 0, False, True, False, True, 1.0)
 
 
-def advice(image: np.ndarray, target: bool = True, mapped: np.ndarray = KNOWN, **counts: int) -> str:
+def advice(image: np.ndarray, target: bool = True, mapped: np.ndarray = KNOWN, tracked: int = 0, **counts: int) -> str:
     diagnosis = Diagnosis()
-    diagnosis.add(image, log(**counts), mapped)
+    diagnosis.add(image, log(**counts), mapped, tracked)
     return diagnosis.advice(target)
 
 
@@ -33,6 +33,7 @@ def advice(image: np.ndarray, target: bool = True, mapped: np.ndarray = KNOWN, *
         ({"image": IMAGE // 30, "searched": 20, "found": 0, "matched": 0}, "dark"),
         ({"image": np.full_like(IMAGE, 180), "searched": 20, "found": 0, "matched": 0}, "no corners"),
         ({"image": IMAGE, "searched": 20, "found": 18, "matched": 0}, "the calibration is of this lens"),
+        ({"image": IMAGE, "searched": 20, "found": 18, "matched": 0, "tracked": 50}, "too quick a motion"),
         ({"image": IMAGE, "searched": 0, "found": 0, "matched": 0}, "more images a second"),
         ({"image": IMAGE, "searched": 20, "found": 1, "matched": 0}, "blur"),
     ],

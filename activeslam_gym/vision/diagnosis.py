@@ -12,6 +12,7 @@ from activeslam_gym.vision.templates import TEMPLATE_HALF, TEMPLATE_SIDE
 _DARK = 40  # an image is dark where 99 % of its pixels are no brighter, of 255
 _FEW_CORNERS = 8  # an image with fewer is blank
 _LOOKED_AT = 60  # lost images whose reason is sought
+_PROVEN = 30  # tracked images after which the lens is not to blame
 _TURNING = 0.2  # share of the map with a known depth, under which the camera has moved sideways too little
 
 DARK = "is dark (99 % of its pixels have {level} of 255 or less): more light, or a longer exposure, would help"
@@ -37,15 +38,16 @@ class Diagnosis:
         self._first: dict[str, str] = {}  # the words on the first dark image, and on the first blank one
         self._mapped = 1.0
 
-    def add(self, image: np.ndarray, log: FrameLog, mapped: np.ndarray) -> None:
-        """A lost ``image`` (h, w), its ``log``, and which features of the map (n,) have a known depth."""
+    def add(self, image: np.ndarray, log: FrameLog, mapped: np.ndarray, tracked: int = 0) -> None:
+        """A lost ``image`` (h, w), its ``log``, which features of the map (n,) have a known depth, and how many images
+        were ``tracked`` before."""
         if self._reasons.total() >= _LOOKED_AT:
             return
         if not self._reasons:
             self._mapped = float(mapped.mean()) if len(mapped) else 1.0
         if spot := blemish(image):
             reason = f"a lost image {self._first.setdefault(spot.split(' (')[0], spot)}"
-        elif log.found > 2 * max(log.matched, 3):
+        elif log.found > 2 * max(log.matched, 3) and tracked < _PROVEN:
             reason = "the matches fit no motion of the camera: check that the calibration is of this lens"
         elif log.searched < 3:
             reason = (

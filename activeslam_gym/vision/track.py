@@ -14,6 +14,7 @@ from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 from threading import current_thread, main_thread
+from time import thread_time
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -255,7 +256,15 @@ def track(
         known = None if target is None else read_target(target)
     with argument("images", SourceError):
         source = images_of(images, rate, times, lens[:2])
-    rate, frames = source.rate, map(straighten, source.frames)
+    rate, spent = source.rate, dict[float, float]()  # on the mapping to the lens [ms], by time
+
+    def mapped(frame: Frame) -> Frame:
+        began = thread_time()
+        frame = straighten(frame)
+        spent[frame[0]] = 1e3 * (thread_time() - began)
+        return frame
+
+    frames = map(mapped, source.frames)
     with argument("out"):
         demand_writable(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -263,10 +272,10 @@ def track(
         demand_writable(Path(covariance or out).parent)
     bar = _with_progress(frames, source.total)
     with ExitStack() as at_close:
-        files, picture = None, None
+        files, picture, tracked = None, None, 0
 
         def keep(front_end: FrontEnd, frame: Frame, log: FrameLog | None) -> None:
-            nonlocal files, picture
+            nonlocal files, picture, tracked
             if files is None:  # the first image shows the target
                 picture = at_close.enter_context(film_to(folder / "film.mp4", rate)) if film else None
                 with argument("covariance"):
@@ -275,10 +284,12 @@ def track(
                     closing(TrackFiles(folder, known is not None, covariances, keep_lost, belief))
                 )
             filter = front_end.filter
-            dated = log and log._replace(time=source.origin + log.time)
+            own = spent.pop(frame[0], 0.0)
+            dated = log and log._replace(time=source.origin + log.time, milliseconds=log.milliseconds + own)
             files.add(source.origin + frame[0], filter.mean, dated, filter.camera_covariance[:6, :6])
             if log is not None and log.lost:
-                diagnosis.add(frame[1], log, filter.estimate().mapped)
+                diagnosis.add(frame[1], log, filter.estimate().mapped, tracked)
+            tracked += log is None or not log.lost
             if hasattr(bar, "set_postfix_str"):
                 bar.set_postfix_str("lost" if log is not None and log.lost else "", refresh=False)
             if picture is not None and log is not None:

@@ -95,7 +95,7 @@ class Corners:
         self.ways.append(way + (self.ways[-1] if self.ways else 0.0))
         again = self.since == len(self.turned)
         self.turned.append(again or (self.turned[-1] and not self.show_parallax()))
-        return told or (len(self.turns) == 1 and self.births >= FEWEST)
+        return enough or (len(self.turns) == 1 and self.initialised >= FEWEST)
 
     def _grow(self, image: np.ndarray, R: np.ndarray) -> None:
         """New corners, where many are missing."""

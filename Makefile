@@ -28,10 +28,10 @@ consistency: $(VENV)/.demo ## is the filter consistent? 100 episodes of each pol
 
 consistency leaderboard results figures advice: $(if $(CLUSTER),$(VENV)/.cluster)
 
-# SUITE: that the leaderboard shows. EPISODES: episodes of each study, for a trial; without bench and client-figures.
-SUITE    := v1
+# SUITE: that the leaderboard shows; v1 is of an older BEHAVIOUR. EPISODES: episodes of each study, for a trial; without bench and client-figures.
+SUITE    := development
 ENTRIES  := best-constant best-sequence sweep orbit random stay mi-mi mi-fisher joint-mi greedy-plus
-BOARD    := $(if $(EPISODES),results/entries,agents/suite/entries)
+BOARD    := $(if $(EPISODES)$(filter development,$(SUITE)),results/entries,agents/suite/entries)
 PLAYED   := --suite $(SUITE) $(if $(EPISODES),--episodes $(EPISODES))
 
 # The learners of Stable-Baselines3 with the defaults of `agents train`, in scenarios that ask for decisions; their weights

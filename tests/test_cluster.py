@@ -12,6 +12,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -167,16 +168,19 @@ def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tm
     weights.parent.mkdir()
     weights.write_bytes((pretrained.FOLDER / "ppo.npz").read_bytes())
     weights.with_suffix(".json").write_bytes((pretrained.FOLDER / "ppo.json").read_bytes())
+    model = weights.with_name("model.zip")
+    stable_baselines3 = pytest.importorskip("stable_baselines3")
+    stable_baselines3.PPO("MlpPolicy", gym.make("ActiveSLAM-v0")).save(model)
     config.SCENARIOS["of-this-process"] = Scenario(pixel_std=4.0)
     try:
-        names = (f"{own}:Mine", str(weights))
+        names = (f"{own}:Mine", str(weights), str(model))
         settings = [json.dumps({"duration": 1.0, "scenario": one}) for one in (f"{own}:noisier", "of-this-process")]
         wanted = [Task(name, 1, one) for name in names for one in settings]
         found = dict(tasks.results(wanted, Store(workers=nodes.address)))
-        weights_here = [task for task in wanted if task.policy == str(weights)]
-        for task, episode in tasks.results(weights_here, Store()):
+        played_here = [task for task in wanted if task.policy in (str(weights), str(model))]
+        for task, episode in tasks.results(played_here, Store()):
             np.testing.assert_array_equal(found[task].entropy, episode.entropy)
-        assert len(found) == 4
+        assert len(found) == 6
     finally:
         del config.SCENARIOS["of-this-process"]
 

@@ -4,6 +4,7 @@ The calling process alone makes the chunks and takes their results, so that each
 moves functions, files and results, and tells which process or machine is lost.
 """
 
+import os
 import pickle
 import shutil
 import signal
@@ -16,6 +17,7 @@ from multiprocessing import parent_process
 from pathlib import Path
 from socket import create_connection
 from tempfile import TemporaryDirectory
+from threading import Thread
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -174,12 +176,19 @@ def _on_node() -> Callable[..., Any]:
     return play
 
 
-def play(work: bytes, chunk: bytes) -> bytes:
-    """The outcomes of a chunk and their time [s], in a process of a cluster."""
+def start_worker() -> None:
+    """Leave Ctrl-C to the parent, end with it however it ends, and use one thread."""
     from threadpoolctl import threadpool_limits
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if parent := parent_process():
+        Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
     threadpool_limits(1)
+
+
+def play(work: bytes, chunk: bytes) -> bytes:
+    """The outcomes of a chunk and their time [s], in a process of a cluster."""
+    start_worker()
     begun = perf_counter()
     function, registered, found = pickle.loads(work)
     FOUND.update(found)

@@ -1,26 +1,20 @@
 """The same function for many tasks, in several processes or on a cluster, with a progress bar."""
 
-import os
-import signal
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, as_completed
 from contextlib import closing
-from multiprocessing import get_context, parent_process
-from threading import Thread
+from multiprocessing import get_context
 
-from activeslam_gym.evaluation.cluster import R, T, outcome
+from activeslam_gym.evaluation.cluster import R, T, outcome, start_worker
 
 
 def run_all(
     function: Callable[[T], R], tasks: Sequence[T], workers: int | Callable, finished: int | None, apart: bool = False
 ) -> Generator[tuple[T, R], None, None]:
-    """Yield the tasks with their results as they finish, under a progress bar.
+    """Yield the tasks with their results as they finish, under a progress bar; close the generator to end processes.
 
-    ``workers``: at most so many processes, for one and not ``apart`` this one; or `on_cluster` with an address. The bar
-    counts the episodes of each task, and ``finished`` were there before; None is no bar. Close the generator (or
-    exhaust it) to end the processes; Ctrl-C reaches the parent alone. What fails is raised when all others are over:
-    ValueError or, where a process ends, ChildProcessError, with the names of its episodes.
+    ``workers``: so many processes, for one and not ``apart`` this one; or `on_cluster` with an address. ``finished``:
+    episodes of the bar at its start; None is no bar. What fails is raised when all others are over, with its name.
     """
     from tqdm import tqdm
 
@@ -47,27 +41,17 @@ def _in_processes(
     function: Callable[[T], R], tasks: Sequence[T], processes: int, again: bool = False
 ) -> Generator[tuple[T, R | Exception], None, None]:
     """The tasks with their outcomes; those that ran when a process ended are repeated once, each alone."""
-    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=_start_worker)
-    left = {pool.submit(outcome, function, task): task for task in tasks}
-    try:
-        for future in as_completed(list(left)):
-            if not isinstance(error := future.exception(), BrokenProcessPool):
-                yield left.pop(future), error or future.result()  # type: ignore[misc]
-    finally:
-        for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
-            process.kill()  # code in it may ignore a request
-        pool.shutdown(cancel_futures=True)
+    with ProcessPoolExecutor(processes, get_context("spawn"), start_worker) as pool:
+        left = {pool.submit(outcome, function, task): task for task in tasks}
+        try:
+            for future in as_completed(list(left)):
+                if not isinstance(future.exception(), BrokenExecutor):
+                    yield left.pop(future), future.exception() or future.result()  # type: ignore[misc]
+        finally:
+            for process in list((pool._processes or {}).values()):  # an unfinished episode is not waited for
+                process.kill()
+    why = "its process ended before it was over, twice (by itself, killed, or out of memory)"
     for task in (rest := list(left.values()))[:processes]:  # they begin in their order
-        why = f"{task[0]}: its process ended before it was over, twice (by itself, killed, or out of memory)"
-        yield from [(task, ChildProcessError(why))] if again else _in_processes(function, [task], 1, again=True)
-    if rest[processes:]:
-        yield from _in_processes(function, rest[processes:], processes)
-
-
-def _start_worker() -> None:
-    """Leave Ctrl-C to the parent, end with it however it ends, and use one thread."""
-    from threadpoolctl import threadpool_limits
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=lambda: (parent_process().join(), os._exit(1)), daemon=True).start()  # type: ignore[union-attr]
-    threadpool_limits(1)
+        error = ChildProcessError(f"{task[0]}: {why}")
+        yield from [(task, error)] if again else _in_processes(function, [task], 1, again=True)
+    yield from _in_processes(function, rest[processes:], processes) if rest[processes:] else ()

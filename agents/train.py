@@ -28,6 +28,7 @@ def train(args: Args) -> bool:
         ValueError: as `Args.check`, a damaged checkpoint, a folder that holds a training with other arguments or one
             that goes on, or weights that are no longer finite.
     """
+    from agents.episode_log import EpisodeLog
     from agents.learn import algorithms
     from agents.learn.best_weights import BestWeights
     from agents.learn.imitation import imitate
@@ -51,7 +52,8 @@ def train(args: Args) -> bool:
                     print(line, flush=True)
             left = max(0, args.total_steps - learner.num_timesteps)
             if left or not begun:
-                learner.learn(left, callback=best_weights, reset_num_timesteps=False, tb_log_name="run")
+                callbacks = [best_weights, EpisodeLog(write=best_weights.write)]
+                learner.learn(left, callback=callbacks, reset_num_timesteps=False, tb_log_name="run")
             finished = True
         except KeyboardInterrupt:
             finished = False

@@ -177,10 +177,11 @@ def test_one_s_own_modules_weights_and_scenarios_travel(nodes: Any, own: str, tm
         settings = [json.dumps({"duration": 1.0, "scenario": one}) for one in (f"{own}:noisier", "of-this-process")]
         wanted = [Task(name, 1, one) for name in names for one in settings]
         found = dict(tasks.results(wanted, Store(workers=nodes.address)))
-        played_here = [task for task in wanted if task.policy == str(weights)]
-        played_here.append(Task(str(model), 1, settings[0]))  # in a process of its own, which knows the module's alone
-        for task, episode in tasks.results(played_here, Store()):
-            np.testing.assert_array_equal(found[task].entropy, episode.entropy)
+        from_weights = [task for task in wanted if task.policy == str(weights)]
+        from_model = [Task(str(model), 1, settings[0])]  # in a process of its own, which imports the module
+        for played in (from_weights, from_model):
+            for task, episode in tasks.results(played, Store()):
+                np.testing.assert_array_equal(found[task].entropy, episode.entropy)
         assert len(found) == 6
     finally:
         del config.SCENARIOS["of-this-process"]

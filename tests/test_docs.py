@@ -83,6 +83,15 @@ def test_information_tables_are_what_is_returned() -> None:
         assert list(info["reward_terms"]) == [*REWARDS, "lost_penalty"]
 
 
+def test_the_gallery_has_the_scenarios_as_they_are() -> None:
+    told = [(re.search(r"`([\w-]+)`", row[1])[1], *row[2:]) for row in rows((ROOT / "docs" / "worlds.md").read_text())]
+    sizes = {name: one.room_size for name, one in SCENARIOS.items()}
+    assert told == [
+        (name, f"{one.duration:g}", f"{one.landmark_count}", f"{sizes[name][0]:g} × {sizes[name][2]:g}")
+        for name, one in SCENARIOS.items()
+    ]
+
+
 def test_relative_links_lead_to_files() -> None:
     generated = {"changelog.md", "contributing.md", "results.md"}  # on the site they come from the root
     for page in [*PAGES, *NOTEBOOKS]:

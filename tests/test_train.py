@@ -65,7 +65,7 @@ OLDER = {"learning_rate": 1e-3, "reward_scale": 0.05, "reward_clip": 600.0}
 
 
 def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_those_that_were() -> None:
-    """Old weights stay where those of a new run are no better in the rooms for validation: docs/LEARNING.md."""
+    """Old weights stay where those of a new run are no better in the rooms for validation: docs/policies.md."""
     for name in pretrained.names():
         card = read_card(FOLDER / f"{name}.npz")
         measured = card.get("measured_behaviour", card["behaviour"])
@@ -75,7 +75,7 @@ def test_shipped_weights_were_trained_with_what_there_is_now_or_measured_beside_
             continue
         recipe = Recipe.of(card)
         of_its_own = ["reward", "scenario", "seed", "total_steps", "risk_weight"]
-        if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/LEARNING.md
+        if recipe.scenario != "paper":  # where no course is right in every room, a warm start hurts: docs/policies.md
             of_its_own += ["warm_start", "entropy_bonus"]
         if recipe.teachers:  # one policy for all scenarios
             of_its_own += ["teachers", "imitated_steps", "num_envs", "width", "learning_rate", "target_kl"]

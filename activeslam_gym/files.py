@@ -1,6 +1,5 @@
-"""Files: whole or absent, growing by lines, sealed against damage, and texts of bounded length."""
+"""Files: whole or absent, growing by lines, and texts of bounded length."""
 
-import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -95,22 +94,6 @@ def text_of(path: str | os.PathLike[str], most: int = 2**20) -> str:
     if len(text) > most:
         raise ValueError(f"{path} must have at most {most} characters, and has more")
     return text
-
-
-def write_sealed(path: Path, data: bytes) -> None:
-    """Write ``data`` behind its SHA-256 digest, whole or not at all, for `read_sealed`."""
-    with written_whole(path) as unfinished:
-        unfinished.write_bytes(hashlib.sha256(data).digest() + data)
-
-
-def read_sealed(path: Path) -> bytes | None:
-    """The data that `write_sealed` wrote to ``path``; None where the file is absent, unreadable or damaged."""
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    digest, data = content[:32], content[32:]
-    return data if digest == hashlib.sha256(data).digest() else None
 
 
 def demand_writable(folder: Path) -> None:

@@ -29,7 +29,7 @@ from numba.core.serialize import dumps
 from numba.core.typing.templates import infer_global
 from numba.extending import intrinsic, lower_cast
 
-from .files import read_sealed, write_sealed
+from .files import written_whole
 
 Tree = TypeVar("Tree", bound=tuple)
 
@@ -266,10 +266,9 @@ def _content(upper_floor: bool) -> str:
 
 
 class _Cache(FunctionCache):
-    """Numba's own cache in a folder named after the `_content`, with a checksum on each file.
+    """Numba's own cache in a folder named after the `_content`; each kernel has a file named after its types.
 
-    A flipped bit in a file of Numba's can crash the process. Here a damaged file counts as absent, and a kernel that
-    cannot be loaded is compiled again.
+    A kernel that cannot be loaded is compiled again.
     """
 
     complained = False  # that kernels cannot be kept, once a process
@@ -284,13 +283,13 @@ class _Cache(FunctionCache):
 
     def load(self, key: Any) -> Any:
         """The kernel that was saved under ``key``, or None."""
-        data = read_sealed(self._file(key))
-        identity, kernel = (None, None) if data is None else pickle.loads(data)
+        identity, kernel = pickle.loads(self._file(key).read_bytes())
         return kernel if identity == (self._stamp, key) else None
 
     def save(self, key: Any, kernel: Any) -> None:
         """Keep a kernel under ``key``."""
-        write_sealed(self._file(key), dumps(((self._stamp, key), kernel)))
+        with written_whole(self._file(key)) as unfinished:
+            unfinished.write_bytes(dumps(((self._stamp, key), kernel)))
 
     def _file(self, key: Any) -> Path:
         digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
@@ -299,7 +298,7 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The kernel for these types, or None where it has to be compiled."""
         found = None
-        with contextlib.suppress(Exception):  # an undamaged file may name a module that is no longer installed
+        with contextlib.suppress(Exception):  # absent or damaged, or of a module that is no longer installed
             found = super().load_overload(sig, target_context)
         if found is None:
             _announce("which is kept for the next time")
@@ -354,22 +353,15 @@ def _delete_old_folders(present: Path) -> None:
 
 _PAUSE = 1.0  # seconds without compilation after which the next kernels are a batch of their own, and are announced
 _compiled_at = -_PAUSE  # time of the last beginning or end of a compilation
-_count = 0  # of compilations
 _RARELY = 50_000, 20, 20
 """When Python looks for garbage while a kernel is compiled: Numba makes millions of objects, and it takes a tenth of
 the time to look at them each time; see `gc.set_threshold`."""
 _as_before = gc.get_threshold()
 
 
-def compilations() -> int:
-    """How many kernels this process has begun to compile."""
-    return _count
-
-
 def _announce(then: str) -> None:
     """Say why a call takes long: once for all kernels that are compiled one after another."""
-    global _as_before, _compiled_at, _count
-    _count += 1
+    global _as_before, _compiled_at
     if gc.get_threshold() != _RARELY:
         _as_before = gc.get_threshold()
         gc.set_threshold(*_RARELY)

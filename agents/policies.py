@@ -3,12 +3,10 @@
 import hashlib
 import importlib
 import json
-from base64 import b64decode
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from pickletools import genops
 from traceback import extract_tb
 from typing import Any
 from zipfile import ZipFile
@@ -75,7 +73,6 @@ def files(names: Iterable[str]) -> dict[str, Path]:
         elif name.endswith(FILES) and (path := file_of(name)):
             card = path.with_suffix(".json")
             found |= {str(_there(name).with_suffix(one.suffix)): one for one in (path, card) if one.exists()}
-            modules |= _named_in(path) if path.suffix == ".zip" else set()
     return {**own_files(modules), **found}
 
 
@@ -91,14 +88,9 @@ def _there(name: str) -> Path:
     )
 
 
-def is_identified(name: str) -> bool:
-    """Whether `content` tells all that a policy is made of; a user's factory may read any file."""
-    return ":" not in name
-
-
 def holds_code(name: str) -> bool:
-    """Whether a policy runs its user's code: a factory, or a saved model, which is unpickled."""
-    return name.endswith(".zip") or not is_identified(name)
+    """Whether a policy runs its user's code: a factory, which may read any file, or a saved model, a pickle."""
+    return name.endswith(".zip") or ":" in name
 
 
 def offered(name: str) -> Callable[[Environment], Predictor]:
@@ -173,15 +165,6 @@ def _saved_model(path: Path, env: Environment) -> Predictor:
     policy.load_state_dict(weights["policy"])
     policy.set_training_mode(False)
     return policy
-
-
-def _named_in(path: Path) -> set[str]:
-    """Words in the pickles of a saved model, the module of a user's own network among them."""
-    with reading(path), ZipFile(path) as model:
-        parts = [part for part in json.loads(model.read("data")).values() if isinstance(part, dict)]
-        pickles = [b64decode(part[":serialized:"]) for part in parts if ":serialized:" in part]
-        words = {str(text).partition(" ")[0] for one in pickles for _, text, _ in genops(one)}
-        return {word for word in words if word.replace(".", "").isidentifier()}
 
 
 def _imported(name: str) -> Callable[[Environment], Any]:

@@ -71,8 +71,8 @@ class Task:
 def results(
     tasks: Sequence[Task], store: Store, batch: int = 1, anew: bool = False
 ) -> Generator[tuple[Task, Episode], None, None]:
-    """Yield every task with its episode; see `Store.gather`. A policy that is not identified is always played."""
-    made = {task for task in tasks if anew or not policies.is_identified(task.policy)}
+    """Yield every task with its episode; see `Store.gather`. A policy that holds code is always played."""
+    made = {task for task in tasks if anew or policies.holds_code(task.policy)}
     apart = any(policies.holds_code(task.policy) for task in tasks)
     files = _files(tasks) if isinstance(store.workers, str) else {}
     with closing(store.gather(tasks, play_tasks, batch, made, apart, files)) as finished:
@@ -167,8 +167,9 @@ def run_policy(
 
 def check(names: Sequence[str], environments: Sequence[dict[str, Any]]) -> None:
     """Raise ValueError for an unknown policy or a bad argument of an environment; `step_once` imports users' code."""
-    for name in filter(policies.is_identified, names):
-        policies.factory(name)
+    for name in names:
+        if not policies.holds_code(name):
+            policies.factory(name)
     for arguments in environments:
         try:
             make_environment(arguments).close()

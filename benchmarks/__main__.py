@@ -2,67 +2,78 @@
 
 import shlex
 import sys
-import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from importlib import import_module
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal
 
 from threadpoolctl import threadpool_limits
 
 from agents.tools.files import writable_folder, write_json, write_text
-from agents.tools.sections import page_with, put_section
+from agents.tools.sections import page_with, provenance, put_section, table
 
+from . import environments, peers, start
 from .against import PAIRS, compare
-from .report import Section, bar_table, provenance, report
 
-Part = Literal["single", "batch", "images", "scores", "peers", "start"]
-"""Each is a module of this package with `run(quick) -> Section`."""
+Rows = list[dict[str, Any]]  # they share their keys, which are the table's head, with units
+PARTS: dict[str, Callable[[bool], tuple[Rows, str]]] = {
+    "single": environments.single,
+    "batch": environments.batches,
+    "images": environments.images,
+    "scores": environments.scores,
+    "peers": peers.run,
+    "start": start.run,
+}
+"""Each measures, in small sizes and with few repeats where it is asked to be quick, and says how."""
 
 
 @dataclass(frozen=True)
 class Args:
-    """Measure speed beside peers, and hold the figures against the bars."""
+    """Measure speed beside peers."""
 
-    parts: tuple[Part, ...] = get_args(Part)
+    parts: tuple[Literal["single", "batch", "images", "scores", "peers", "start"], ...] = tuple(PARTS)  # type: ignore
     """What to measure."""
     quick: bool = False
     """Small sizes and few repeats, to see that it runs; the figures mean little."""
     out: Path = Path("results/bench")
     """Folder of `bench.md` and `bench.json`."""
-    report: tuple[Path, ...] = ()
-    """Pages whose generated sections "bench" (all of it) and "speed" (the bars) are regenerated."""
+    report: Path | None = None
+    """A page whose generated section "bench" is regenerated."""
     against: str | None = None
     """A commit to measure in turn with this checkout; then nothing else is measured (ten minutes)."""
 
 
 def main(args: Args, command: str = "python -m benchmarks") -> int:
-    """Measure the parts; exit status 0, whether the bars are met or not."""
+    """Measure the parts; the exit status."""
     if args.against is not None:
         print(compare(args.against, 1 if args.quick else PAIRS))
         return 0
     writable_folder("out", args.out)
-    for page in args.report:
-        page_with(page, "bench", "speed")
-    sections: list[Section] = []
-    modules = {part: import_module(f"benchmarks.{part}") for part in args.parts}
+    if args.report:
+        page_with(args.report, "bench")
     with threadpool_limits(1):  # it reaches only the BLAS libraries that are loaded by now, SciPy's own among them
-        for part, module in modules.items():
-            begin = time.perf_counter()
-            sections.append(module.run(args.quick))
-            print(f"{part}: {time.perf_counter() - begin:.0f} s", file=sys.stderr, flush=True)
-    measured_on = provenance(command)
-    text = f"{measured_on}\n{report(sections)}"
-    bars = [{**asdict(bar), "met": bar.met} for section in sections for bar in section.bars]
-    parts = [asdict(section) for section in sections]
-    write_json(args.out / "bench.json", {"measured_on": measured_on, "bars": bars, "sections": parts})
-    write_text(args.out / "bench.md", f"# Benchmark\n\n{text}")
-    print(f"# Benchmark\n\n{text}")
-    for page in args.report:
-        put_section(page, "bench", text)
-        put_section(page, "speed", f"{measured_on}\n\n{bar_table(sections)}")
+        found = {part: PARTS[part](args.quick) for part in args.parts}
+    tables = [f"## {part.capitalize()}\n\n{markdown(rows)}\n\n{note}" for part, (rows, note) in found.items()]
+    how = "Each time is a median of several, each ratio is of one run. BLAS has one thread throughout."
+    text = "\n\n".join([provenance(command), how, *tables])
+    write_json(args.out / "bench.json", {part: rows for part, (rows, _) in found.items()})
+    write_text(args.out / "bench.md", f"# Benchmark\n\n{text}\n")
+    print(text)
+    if args.report:
+        put_section(args.report, "bench", text)
     return 0
+
+
+def markdown(rows: Rows) -> str:
+    """A table; nothing for no rows."""
+    return table(list(rows[0]), [[number(value) for value in row.values()] for row in rows]) if rows else ""
+
+
+def number(value: Any) -> str:
+    """Three digits of a float, everything of anything else."""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def entry(arguments: Sequence[str] | None = None) -> int:

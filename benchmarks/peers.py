@@ -2,6 +2,7 @@
 
 from functools import partial
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -9,24 +10,22 @@ from scipy.linalg import cho_factor, cho_solve
 from activeslam_gym import Gaze, Motion
 from activeslam_gym.motion import CAMERA_DIM, COMMANDS
 
-from .report import Bar, Section
 from .setups import SEEN, demand_matches, filter_frames, mapped_runs, restoring, whole_frames
 from .timing import Call, repeated, restored
 
 LANDMARKS = {93: 27, 129: 39}  # n = 12 + 3 landmarks
-FRAME = "a whole frame of ours, without entropy"
 FRAMES = 5  # frames of a step: a decision every 0.25 s
 M = 2 * SEEN
 
 
-def run(quick: bool) -> Section:
+def run(quick: bool) -> tuple[list[dict[str, Any]], str]:
     """Each at both sizes, as a ratio to filterpy's."""
-    section = Section("Peers")
+    rows: list[dict[str, Any]] = []
     repeats, at_least, count = (3, 0.02, 100) if quick else (9, 0.2, 1000)
     for n, landmarks in LANDMARKS.items():
         runs, command = mapped_runs(landmarks), COMMANDS[Motion.FORWARD, Gaze.LEFT]
         ours = {
-            FRAME: partial(whole_frames, runs, command, FRAMES),
+            "a whole frame of ours, without entropy": partial(whole_frames, runs, command, FRAMES),
             "the same, one frame a call": partial(whole_frames, runs, command, 1),
             "predict + update of ours": partial(filter_frames, runs, FRAMES),
         }
@@ -39,19 +38,13 @@ def run(quick: bool) -> Section:
         times |= {name: float(np.median(repeated(call, repeats, at_least))) for name, call in peers.items()}
         last = list(times.values())[-1]
         for name, time in times.items():
-            section.rows.append({"n": n, "what": name, "time [µs]": 1e6 * time, "ratio to the last": time / last})
-        if find_spec("filterpy") and n == 93:
-            bar = "a whole frame of n = 93 / filterpy's predict + update"
-            section.bars.append(Bar(bar, times[FRAME] / last, 1 / 3, ""))
-    if not find_spec("filterpy"):
-        section.notes.append("filterpy is skipped: it is not installed (`pip install -e '.[bench]'`).")
-    section.notes.append(
+            rows.append({"n": n, "what": name, "time [µs]": 1e6 * time, "ratio to the last": time / last})
+    return rows, (
         f"Point features, {SEEN} seen (z of {M}); BLAS has one thread, by threadpoolctl. A whole frame: motion, "
         "detection, prediction, unknown association, update, initialisation. Predict + update: its own frame, by "
         f"detections with certain ids. All is called from Python, a call of ours for {FRAMES} frames, as an "
         "environment runs those of a decision; handing over the arrays is part of it."
     )
-    return section
 
 
 def _system(n: int) -> tuple[np.ndarray, ...]:

@@ -5,12 +5,9 @@ import os
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from .report import Bar, Section
 
 _IMPORT = "import time; t = time.perf_counter(); import activeslam_gym; print([time.perf_counter() - t])"
 _START = """
@@ -26,30 +23,18 @@ print(json.dumps([b - a for a, b in zip(t, t[1:])]))
 LAPS = ("import [s]", "make [s]", "reset [s]", "first step [s]")
 
 
-def run(quick: bool) -> Section:
+def run(quick: bool) -> tuple[list[dict[str, Any]], str]:
     """Times of fresh processes; compiling is left out if ``quick``."""
-    section = Section("Start")
     laps = {"import activeslam_gym": list(np.median([_fresh(_IMPORT) for _ in range(3 if quick else 7)], axis=0))}
-    if quick:
-        section.notes.append("First-run compilation is skipped in a quick run.")
-    else:
+    if not quick:
         with tempfile.TemporaryDirectory() as cache:
             laps["first run, empty cache"] = _fresh(_START, cache)
-            kernels = len(list(Path(cache).rglob("*.nbc")))
             laps["cached"] = sorted((_fresh(_START, cache) for _ in range(5)), key=sum)[2]
-            if not kernels or len(list(Path(cache).rglob("*.nbc"))) != kernels:
-                raise RuntimeError(f"the first run compiled {kernels} files of kernels, and a cached start some more")
-        first, cached = sum(laps["first run, empty cache"]), sum(laps["cached"])
-        section.bars.append(Bar("first run, compilation included", first, 30.0, "s"))
-        section.bars.append(Bar("cached start: import, make, reset, first step", cached, 2.0, "s"))
-        section.notes.append(
-            f"Fresh processes, median of 5 (the first run: one). It filled an empty NUMBA_CACHE_DIR with {kernels} "
-            "files of kernels; the cached starts added none."
-        )
-    for what, times in laps.items():
-        row: dict[str, Any] = {"what": what, **dict.fromkeys(LAPS, "")}
-        section.rows.append({**row, **dict(zip(LAPS, times)), "total [s]": float(sum(times))})
-    return section
+    rows = [
+        {"what": what, **dict.fromkeys(LAPS, ""), **dict(zip(LAPS, times)), "total [s]": float(sum(times))}
+        for what, times in laps.items()
+    ]
+    return rows, "Fresh processes, median of 5 (the first run: one)."
 
 
 def _fresh(code: str, cache: str | None = None) -> list[float]:

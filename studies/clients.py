@@ -6,18 +6,17 @@ Prints the mean return in bits before and after training, and the time. Skips li
 ``--report`` needs them all, and `make client-figures` installs them.
 """
 
-import argparse
 import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from agents.tools.sections import table
-from studies import page_with_section, publish, run
+import tyro
+
+from agents.tools.sections import page_with, table
+from studies import publish, run
 
 ROOT = Path(__file__).resolve().parents[1]
 HEADER = ("Client", "Script", "Steps", "Before → after [bit]", "Time [s]")
@@ -84,19 +83,20 @@ def row_of(client: Client) -> list[str]:
     return row
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run, print, and fill the page's section "clients"."""
-    made = argparse.ArgumentParser(prog="python -m studies.clients", description=__doc__)
-    made.add_argument(
-        "--report", type=partial(page_with_section, "clients"), help='a page whose generated section "clients" is made'
-    )
-    args = made.parse_args(arguments)
+def main(report: Path | None = None) -> None:
+    """Run each client of the examples, and print a table.
+
+    Args:
+        report: A page whose generated section "clients" is made; for it all must be installed.
+    """
     missing = sorted({client.environment for client in CLIENTS if not python_of(client).exists()})
-    if args.report and missing:
-        made.error(f"argument --report: not installed: {', '.join(missing)}; make client-figures installs them")
+    if report:
+        page_with(report, "clients")
+    if report and missing:
+        raise ValueError(f"--report: not installed: {', '.join(missing)}; make client-figures installs them")
     rows = [row_of(client) for client in CLIENTS if client.environment not in missing]
-    publish(args.report, "clients", table(HEADER, rows), "make client-figures")
+    publish(report, "clients", table(HEADER, rows), "make client-figures")
 
 
 if __name__ == "__main__":
-    run(main)
+    run(lambda: tyro.cli(main))

@@ -8,20 +8,23 @@ played to its end, lost or not. With ``--report`` the page has the table, its fo
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import tyro
 from scipy.stats import chi2
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode
 from agents.figures import grid_of_panels, legend_below, save_figure
+from agents.tools.arguments import command_line
 from agents.tools.files import write_csv
 from agents.tools.sections import table
 from agents.tools.statistics import TAILS, estimate
-from studies import command_line, mean, parser, played, publish, run, settings_of, tasks
+from studies import Study, mean, played, publish, run, settings_of, tasks
 from studies.measures import Matches, mean_nees, nees
 
 POLICIES = ("orbit", "mi-mi", "mi-fisher", "joint-mi", "mi-constant", "sweep", "random", "stay")
@@ -82,22 +85,33 @@ def draw(runs: Runs, path: Path) -> None:
     save_figure(figure, path)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Args(Study):
+    """Lost episodes, wrong matches and NEES, of each policy and variant of the filter."""
+
+    section = "consistency"
+    policies: tuple[str, ...] = POLICIES
+    """Names of policies."""
+    seed: int = 2_000_000
+    """Of the first episode."""
+    scenario: str = "paper"
+    """A name, or fields as JSON."""
+    variants: tuple[Literal["inverse depth", "known association", "depth particles"], ...] = tuple(VARIANTS)  # type: ignore
+    """Of the filter."""
+
+
+def main(args: Args) -> None:
     """Play, print the table, and regenerate the page."""
-    made = parser("consistency", __doc__, "consistency", policies=POLICIES, rooms=100, seed=2_000_000)
-    made.add_argument("--scenario", default="paper", help="a name, or fields as JSON")
-    made.add_argument("--variants", nargs="+", default=tuple(VARIANTS), choices=tuple(VARIANTS))
-    args = made.parse_args(arguments)
     settings = {variant: settings_of(args.scenario, **VARIANTS[variant]) for variant in args.variants}
     pairs = product(args.policies, args.variants)
-    groups = {pair: tasks(pair[0], settings[pair[1]], args.seed, args.rooms, Matches) for pair in pairs}
-    runs = played(groups, args.out, jobs=args.jobs)
+    groups = {pair: tasks(pair[0], settings[pair[1]], args.seed, args.episodes, Matches) for pair in pairs}
+    runs = played(groups, args.out, workers=args.workers)
     if args.report:
         draw(runs, args.report.parent / "images" / "nees.png")
         write_csv(args.report.with_name("consistency.csv"), [line_of(*key, group) for key, group in runs.items()])
     rows = [row_of(*key, group) for key, group in runs.items()]
-    publish(args.report, "consistency", table(HEADER, rows), command_line("consistency", arguments))
+    publish(args.report, args.section, table(HEADER, rows), command_line("studies.consistency", args))
 
 
 if __name__ == "__main__":
-    run(main)
+    run(lambda: main(tyro.cli(Args)))

@@ -8,10 +8,12 @@ episodes, ``--long``, last to the last of ``--seconds``, the others to the first
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tyro
 
 from activeslam_gym import Motion
 from activeslam_gym.evaluation import Store
@@ -20,9 +22,10 @@ from activeslam_gym.evaluation.store import Arrays
 from activeslam_gym.live.person import FOLLOW, HABITS, NEVER, STILL
 from activeslam_gym.live.trial import Second, trial
 from agents.figures import PARTS, grid_of_panels, save_figure
+from agents.tools.arguments import command_line, within
 from agents.tools.sections import table
 from agents.tools.statistics import Column, estimate
-from studies import SECONDS, command_line, number, parser, publish, run
+from studies import Study, publish, run
 from studies.measures import CHANCE, LATERAL, MINUTE
 
 PERSONS = {FOLLOW: "follows", NEVER: "random", STILL: "stays"}
@@ -112,24 +115,41 @@ def draw(runs: Runs, path: Path) -> None:
     save_figure(figure, path)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Args(Study):
+    """Persons who follow the advice of the live page, move at random, or stay, in the same rendered rooms."""
+
+    section = "live"
+    episodes: int = 3
+    """Of each person."""
+    seed: int = 5_000_000
+    """Of the first room."""
+    seconds: tuple[float, ...] = (35.0, 167.0)
+    """When persons are compared."""
+    long: int = 0
+    """Episodes that last to the last of ``seconds``; the others last to the first."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        within(self, long=(0, 10**6))
+        if not all(1.0 <= one <= 36_000.0 for one in self.seconds):
+            raise ValueError(f"seconds: {self.seconds}; allowed: 1 to 36000 each")
+
+
+def main(args: Args) -> None:
     """Play, print the tables, and regenerate the page."""
-    made = parser("live", __doc__, "live", rooms=3, seed=5_000_000)
-    made.add_argument("--seconds", nargs="+", type=SECONDS, default=(35.0, 167.0), help="when persons are compared")
-    made.add_argument("--long", type=number(0, 10**6), default=0, help="episodes that last to the last of these")
-    args = made.parse_args(arguments)
-    lasts = [max(args.seconds) if j < args.long else min(args.seconds) for j in range(args.rooms)]
+    lasts = [max(args.seconds) if j < args.long else min(args.seconds) for j in range(args.episodes)]
     trials = [Trial(args.seed + j, habit, time) for j, time in enumerate(lasts) for habit in HABITS]
     runs: dict[str, dict[int, Arrays]] = {habit: {} for habit in HABITS}
-    with closing(Store(args.out, args.jobs).gather(trials, play_trials)) as finished:
+    with closing(Store(args.out, args.workers).gather(trials, play_trials)) as finished:
         for one, arrays in finished:
             dets = {f"log2_det_{part}": values for part, values in zip(PARTS, arrays["log2_dets"].T)}
             runs[one.habit][one.seed] = arrays | dets
     text = table(HEADER, [row for time in args.seconds if time <= max(lasts) for row in rows(runs, time)])
     if args.report:
         draw(runs, args.report.parent / "images" / "live-figure5.png")
-    publish(args.report, "live", f"{text}\n\n{figure_5(runs)}", command_line("live", arguments))
+    publish(args.report, args.section, f"{text}\n\n{figure_5(runs)}", command_line("studies.live", args))
 
 
 if __name__ == "__main__":
-    run(main)
+    run(lambda: main(tyro.cli(Args)))

@@ -7,17 +7,19 @@ Plays its three strategies in `paper` and `paper-2006`, variants that single cla
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import tyro
 
 from activeslam_gym import Motion
 from activeslam_gym.evaluation import Episode, Measure
 from agents import figures
+from agents.tools.arguments import command_line, positive
 from agents.tools.sections import table
 from agents.tools.statistics import estimate
-from studies import SECONDS, command_line, measures, parser, played, publish, run, settings_of, tasks
+from studies import Study, measures, played, publish, run, settings_of, tasks
 from studies.measures import CHANCE, LATERAL, MINUTE, at_target, noted, share, unless_lost
 
 STRATEGIES = {"(i)": "mi-constant", "(ii)": "mi-mi", "(iii)": "mi-fisher"}
@@ -84,18 +86,31 @@ def claims(runs: Runs) -> Iterator[list[str]]:
         yield number("log₂|P| is then {}", f"`paper-2006`, {name}", det[f"{name} 2006"], log2_det)
 
 
-def play(
-    rooms: int, seed: int, out: Path | None = None, jobs: int | str = 1, seconds: float = np.inf
-) -> tuple[Runs, Runs]:
-    """The episodes of every condition, of ``seconds`` at most; and those to draw, of median log score, whole."""
+@dataclass(frozen=True, kw_only=True)
+class Args(Study):
+    """The claims and figures of the paper in our episodes."""
+
+    section = "paper"
+    seconds: float = 167.0
+    """Of an episode at most."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive(self, "seconds")
+
+
+def play(args: Args) -> tuple[Runs, Runs]:
+    """The episodes of every condition; and those to draw, of median log score, whole."""
     groups = {
-        name: tasks(policy, settings_of(scenario, {"duration": min(lasts, seconds)}), seed, rooms, *taken)
+        name: tasks(
+            policy, settings_of(scenario, {"duration": min(lasts, args.seconds)}), args.seed, args.episodes, *taken
+        )
         for name, (policy, scenario, lasts, taken) in CONDITIONS.items()
     }
-    runs = played(groups, out, jobs=jobs)
+    runs = played(groups, args.out, workers=args.workers)
     drawn = dict.fromkeys(STRATEGIES, measures.middle([runs[name] for name in STRATEGIES]))
     drawn["live"] = measures.middle([runs["live"]])
-    return runs, played({name: [replace(groups[name][k], whole=True)] for name, k in drawn.items()}, out)
+    return runs, played({name: [replace(groups[name][k], whole=True)] for name, k in drawn.items()}, args.out)
 
 
 def draw(runs: Runs, drawn: Runs, folder: Path) -> None:
@@ -110,16 +125,13 @@ def draw(runs: Runs, drawn: Runs, folder: Path) -> None:
         figures.save_figure(figure, folder / f"{name}.png", dpi=80)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(args: Args) -> None:
     """Play, print the table, and regenerate the page."""
-    made = parser("paper", __doc__, "paper", rooms=100, seed=1_000_000)
-    made.add_argument("--seconds", type=SECONDS, default=np.inf, help="of an episode at most")
-    args = made.parse_args(arguments)
-    runs, drawn = play(args.rooms, args.seed, args.out, args.jobs, args.seconds)
+    runs, drawn = play(args)
     if args.report:
         draw(runs, drawn, args.report.parent / "images" / "paper")
-    publish(args.report, "paper", table(HEADER, list(claims(runs))), command_line("paper", arguments))
+    publish(args.report, args.section, table(HEADER, list(claims(runs))), command_line("studies.paper", args))
 
 
 if __name__ == "__main__":
-    run(main)
+    run(lambda: main(tyro.cli(Args)))

@@ -8,15 +8,17 @@ held-out episodes, or of those from ``--seed`` on. Prints a table for each scena
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import tyro
 
 from activeslam_gym import config
 from activeslam_gym.evaluation import Episode
 from agents.tools.sections import Table, table
 from agents.tools.statistics import MISSING, estimate
-from studies import parser, played, run, settings_of, tasks
+from studies import Study, played, run, settings_of, tasks
 
 SCENARIOS = ("office", "corridor", "rooms", "clusters", "corner", "sprint", "noisy", "mixed")
 DECIDING = ("mi-mi", "mi-fisher", "joint-mi", "ppo")
@@ -57,22 +59,33 @@ def shares_of_best(medians: Mapping[str, Mapping[str, float]]) -> Table:
     return Table("Share of the best policy's median log score gain", ["policy", *medians], list(rows.values()))
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+@dataclass(frozen=True, kw_only=True)
+class Args(Study):
+    """The best open-loop policies and policies that decide, in episodes of each scenario."""
+
+    policies: tuple[str, ...] = DECIDING
+    """Policies that decide."""
+    open: tuple[str, ...] = OPEN
+    """Open-loop policies, whose best is the reference."""
+    scenarios: tuple[str, ...] = SCENARIOS
+    """Names of scenarios."""
+    seed: int | None = None  # type: ignore[assignment]
+    """Of the first episode; the scenario's held-out episodes if not given."""
+    corners: bool = False
+    """The sensor `corners` in the place of images."""
+
+
+def main(args: Args) -> None:
     """Play, and print the tables."""
-    made = parser("worlds", __doc__, policies=DECIDING, rooms=100, seed=None)
-    made.add_argument("--scenarios", nargs="+", default=SCENARIOS, choices=tuple(config.SCENARIOS))
-    made.add_argument("--open", nargs="+", default=OPEN, help="policies whose best is the reference")
-    made.add_argument("--corners", action="store_true", help="the sensor `corners` in the place of images")
-    args = made.parse_args(arguments)
     fields: dict[str, Any] = {"sensor": "corners"} if args.corners else {}
     names = dict.fromkeys((*args.open, *args.policies))
     first = {one: config.benchmark_seed(one) if args.seed is None else args.seed for one in args.scenarios}
     groups = {
-        (scenario, name): tasks(name, settings_of(scenario, **fields), first[scenario], args.rooms)
+        (scenario, name): tasks(name, settings_of(scenario, **fields), first[scenario], args.episodes)
         for scenario in args.scenarios
         for name in names
     }
-    runs, medians = played(groups, args.out, jobs=args.jobs), {}
+    runs, medians = played(groups, args.out, workers=args.workers), {}
     for scenario in args.scenarios:
         own = {name: runs[scenario, name] for name in names}
         medians[scenario] = {name: float(np.median(log_scores(of))) for name, of in own.items()}
@@ -81,4 +94,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    run(main)
+    run(lambda: main(tyro.cli(Args)))

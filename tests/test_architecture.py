@@ -44,7 +44,6 @@ MAY_IMPORT: dict[str, set[str]] = {
         "envs.episode",
         "__init__",
     },  # reads environments through their public surface
-    "wrappers": {"envs", "__init__"},  # for clients; nothing of ours needs them
     "live": MATHEMATICS | {"files", "metrics", "slam", "information", "vision", "envs.outside"},
     "__main__": {"vision", "live"},
     "__init__": {"config", "motion", "envs"},

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import pytest
+import tyro
 
 from agents import __main__ as commands
 from agents.__main__ import COMMANDS, main
@@ -32,14 +33,10 @@ class Q:
 def raises(env): raise ZeroDivisionError("division by zero\\nand more")
 def none(env): return None
 def no_arguments(): return None
-def two_arguments(env, seed): return None
 def returns_none(env): return P(lambda: None)
-def raises_later(env): return P(lambda: 1 / 0)
 def other_predict(env): return Q()
 def one_number(env): return P(lambda: (7, None))
-def too_many(env): return P(lambda: ((1, 2, 3), None))
 def not_a_number(env): return P(lambda: ((float("nan"), 1), None))
-def no_such_gaze(env): return P(lambda: ((1, 5), None))
 constant = 5
 """
 FILES = {
@@ -54,52 +51,36 @@ FILES |= {"broken.py": "def (:", "broken.npz": "PK\3\4 not all", "broken.json": 
 UNKNOWN = "; allowed: random, stay, sweep"
 TABLE: tuple[tuple[str, str, str, str], ...] = (
     # files and folders
-    ("compare train", "--out", "TMP/file TMP/file/below /proc/none /dev/null", "is no folder to write to"),
-    ("watch", "--tum", "TMP/file TMP/file/below /dev/null", "is no folder to write to"),
-    ("watch", "--save", "TMP/file/a.gif /dev/null/a.png", "is no folder to write to"),
-    ("watch", "--save", "clip clip.avi clip.GIF TMP", "must end in .gif, .webp, .png, .mp4, got"),
-    ("compare", "--report", "TMP/absent.md TMP", "there is no page"),
+    ("compare train", "--out", "TMP/file TMP/file/below", "is no folder to write to"),
+    ("watch", "--tum", "TMP/file", "is no folder to write to"),
+    ("watch", "--save", "TMP/file/a.gif", "is no folder to write to"),
+    ("watch", "--save", "clip.avi", "must end in .gif, .webp, .png, .mp4, got"),
+    ("compare", "--report", "TMP/absent.md", "there is no page"),
     ("compare", "--report", "TMP/page.md", "has no section <!-- generated:"),
     ("compare", "--policies", "TMP/broken.npz TMP/half.npz", "cannot be read"),
-    ("compare", "--policies", "absent.npz TMP/absent.npz ../absent.npz", "is no file of weights"),
-    ("export", "--out", "TMP/file/a.zip /dev/null/a.zip", "is no folder to write to"),
-    ("export", "--out", "TMP a.npz a", "out must end in .zip"),
-    ("export", "--policy", "nobody absent.npz mi-fisher", "has no weights; allowed: generalist"),
-    ("export", "--policy", "TMP/broken.npz TMP/half.npz", "cannot be read"),
+    ("compare", "--policies", "absent.npz", "is no file of weights"),
+    ("export", "--out", "a.npz", "out must end in .zip"),
+    ("export", "--policy", "nobody", "has no weights; allowed: generalist"),
     # policies
-    ("compare", "--policies", "nobody MI-FISHER ppo2", UNKNOWN),
-    ("watch", "--policies", "nobody", UNKNOWN),
+    ("compare watch", "--policies", "nobody MI-FISHER", UNKNOWN),
     ("compare", "--policies", "", "policies: none given; allowed: one name or more"),
-    (
-        "compare",
-        "--policies",
-        "raising:make",
-        "cannot be imported (ZeroDivisionError: division by zero (raising.py:1))",
-    ),
-    ("compare", "--policies", "exits:make broken:make own:absent own: : :make a:b:c", "cannot be imported"),
+    ("compare", "--policies", "raising:make exits:make broken:make own:absent : a:b:c", "cannot be imported"),
     ("compare", "--policies", "own:raises", "called as factory(env): ZeroDivisionError: division by zero (own.py:10)"),
-    ("compare", "--policies", "own:no_arguments own:two_arguments own:constant", "called as factory(env): TypeError"),
+    ("compare", "--policies", "own:no_arguments own:constant", "called as factory(env): TypeError"),
     ("compare", "--policies", "own:none", "made None; allowed: an object with predict(observation, …)"),
     ("compare", "--policies", "own:returns_none own:other_predict", "asked for (action, state): TypeError"),
-    ("compare", "--policies", "own:raises_later", "asked for (action, state): ZeroDivisionError"),
-    ("compare", "--policies", "own:one_number own:too_many own:not_a_number", "action must be two whole numbers"),
-    ("watch", "--policies", "own:no_such_gaze", "action must be two whole numbers"),
-    ("compare", "--reference", "nobody ppo MI-FISHER", "is not compared; allowed: mi-constant"),
-    ("train", "--reward", "bogus 5", "reward must be one of entropy, log_score"),
+    ("compare", "--policies", "own:one_number own:not_a_number", "action must be two whole numbers"),
+    ("compare", "--reference", "nobody", "is not compared; allowed: mi-constant"),
+    ("train", "--reward", "bogus", "reward must be one of entropy, log_score"),
     # numbers, beside those of `test_every_number_of_every_command_is_bounded_and_named`
-    ("compare watch", "--seed", "-1", "allowed: 0 to 4611686018427387904"),
-    ("compare", "--episodes", "0", "allowed: 1 to 1000000"),
     ("compare", "--duration", "0.01", "duration must be a whole multiple of "),
     ("compare watch", "--gaze-period", "0.07", "must be a whole multiple of the frame (0.05 s)"),
     ("watch", "--speed", "1e-300", "shows a picture for more than 60 s"),
-    ("train", "--learning-rate --gamma", "2", "allowed: 0.0 to 1.0"),
     ("train", "--duration", "0.1", "must be a whole multiple of decision_period (1 s)"),
-    ("train", "--decision-period", "0.07", "decision_period must be a whole multiple of the frame (0.05 s)"),
     # scenarios
-    ("compare watch", "--scenario", "nowhere [1] PAPER", "scenario must be one of paper, paper-literal"),
-    ("compare watch", "--scenario", "{ {}x {pixel_std:1}", "is no JSON object"),
+    ("compare watch", "--scenario", "nowhere [1]", "scenario must be one of paper, paper-literal"),
+    ("compare", "--scenario", "{ {pixel_std:1}", "is no JSON object"),
     ("compare", "--scenario", '{"nonsense":1}', "scenario has no field nonsense"),
-    ("compare", "--scenario", '{"pixel_std":-1} {"pixel_std":"wide"}', "must be a positive number, got"),
     # the line itself
     ("compare train watch export", "--nonsense", "", "Unrecognized options: --nonsense"),
 )
@@ -196,23 +177,23 @@ def test_a_full_disk_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+def ran(study: Any, line: list[str]) -> None:
+    """Run a study by its command line."""
+    run(lambda: study.main(tyro.cli(study.Args, args=line)))
+
+
 STUDIES = {"--out TMP/file": "is no folder", "--report TMP/absent.md": "no page", "--report TMP/page.md": "no section"}
-STUDIES |= {"--seed -1": "allowed: 0 to", "--episodes 0": "allowed: 1 to", "--jobs x": "allowed: 1 to"}
-POLICIES = {"--policies nobody": UNKNOWN, "--policies broken:make": "cannot be imported"}
-FIELDS = {
-    "--scenario nowhere": "scenario must be one of",
-    '--scenario {"nonsense":1}': "scenario has no field nonsense",
-}
+STUDIES |= {"--seed -1": "allowed: 0 to", "--episodes 0": "allowed: 1 to", "--jobs 0": "allowed: 1 to"}
 
 
 @pytest.mark.parametrize(("study", "lines"), [
-    (consistency, STUDIES | POLICIES | FIELDS),
-    (paper, STUDIES | {"--seconds 0": "allowed: 1 to", "--seconds nan": "allowed: 1 to", "--nonsense": "arguments"}),
-    (worlds, {"--scenarios nowhere": "invalid choice", **POLICIES}),
+    (consistency, STUDIES | {"--policies nobody": UNKNOWN, "--scenario nowhere": "scenario must be one of"}),
+    (paper, STUDIES | {"--seconds 0": "positive", "--seconds nan": "positive", "--nonsense": "nrecognized"}),
+    (worlds, {"--scenarios nowhere": "scenario must be one of", "--policies broken:make": "cannot be imported"}),
 ])  # fmt: skip
 def test_a_mistake_in_a_study_is_told_in_a_line(study: Any, lines: dict[str, str], folder: Path, capsys: Any) -> None:
     for line, said in lines.items():
         given = line.replace("TMP", str(folder)).split()
-        status, lines_told = told(capsys, lambda given: run(partial(study.main, given)), given)
-        text = " ".join(lines_told)
+        status, said_lines = told(capsys, partial(ran, study), given)
+        text = " ".join(said_lines)
         assert status == 2 and said in text and "Traceback" not in text, (line, text)

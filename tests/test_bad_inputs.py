@@ -12,7 +12,6 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 
-import agents
 import baselines
 from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, observation_layout
 
@@ -74,12 +73,6 @@ def test_a_batch_names_the_argument(argument: str) -> None:
         refuses(argument, lambda value=value: ActiveSLAMVectorEnv(**{"num_envs": 2, argument: value}))
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
-    env = ActiveSLAMEnv(np.str_("paper"), np.float64(0.25), np.int64(1), np.float32(10.0), "entropy", np.float32(0.5))
-    assert (env.gaze_period, env.motion_period, env.duration) == (0.25, 1.0, 10.0)
-    assert (env.reset(seed=np.int64(3))[0] == env.reset(seed=3)[0]).all()  # type: ignore[arg-type]
-
-
 def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
     for action in BAD_ACTIONS:
         refuses("action", lambda action=action: env.step(action))
@@ -97,15 +90,6 @@ def test_actions_seeds_and_options_are_named(env: ActiveSLAMEnv, batch: ActiveSL
         refuses("reset_mask", lambda mask=mask: batch.reset(options={"reset_mask": mask}))
 
 
-def test_an_unknown_argument_names_the_nearest_field_and_scenario() -> None:
-    for make in (ActiveSLAMEnv, partial(ActiveSLAMVectorEnv, 2), partial(gymnasium.make, "ActiveSLAM-v0")):
-        told = refuses("scenario=", partial(make, n_landmarks=5), TypeError)
-        assert "landmark_count" in told
-    assert "did you mean 'gaze_period'" in refuses("gaze_perod", partial(ActiveSLAMEnv, gaze_perod=0.2), TypeError)
-    assert "did you mean 'pixel_std'" in refuses("pixel_sd", partial(ActiveSLAMEnv, scenario={"pixel_sd": 1.0}))
-    assert "did you mean 'paper'" in refuses("scenario", partial(ActiveSLAMEnv, scenario="papr"))
-
-
 def test_numbers_of_numpy_do_not_spoil_the_specification() -> None:
     given = {"gaze_period": np.float32(0.25), "scenario": {"landmark_count": np.int64(20)}}
     for env in (
@@ -114,12 +98,6 @@ def test_numbers_of_numpy_do_not_spoil_the_specification() -> None:
     ):
         again = EnvSpec.from_json(env.spec.to_json())
         assert again.kwargs["gaze_period"] == 0.25 and again.kwargs["scenario"] == {"landmark_count": 20}
-
-
-def test_ignored_options_of_a_reset_warn(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
-    for one in (env, batch):
-        with pytest.warns(UserWarning, match="ignores options"):
-            one.reset(seed=1, options={"room": 3})
 
 
 def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: ActiveSLAMVectorEnv) -> None:
@@ -137,12 +115,6 @@ def test_scores_policies_and_layouts_are_named(env: ActiveSLAMEnv, batch: Active
         refuses("env", lambda other=other: observation_layout(other))
     for name in ("bogus", None, 5, ""):
         refuses("name", lambda name=name: baselines.make(name, env))
-
-
-def test_a_learned_policy_is_loaded_for_an_environment_of_ours() -> None:
-    pytest.importorskip("torch")
-    for other in (None, 5, "ActiveSLAM-v0", gymnasium.make_vec("CartPole-v1", num_envs=1)):
-        refuses("env", lambda other=other: agents.load("ppo", other))
 
 
 def test_nothing_is_read_before_a_reset() -> None:

@@ -200,32 +200,9 @@ def test_amortised_decision_scores_every_motion_once_a_period(steps: int) -> Non
     assert act(policy)[0] == Motion.DOWN  # afresh after a reset
 
 
-def test_shapes_of_observations_and_actions() -> None:
-    policy = baselines.make("stay", ScoredEnv())
-    assert act(policy).shape == (2,) and act(policy, OBSERVATION[None]).shape == (1, 2)
-    assert policy.predict(OBSERVATION, state="kept", episode_start=np.ones(1), deterministic=False)[1] == "kept"
-    for leading, shape in (((), (3, 4)), ((2,), (4,)), ((2,), (3, 4))):
-        with pytest.raises(ValueError, match="observation"):
-            act(baselines.make("stay", ScoredEnv(leading)), np.zeros(shape))
-    env = ScoredEnv()
-    env.action_space = gym.spaces.Discrete(21)
-    env.motion["mutual_information"][Motion.UP] = 1.0
-    policy = baselines.make("mi-constant", env)
-    assert env.action_space.contains(act(policy))
-    assert act(policy) == 3 * Motion.UP + Gaze.LEFT
-    assert act(policy, OBSERVATION[None]).tolist() == [3 * Motion.UP + Gaze.LEFT]
-
-
-def test_every_named_policy_is_there_and_an_unknown_name_lists_them() -> None:
-    named = "random stay sweep orbit best-constant best-sequence mi-constant mi-mi mi-fisher net-net fisher-fisher"
-    named += " variance-reduction joint-mi lookahead-2 greedy-plus"
-    assert baselines.names() == tuple(named.split())
-    with pytest.raises(ValueError, match=r"'greedy'.*mi-fisher"):
-        baselines.make("greedy", ScoredEnv())
-
-
-@pytest.mark.parametrize("scenario", ["paper", "hand-held"])
-@pytest.mark.parametrize("name", baselines.names())
+@pytest.mark.parametrize(
+    ("name", "scenario"), [*((name, "paper") for name in baselines.names()), ("mi-mi", "hand-held")]
+)
 def test_runs_on_the_environment(name: str, scenario: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for few in ("ROOMS", "FINALISTS", "LAST_ROOMS"):  # of the choice of a constant
         monkeypatch.setattr(constants, few, 1)
@@ -242,9 +219,3 @@ def run(env: Any, name: str, steps: int) -> None:
         observation, _, terminated, truncated, _ = env.step(action)
         if not hasattr(env, "num_envs") and (terminated or truncated):
             return
-
-
-def test_runs_on_the_discrete_environment() -> None:
-    kwargs: dict[str, Any] = {"gaze_period": 0.5, "duration": 1.0}
-    run(gym.make("ActiveSLAMDiscrete-v0", **kwargs), "mi-fisher", 2)
-    run(gym.make_vec("ActiveSLAMDiscrete-v0", num_envs=2, **kwargs), "mi-fisher", 5)  # a batch resets itself

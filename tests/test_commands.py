@@ -5,26 +5,15 @@ import re
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from activeslam_gym import SCENARIOS, Gaze, Motion
-from agents.__main__ import COMMANDS, main
+from activeslam_gym import SCENARIOS
+from agents.__main__ import main
 from agents.task import make_environment
 from agents.tools.arguments import scenario_argument
 from agents.tools.sections import Table, escaped, put_section
 from agents.watching import command as watch
-from agents.watching.film import LOST, Film
-
-
-def test_every_command_tells_its_options(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in COMMANDS:
-        with pytest.raises(SystemExit) as exit_:
-            main([command, "--help"])
-        assert exit_.value.code == 0
-        options = {"watch": "--save", "verify": "--jobs", "leaderboard": "--entries"}
-        assert options.get(command, "--out") in capsys.readouterr().out
 
 
 def test_a_section_is_replaced_and_a_scenario_is_a_name_or_json(tmp_path: Path) -> None:
@@ -116,15 +105,3 @@ def test_two_policies_are_watched_side_by_side(tmp_path: Path, capsys: pytest.Ca
     poses = np.loadtxt(tmp_path / "tum" / "sweep-1000000-true.tum")
     assert poses.shape == (9, 8)
     np.testing.assert_allclose(np.linalg.norm(poses[:, 4:], axis=1), 1.0, atol=1e-6)
-
-
-def test_a_film_of_a_lost_run_tells_that_it_is_lost() -> None:
-    pytest.importorskip("matplotlib")
-    env, film, lost = gym.make("ActiveSLAM-v0", lost_position_error=0.01), Film(1e6, 300), False
-    film.observe(env.unwrapped, env.reset(seed=0)[1])
-    while not lost:
-        info = env.step((Motion.RIGHT, Gaze.LEFT))[4]
-        film.observe(env.unwrapped, info)
-        lost = info["lost"]
-    red = [bool((picture == list(bytes.fromhex(LOST[1:]))).all(axis=-1).any()) for picture in film.pictures]
-    assert red == [False, True]

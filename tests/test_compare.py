@@ -1,10 +1,8 @@
 """The study: statistics and tables on made-up episodes with known figures, then the command on the real environment."""
 
 import csv
-import importlib
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -19,20 +17,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import baselines
-from activeslam_gym import Motion
 from activeslam_gym.evaluation import Episode, Store, outcome, run_episode
 from activeslam_gym.evaluation.episode import SAMPLED
 from activeslam_gym.evaluation.play import _rotation_offset
 from activeslam_gym.files import written_whole
-from agents import policies, pretrained
+from agents import policies
 from agents import task as tasks
 from agents.__main__ import main
 from agents.compare import Args, compare
 from agents.figures import quaternion_error
-from agents.pretrained import FOLDER
 from agents.summary import summarise
 from agents.task import Task, play_tasks
-from agents.tools.files import alone_in, write_csv, write_json
+from agents.tools.files import write_csv, write_json
 from tests.support import assert_same_record
 
 ROOT = Path(__file__).parents[1]
@@ -166,31 +162,6 @@ def test_compare_writes_everything_and_resumes(tmp_path: Path, monkeypatch: pyte
         compare(replace(args, resume=True))
 
 
-def resumed(policies: tuple[str, ...], out: Path, **changes: Any) -> dict[str, float]:
-    """Mean bits of each policy by `compare --resume`, two rooms of a second."""
-    args = Args(policies=policies, episodes=2, duration=1.0, out=out, jobs=1, figures=False, resume=True, **changes)
-    summary = compare(args)
-    assert summary is not None
-    return {name: figures["bits"].value for name, figures in summary.policies.items()}
-
-
-def test_replaced_weights_are_another_key_and_every_file_has_a_label_of_its_own(tmp_path: Path) -> None:
-    names = [tmp_path / stem for stem in ("a/b.npz", "a_b.npz")]  # which once shared a kept file
-    contents = []
-    for name, favourite in ((names[0], 0.0), (names[1], 0.0), (names[0], 100.0)):
-        name.parent.mkdir(exist_ok=True)
-        shutil.copy(FOLDER / "ppo.json", name.with_suffix(".json"))
-        with np.load(FOLDER / "ppo.npz") as file:
-            weights = dict(file)
-        weights["action_net.bias"][Motion.UP] += favourite
-        np.savez(name, **weights)
-        contents.append(policies.content(str(name)))
-    assert contents[0] == contents[1] != contents[2]
-    assert len({Task(str(name), 0).label for name in names}) == 2
-    made_of = {policies.content(name) for name in pretrained.names()}
-    assert len(made_of) == len(pretrained.names()) and "" not in made_of and policies.content("mi-mi") == ""
-
-
 OWN = """
 import os, sys
 class Constant:
@@ -224,9 +195,7 @@ def test_a_policy_that_ends_the_process_is_a_failure_with_its_name(
         list(tasks.results([task], Store()))
 
 
-def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_model_of_stable_baselines_is_a_policy(tmp_path: Path) -> None:
     sb3 = pytest.importorskip("stable_baselines3")
     path = tmp_path / "model.zip"
     for id, kind, seed in (("", "PPO", 0), ("Continuous", "SAC", 0), ("Discrete", "DQN", 0), ("Discrete", "DQN", 1)):
@@ -238,11 +207,6 @@ def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
         expected = run_episode(env, model, seed=3, name=str(path))
         np.testing.assert_array_equal(played["actions"], expected.actions)
         contents = policies.content(str(path))
-    task, store = Task(str(path), 3, json.dumps({"duration": 1.0})), Store(tmp_path / "out")
-    store.save(task.label, task.key, played)
-    monkeypatch.setattr(tasks, "play_tasks", lambda _: pytest.fail("an episode was run again"))
-    ((_, kept),) = tasks.results([task], store)
-    np.testing.assert_array_equal(kept.actions, played["actions"])
     sb3.DQN("MlpPolicy", env, seed=9, buffer_size=10).save(path)
     assert policies.content(str(path)) != contents
     with pytest.raises(ValueError, match="it observes"):
@@ -250,42 +214,6 @@ def test_a_model_of_stable_baselines_is_a_policy_and_is_kept_by_its_file(
     path.write_bytes(path.read_bytes()[:-300])
     with pytest.raises(ValueError, match="model.zip"):
         policies.actions_of(str(path))
-
-
-def test_a_model_with_a_network_of_ones_own_is_identified_by_its_module_too(own: str, tmp_path: Path) -> None:
-    """`compare --resume` gave the scores of the network before its module was changed."""
-    sb3 = pytest.importorskip("stable_baselines3")
-    layers = "from stable_baselines3.common.torch_layers import FlattenExtractor\nclass Mine(FlattenExtractor): pass\n"
-    (tmp_path / "own_network.py").write_text(layers)
-    arguments = {"features_extractor_class": importlib.import_module("own_network").Mine}
-    sb3.PPO("MlpPolicy", gym.make("ActiveSLAM-v0"), policy_kwargs=arguments).save("model.zip")
-    contents = policies.content("model.zip")
-    assert policies.content("model.zip") == contents
-    (tmp_path / "own_network.py").write_text(f"{layers}    gain = 2.0\n")
-    assert policies.content("model.zip") != contents
-
-
-def test_files_of_killed_processes_leave_the_store(tmp_path: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-c", ""])
-    process.wait()
-    names = [f".{process.pid}.a.npz", f".{os.getpid()}.b.npz", ".hidden", "c.npz"]
-    for name in names:
-        (tmp_path / name).touch()
-    list(Store(tmp_path).gather([], play_tasks))
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names[1:])
-
-
-def test_a_truncated_episode_is_run_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bits = resumed(("stay",), tmp_path)
-    kept = sorted((tmp_path / "episodes").iterdir())
-    kept[0].write_bytes(kept[0].read_bytes()[:-200])
-    kept[1].write_bytes(b"")
-    assert resumed(("stay",), tmp_path) == bits
-    said = "0 of 2 episodes are kept from an earlier command; 2 damaged, played again."
-    assert said in capsys.readouterr().out
-    pytest.importorskip("fcntl")
-    with alone_in(tmp_path), pytest.raises(ValueError, match="another process writes into"):
-        resumed(("stay",), tmp_path)
 
 
 def gone(process: int) -> bool:

@@ -1,7 +1,6 @@
 """`best-constant`, and the tables of the choices in the named scenarios."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,28 +8,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines
 from activeslam_gym import SCENARIOS, Gaze, Motion, Scenario
 from agents.task import make_environment
 from baselines import __main__ as table
 from baselines import constants, readings, sequences
 from baselines.constants import CONSTANTS, TABLE, best_constant, choose, key_of, log_scores
 
-ORBITS = {(Motion.RIGHT, Gaze.LEFT), (Motion.LEFT, Gaze.RIGHT)}
 SECOND = (1.0, 1.0, 3.0)
 
 
 def bare(**arguments: Any) -> Any:
     return gym.make("ActiveSLAM-v0", **arguments).unwrapped
-
-
-def test_in_the_papers_room_the_best_constant_is_an_orbit_held_in_every_step() -> None:
-    env = bare(gaze_period=0.5, duration=35.0)
-    policy, observation = baselines.make("best-constant", env), env.reset(seed=0)[0]
-    for _ in range(3):
-        action, _ = policy.predict(observation)
-        assert tuple(action.tolist()) == best_constant(env) and best_constant(env) in ORBITS
-        observation, *_ = env.step(action)
 
 
 def test_the_shipped_choices_are_of_the_scenarios_as_they_are_and_the_best_of_their_finalists() -> None:
@@ -41,13 +29,6 @@ def test_the_shipped_choices_are_of_the_scenarios_as_they_are_and_the_best_of_th
         assert key == key_of(env), "regenerate it: python -m baselines"
         best = max(entry["medians"], key=entry["medians"].get)
         assert best == f"{entry['motion']} {entry['gaze']}"
-
-
-def test_a_name_changes_no_choice_and_a_field_or_a_time_does() -> None:
-    plain = key_of(bare())
-    assert key_of(bare(scenario={"name": "another"})) == plain
-    others = ({"scenario": {"pixel_std": 4.0}}, {"duration": 34.0}, {"motion_period": 0.5})
-    assert len({plain, *(key_of(bare(**one)) for one in others)}) == 4
 
 
 def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once(
@@ -65,23 +46,6 @@ def test_the_choice_has_the_highest_median_in_rooms_of_training_and_is_made_once
     first = best_constant(env)
     assert "'mine'" in capsys.readouterr().err
     assert best_constant(env) == first and not capsys.readouterr().err
-
-
-def test_of_images_all_are_searched_without_them_and_the_finalists_judged_with_them(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    images, played = replace(SCENARIOS["pixels"], sensor="images"), []
-
-    def scores(plans: list[Any], scenario: Scenario, seeds: range, *_: Any) -> np.ndarray:
-        played.append((scenario.sensor, len(plans)))
-        return np.random.default_rng(len(played)).normal(size=(len(plans), len(seeds)))
-
-    monkeypatch.setattr(constants, "log_scores", scores)
-    choose(images, *SECOND)
-    assert played == [("corners", 21), ("images", constants.FINALISTS)]
-    played.clear()
-    sequences.choose_sequence(images, *SECOND)
-    assert {sensor for sensor, _ in played[:-1]} == {"corners"} and played[-1] == ("images", 6)
 
 
 def test_the_command_makes_the_named_ones_anew_and_keeps_the_others(

@@ -6,8 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import baselines
-from activeslam_gym import Gaze, Motion
-from activeslam_gym.motion import COMMANDS, MOTION_COUNT, motion_of, motion_shares, turn_of
+from activeslam_gym.motion import COMMANDS, motion_of
 
 from .support import PAPER
 
@@ -34,15 +33,6 @@ def test_the_discrete_actions_are_points_of_it_to_the_bit(scenario: str) -> None
         np.testing.assert_array_equal(seen, other)
         assert reward == same and info == told
     assert pairs.unwrapped.snapshot().motion == points.unwrapped.snapshot().motion
-
-
-def test_commands_are_what_the_motions_and_gazes_do() -> None:
-    for motion in Motion:
-        shares = np.empty(MOTION_COUNT)
-        motion_shares(COMMANDS[motion, 0], shares)
-        np.testing.assert_array_equal(shares, np.eye(MOTION_COUNT)[motion])
-        for gaze in Gaze:
-            assert MOTION.turn_rate * COMMANDS[motion, gaze, 3] == turn_of(MOTION, int(gaze), 0.0)
 
 
 def moved(action: np.ndarray) -> tuple[np.ndarray, float]:

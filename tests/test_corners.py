@@ -98,11 +98,6 @@ def test_a_batch_does_what_each_does_alone() -> None:
         np.testing.assert_array_equal(np.array(alone), np.array([row[i] for row in rows]))
 
 
-def test_a_room_without_textures_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^scenario.fiducial_count must be 4 for corners, got 6$"):
-        gym.make("ActiveSLAM-v0", scenario={"sensor": "corners"})
-
-
 def test_new_features_are_corners_at_their_distance() -> None:
     env = gym.make("ActiveSLAM-v0", scenario=GALLERY, gaze_period=0.05)
     env.reset(seed=SEED)

@@ -1,6 +1,5 @@
 """The contract of ActiveSLAM-v0 as a Gymnasium environment."""
 
-import contextlib
 import copy
 import json
 import warnings
@@ -104,13 +103,6 @@ def test_noise_does_not_depend_on_the_actions() -> None:
         np.testing.assert_allclose(noises[0][label], noises[1][label], atol=1e-9)
 
 
-def test_async_vector_env_works() -> None:
-    envs = gym.make_vec("ActiveSLAM-v0", num_envs=2, vectorization_mode="async", duration=1.0)
-    with contextlib.closing(envs):
-        envs.reset(seed=0)
-        assert envs.step(np.zeros((2, 2), np.int64))[0][0] in envs.single_observation_space
-
-
 @pytest.mark.parametrize("reward", REWARDS)
 def test_rewards_sum_to_the_gain_of_their_potential(reward: str) -> None:
     _, rewards, infos = play(made(duration=10.0, reward=reward), 2, 40)
@@ -186,19 +178,6 @@ def test_a_labelled_first_match_survives_a_prior_of_45_degrees() -> None:
         np.testing.assert_allclose(np.diag(env.belief.covariance)[3:6], np.radians(45.0) ** 2)
         errors.append([env.step((6, 2))[4]["orientation_error"] for _ in range(4)][-1])
     assert np.median(errors) < np.radians(3.0)
-
-
-@pytest.mark.parametrize("scenario", ["paper", "hall", "clutter"])
-def test_layout_covers_the_observation(scenario: str) -> None:
-    env = gym.make("ActiveSLAM-v0", scenario=scenario)
-    layout, size = activeslam_gym.observation_layout(env), env.observation_space.shape[0]
-    ends = [s.stop for s in layout.global_slices.values()]
-    assert [s.start for s in layout.global_slices.values()] == [0, *ends[:-1]]
-    assert layout.tokens == slice(ends[-1], size)
-    assert layout.token_shape[0] * layout.token_shape[1] == size - ends[-1]
-    tokens = env.reset(seed=0)[0][layout.tokens].reshape(layout.token_shape)
-    assert tokens[:, layout.token_slices["fiducial"]].sum() == layout.fiducial_count == 6
-    assert tokens[:, layout.token_slices["expected"]].sum() == env.unwrapped.scenario.landmark_count
 
 
 def test_observation_holds_nothing_of_the_truth_but_its_detections() -> None:
@@ -291,44 +270,6 @@ def test_a_wrong_calibration_moves_the_detections_and_not_what_is_expected(lens:
         assert len(lens) == 1 or np.linalg.norm(z - centre) > 1.2 * np.linalg.norm(by_filter - centre)
     if len(lens) == 1:
         np.testing.assert_allclose(wrong.snapshot().predicted[0], right.snapshot().predicted[0], atol=8.0)
-
-
-def test_labels_say_whose_the_features_are_and_what_was_detected() -> None:
-    env = made(scenario="clutter", duration=8.0, gaze_period=0.05)
-    env.reset(seed=5)
-    K, L, initialised, wrong = 6, 27, 0, 0
-    for step in range(150):
-        initialised += env.step((2 + step // 20 % 2, 2))[4]["events"]["initialised"]
-        labels, belief = env.labels, env.belief
-        assert len(labels.owners) == len(belief.ids) == len(belief.converted) == len(belief.anchors)
-        assert set(labels.detected) <= set(range(-1, K + L)) and set(labels.owners) <= set(range(-1, L))
-        assert labels.detected.shape == labels.matched.shape and labels.matched.max(initial=0) <= initialised
-        fiducials = (labels.matched < 0) & (labels.matched >= -K)
-        wrong += int(np.sum(labels.detected[fiducials] != -1 - labels.matched[fiducials]))
-    assert (np.diff(belief.ids) > 0).all() and initialised >= belief.ids[-1] >= len(belief.ids) > 5
-    assert wrong <= 5 and (labels.detected >= K).any() and (labels.matched > 0).any()
-    distances = np.linalg.norm(belief.landmarks - env.truth.landmarks[labels.owners], axis=1)
-    oldest = np.full(L, np.nan)
-    for k in np.flatnonzero((labels.owners >= 0) & belief.mapped)[::-1]:
-        oldest[labels.owners[k]] = distances[k]
-    np.testing.assert_allclose(env.landmark_errors, oldest)
-    assert np.nanmedian(oldest) < 0.4
-    with pytest.raises(ValueError, match="read-only"):
-        labels.owners[0] = 1
-
-
-def test_expected_landmarks_go_where_a_study_puts_them() -> None:
-    env = gym.make("ActiveSLAM-v0").unwrapped
-    env.reset(seed=0)
-    before, points = env.motion_scores(), np.tile((0.0, 0.0, 2.0), (27, 1))
-    env.expect(points)
-    assert env.predicted_belief.waiting == 27
-    np.testing.assert_array_equal(env.predicted_belief.points[-27:], points)
-    assert (env.motion_scores() > before).any()
-    env.reset(seed=0)
-    np.testing.assert_array_equal(env.motion_scores(), before)
-    with pytest.raises(ValueError, match=r"points must be of shape \(27, 3\), got \(2, 3\)"):
-        env.expect(points[:2])
 
 
 ACTIONS: dict[str, tuple[Encoding, list, list]] = {

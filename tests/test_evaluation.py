@@ -6,15 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines
 import examples.extend_range_sensor  # noqa: F401  (registers a sensor, and an estimator)
-import examples.extend_scene  # noqa: F401  (registers a scene)
 from activeslam_gym.envs.reward import REWARDS
-from activeslam_gym.evaluation import Episode, Store, code, play
+from activeslam_gym.evaluation import Episode, Store, code
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.sensors.sensor import SENSORS
 from activeslam_gym.slam.estimator import ESTIMATORS
@@ -44,10 +41,7 @@ class Counted:
 NUMPY = {"estimator": "numpy-ekf", "association": "known"}
 BATCHES: dict[str, tuple[str, Any]] = {
     **{name: (name, "paper") for name in ("mi-mi", "random", "ppo")},
-    "a foreign estimator": ("mi-mi", NUMPY),
     "a foreign sensor": ("mi-mi", {**NUMPY, "sensor": "range-and-bearing"}),
-    "a foreign scene": ("mi-mi", {"scene": "sphere"}),
-    "a foreign scene and estimator": ("mi-mi", {**NUMPY, "scene": "sphere"}),
 }
 """Policy and scenario."""
 
@@ -66,27 +60,10 @@ def test_a_batch_plays_the_episodes_of_single_environments(case: str) -> None:
     assert len(together[0]["times"]) == 4  # kept: one a second
 
 
-def test_a_batch_resets_the_filter_where_its_single_environments_do() -> None:
-    settings = json.dumps({"gaze_period": 0.5, "duration": 10.0})
-    group = tuple(Task("stay", seed, settings) for seed in (6_000_243, 5))
-    together = play_tasks(group)
-    for one, other in zip(together, group, strict=True):
-        assert_same_record(one, play_tasks([other])[0])
-    assert together[0]["events.restarts"].sum() > 0
-
-
 def test_sampling_while_it_is_played_is_thinning_afterwards() -> None:
     settings = {"scenario": "hand-held", "gaze_period": 0.4, "duration": 4.4, "motion_period": 1.2}
     every, sparse = (run_policy("stay", make_environment(settings), [5], period=period)[0] for period in (0.0, 1.0))
     assert_same_record(sparse.arrays(), every.thinned(1.0).arrays())
-
-
-def test_a_batch_that_cannot_be_judged_is_refused() -> None:
-    env = gym.make_vec("ActiveSLAM-v0", num_envs=2)
-    with pytest.raises(ValueError, match="autoreset_mode NEXT_STEP; allowed: DISABLED"):
-        play(env, baselines.make("stay", env), [1, 2])
-    with pytest.raises(ValueError, match="seeds: 1 of them; allowed: 2"):
-        play(env, baselines.make("stay", env), [1])
 
 
 def test_a_key_holds_everything_that_could_change_the_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -175,8 +152,3 @@ def test_episodes_are_kept_as_they_finish_in_batches_of_one_group(
     assert sizes == [2, 1] and len(list(tmp_path.iterdir())) == 3
     rest = dict(Store(tmp_path).gather(jobs, lambda group: [{"seed": np.array(9)} for _ in group], batch=2))
     assert [int(rest[job]["seed"]) for job in jobs] == [0, 1, 2, 9]
-
-
-def test_the_digest_of_this_package_is_of_every_module() -> None:
-    home = Path(code.__file__).parents[1]
-    assert code.package_sources("activeslam_gym") == code.digest(*sorted([*home.rglob("*.py"), *home.rglob("*.json")]))

@@ -82,27 +82,6 @@ def test_a_rebound_name_neither_reads_nor_steers_it_and_the_own_page_is_answered
     assert answers(place) == answers(place, own, own) == answers(place, own, "Host: evil.example") == (403, 403)
 
 
-def test_no_address_for_the_page_to_connect_to_is_taken_and_no_frame_shows_it(page: Served) -> None:
-    place = place_of(page[0])
-    own = f"Host: localhost:{place[1]}"
-    for query in ("websocket=ws://evil.example", "playbackPath=https://evil.example/x.viser", "darkMode"):
-        answer = said(place, own, path=f"//evil.example/?{query}")
-        assert answer.startswith("HTTP/1.1 302") and "Location: /\r\n" in answer
-    assert "Content-Security-Policy: frame-ancestors 'none'\r\n" in said(place, own)
-
-
-def test_from_afar_the_token_of_the_address_is_needed() -> None:
-    with serving("0.0.0.0") as (served, _):
-        place, token = place_of(served), served.address.split("/")[3]
-        own = f"Host: 127.0.0.1:{place[1]}"
-        for path in ("/", f"/{token[:-1]}", f"/{token}x/", f"/?{token}", "/index.html"):
-            assert answers(place, own, path=path) == (403, 403), path
-        assert answers(place, own, path=f"/{token}/") == answers(place, own, path=f"/{token}") == (200, 101)
-        for foreign in (("Host: evil.example",), (own, "Origin: https://evil.example"), (own, "Origin: null")):
-            assert answers(place, *foreign, path=f"/{token}/") == (403, 403)
-        assert f"Location: /{token}/\r\n" in said(place, own, path=f"/{token}/?websocket=ws://evil.example")
-
-
 def test_a_page_that_films_from_afar_is_encrypted_by_the_certificate_that_it_names() -> None:
     pytest.importorskip("trustme", reason="the extra `live` is not installed")
     trusting = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

@@ -148,13 +148,3 @@ def _settled(served: Served) -> int:
     before = len(served.states())
     time.sleep(1.5)
     return before if len(served.states()) == before else 0
-
-
-def test_on_a_phone_the_command_is_seen_and_nothing_is_cut_off(visit: Any) -> None:
-    page = visit(PHONE, has_touch=True, is_mobile=True)
-    box = until(page.locator("#command").bounding_box)  # none while a new command replaces it
-    assert 0 <= box["x"] and box["x"] + box["width"] <= 390 and 0 <= box["y"] <= 600
-    assert box["width"] > 300, "the sheet takes the whole width"
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    image = until(page.locator(VIEW).bounding_box)
-    assert image["x"] >= 0 and image["x"] + image["width"] <= 390

@@ -168,26 +168,6 @@ def test_without_leave_nothing_is_filmed_and_without_a_recording_nothing_is_kept
     assert set(tmp_path.rglob("*")) == before
 
 
-def test_the_device_that_films_last_films(visit: Any, files: list[str]) -> None:
-    with live(*files) as address:
-        first, second = visit(address), visit(address)
-        for page in (first, second):
-            page.click("#film")
-            page.locator("#filming").wait_for()
-        until(lambda: "Another device films now." in first.locator("#trouble").inner_text(), PATIENCE)
-        assert second.locator("#filming").is_visible()
-
-
-def test_images_of_another_size_are_told_to_the_person(visit: Any, files: list[str]) -> None:
-    lens = Path(files[1])
-    lens.write_text(json.dumps({**LENS._asdict(), "image_width": 240, "image_height": 320, "principal_x_px": 120.0}))
-    with live(*files) as address:
-        page = visit(address)
-        page.click("#film")
-        until(lambda: "Turn the device" in page.locator("#standing").inner_text(), PATIENCE)
-        assert "images of 240 x 320 pixels, got 320 x 240" in page.locator("#standing").inner_text()
-
-
 def test_a_board_waved_before_the_browser_calibrates_its_camera(
     launch: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -208,13 +188,3 @@ def test_a_board_waved_before_the_browser_calibrates_its_camera(
     fit = read_calibration(tmp_path / "lens.json")
     assert fit.focal_px == pytest.approx(WIDE.focal_px, rel=0.02)
     assert fit.distortion == pytest.approx(WIDE.distortion, rel=0.2)
-
-
-def test_from_afar_a_browser_films_through_the_encrypted_page(visit: Any, files: list[str]) -> None:
-    with live(*files, "--host", "0.0.0.0") as address:
-        scheme, _, host, rest = address.split("/", 3)
-        assert scheme == "https:"
-        page = visit(f"https://127.0.0.1:{host.rsplit(':', 1)[1]}/{rest}")
-        page.click("#film")
-        until(lambda: any(word in page.locator("#standing").inner_text() for word in ("Tracking", "Getting")), PATIENCE)
-        assert page.locator("#filming").is_visible()

@@ -21,11 +21,9 @@ pytest.importorskip("viser", reason="the extra `live` is not installed")
 from msgspec.msgpack import encode  # noqa: E402
 
 from activeslam_gym.__main__ import main  # noqa: E402
-from activeslam_gym.live import drawing  # noqa: E402
 from activeslam_gym.live.link import Link, check_address  # noqa: E402
 from activeslam_gym.live.state import Standing  # noqa: E402
 from activeslam_gym.motion import Motion  # noqa: E402
-from activeslam_gym.vision import film  # noqa: E402
 
 from .live_scene import ABOUT, Served, a_state, serving, until, visitor  # noqa: E402
 
@@ -123,15 +121,6 @@ def test_a_mistake_is_told_in_a_line(line: str, tmp_path: Path, monkeypatch: Any
     assert not list(tmp_path.iterdir())
 
 
-def test_without_viser_the_extra_is_named(tmp_path: Path) -> None:
-    (tmp_path / "viser.py").write_text("raise ModuleNotFoundError(\"No module named 'viser'\")")
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    line = [sys.executable, "-m", "activeslam_gym", "live", "--port", "0"]
-    done = subprocess.run(line, env=environment, capture_output=True, text=True)
-    assert done.returncode == 1 and "Traceback" not in done.stderr
-    assert done.stderr.splitlines()[-1].endswith("viser is needed to serve the page: install the extra `live`")
-
-
 # What it survives -----------------------------------------------------------------------------------------------------
 
 
@@ -170,44 +159,6 @@ def test_states_of_all_kinds_are_shown(page: Served) -> None:
     states = [replace(a_state(), frame=frame, **kind) for frame, kind in enumerate(kinds, 1)]
     for state in (*states, a_state(11, 100), replace(a_state(12, 0), advised=np.zeros(7, int))):
         page[0].show(state)
-
-
-def test_the_view_shows_the_outcome_of_each_search() -> None:
-    state = a_state(1, 3)
-    state.image[:] = 90
-    state.pixels = np.array([(60.0, 60.0), (160.0, 120.0), (260.0, 180.0)])
-    picture = film.view(state.moment)
-    assert picture.shape == (480, 640, 3)
-    for pixel, outcome in zip(state.pixels, state.outcomes):
-        colour = film.rgb(film.OUTCOMES[int(outcome)][0])
-        x, y = (2 * pixel).astype(int)
-        near = picture[y - 30 : y + 30, x - 30 : x + 30].reshape(-1, 3).astype(int)
-        assert (np.abs(near - colour).sum(axis=1) < 30).sum() > 20
-
-
-def test_the_command_is_told_in_words_with_its_gain() -> None:
-    told = drawing.command(replace(a_state(), command=Motion.UP))
-    assert "Move up" in told and "+-2.0 bits" in told
-    assert "Hold still" in drawing.command(replace(a_state(), advised=np.zeros(7, int)))
-    of_a_policy = drawing.command(replace(a_state(), scores=np.full(7, np.nan)))
-    assert "Move up" in of_a_policy and "gives no reasons" in of_a_policy
-    assert "&lt;" in drawing.standing(replace(a_state(), words="<b>"), False)
-
-
-def test_the_page_tells_that_kernels_are_compiled_between_two_states(page: Served) -> None:
-    served, _ = page
-    served.show(a_state())
-    served.wait()
-    assert "Tracking." in served._standing.content
-    served._shown -= 9.0
-    served.compiling(3)
-    assert "for 9 s" in served._standing.content and "kernels so far: 3" in served._standing.content
-    served.show(a_state(2))
-    served.wait()
-    assert "Tracking." in served._standing.content
-    served._set_paused(True)
-    served.compiling(4)
-    assert "Paused." in served._standing.content
 
 
 # The command ----------------------------------------------------------------------------------------------------------

@@ -13,10 +13,9 @@ cv2 = pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 from activeslam_gym.camera import camera_of, change_of_view, pixel_from_camera_point  # noqa: E402
 from activeslam_gym.geometry import rotation_matrix  # noqa: E402
 from activeslam_gym.information.candidates import visible_points  # noqa: E402
-from activeslam_gym.live.advice import CRITERION, CandidateScores, adviser_named, best  # noqa: E402
+from activeslam_gym.live.advice import CRITERION, adviser_named, best  # noqa: E402
 from activeslam_gym.live.drawing import NAMES, command  # noqa: E402
 from activeslam_gym.live.expected import ExpectedMap  # noqa: E402
-from activeslam_gym.live.history import History  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL, Person  # noqa: E402
 from activeslam_gym.live.run import Live  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
@@ -89,11 +88,6 @@ def test_a_policy_advises_before_a_real_target_at_any_rate(rate: float) -> None:
     assert adviser.advised.sum() == 2
 
 
-def test_an_unknown_adviser_is_named() -> None:
-    with pytest.raises(ValueError, match="'nobody' is unknown; allowed: .*greedy-plus"):
-        adviser_named("nobody")
-
-
 def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
     session, states = walk
     session.restart()
@@ -101,22 +95,6 @@ def test_the_same_seed_gives_the_same_run_after_a_restart(walk: Any) -> None:
         again = session.step()
         np.testing.assert_array_equal(again.camera, state.camera)
         np.testing.assert_array_equal(again.image, state.image)
-
-
-def test_one_motion_is_evaluated_an_image(walk: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    for rate, turns in ((15, [0] * 7 + [1] * 7), (30, [0] * 22 + [1] * 7), (4, [3, 2, 2])):
-        adviser = CandidateScores(
-            replace(ROOM, frame_time=1.0 / rate, controller_frequency=1.0, rate_loop_time=1.0), None
-        )
-        calls: list[int] = []
-        monkeypatch.setattr(adviser, "score", lambda motion, calls=calls: calls.append(motion) or motion == Motion.UP)
-        told, counts = [], [0]
-        for _ in range(2 * rate):
-            told.append(adviser.consider())
-            counts.append(len(calls))
-        assert told == ([False] * (rate - 1) + [True]) * 2
-        assert np.diff(counts).tolist() == [*turns, 0] * 2 and calls == [*range(7)] * 2
-        assert adviser.command == Motion.UP and adviser.advised.tolist() == [0, 0, 0, 0, 2, 0, 0]
 
 
 def in_view(point: np.ndarray, pose: np.ndarray) -> bool:
@@ -219,26 +197,6 @@ def test_it_waits_for_the_target_and_tells_when_no_image_is_left() -> None:
     expected = [Standing.WAITING] * 5 + [Standing.TRACKING] * 11 + [Standing.OVER] * 2
     assert [state.standing for state in states] == expected
     assert "no target" in states[0].words and states[5].time == 0.0 and states[5].frame == 1
-
-
-def test_before_anything_is_found_the_entropy_is_the_prior_s() -> None:
-    session = Session(RenderedRoom(0))
-    state = session.step()
-    camera = np.log2(np.diag(session.front_end.filter.belief.covariance)[:12]).sum()
-    whole = ROOM.landmark_count * np.log2(ROOM.landmark_prior_variance).sum()
-    np.testing.assert_allclose(state.log2_dets, (camera, whole, camera + whole), rtol=1e-9)
-
-
-def test_the_past_is_bounded_and_keeps_new_landmarks(walk: Any) -> None:
-    state, past = walk[1][-1], History()
-    for k in range(5000):
-        past.add(replace(state, frame=k, time=k / 15, landmarks=(k >= 7) + (k >= 3000)))
-    times, *_, total, dots = past.curves
-    assert len(times) <= 1200 and len(past.way) <= 1200 and times[-1] == 4999 / 15
-    assert times[np.isfinite(dots)].tolist() == [7 / 15, 200.0]
-    np.testing.assert_array_equal(dots[np.isfinite(dots)], total[np.isfinite(dots)])
-    past.add(replace(state, frame=1, time=0.1))
-    assert [len(column) for column in past.curves] == [1] * 5
 
 
 def test_a_recorded_sequence_is_followed_and_advised_at_its_rate(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """`python -m studies.live`: its table agrees with its episodes, which an evaluator compares with the ground truth."""
 
-from dataclasses import replace
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 pytest.importorskip("cv2", reason="the extra `vision` is not installed")
 pytest.importorskip("tyro", reason="the extra `compare` is not installed")
 
-from activeslam_gym import ActiveSLAMEnv, ActiveSLAMVectorEnv, Motion  # noqa: E402
+from activeslam_gym import Motion  # noqa: E402
 from activeslam_gym.live.person import FOLLOW, NEVER, STILL  # noqa: E402
 from activeslam_gym.live.session import Session  # noqa: E402
 from activeslam_gym.live.source import ROOM, RenderedRoom  # noqa: E402
@@ -85,30 +83,17 @@ def test_the_log_score_of_the_live_study_is_that_of_the_environment_with_images(
     assert seconds[2].log_score == pytest.approx(density / np.log(2.0) - evaluator._first_density, rel=1e-9)
 
 
-def test_lost_is_in_the_live_study_what_it_is_in_the_environment() -> None:
-    told = [signature(made).parameters["lost_position_error"].default for made in (ActiveSLAMEnv, ActiveSLAMVectorEnv)]
-    room = RenderedRoom(5)
-    session = Session(room, 5)
-    state, evaluator = session.step(), Evaluator(room, 5)
-    for share, lost in ((0.98, False), (1.02, True), (0.0, True)):
-        camera = state.truth.copy()
-        camera[0] += share * told[0]
-        evaluator.add(session, replace(state, camera=camera, initialised=0))
-        assert evaluator.second().lost == lost
-    assert set(told) == {0.5}
-
-
 def test_the_command_fills_its_page_and_makes_no_episode_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "page.md"
     page.write_text("<!-- generated: live -->\nold\n<!-- end: live -->\n")
-    line = ["--episodes", "1", "--seed", "9", "--seconds", "2", "--out", str(tmp_path / "out"), "--report", str(page)]
-    live.main(line)
+    args = live.Args(episodes=1, seed=9, seconds=(2.0,), out=tmp_path / "out", report=page)
+    live.main(args)
     text = page.read_text()
-    assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--episodes 1 --seed 9 --seconds 2" in text
+    assert "old" not in text and "| 2 s, 1 rooms | follows |" in text and "--episodes 1 --seconds 2 --seed 9" in text
     (kept,) = (tmp_path / "out").glob(f"9-{STILL}-*")
     kept.write_text("{")  # damaged: made again
     again: list[tuple[Any, ...]] = []
     monkeypatch.setattr(live, "trial", lambda *task: again.append(task) or trial(*task))
-    live.main(line)
+    live.main(args)
     assert again == [(9, STILL, 2.0)] and page.read_text() == text
     assert (tmp_path / "images" / "live-figure5.png").exists()

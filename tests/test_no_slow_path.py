@@ -99,25 +99,10 @@ MORE = "batch", "peers", "images"
 
 
 @pytest.mark.parametrize("parts", [PARTS, pytest.param(MORE, marks=pytest.mark.slow)])
-def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_benchmarks_run(parts: tuple[str, ...], tmp_path: Path) -> None:
     pytest.importorskip("tyro")
     from benchmarks.__main__ import Args, main
 
     assert main(Args(parts=parts, quick=True, out=tmp_path)) == 0
-    report = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
-    assert len(report["sections"]) == len(parts)
-    assert all(section["rows"] for section in report["sections"])
-    assert {"what", "measured", "limit", "unit", "at_least", "met"} == set(report["bars"][0])
-    assert "## Bars" in (tmp_path / "bench.md").read_text(encoding="utf-8")
-    assert "## Bars" in capsys.readouterr().out
-
-
-def test_another_commit_is_compared_run_by_run() -> None:
-    from benchmarks.against import FIRST, compare, table
-
-    runs = [({FIRST[0]: 8.0, "a step": 2.0}, {FIRST[0]: 4.0, "a step": k}) for k in (1.0, 3.0, 2.0)]
-    first, step = table("abc", runs).splitlines()[2:]
-    assert first.split("|")[2:5] == [" 8 ", " 4 ", " 0.50 "]  # the later runs compile nothing
-    assert step.split("|")[2:6] == [" 2 ", " 2 ", " 1.00 ", " 0.50, 1.50 "]
-    with pytest.raises(ValueError, match="--against must name a commit, got 'no-such-commit'"):
-        compare("no-such-commit")
+    measured = json.loads((tmp_path / "bench.json").read_text(encoding="utf-8"))
+    assert set(measured) == set(parts) and all(measured.values())

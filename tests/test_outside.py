@@ -34,14 +34,3 @@ def test_the_observation_is_that_of_an_environment(name: str) -> None:
     policies = [baselines.make("mi-mi", one) for one in (outside, env)]
     ours, theirs = (policy.predict(observation)[0] for policy in policies)
     np.testing.assert_array_equal(ours, theirs)
-
-
-def test_half_of_an_episode_is_always_left() -> None:
-    env = gym.make("ActiveSLAM-v0", scenario="hand-held", gaze_period=1.0)
-    env.reset(seed=5)
-    run, outside = env.unwrapped._run, OutsideRun(SCENARIOS["hand-held"], 1.0, UNLIMITED)
-    for _ in range(40):
-        outside.observed(run.estimate, run.first_seen[:0], run.expected, run.world.fiducials, 0.0)
-        outside.decided((6, 1))
-    assert outside.time == 0.5 * (outside.duration - outside.duration % 2)
-    assert np.isfinite(outside.context).all()

@@ -1,6 +1,5 @@
 """The project around the code: what an import costs, what is installed, and that the README tells the truth."""
 
-import itertools
 import json
 import re
 import shutil
@@ -34,33 +33,6 @@ LEARNERS = ["torch", "stable_baselines3"]
 def test_import_is_light(module: str, too_slow: list[str], tmp_path: Path) -> None:
     code = f"import json, sys, {module}; print(json.dumps([name for name in {too_slow} if name in sys.modules]))"
     assert json.loads(python("-c", code, cwd=tmp_path)) == []
-
-
-def pulled(extra: str) -> set[str]:
-    """Names of all packages that an extra installs, through the extras that it names."""
-    names: set[str] = set()
-    for one in PYPROJECT["project"]["optional-dependencies"][extra]:
-        name, of_ours = re.match(r"([\w.-]+)(?:\[([\w,]+)\])?", one).groups()
-        if name == PYPROJECT["project"]["name"]:
-            names |= {package for other in of_ours.split(",") for package in pulled(other)}
-        else:
-            names.add(name)
-    return names
-
-
-def test_every_requirement_has_a_lower_bound_for_make_test_oldest() -> None:
-    """SciPy's was lower than what the code needs, and no check installed it."""
-    project = PYPROJECT["project"]
-    requirements = itertools.chain(project["dependencies"], *project["optional-dependencies"].values())
-    others = [one for one in requirements if not one.startswith(project["name"])]
-    assert len(others) > 20 and not [one for one in others if not re.match(r"[\w-]+(\[[a-z]+\])?>=[\d.]+", one)]
-
-
-def test_neither_the_learners_nor_the_demo_pull_opencv_or_a_viewer() -> None:
-    for extra in ("agents", "compare", "plot", "bench", "notebooks"):
-        assert not [name for name in pulled(extra) if name.startswith(("opencv", "viser", "rerun", "moviepy"))], extra
-    assert any(name.startswith("opencv") for name in pulled("vision"))  # what is looked for is found
-    assert "torch" in pulled("agents") and "torch" not in pulled("compare")
 
 
 def test_the_hints_install_what_there_is() -> None:

@@ -26,28 +26,7 @@ def random_range(low: float, high: float, rng: np.random.Generator) -> list[tupl
 # Varied fields ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_varied_ranges_are_drawn_in_order(seed: int) -> None:
-    """Both ends were drawn independently, and a third of the resets of such a scenario raised."""
-    rng = np.random.default_rng(seed)
-    fields = tuple((name, *random_range(*ends, rng)) for name, ends in RANGES.items())
-    scenario = Scenario(box_count=(0, 2), varied=fields)
-    for reset in range(40):
-        drawn = varied(scenario, np.random.default_rng(reset))
-        for name, least, greatest in fields:
-            low, high = getattr(drawn, name)
-            assert least[0] <= low <= greatest[0] and least[1] <= high <= greatest[1] and low < high
-
-
 # Fiducials ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("start", [CENTRE, CORNER, WALL, ANYWHERE])
-@pytest.mark.parametrize("fields", [{}, {"boxes": (BOX,)}, {"box_count": (1, 2)}, {"landmark_layout": SURFACES}])
-def test_no_fiducials_are_legal_in_every_room(start: str, fields: dict[str, Any]) -> None:
-    """They raised "could not broadcast input array" unless the room was empty and the start its centre."""
-    room = draw_room(Scenario(fiducial_count=0, start=start, **fields), np.random.default_rng(1))
-    assert room.fiducials.shape == (0, 3) and room.landmarks.shape == (27, 3)
 
 
 # Scenarios that were accepted, and then hung or were lost -----------------------------------------------------------

@@ -1,7 +1,6 @@
 """Criteria and rewards that are registered at run time, and the one home of names."""
 
 import math
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -10,13 +9,10 @@ import numpy as np
 import pytest
 
 import examples.extend_range_sensor  # noqa: F401  (registers RANGES)
-from activeslam_gym import SCENARIOS, Gaze, Motion
+from activeslam_gym import Gaze, Motion
 from activeslam_gym.envs.reward import REWARDS
 from activeslam_gym.information import CRITERIA
 from activeslam_gym.kernels import compiled
-from activeslam_gym.registry import Registry
-from activeslam_gym.sensors.sensor import SENSORS
-from activeslam_gym.slam.estimator import ESTIMATORS
 from baselines import best
 from baselines.greedy import Greedy
 
@@ -60,17 +56,6 @@ def test_a_criterion_registered_from_outside_scored_nan_and_best_answered_forwar
     np.testing.assert_allclose(inner.scores(plans, "mine"), inner.scores(plans, INFORMATION), rtol=1e-9)
     expected = Greedy(env, INFORMATION, INFORMATION).predict(np.zeros(3))[0]
     assert Greedy(env, "mine", "mine").predict(np.zeros(3))[0].tolist() == expected.tolist()
-
-
-def test_scores_by_a_registered_criterion_are_the_same_of_one_and_of_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(CRITERIA, "mine", information)
-    one, many = (gym.make("ActiveSLAM-v0"), gym.make_vec("ActiveSLAM-v0", 3, gaze_period=0.25))
-    many.reset(seed=5)
-    for i in range(3):
-        one.reset(seed=5 + i)
-        np.testing.assert_array_equal(many.unwrapped.motion_scores("mine")[i], one.unwrapped.motion_scores("mine"))
-    own = gym.make("ActiveSLAM-v0", scenario={"motion_criterion": "mine"}).unwrapped
-    assert Greedy(own).motion_criterion == "mine"
 
 
 def fails(*_: Any) -> float:
@@ -160,39 +145,3 @@ def test_a_registered_copy_of_a_reward_is_that_reward_to_the_bit(
             assert info["reward_terms"]["mine"] == infos["reward_terms"]["mine"][0]
             over = terminated or truncated
     assert over and (lost > 0) == penalty
-
-
-def test_an_unsound_estimate_asks_no_registered_reward(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(REWARDS, "mine", lambda e: 1.0 / (e.position_error < 1e9))
-    env = gym.make("ActiveSLAM-v0", reward="mine")
-    env.reset(seed=0)
-    env.unwrapped._runs.world.state["camera"][0, :3] = np.nan
-    _, reward, terminated, _, info = env.step((Motion.STAY, Gaze.STAY))
-    assert terminated and reward == -100.0 and info["reward_terms"]["mine"] == 0.0
-
-
-@pytest.mark.parametrize("registry", [CRITERIA, REWARDS, SENSORS, ESTIMATORS, SCENARIOS])
-def test_wrong_names_are_told_with_those_that_there_are(registry: Registry[Any]) -> None:
-    for wrong in ("nobody", 5, None, ["entropy"]):
-        with pytest.raises(ValueError, match=rf"^{registry.kind} must be one of {next(iter(registry))}, .*got "):
-            registry[wrong]
-    for wrong in ("", 5):
-        with pytest.raises(
-            ValueError, match=f"^the name of a registered {registry.kind} must be a string, got {wrong!r}"
-        ):
-            registry.register(wrong)(None)
-    assert list(pickle.loads(pickle.dumps(SCENARIOS))) == list(SCENARIOS)
-
-
-def test_an_entry_of_the_package_cannot_be_replaced_and_a_registered_one_can() -> None:
-    """Kernels would go on with the old one, in silence."""
-    names = {CRITERIA.kind: INFORMATION, REWARDS.kind: "lost_penalty", SENSORS.kind: "points", ESTIMATORS.kind: "ekf"}
-    for registry in (CRITERIA, REWARDS, SENSORS, ESTIMATORS):
-        name = names[registry.kind]
-        told = f"^the name of a registered {registry.kind} must be none of .*, got {name!r}"
-        with pytest.raises(ValueError, match=told):
-            registry.register(name)(fails)
-    registry = Registry("kind")
-    for entry in (1, 2):
-        registry.register("mine")(entry)
-    assert registry["mine"] == 2 and registry.number("mine") == -1

@@ -10,8 +10,6 @@ import pytest
 import baselines
 import examples.extend_estimator  # noqa: F401  (registers "numpy-ekf")
 from activeslam_gym import Gaze, Motion, Scenario
-from activeslam_gym.camera import hidden
-from activeslam_gym.config import NoRoomError
 from activeslam_gym.geometry import rotation_matrix
 from activeslam_gym.sensors.points import PointModel
 from activeslam_gym.world.room import draw_room, draw_scene
@@ -167,22 +165,6 @@ def test_the_stages_are_the_compiled_frame_to_the_bit() -> None:
         np.testing.assert_array_equal(steps[0][0][32:], steps[1][0][39:])
 
 
-def test_the_truth_has_the_scene_of_boxes_too() -> None:
-    env = gym.make("ActiveSLAM-v0", scenario="office")
-    env.reset(seed=1)
-    truth = env.unwrapped.truth
-    scene, p = truth.scene, truth.position
-    blocked = scene.blocks(p, truth.landmarks).tolist()
-    assert blocked == [hidden(scene.boxes, p, y) for y in truth.landmarks] and 0 < sum(blocked) < len(blocked)
-    for y, hides in zip(truth.landmarks, blocked):
-        distance = np.linalg.norm(y - p)
-        free = scene.clearance(p[None], (y - p)[None] / distance, 20.0)[0]
-        assert free < distance - 1e-6 if hides else free == pytest.approx(distance)
-    points, normals = scene.sample(50, np.random.default_rng(0))
-    assert points.shape == normals.shape == (50, 3)
-    assert not any(scene.blocks(y + 0.05 * n, y[None])[0] for y, n in zip(points, normals))
-
-
 # Errors -------------------------------------------------------------------------------------------------------------
 
 
@@ -196,18 +178,6 @@ def test_a_scene_that_leaves_no_room_for_the_start_is_an_error_with_its_name() -
         draw_room(Scenario(scene="Full"), np.random.default_rng(0))
 
 
-def test_a_scene_cannot_change_the_points_that_it_is_asked_about() -> None:
-    class Careless(SphereScene):
-        def blocks(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-            blocked = super().blocks(a, b)
-            a[:] = b[:] = 0.0
-            return blocked
-
-    SCENES.register("Careless")(Careless)
-    one, other = (draw_room(Scenario(scene=name), np.random.default_rng(0)) for name in ("Careless", "sphere"))
-    np.testing.assert_array_equal(one.landmarks, other.landmarks)
-
-
 def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
     with pytest.raises(ValueError, match=r"scenario.scene must be one of boxes.*'unheard'"):
         gym.make("ActiveSLAM-v0", scenario={"scene": "unheard"})
@@ -218,9 +188,3 @@ def test_fields_and_names_that_do_not_go_with_a_scene_are_errors() -> None:
             Scenario(scene="sphere", **{name: value})  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="scenario.scene must be 'boxes'"):
         gym.make("ActiveSLAM-v0", scenario={"scene": "sphere", "sensor": "images"})
-
-
-def test_boxes_that_hide_every_wall_have_no_points() -> None:
-    half = np.array((3.0, 1.0, 3.0))
-    with pytest.raises(NoRoomError, match="scenario.boxes"):
-        BoxScene(half, np.stack((-half, half))[None]).sample(5, np.random.default_rng(0))

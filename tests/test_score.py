@@ -72,11 +72,6 @@ def test_a_lost_run_may_go_on_and_pays_once() -> None:
     assert short[-1] == infos[at]
 
 
-def test_what_is_no_flag_is_refused() -> None:
-    with pytest.raises(ValueError, match="end_when_lost must be True or False, got 1"):
-        made(end_when_lost=1)
-
-
 def test_a_belief_that_is_not_positive_definite_scores_the_floor() -> None:
     env = gym.make("ActiveSLAM-v0", end_when_lost=False, reward="log_score")
     _, first = env.reset(seed=0)

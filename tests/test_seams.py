@@ -63,10 +63,3 @@ class entered:  # noqa: N801
 
     def __exit__(self, *_: object) -> None:
         del self.registry[self.name]
-
-
-def test_a_part_that_is_not_registered_is_told_with_those_that_are() -> None:
-    with pytest.raises(ValueError, match="scenario.estimator must be one of ekf, .*, got 'none'"):
-        gym.make("ActiveSLAM-v0", scenario={"estimator": "none"})
-    with pytest.raises(ValueError, match="scenario.sensor must be one of points, images, .*, got 'none'"):
-        gym.make("ActiveSLAM-v0", scenario={"sensor": "none"})

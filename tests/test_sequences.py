@@ -10,22 +10,19 @@ import pytest
 
 import baselines
 from activeslam_gym import Gaze, Motion, Scenario
-from activeslam_gym.evaluation import Store, code, run_episode
+from activeslam_gym.evaluation import run_episode
 from agents.task import make_environment
 from baselines import constants, sequences
 from baselines.constants import key_of
 from baselines.constants import log_scores as scores_of_plans
 from baselines.fixed import Planned
 from baselines.sequences import (
-    LONGEST,
     TABLE,
     Sequence,
     best_sequence,
-    changed,
     choose_sequence,
     constant,
     log_scores,
-    random_sequence,
     sequence_from,
 )
 
@@ -40,36 +37,11 @@ def test_a_plan_holds_each_action_for_its_share_and_words_tell_it() -> None:
     assert BACK_THEN_ORBIT.words() == "BACKWARDS STAY to 54 %, then RIGHT LEFT"
 
 
-def test_what_is_drawn_and_what_is_changed_are_sequences() -> None:
-    rng, one = np.random.default_rng(0), BACK_THEN_ORBIT
-    lengths, different = set(), 0
-    for _ in range(300):
-        for sequence in (random_sequence(rng), one := changed(one, rng)):
-            assert 1 <= len(sequence.actions) == len(sequence.ends) <= LONGEST
-            assert sequence.ends[-1] == 1.0 and (np.diff((0.0, *sequence.ends)) >= 0.0).all()
-            assert all(motion < len(Motion) and gaze < len(Gaze) for motion, gaze in sequence.actions)
-            lengths.add(len(sequence.actions))
-        different += changed(BACK_THEN_ORBIT, rng) != BACK_THEN_ORBIT
-    assert lengths == {1, 2, 3, 4} and different > 250
-
-
 def test_scores_of_a_constant_are_those_of_the_constant_action() -> None:
     found = log_scores([constant((4, 0)), BACK_THEN_ORBIT], Scenario(), range(3), TIMES)
     (alone,) = scores_of_plans(np.array([[(4, 0)]]), Scenario(), range(3), TIMES)
     np.testing.assert_array_equal(found[0], alone)
     assert (found[1] != alone).all()
-
-
-def test_a_search_goes_on_though_the_tables_that_it_writes_have_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store, asked = Store(tmp_path), ([BACK_THEN_ORBIT], Scenario(), range(2), (1.0, 1.0, 2.0))
-    first = log_scores(*asked, store)
-    monkeypatch.setattr(code, "package_sources", lambda package: "other tables")
-    monkeypatch.setattr(constants, "_final_scores", lambda *_, **__: pytest.fail("played again"))
-    np.testing.assert_array_equal(log_scores(*asked, store), first)
-    with pytest.raises(pytest.fail.Exception, match="played again"):
-        log_scores([constant((2, 1))], *asked[1:], store)
 
 
 def test_the_policy_plays_the_sequence() -> None:

@@ -44,17 +44,6 @@ def test_the_context_tells_the_scales_that_the_observation_leaves_out() -> None:
     np.testing.assert_allclose(10.0 ** (2.0 * np.array(left)) - 1.0, np.arange(10, 0, -1), rtol=1e-5)
 
 
-def test_the_context_is_of_the_episode_where_the_scenario_varies() -> None:
-    batch = gym.make_vec("ActiveSLAM-v0", num_envs=3, scenario="mixed", gaze_period=1.0)
-    batch.reset(seed=5)
-    contexts = batch.unwrapped.context
-    assert contexts.shape == (3, CONTEXT_SIZE) and contexts.dtype == np.float32
-    assert len(np.unique(contexts[:, STARTS["noise"]])) == 3
-    single = gym.make("ActiveSLAM-v0", scenario="mixed", gaze_period=1.0)
-    single.reset(seed=6)
-    np.testing.assert_array_equal(single.unwrapped.context, contexts[1])
-
-
 @pytest.mark.parametrize("name", Recipe(scenario="all").scenarios)
 def test_every_scenario_has_the_common_layout(name: str) -> None:
     layout = layout_of(config.SCENARIOS[name])
@@ -167,13 +156,6 @@ def test_imitation_learns_what_the_teacher_does_and_what_it_returns(monkeypatch:
     env.close()
 
 
-def test_returns_are_discounted_and_end_with_the_episode() -> None:
-    part, none, over = np.zeros((2, 1)), np.array([False, False]), np.array([True, False])
-    course = [(part, part, part, np.array([1.0, 1.0]), none), (part, part, part, np.array([2.0, 2.0]), over)]
-    *_, returned = imitation._with_returns(course, np.array([8.0, 8.0]), 0.5)
-    np.testing.assert_allclose(returned, [1.0 + 0.5 * 2.0, 1.0 + 0.5 * 6.0, 2.0, 2.0 + 0.5 * 8.0])
-
-
 def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imitation, "LAST_UPDATES", 2)
     pytest.importorskip("tensorboard")
@@ -188,19 +170,6 @@ def test_weights_of_several_scenarios_act_everywhere(tmp_path: Path, monkeypatch
         action = agents.load("policy", single, tmp_path).predict(single.reset(seed=3)[0])[0]
         actions = agents.load(str(tmp_path / "policy.npz"), batch).predict(batch.reset(seed=3)[0])[0]
         np.testing.assert_array_equal(actions[0], action)
-
-
-@pytest.mark.parametrize("algorithm", ["dqn", "sac"])
-def test_learners_without_an_actor_critic_act_everywhere_too(tmp_path: Path, algorithm: Any) -> None:
-    """Their weights once read an observation without the context, and did not fit."""
-    pytest.importorskip("tensorboard")
-    small = SHORT | {"held_out_rooms": 1, "unseen_rooms": 0}
-    train(Args(out=tmp_path, scenario="sprint+office", algorithm=algorithm, total_steps=8, **small))
-    for name in ("paper", "office"):
-        env = gym.make("ActiveSLAM-v0", scenario=name, gaze_period=1.0)
-        policy = agents.load("policy", env, tmp_path)
-        action, _ = policy.predict(env.reset(seed=3)[0])
-        assert env.action_space.contains(action) and policy._inputs.contextual
 
 
 def test_imitation_alone_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,16 +27,13 @@ from agents.__main__ import main  # noqa: E402
 from agents.learn import algorithms  # noqa: E402
 from agents.learn.algorithms import save_learner  # noqa: E402
 from agents.learn.card import read_card  # noqa: E402
-from agents.learn.encoder import SetEncoder  # noqa: E402
 from agents.learn.recipe import Recipe  # noqa: E402
 from agents.learn.weights import read, save  # noqa: E402
 from agents.pretrained import FOLDER  # noqa: E402
-from agents.tools.files import alone_in  # noqa: E402
 from agents.train import CHECKPOINT, Args, train  # noqa: E402
 
 SMALL: dict[str, Any] = {"num_envs": 2, "width": 16, "period": 280, "held_out_rooms": 2, "unseen_rooms": 0}
 SMALL |= {"duration": 5.0, "decision_period": 0.25, "warm_start": 0.0}
-RECIPE = {name: SMALL[name] for name in ("width", "warm_start")}
 LEFT = {"policy.npz", "policy.json", CHECKPOINT}
 
 
@@ -136,27 +133,6 @@ def test_it_holds_its_action_between_its_decisions(trained: Path) -> None:
         actions.append(list(action))
         observation = env.step(action)[0]
     assert actions == [actions[0]] * 5 + [actions[5]] * 5
-
-
-def test_what_does_not_fit_is_said(trained: Path) -> None:
-    env, quick = (gym.make("ActiveSLAM-v0", gaze_period=period) for period in (0.25, 0.2))
-    with pytest.raises(ValueError, match="name must be one of policy, got 'absent'"):
-        agents.load("absent", env, trained)
-    with pytest.raises(ValueError, match="decision_period must be a whole multiple of gaze_period"):
-        agents.load("policy", quick, trained)
-
-
-def test_the_encoder_is_blind_to_the_order_of_the_tokens() -> None:
-    env = gym.make("ActiveSLAM-v0")
-    layout = activeslam_gym.observation_layout(env)
-    encoder = SetEncoder(env.observation_space, layout, 16)
-    observation = env.reset(seed=0)[0]
-    shuffled = observation.copy()
-    tokens = observation[layout.tokens].reshape(layout.token_shape)
-    shuffled[layout.tokens] = tokens[np.random.default_rng(0).permutation(len(tokens))].ravel()
-    with torch.no_grad():
-        one, other = (encoder(torch.as_tensor(o[None])) for o in (observation, shuffled))
-    torch.testing.assert_close(one, other)
 
 
 @pytest.mark.parametrize(("scenario", "sensor"), [("paper", "points"), ("gallery-pixels", "corners")])
@@ -266,17 +242,6 @@ def test_a_foreign_checkpoint_runs_no_code(trained: Path, tmp_path: Path) -> Non
     with pytest.raises(ValueError, match="holds more than tensors and numbers, which could run code"):
         train(Args(out=folder, total_steps=steps + 80, **SMALL))
     assert not hit.exists()
-
-
-def test_a_damaged_folder_of_a_training_is_told(trained: Path, tmp_path: Path) -> None:
-    for name in (CHECKPOINT, "arguments.json", "policy.json"):
-        folder = tmp_path / name
-        shutil.copytree(trained, folder)
-        (folder / name).write_bytes((folder / name).read_bytes()[:50])
-        with pytest.raises(ValueError, match=f"{name}' cannot be read"):
-            train(Args(out=folder, total_steps=200, **SMALL))
-    with alone_in(trained), pytest.raises(ValueError, match="another process writes into"):
-        train(Args(out=trained, total_steps=200, **SMALL))
 
 
 def test_weights_that_are_no_numbers_are_neither_kept_nor_used(trained: Path, tmp_path: Path) -> None:

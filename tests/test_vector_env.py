@@ -1,11 +1,9 @@
 """The batch environment: Gymnasium's own `SyncVectorEnv` over single environments is the law, to the bit."""
 
 import copy
-import inspect
 import multiprocessing
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from operator import attrgetter, methodcaller
 from typing import Any
 
@@ -13,7 +11,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import baselines
 from activeslam_gym import (
@@ -77,13 +74,6 @@ def test_is_the_single_environment_through_every_autoreset(mode: AutoresetMode, 
     assert compare(ours, theirs, steps=40) > 2
 
 
-def test_call_reads_and_renders_as_in_other_vector_environments() -> None:
-    env = ActiveSLAMVectorEnv(2, render_mode="rgb_array")
-    env.reset(seed=0)
-    np.testing.assert_array_equal(env.call("motion_phase"), env.motion_phase)
-    np.testing.assert_array_equal(env.call("motion_scores", "fisher_trace"), env.motion_scores("fisher_trace"))
-
-
 def test_any_batch_size_and_a_time_limit() -> None:
     for count in (1, 2, 7):
         compare(*pair(count, AutoresetMode.NEXT_STEP, gaze_period=0.5, duration=8.0), steps=35)
@@ -105,27 +95,6 @@ def test_the_discrete_and_the_continuous_variant_are_the_same() -> None:
         same(points.step(COMMANDS[motions, gazes]), returned)
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
-def test_record_episode_statistics(mode: AutoresetMode) -> None:
-    env, rng = RecordEpisodeStatistics(ActiveSLAMVectorEnv(4, autoreset_mode=mode, **SHORT)), np.random.default_rng(0)
-    env.reset(seed=0)
-    returns, lengths, over = np.zeros(4), np.zeros(4, int), np.zeros(4, bool)
-    for _ in range(30):
-        lengths += ~(over & (mode is AutoresetMode.NEXT_STEP))
-        _, rewards, terminated, truncated, infos = env.step(rng.integers((7, 3), size=(4, 2)))
-        over = terminated | truncated
-        returns += rewards
-        assert ("episode" in infos) == over.any()
-        if over.any():
-            np.testing.assert_array_equal(infos["_episode"], over)
-            np.testing.assert_allclose(infos["episode"]["r"][over], returns[over], rtol=1e-12)
-            np.testing.assert_array_equal(infos["episode"]["l"][over], lengths[over])
-            returns[over], lengths[over] = 0.0, 0
-            if mode is AutoresetMode.DISABLED:
-                env.reset(options={"reset_mask": over})
-    assert env.episode_count > 8
-
-
 @pytest.mark.parametrize("cls", [ActiveSLAMVectorEnv, ActiveSLAMDiscreteVectorEnv])
 def test_make_vec_makes_it_without_a_warning(cls: type) -> None:
     name = "ActiveSLAM-v0" if cls is ActiveSLAMVectorEnv else "ActiveSLAMDiscrete-v0"
@@ -142,15 +111,6 @@ def test_make_vec_makes_it_without_a_warning(cls: type) -> None:
         assert getattr(env, f"single_{read}") == getattr(single, read)
     assert observation_layout(env) == observation_layout(single)
     env.close()
-
-
-def test_arguments_are_those_of_the_single_environment_and_a_mode_has_two_names() -> None:
-    ours = inspect.signature(ActiveSLAMVectorEnv).parameters
-    for name, parameter in inspect.signature(ActiveSLAMEnv).parameters.items():
-        assert ours[name].default == parameter.default
-    for mode in MODES:
-        for known_as in (mode, mode.name, mode.value):
-            assert ActiveSLAMVectorEnv(1, autoreset_mode=known_as).metadata["autoreset_mode"] is mode
 
 
 def test_seeds() -> None:
@@ -226,10 +186,8 @@ READS = {
     "scores of plans": lambda env: env.scores(sequence_plans(5, 2), "mutual_information_camera"),
     "motion_score": lambda env: env.motion_score(3, "variance_reduction"),
     "lookahead_scores": lambda env: env.lookahead_scores(2),
-    "log2_det": lambda env: env.belief.log2_det("camera"),
     **{name: methodcaller(name) for name in ("motion_scores", "gaze_scores", "joint_scores")},
     **{name: attrgetter(name) for name in ("time", "motion_phase", "landmark_errors")},
-    **{name: attrgetter(f"belief.{name}") for name in ("position", "quaternion", "velocity", "angular_velocity")},
     **{f"true {name}": attrgetter(f"truth.{name}") for name in ("position", "landmarks", "fiducials")},
 }
 
@@ -246,8 +204,7 @@ def test_a_batch_reads_with_a_leading_axis(name: str, played: tuple[Any, list[An
 def test_what_grows_with_the_map_is_one_array_for_each(played: tuple[Any, list[Any]]) -> None:
     batch, singles = played
     for i, single in enumerate(singles):
-        for name in ("landmarks", "mapped", "ids", "converted", "anchors", "covariance"):
-            np.testing.assert_array_equal(getattr(batch.belief, name)[i], getattr(single.belief, name))
+        for name in ("position", "landmarks", "mapped", "ids", "converted", "anchors", "covariance"):
             np.testing.assert_array_equal(getattr(batch.belief[i], name), getattr(single.belief, name))
         for name, value in single.nees().items():
             np.testing.assert_array_equal(batch.nees()[name][i], value)
@@ -305,26 +262,17 @@ def test_a_child_process_has_its_own_threads(method: str) -> None:
     np.testing.assert_array_equal(results.get(), here[0])
 
 
-def test_two_environments_in_two_threads() -> None:
-    envs = [ActiveSLAMVectorEnv(4, num_threads=2) for _ in range(2)]
-    with ThreadPoolExecutor(2) as pool:
-        results: list[np.ndarray] = []
-        for done in [pool.submit(rollout, env, results.append) for env in envs]:
-            done.result()
-    np.testing.assert_array_equal(*results)
-
-
 @pytest.mark.parametrize("make", [lambda: ActiveSLAMVectorEnv(2, num_threads=2), ActiveSLAMEnv])
 def test_a_copy_goes_its_own_way(make: Any) -> None:
     env = make()
     turn, stay = (np.broadcast_to(one, env.action_space.shape) for one in ([6, 1], [6, 2]))
     env.reset(seed=0)
     env.step(turn)
-    twin, before = copy.deepcopy(env), copy.deepcopy(env.belief.position)
+    twin, before = copy.deepcopy(env), env.motion_scores()
     returned = twin.step(stay)
-    np.testing.assert_array_equal(env.belief.position, before)
+    np.testing.assert_array_equal(env.motion_scores(), before)
     same(env.step(stay), returned)
-    np.testing.assert_array_equal(env.belief.position, twin.belief.position)
+    np.testing.assert_array_equal(env.motion_scores(), twin.motion_scores())
 
 
 def test_every_row_is_in_one_slice_and_an_error_in_one_is_raised() -> None:

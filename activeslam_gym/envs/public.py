@@ -55,30 +55,6 @@ class PublicBelief(Estimate):
         return self.log2_dets[part]
 
 
-_OF_ONE_SIZE = "position", "quaternion", "velocity", "angular_velocity"
-_GROWING = "landmarks", "mapped", "ids", "converted", "anchors", "covariance"
-
-
-class PublicBeliefs(tuple[PublicBelief, ...]):
-    """The beliefs of a batch of B: a tuple of them whose fields can be read for all at once.
-
-    ``position``, ``quaternion``, ``velocity`` and ``angular_velocity`` are arrays with a leading axis B; ``landmarks``,
-    ``mapped``, ``ids``, ``converted``, ``anchors`` and ``covariance``, which grow with the map, tuples of B arrays.
-    """
-
-    __slots__ = ()
-
-    def __getattr__(self, name: str) -> Any:
-        if name not in _OF_ONE_SIZE + _GROWING:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        each = tuple(getattr(belief, name) for belief in self)
-        return np.stack(each) if name in _OF_ONE_SIZE else each
-
-    def log2_det(self, part: str = "total") -> np.ndarray:
-        """(B,) see `PublicBelief.log2_det`."""
-        return np.array([belief.log2_det(part) for belief in self])
-
-
 def public_belief(run: Run) -> PublicBelief:
     """A read-only copy of the estimate."""
     e, given = run.episode.evaluation, taken_estimate(run.estimate)
@@ -369,9 +345,9 @@ class BatchReads(Reads):
         return one
 
     @property
-    def belief(self) -> PublicBeliefs:
+    def belief(self) -> tuple[PublicBelief, ...]:
         """The beliefs, with every feature as a point; read-only."""
-        return PublicBeliefs(public_belief(run) for run in self._each())
+        return tuple(public_belief(run) for run in self._each())
 
     @property
     def truth(self) -> Truth:

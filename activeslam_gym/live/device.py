@@ -11,7 +11,6 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from activeslam_gym.files import demand_writable, written_whole
-from activeslam_gym.kernels import compilations
 from activeslam_gym.live.advice import CandidateScores, MakeAdviser
 from activeslam_gym.live.expected import ExpectedMap
 from activeslam_gym.live.source import GuidanceError, posed
@@ -25,7 +24,7 @@ from activeslam_gym.vision.track import start
 
 BROWSER = "browser"
 """The name of this source."""
-_COMPILING = "Getting ready: the first time here it compiles, for a minute or two"
+_COMPILING = "Getting ready: the first time here it compiles, for a minute or two."
 _ROUGHLY: tuple[Calibration, Straighten] = (Calibration(640, 480, 520.0, 319.5, 239.5, 0.0), lambda frame: frame)
 """A lens until the true one is known."""
 
@@ -133,5 +132,5 @@ class Device:
         if self._board_calibration is not None:
             self._calibrate(self._board_calibration, image)
         if self._warming.is_alive():
-            raise GuidanceError(f"{_COMPILING} (kernels so far: {compilations()}).")
+            raise GuidanceError(_COMPILING)
         return start(image, self._calibration, self._target, self._rate, scenario_fields=self._fields)

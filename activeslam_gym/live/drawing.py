@@ -65,12 +65,12 @@ def command(state: State) -> str:
     )
 
 
-def waiting(seconds: float, films: bool, kernels: int) -> str:
-    """The words on ``seconds`` without a state: whether the page ``films``, and how many ``kernels`` were compiled."""
-    if films and not kernels:
-        return _strip(f"No image for {seconds:.0f} s: press Film on the device whose camera is to be used.", BLUE)
-    words = f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two"
-    return _strip(f"{words} (kernels so far: {kernels})." if kernels else f"{words}.", BLUE)
+def waiting(seconds: float, films: bool) -> str:
+    """The words on ``seconds`` without a state; whether a device that ``films`` has sent no image yet."""
+    words = f"Getting ready for {seconds:.0f} s. The first time here it compiles, for a minute or two."
+    if films:
+        words = f"No image for {seconds:.0f} s: press Film on the device whose camera is to be used."
+    return _strip(words, BLUE)
 
 
 def standing(state: State, paused: bool) -> str:

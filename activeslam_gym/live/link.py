@@ -12,15 +12,12 @@ from collections import deque
 from multiprocessing import get_context
 from typing import Any
 
-from activeslam_gym.kernels import compilations
 from activeslam_gym.live.filming import Filming
 from activeslam_gym.live.page import serve
 from activeslam_gym.live.state import About, Request, State
 
 _START = 60.0
 """Longest time that the page's process takes to start [s]."""
-_TICK = 1.0
-"""Time between two looks at the compilation [s]."""
 _FAREWELL = 2.0
 """Time that the page's process has to end [s]."""
 
@@ -62,7 +59,7 @@ class Link:
         self._connection, theirs = spawn.Pipe()
         self._process = spawn.Process(target=serve, args=(theirs, about, host, port, filming), daemon=True)
         self._latest: deque[State] = deque(maxlen=1)
-        self._messages: deque[str | int | About] = deque()
+        self._messages: deque[str | About] = deque()
         self._new, self._closed = threading.Event(), False
         self._sender = threading.Thread(target=self._send_all, daemon=True)
         self._process.start()
@@ -117,13 +114,9 @@ class Link:
 
     def _send_all(self) -> None:
         """In a thread of its own: send messages, then the newest state; only this thread waits for a slow page."""
-        shown = compilations()
         while not self._closed:
-            self._new.wait(_TICK)
+            self._new.wait()
             self._new.clear()
-            if shown != compilations():
-                shown = compilations()
-                self._messages.append(shown)
             while (waiting := self._messages or self._latest) and not self._closed:
                 try:
                     self._connection.send(waiting.popleft())

@@ -71,8 +71,6 @@ class Page:
         self._about, self._request, self._films = about, request, filming is not None
         self._paused, self._history = False, History()
         self._state: State | None = None
-        self._kernels = 0
-        """Compiled since the last state, if any."""
         self._shown, self._drawn, self._opened = 0.0, 0.0, time.monotonic()
         guard, tls, self.fingerprint = Guard.of(host), None, ""
         """Of the page's certificate, if it is encrypted."""
@@ -165,7 +163,7 @@ class Page:
         """Show a state; waits while the last one is younger than the least time between pictures."""
         time.sleep(max(0.0, self._shown + _OFTEN - time.monotonic()))
         self._shown = time.monotonic()
-        first, self._state, self._kernels = self._state is None, state, 0
+        first, self._state = self._state is None, state
         self._history.add(state)
         with self._server.atomic():
             self._view.image = picture = view(state.moment)
@@ -181,15 +179,10 @@ class Page:
         self._server.flush()
 
     def wait(self) -> None:
-        """No state has come for a second: before the first one, and while kernels are compiled, tell for how long."""
-        if self._state is None or (self._kernels and not self._paused):
+        """No state has come for a second: before the third one, while kernels are compiled, tell for how long."""
+        if self._state is None or (self._state.frame < 3 and not self._paused):
             seconds = time.monotonic() - (self._shown or self._opened)
-            self._standing.content = drawing.waiting(seconds, self._films, self._kernels)
-
-    def compiling(self, kernels: int) -> None:
-        """So many kernels were compiled so far."""
-        self._kernels = kernels
-        self.wait()
+            self._standing.content = drawing.waiting(seconds, self._films and self._state is None)
 
     def look_through(self, about: About) -> None:
         """Draw the camera with another lens."""
@@ -350,8 +343,6 @@ def serve(connection: Connection, about: About, host: str, port: int, filming: F
                     state = received
                 elif isinstance(received, About):
                     page.look_through(received)
-                elif isinstance(received, int):
-                    page.compiling(received)
                 else:
                     page.notify(received)
             page.show(state)

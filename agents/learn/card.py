@@ -7,15 +7,12 @@ from typing import Any
 import numpy as np
 
 from activeslam_gym import BEHAVIOUR
+from activeslam_gym.config import positive_number
 from agents.learn.recipe import ALGORITHMS
-from agents.tools.arguments import demand
 from agents.tools.files import reading
 from agents.tools.machine import machine, versions
 
 FLOOR = -100.0  # least count of a held-out room, as much as the failure penalty: one room does not choose the weights
-KINDS: dict[str, type] = dict.fromkeys(("algorithm", "command", "scenario", "machine"), str)  # of what is read
-KINDS |= dict.fromkeys(("width", "seed", "steps", "steps_trained"), int)
-KINDS |= dict.fromkeys(("decision_period", "seconds", "seconds_trained"), float)
 CARD = "card"  # name of the card among the arrays of a file of weights
 PACKAGES = ("activeslam-gym", "stable-baselines3", "torch", "gymnasium", "numba", "numpy")
 LIMITS = (
@@ -64,10 +61,9 @@ def read_card(weights: Path) -> dict[str, Any]:
             raise ValueError(f"it holds no card, and there is no {path.name} beside it")
     with reading(path if path.exists() else weights):
         card: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else held
-        for name in KINDS.keys() & card.keys() | {"width", "decision_period", "algorithm"}:
-            demand(name, card[name], KINDS[name])
-        if not 1 <= card["width"] <= 2**13:
-            raise ValueError(f"width: {card['width']}; allowed: 1 to {2**13}")
+        positive_number("decision_period", card["decision_period"], "seconds")
+        if not isinstance(card["width"], int) or not 1 <= card["width"] <= 2**13:
+            raise ValueError(f"width: {str(card['width'])[:40]}; allowed: 1 to {2**13}")
         if card["algorithm"] not in ALGORITHMS:
             raise ValueError(f"algorithm: {card['algorithm']!r}; allowed: {', '.join(ALGORITHMS)}")
         if not held.items() <= card.items():

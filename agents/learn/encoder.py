@@ -34,8 +34,8 @@ class SetEncoder(BaseFeaturesExtractor):
         """(B, D) -> (B, 3 width)."""
         tokens = observations[:, self.layout.tokens].unflatten(1, self.layout.token_shape)
         present = tokens[:, :, self.kinds].sum(dim=2) > 0.0
-        pooled = self._pooled_dense if torch.compiler.is_exporting() else self._pooled
-        return torch.cat([self.globals(observations[:, : self.layout.tokens.start]), *pooled(tokens, present)], dim=1)
+        general = self.globals(observations[:, : self.layout.tokens.start])
+        return torch.cat([general, *self._pooled(tokens, present)], dim=1)
 
     def _pooled(self, tokens: torch.Tensor, present: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """(B, T, W) and (B, T) -> mean and maximum (B, width) of the encoded tokens that are there."""
@@ -43,8 +43,3 @@ class SetEncoder(BaseFeaturesExtractor):
         none = encoded.new_zeros(len(tokens), encoded.shape[1])
         mean = none.index_add(0, row, encoded) / present.sum(dim=1, keepdim=True).clamp(min=1)
         return mean, none.scatter_reduce(0, row[:, None].expand_as(encoded), encoded, "amax")  # ReLU: 0 is the least
-
-    def _pooled_dense(self, tokens: torch.Tensor, present: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """The same with arrays whose size is known before, as a graph that is exported needs them."""
-        encoded = self.tokens(tokens) * present[:, :, None]
-        return encoded.sum(dim=1) / present.sum(dim=1, keepdim=True).clamp(min=1), encoded.amax(dim=1)

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,9 @@ from activeslam_gym.evaluation import Episode, outcome
 from activeslam_gym.evaluation.code import IMAGE_LIBRARIES, LEARNING_LIBRARIES, LIBRARIES, package_versions
 from activeslam_gym.files import text_of
 from agents import policies, pretrained
-from agents.learn.card import KINDS, read_card
+from agents.learn.card import read_card
 from agents.suite.manifest import Suite
 from agents.task import Task
-from agents.tools.arguments import demand
 from agents.tools.files import reading
 from agents.tools.machine import machine
 
@@ -105,12 +104,12 @@ def made(name: str, names: Sequence[str], suite: Suite, note: str, runs: Sequenc
 
 
 def finished(path: Path, name: str, names: Sequence[str], suite: Suite, episodes: int) -> Entry | None:
-    """The entry in the file, if it is of these policies, which are identified, suite, ``episodes`` and `BEHAVIOUR`."""
+    """The entry in the file, if it is of these policies, which hold no code, suite, ``episodes`` and `BEHAVIOUR`."""
     try:
         kept = read(path)
     except ValueError:
         return None
-    is_same = kept.episodes == episodes and all(map(policies.is_identified, names))
+    is_same = kept.episodes == episodes and not any(map(policies.holds_code, names))
     is_same = is_same and _decisive(name, names, suite).items() <= vars(kept).items()
     return kept if is_same else None
 
@@ -153,25 +152,18 @@ def read(path: Path) -> Entry:
         given = json.loads(text_of(path, 2**26))
         if wrong := sorted({field.name for field in fields(Entry)} ^ given.keys()):
             raise ValueError(f"missing or unknown: {', '.join(wrong)}")
-        kinds = get_type_hints(Entry)
-        for name, value in given.items():
-            demand(name, value, kinds[name])
         values: dict[str, Any] = {name: tuple(value) if name in TUPLES else value for name, value in given.items()}
         entry = Entry(**values)
         check_name(entry.name)
-        count = len(entry.policies)
-        rows = {tuple(map(len, of)) for table in (entry.scores, entry.lost) for of in table.values()}
-        episodes = max((max(one, default=0) for one in rows), default=0)
-        if entry.scores.keys() != entry.lost.keys() or rows != {(episodes,) * count} or not episodes:
-            raise ValueError(f"scores and lost are of {count} policies, with episodes {sorted(rows)}")
-        if not all(np.isin(rows, (0, 1)).all() for rows in entry.lost.values()):
-            raise ValueError("lost: some are not 0 or 1")
+        count, tables = len(entry.policies), [np.array(list(one.values())) for one in (entry.scores, entry.lost)]
+        sizes, numbers = {one.shape for one in tables}, all(one.dtype.kind in "if" for one in tables)
+        if entry.scores.keys() != entry.lost.keys() or sizes != {(len(entry.scores), count, entry.episodes)}:
+            raise ValueError(f"scores and lost are of {count} policies, and of the shapes {sizes}")
+        if not numbers or not np.isfinite(tables[0]).all() or not np.isin(tables[1], (0, 1)).all():
+            raise ValueError("scores must be finite numbers, and lost 0 or 1")
         files = [one for one, name in zip(entry.contents, entry.policies) if name.endswith(policies.FILES)]
         if len(entry.contents) != count or len(set(files)) < len(files):
             raise ValueError(f"contents: {len(entry.contents)} of {count} policies, or two files are the same")
         if len(entry.training) != sum(name.endswith(".npz") for name in entry.policies):
             raise ValueError(f"training: {len(entry.training)}; allowed: one of each policy in a file of weights")
-        for cost in entry.training:
-            for name, value in cost.items():
-                demand(f"training[{name!r}]", value, KINDS.get(name))
         return entry

@@ -1,35 +1,27 @@
 """A suite: the scenarios, the protocol and the baselines that its entries share, and the seeds of its test episodes.
 
 A suite is a manifest, ``manifests/NAME.json``. The seeds of its test episodes are made from the hash of the commit that
-the manifest came with, so those episodes were unknown before. That hash is drawn once, by
-
-    python -m agents.suite.manifest v1 --reason "the first release"
-
-which adds a row to ``manifests/draws.csv``. A manifest that has been drawn is final: a change needs another name.
+the manifest came with, so those episodes were unknown before. That hash is drawn once: it is a row of
+``manifests/draws.csv``, beside the digest of the manifest (`Suite.digest`). A manifest that has been drawn is final: a
+change needs another name.
 A suite without a draw is for development: anyone may look at its episodes, those of `config.benchmark_seed`.
 """
 
-import argparse
 import csv
 import hashlib
 import json
-import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 from activeslam_gym import BEHAVIOUR
 from activeslam_gym.config import SCENARIOS, TRAINING_SEED, benchmark_seed
 from activeslam_gym.evaluation.code import digest
-from agents.tools.arguments import demand
 from agents.tools.files import reading
 
 FOLDER = Path(__file__).with_name("manifests")
 DRAWN = TRAINING_SEED // 2, TRAINING_SEED
 """Range of the test seeds: over those of development and validation, and under those of training."""
-HEADER = ("suite", "manifest", "commit", "day", "reason")
 
 
 @dataclass(frozen=True)
@@ -93,13 +85,11 @@ def suite(name: str) -> Suite:
     drawn = next((row for row in draws(path.parent) if row["suite"] == path.stem), None)
     with reading(path):
         given = json.loads(path.read_text(encoding="utf-8"))
-        for field, value in given.items():
-            demand(field, value, get_type_hints(Suite).get(field, Any))
         fields: dict[str, Any] = {key: tuple(part) if isinstance(part, list) else part for key, part in given.items()}
         made = Suite(name=path.stem, digest=digest(path), commit=drawn["commit"] if drawn else "", **fields)
         if (unknown := [one for one in made.scenarios if one not in SCENARIOS]) or not made.scenarios:
             raise ValueError(f"scenarios: {', '.join(unknown)}; allowed: {', '.join(SCENARIOS)}")
-        if made.episodes < 1:
+        if not isinstance(made.episodes, int) or made.episodes < 1:
             raise ValueError(f"episodes: {made.episodes}; allowed: 1 or more")
     if drawn and drawn["manifest"] != made.digest:
         raise ValueError(f"suite: the manifest of {made.name!r} has changed since its draw; a change needs a new name")
@@ -110,58 +100,9 @@ def suite(name: str) -> Suite:
 
 
 def draws(folder: Path = FOLDER) -> list[dict[str, str]]:
-    """All draws, the oldest first: rows of `HEADER`."""
+    """All draws, the oldest first: suite, digest of the manifest, commit, day and reason of each."""
     path = folder / "draws.csv"
     if not path.exists():
         return []
     with reading(path), path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
-
-
-def draw(name: str, reason: str) -> str:
-    """Draw the test seeds of a suite: log the commit that last changed its manifest, and return its hash.
-
-    Raises:
-        ValueError: there is no reason, the suite has been drawn, or its manifest is not committed.
-    """
-    if not reason.strip():
-        raise ValueError("reason: none given; it stays in draws.csv")
-    of, path = suite(name), manifest_of(name)
-    if of.commit:
-        raise ValueError(f"suite: {of.name!r} has been drawn, from the commit {of.commit}; a new draw needs a new name")
-    changed = _git(path.parent, "status", "--porcelain", "--", path.name)
-    commit = _git(path.parent, "log", "-1", "--format=%H", "--", path.name)
-    if changed or not commit:
-        raise ValueError(f"suite: the manifest of {of.name!r} is not committed; commit it first")
-    log = path.parent / "draws.csv"
-    is_new = not log.exists()
-    with log.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        if is_new:
-            writer.writerow(HEADER)
-        writer.writerow((of.name, of.digest, commit, f"{datetime.now(timezone.utc):%Y-%m-%d}", reason.strip()))
-    return commit
-
-
-def _git(folder: Path, *arguments: str) -> str:
-    try:
-        done = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError) as error:
-        raise ValueError(f"suite: {str(folder)!r} is not in a clone with git: {error}") from error
-    return done.stdout.strip()
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw the test seeds of a suite."""
-    parser = argparse.ArgumentParser(prog="python -m agents.suite.manifest", description=main.__doc__)
-    parser.add_argument("suite")
-    parser.add_argument("--reason", required=True)
-    args = parser.parse_args(arguments)
-    try:
-        print(f"{args.suite}: drawn from the commit {draw(args.suite, args.reason)}; commit draws.csv.")
-    except ValueError as error:
-        parser.error(str(error))
-
-
-if __name__ == "__main__":
-    main()

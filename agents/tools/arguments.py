@@ -7,7 +7,7 @@ import shlex
 from dataclasses import asdict, dataclass, field, fields
 from importlib import import_module
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any
 
 from activeslam_gym.config import ASKED, SCENARIOS, scenario_from
 from agents.tools.files import reading
@@ -51,22 +51,24 @@ class Pages:
 
     def publish(self, name: str, **sections: str) -> None:
         """Put the texts into the sections of the pages, each under the command that made it."""
+        made_by = provenance(command_line(f"agents {name}", self))
         for page in self.report:
             for section, text in sections.items():
-                put_section(page, section.replace("_", "-"), f"{provenance(command_line(name, self))}\n\n{text}")
+                put_section(page, section, f"{made_by}\n\n{text}")
 
 
-def command_line(name: str, args: Any) -> str:
-    """The command that `args` are of: how many rooms, and whatever else decides its numbers and is no default."""
+def command_line(module: str, args: Any) -> str:
+    """The command of a ``module`` that `args` are of: how many episodes, and whatever else decides its numbers and is
+    no default."""
     given = []
     for one in sorted(fields(args), key=lambda field: (field.name == "seed", field.name != "policies")):
         value = getattr(args, one.name)
-        of_rooms = one.name in ("episodes", "rooms", "seed") and value is not None
-        if of_rooms or (one.name not in NO_NUMBER and value != one.default):
+        of_episodes = one.name in ("episodes", "seed") and value is not None
+        if of_episodes or (one.name not in NO_NUMBER and value != one.default):
             several = value if isinstance(value, tuple) else (value,)
             texts = [f"{part:g}" if isinstance(part, float) else shlex.quote(str(part)) for part in several]
             given.append(f"--{one.name.replace('_', '-')} {' '.join(texts)}")
-    return " ".join([f"python -m agents {name}", *given])
+    return " ".join([f"python -m {module}", *given])
 
 
 def within(args: Any, **bounds: tuple[float, float]) -> None:
@@ -74,21 +76,6 @@ def within(args: Any, **bounds: tuple[float, float]) -> None:
     for name, (low, high) in bounds.items():
         if not low <= getattr(args, name) <= high:
             raise ValueError(f"{name}: {getattr(args, name)!r}; allowed: {low} to {high}")
-
-
-def demand(name: str, value: Any, kind: Any) -> None:
-    """Raise ValueError, which names the part, where a value of JSON is not of a type: text, or numbers up to 10¹⁵."""
-    of, parts = get_origin(kind) or kind, get_args(kind)
-    if of in (list, tuple) and isinstance(value, list):
-        for i, item in enumerate(value):
-            demand(f"{name}[{i}]", item, parts[0])
-    elif of is dict and isinstance(value, dict):
-        for key, item in value.items():
-            demand(f"{name}[{key!r}]", item, parts[1])
-    elif of is not Any:
-        plain = {str: (str,), int: (int,), float: (int, float)}.get(of, ())
-        if type(value) not in plain or (of is not str and not abs(value) <= 1e15):
-            raise ValueError(f"{name}: {str(value)[:40]!r}; allowed: {getattr(of, '__name__', of)}")
 
 
 def positive(args: Any, *names: str) -> None:
